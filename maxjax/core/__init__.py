@@ -1,0 +1,1 @@
+"""Grid geometry, status codes, interpolation and serialisation: what every other floor stands on."""

@@ -1,0 +1,54 @@
+"""Outcomes of planning, as codes that travel through `jit`.
+
+A numerical or geometrical outcome is data, not an exception: every result carries a `Status` (int32 on the device).
+Success is `OK` and nothing else, and no member is truthy, so `if plan.status` can never pass for success.
+Names follow Nav2's planner error codes where they exist.
+"""
+
+from __future__ import annotations
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """Outcome of a solve, a plan or a scan; int32 under `jit`."""
+
+    OK = 0
+    START_OUTSIDE_MAP = 1
+    GOAL_OUTSIDE_MAP = 2
+    START_OCCUPIED = 3
+    GOAL_OCCUPIED = 4
+    NO_VALID_PATH = 5
+    NOT_CONVERGED = 6
+    NOT_CERTIFIED = 7
+    PATH_STALLED = 8
+    PATH_IN_COLLISION = 9
+    NONFINITE_INPUT = 10
+    EMPTY_SCAN = 11
+
+    def __bool__(self) -> bool:
+        """No status is truthy: compare with `Status.OK`."""
+        return False
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what happened and what to do about it."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.OK: "The path was verified against the map.",
+    Status.START_OUTSIDE_MAP: "The start lies outside the map; move it inside, or centre the grid on it.",
+    Status.GOAL_OUTSIDE_MAP: "The goal lies outside the map; move it inside, or centre the grid between start and goal.",
+    Status.START_OCCUPIED: "The start lies inside an obstacle; choose a free start.",
+    Status.GOAL_OCCUPIED: "The goal lies inside an obstacle; choose a free goal.",
+    Status.NO_VALID_PATH: "No free passage joins start and goal at any margin (proved by flood fill); "
+    "choose another goal or a finer grid.",
+    Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it or lengthen the screening length.",
+    Status.NOT_CERTIFIED: "Some voxels of the goal's component have no higher neighbour; "
+    "allow more sweeps or a longer screening length.",
+    Status.PATH_STALLED: "The ascent made no progress within its step cap; allow more steps.",
+    Status.PATH_IN_COLLISION: "The path failed verification and is withheld; please report this map as a defect.",
+    Status.NONFINITE_INPUT: "An input is NaN or infinite; clean it before planning.",
+    Status.EMPTY_SCAN: "The scan holds no valid return inside the grid; check the sensor, the pose and the units (metres).",
+}
