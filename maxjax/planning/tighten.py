@@ -1,0 +1,104 @@
+"""String pulling: the shortest polyline through mutually visible points of a path.
+
+    cost(j) = min over i < j with i visible from j of  cost(i) + |x_j - x_i|
+
+is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space: every
+new edge was found clear on the dilated grid (`sight.clear`). The points that survive are the corners of the new path; extra
+points inserted along its edges then let the next round cut each corner closer to the obstacle, until the string is taut.
+
+Positions are index coordinates. A path is a fixed-length array whose last point is repeated to its end.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int32, UInt16
+
+from maxjax.planning.sight import visibility
+
+# Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
+WINDOW = 64
+
+
+def _shorten(bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """One round of dynamic programming on n points; consecutive points are taken as visible."""
+    n = points.shape[0]
+    distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
+    seen = visibility(bits, points) | (jnp.arange(n)[:, None] + 1 == jnp.arange(n)[None])
+    # A small toll per edge breaks ties towards fewer corners, as on a straight line.
+    edge = jnp.where(seen, distance + 1e-4, jnp.inf)
+
+    def step(cost: Float[Array, " n"], j: Int32[Array, ""]) -> tuple[Float[Array, " n"], Int32[Array, ""]]:
+        total = cost + edge[:, j]
+        i = jnp.argmin(total)
+        return cost.at[j].set(total[i]), i.astype(jnp.int32)
+
+    cost = jnp.full(n, jnp.inf).at[0].set(0.0)
+    _, parent = lax.scan(step, cost, jnp.arange(1, n, dtype=jnp.int32))
+    parent = jnp.concatenate([jnp.zeros(1, jnp.int32), parent])
+
+    def back(j: Int32[Array, ""], _: None) -> tuple[Int32[Array, ""], Int32[Array, ""]]:
+        return parent[j], j
+
+    _, reverse = lax.scan(back, jnp.int32(n - 1), None, length=n)
+    return points[reverse[::-1]]
+
+
+def _unrepeat(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Move repeated points to the end of the array."""
+    n = points.shape[0]
+    moved = jnp.concatenate([jnp.ones(1, bool), jnp.any(points[1:] != points[:-1], axis=1)])
+    slot = jnp.where(moved, jnp.cumsum(moved) - 1, n)
+    return jnp.broadcast_to(points[-1], points.shape).at[slot].set(points, mode="drop")
+
+
+def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Spend the repeated points of a path on new points along its edges, evenly by length; corners are kept."""
+    n = points.shape[0]
+    points = _unrepeat(points)
+    length = jnp.linalg.norm(jnp.diff(points, axis=0), axis=1)
+    edges = jnp.sum(length > 0)
+    spare = n - 1 - edges
+    share = jnp.where(length > 0, jnp.floor(spare * length / jnp.maximum(length.sum(), 1e-9)), 0).astype(jnp.int32)
+    first = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(jnp.where(length > 0, share + 1, 0))])
+    slot = jnp.arange(n)
+    edge = jnp.clip(jnp.searchsorted(first, slot, side="right") - 1, 0, n - 2)
+    edge = jnp.minimum(edge, jnp.maximum(edges - 1, 0))
+    fraction = ((slot - first[edge]) / (share[edge] + 1)).astype(points.dtype)
+    start, end = points[edge], points[edge + 1]
+    return jnp.where((fraction < 1)[:, None], start + fraction[:, None] * (end - start), end)
+
+
+def tighten(
+    bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: int = 6
+) -> Float[Array, "n 3"]:
+    """Pull a path taut on the dilated grid.
+
+    Args:
+        bits: `sight.blocks` of the dilated grid.
+        path: index coordinates, start first, last point repeated; consecutive points visible from each other.
+        rounds: rounds over the whole path after the first two, which take it window by window. Static.
+
+    Returns:
+        A path of the same start, end and array length, never longer, every edge clear.
+    """
+    n = path.shape[0]
+    pad = -(n + WINDOW // 2) % WINDOW
+    padded = jnp.concatenate([path, jnp.broadcast_to(path[-1], (pad + WINDOW // 2, 3))])
+    shorten = jax.vmap(lambda window: _shorten(bits, window))
+    for offset in (0, WINDOW // 2):
+        body = padded[offset : offset + n + pad] if offset == 0 else padded[offset:]
+        count = body.shape[0] // WINDOW * WINDOW
+        windows = shorten(body[:count].reshape(-1, WINDOW, 3)).reshape(count, 3)
+        padded = padded.at[offset : offset + count].set(windows)
+    padded = _unrepeat(padded)
+
+    def whole(_: int, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
+        return _unrepeat(_shorten(bits, _refine(points)))
+
+    head = lax.fori_loop(0, rounds, whole, padded[:WINDOW])
+    fits = jnp.all(padded[WINDOW - 1 :] == padded[-1])
+    result = jnp.where(fits, jnp.concatenate([head, jnp.broadcast_to(head[-1], (padded.shape[0] - WINDOW, 3))]), padded)
+    return result[:n]

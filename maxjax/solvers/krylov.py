@@ -1,0 +1,132 @@
+"""Preconditioned conjugate gradients, and a Chebyshev polynomial as the preconditioner.
+
+    A x = b,  A symmetric positive definite:   p ← z + β p,   x ← x + α p,   r ← r − α A p,   z = M⁻¹ r
+
+The residual is carried as r = ρ r̂ with |r̂| = 1, because a potential spans more decades than float32 can square: CG keeps
+its relative accuracy voxel by voxel long after |r|² would have underflowed. When to stop is the caller's question: a norm
+says nothing about the voxels far from the goal, whose φ is small.
+
+Sums are written `jnp.sum(a * b)`: on CPU, XLA fuses and vectorises that, and runs `vdot` three times slower.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+Vector = Float[Array, "..."]
+Linear = Callable[[Vector], Vector]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """What `pcg` found.
+
+    Attributes:
+        x: the iterate.
+        iterations: CG iterations taken.
+        residual: |b − A x| / |b|, recomputed from x, not carried along.
+        converged: whether the stopping rule held; False at the iteration cap or after a breakdown.
+    """
+
+    x: Vector
+    iterations: Int32[Array, ""]
+    residual: Float[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def pcg(
+    matvec: Linear,
+    b: Vector,
+    *,
+    x0: Vector | None = None,
+    precondition: Linear = lambda r: r,
+    stop: Callable[[Vector, Vector], Bool[Array, ""]],
+    max_iterations: int,
+) -> Solution:
+    """Solve A x = b by preconditioned conjugate gradients.
+
+    Args:
+        matvec: x ↦ A x, symmetric positive definite on the span of b.
+        b: right-hand side.
+        x0: initial iterate, zero by default.
+        precondition: r ↦ M⁻¹ r, linear, symmetric positive definite.
+        stop: (x, r) ↦ whether to stop, asked before every iteration; r is the residual b − A x.
+        max_iterations: cap.
+    """
+
+    def dot(u: Vector, v: Vector) -> Float[Array, ""]:
+        return jnp.sum(u * v)
+
+    def unit(r: Vector) -> tuple[Vector, Float[Array, ""]]:
+        norm = jnp.sqrt(dot(r, r))
+        return r / jnp.where(norm > 0, norm, 1), norm
+
+    def going(state: tuple[Vector, ...]) -> Bool[Array, ""]:
+        x, r, rho, _, _, k = state
+        return (k < max_iterations) & (rho > 0) & jnp.isfinite(rho) & ~stop(x, rho * r)
+
+    def step(state: tuple[Vector, ...]) -> tuple[Vector, ...]:
+        # In units of ρ: r and p are those of the textbook divided by |r|, hence α is unchanged and x moves by ρ α p.
+        x, r, rho, p, rz, k = state
+        q = matvec(p)
+        alpha = rz / dot(p, q)
+        x = x + (rho * alpha) * p
+        r, shrink = unit(r - alpha * q)
+        z = precondition(r)
+        rz_next = dot(r, z)
+        beta = shrink * rz_next / rz
+        return x, r, rho * shrink, z + beta * p, rz_next, k + 1
+
+    x = jnp.zeros_like(b) if x0 is None else x0
+    r, rho = unit(b - matvec(x))
+    z = precondition(r)
+    x, r, rho, _, _, k = lax.while_loop(going, step, (x, r, rho, z, dot(r, z), jnp.int32(0)))
+    _, size = unit(b)
+    _, error = unit(b - matvec(x))
+    return Solution(x, k, error / jnp.where(size > 0, size, 1), (rho == 0) | stop(x, rho * r))
+
+
+def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> Linear:
+    """The Chebyshev iteration for (I − G) z = r, from zero, as a preconditioner.
+
+        z₁ = r,   z_{k+1} = z_{k−1} + ω_k (G z_k + r − z_{k−1}),   ω₀ = 2,   ω_k = 1 / (1 − μ² ω_{k−1} / 4)
+
+    With the spectrum of G inside (−1, 1) it is symmetric positive definite for every μ in (0, 1] when its degree is even,
+    and the best polynomial when that spectrum fills [−μ, μ]. It replaces inner products, which cost CG more than G does.
+
+    Args:
+        smooth: z ↦ G z, symmetric.
+        radius: μ.
+        degree: k of the result z_k, even: k − 1 applications of G. Static.
+    """
+    if degree < 2 or degree % 2:
+        raise ValueError(f"chebyshev: expected an even positive degree, given {degree}")
+
+    def precondition(r: Vector) -> Vector:
+        mu = jnp.asarray(radius, r.dtype)
+
+        def omega_after(omega: Float[Array, ""]) -> Float[Array, ""]:
+            return 1 / (1 - mu**2 * omega / 4)
+
+        def two(_: int, state: tuple[Vector, Vector, Float[Array, ""]]) -> tuple[Vector, Vector, Float[Array, ""]]:
+            # Two steps a turn, so that the iterates trade places without a copy; the barrier keeps XLA from computing
+            # the first of them seven times over inside the second.
+            before, z, omega = state
+            omega = omega_after(omega)
+            before = lax.optimization_barrier(before + omega * (smooth(z) + r - before))
+            omega = omega_after(omega)
+            return before, z + omega * (smooth(before) + r - z), omega
+
+        # z₁ and z₂ by hand: the loop then advances from an odd and an even iterate to the next pair.
+        omega = omega_after(jnp.asarray(2, r.dtype))
+        first, second = r, omega * (smooth(r) + r)
+        return lax.fori_loop(0, degree // 2 - 1, two, (first, second, omega))[1]
+
+    return precondition
