@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -33,8 +32,8 @@ class Grid:
         origin: world position of the centre of voxel (0, 0, 0) [m], ENU.
 
     Raises:
-        ValueError: for a shape that is not three positive integers, a spacing that is not a positive finite number or an
-            origin that is not finite.
+        ValueError: for a shape that is not three positive integers, a spacing that is not a positive finite number or
+            an origin that is not finite.
     """
 
     shape: Index3 = (101, 101, 101)
@@ -55,7 +54,7 @@ class Grid:
         object.__setattr__(self, "origin", origin)
 
     @classmethod
-    def centered(cls, center: Point3, shape: Index3 = (101, 101, 101), spacing: float = 2.0) -> Self:
+    def centered(cls, center: Point3, shape: Index3 = (101, 101, 101), spacing: float = 2.0) -> Grid:
         """The grid of this shape whose middle lies at `center` [m]."""
         origin = tuple(float(c) - 0.5 * (n - 1) * spacing for c, n in zip(center, shape, strict=True))
         return cls(shape, spacing, (origin[0], origin[1], origin[2]))
@@ -99,4 +98,6 @@ class Grid:
     def check_volume(self, name: str, array: jax.Array | np.ndarray) -> None:
         """Raise a `ValueError` with both shapes unless `array` (batch axes lead) covers this grid."""
         if tuple(array.shape[-3:]) != self.shape:
-            raise ValueError(f"{name}: expected shape (..., {', '.join(map(str, self.shape))}), given {tuple(array.shape)}")
+            raise ValueError(
+                f"{name}: expected shape (..., {', '.join(map(str, self.shape))}), given {tuple(array.shape)}"
+            )

@@ -25,6 +25,7 @@ class Status(enum.IntEnum):
     PATH_IN_COLLISION = 9
     NONFINITE_INPUT = 10
     EMPTY_SCAN = 11
+    START_EQUALS_GOAL = 12
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -39,16 +40,17 @@ class Status(enum.IntEnum):
 _ADVICE = {
     Status.OK: "The path was verified against the map.",
     Status.START_OUTSIDE_MAP: "The start lies outside the map; move it inside, or centre the grid on it.",
-    Status.GOAL_OUTSIDE_MAP: "The goal lies outside the map; move it inside, or centre the grid between start and goal.",
+    Status.GOAL_OUTSIDE_MAP: "The goal lies outside the map; move it inside, or centre the grid between both.",
     Status.START_OCCUPIED: "The start lies inside an obstacle; choose a free start.",
     Status.GOAL_OCCUPIED: "The goal lies inside an obstacle; choose a free goal.",
     Status.NO_VALID_PATH: "No free passage joins start and goal at any margin (proved by flood fill); "
     "choose another goal or a finer grid.",
-    Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it or lengthen the screening length.",
+    Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it.",
     Status.NOT_CERTIFIED: "Some voxels of the goal's component have no higher neighbour; "
-    "allow more sweeps or a longer screening length.",
-    Status.PATH_STALLED: "The ascent made no progress within its step cap; allow more steps.",
+    "lengthen the screening length or allow more sweeps.",
+    Status.PATH_STALLED: "The ascent did not arrive within its steps; allow more steps.",
     Status.PATH_IN_COLLISION: "The path failed verification and is withheld; please report this map as a defect.",
     Status.NONFINITE_INPUT: "An input is NaN or infinite; clean it before planning.",
-    Status.EMPTY_SCAN: "The scan holds no valid return inside the grid; check the sensor, the pose and the units (metres).",
+    Status.EMPTY_SCAN: "The scan holds no return inside the grid; check sensor, pose and units (metres).",
+    Status.START_EQUALS_GOAL: "Start and goal are the same point; there is nothing to plan.",
 }

@@ -2,8 +2,8 @@
 
 Let C be the goal's component of free voxels. If every voxel of C except the goal has a face neighbour in C whose φ is
 strictly higher, then the walk "step to the highest neighbour" visits strictly increasing values, so it never repeats a
-voxel; C is finite, hence the walk ends, and it can end only where there is no higher neighbour: at the goal. The check is
-one comparison per face on the very float32 numbers that the ascent reads, so it holds with rounding and all.
+voxel; C is finite, hence the walk ends, and it can end only where there is no higher neighbour: at the goal. The check
+is one comparison per face on the very float32 numbers that the ascent reads, so it holds with rounding and all.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
     σ = 0 in obstacles,   σ = σ_g at the goal,   σ = σ_i + σ_g / max(r, 1) elsewhere
 
-with r the distance to the goal in voxels, σ_g = 10⁶ and σ_i = 10². The paper says that free space "combines" the initial
-conductivity and σ_g / r; the sum is our reading. Current gathers towards the goal, as it would around an electrode.
+with r the distance to the goal in voxels, σ_g = 10⁶ and σ_i = 10². The paper says that free space "combines" the
+initial conductivity and σ_g / r; the sum is our reading. Current gathers towards the goal, as it would around an
+electrode.
 """
 
 from __future__ import annotations

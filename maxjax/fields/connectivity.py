@@ -3,8 +3,8 @@
     R ← R ∪ (free ∩ {6-neighbours of R})   until nothing changes
 
 The sets are packed 32 voxels to a word along z, so that one step over a million voxels costs some ten thousand word
-operations. Faces are what the field conducts through; a legal diagonal move needs every voxel that it touches to be free,
-hence joins nothing that faces do not.
+operations. Faces are what the field conducts through; a legal diagonal move needs every voxel that it touches to be
+free, hence joins nothing that faces do not.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@
 
 is −∇·(σ∇φ) + κ σ φ = q integrated over voxels of unit edge. The harmonic mean makes a face that touches an obstacle
 (σ = 0) conduct nothing: walls are insulated. κ = 1/ℓ² is the leak of the screened setting [1/voxel²]; g_i = 2 σ_i for
-each outer face that is grounded (φ = 0 half a voxel away), the paper's setting, else 0. A is symmetric with non-positive
-off-diagonals and, with a leak or a grounded face, positive definite on the free voxels. It is never stored: three arrays
-hold the conductances of the faces between i and i + 1 along each axis, one holds the diagonal.
+each outer face that is grounded (φ = 0 half a voxel away), the paper's setting, else 0. A is symmetric with
+non-positive off-diagonals and, with a leak or a grounded face, positive definite on the free voxels. It is never
+stored: three arrays hold the conductances of the faces between i and i + 1 along each axis, one holds the diagonal.
 
 Positive q is a source: current flows from high φ to low φ, and φ is highest at the goal.
 """
@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 
 Volume = Float[Array, "nx ny nz"]
 
-# Per axis, the weights of the neighbour ahead and of the one behind. They are the same numbers shifted by one voxel; kept
-# twice, the sum over neighbours is a plain sum of products, which runs twice as fast on CPU.
+# Per axis, the weights of the neighbour ahead and of the one behind. They are the same numbers shifted by one voxel;
+# kept twice, the sum over neighbours is a plain sum of products, which runs twice as fast on CPU.
 Links = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume]]
 
 
@@ -116,8 +116,9 @@ def hold(operator: Operator, held: Float[Array, "nx ny nz"]) -> tuple[Operator, 
 def normalize(operator: Operator) -> tuple[Links, Volume]:
     """Scale A symmetrically to a unit diagonal: D^-1/2 A D^-1/2 = I − G.
 
-    This is Jacobi preconditioning done once. Returns the links of G, which is symmetric and non-negative, and D^-1/2 (zero
-    in obstacles): φ = D^-1/2 y with y = G y + D^-1/2 q. One application y ← G y + D^-1/2 q is a Jacobi sweep; it is
+    This is Jacobi preconditioning done once. Returns the links of G, which is symmetric and non-negative, and D^-1/2
+    (zero in obstacles): φ = D^-1/2 y with y = G y + D^-1/2 q. One application y ← G y + D^-1/2 q is a Jacobi sweep; it
+    is
     *positive*, a sum of non-negative terms, so it restores the relative accuracy of every voxel.
     """
     free = operator.diagonal > 0

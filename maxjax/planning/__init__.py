@@ -1,0 +1,1 @@
+"""From a potential, or a graph, to a verified path."""

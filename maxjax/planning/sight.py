@@ -1,10 +1,11 @@
 """Line of sight: does a straight segment stay in free voxels, corners included?
 
-The segment is cut into slabs half a voxel thick along its longest axis. Inside a slab the two other coordinates change by
-at most half a voxel, so the segment touches a block of at most 2 x 2 voxels there; it is clear when every block is free.
-The block covers the exact set of touched voxels (it may hold one more, where the segment crosses both coordinates in the
-same slab), hence a clear segment is clear in exact arithmetic too, and no corner is ever cut. Every slab costs one look-up:
-`blocks` precomputes, for each voxel and axis, whether the 1 x 1, 1 x 2, 2 x 1 and 2 x 2 blocks that start there are free.
+The segment is cut into slabs half a voxel thick along its longest axis. Inside a slab the two other coordinates change
+by at most half a voxel, so the segment touches a block of at most 2 x 2 voxels there; it is clear when every block is
+free. The block covers the exact set of touched voxels (it may hold one more, where the segment crosses both coordinates
+in the same slab), hence a clear segment is clear in exact arithmetic too, and no corner is ever cut. Every slab costs
+one look-up: `blocks` precomputes, for each voxel and axis, whether the 1 x 1, 1 x 2, 2 x 1 and 2 x 2 blocks that start
+there are free.
 
 Positions are index coordinates (whole numbers at voxel centres). Voxels outside the grid count as blocked.
 """
@@ -32,13 +33,23 @@ def _ahead(array: Bool[Array, "nx ny nz"], axis: int) -> Bool[Array, "nx ny nz"]
 
 
 def blocks(blocked: Bool[Array, "nx ny nz"]) -> UInt16[Array, "nx ny nz"]:
-    """Twelve bits a voxel: bit 4 a + 2 i + j is set when the (1+i) x (1+j) block across axis a holds a blocked voxel."""
+    """Twelve bits a voxel: bit 4 a + 2 i + j is set when the (1+i) x (1+j) block across axis a is not free."""
     bits = jnp.zeros(blocked.shape, jnp.uint16)
     for axis, (first, second) in enumerate(_OTHERS):
         wide = blocked | _ahead(blocked, second)
         for shift, block in enumerate((blocked, wide, blocked | _ahead(blocked, first), wide | _ahead(wide, first))):
             bits |= block.astype(jnp.uint16) << (4 * axis + shift)
     return bits
+
+
+def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Bool[Array, ""]:
+    """Whether every voxel that the point touches is inside the grid and free."""
+    shape = jnp.asarray(blocked.shape)
+    low = jnp.floor(x + 0.5 - TOUCH).astype(jnp.int32)
+    high = jnp.floor(x + 0.5 + TOUCH).astype(jnp.int32)
+    inside = jnp.all((low >= 0) & (high < shape))
+    i, j, k = (jnp.stack(pair) for pair in zip(jnp.clip(low, 0, shape - 1), jnp.clip(high, 0, shape - 1), strict=True))
+    return inside & ~jnp.any(blocked[i[:, None, None], j[None, :, None], k[None, None, :]])
 
 
 def clear(

@@ -2,16 +2,16 @@
 
     cost(j) = min over i < j with i visible from j of  cost(i) + |x_j - x_i|
 
-is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space: every
-new edge was found clear on the dilated grid (`sight.clear`). The points that survive are the corners of the new path; extra
-points inserted along its edges then let the next round cut each corner closer to the obstacle, until the string is taut.
+is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space:
+every new edge was found clear on the dilated grid (`sight.clear`). The points that survive are the corners of the new
+path; extra points inserted along its edges then let the next round cut each corner closer to the obstacle, until the
+string is taut.
 
 Positions are index coordinates. A path is a fixed-length array whose last point is repeated to its end.
 """
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
@@ -22,11 +22,13 @@ from maxjax.planning.sight import visibility
 WINDOW = 64
 
 
-def _shorten(bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+def _shorten(
+    bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"], slabs: int | None = None
+) -> Float[Array, "n 3"]:
     """One round of dynamic programming on n points; consecutive points are taken as visible."""
     n = points.shape[0]
     distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
-    seen = visibility(bits, points) | (jnp.arange(n)[:, None] + 1 == jnp.arange(n)[None])
+    seen = visibility(bits, points, slabs) | (jnp.arange(n)[:, None] + 1 == jnp.arange(n)[None])
     # A small toll per edge breaks ties towards fewer corners, as on a straight line.
     edge = jnp.where(seen, distance + 1e-4, jnp.inf)
 
@@ -71,34 +73,38 @@ def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     return jnp.where((fraction < 1)[:, None], start + fraction[:, None] * (end - start), end)
 
 
-def tighten(
-    bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: int = 6
-) -> Float[Array, "n 3"]:
+def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: int = 4) -> Float[Array, "n 3"]:
     """Pull a path taut on the dilated grid.
 
     Args:
         bits: `sight.blocks` of the dilated grid.
-        path: index coordinates, start first, last point repeated; consecutive points visible from each other.
-        rounds: rounds over the whole path after the first two, which take it window by window. Static.
+        path: index coordinates, start first, last point repeated; consecutive points visible from each other and at
+            most a voxel apart along each axis.
+        rounds: rounds over the whole path, after two that take it window by window. Static.
 
     Returns:
         A path of the same start, end and array length, never longer, every edge clear.
     """
     n = path.shape[0]
-    pad = -(n + WINDOW // 2) % WINDOW
-    padded = jnp.concatenate([path, jnp.broadcast_to(path[-1], (pad + WINDOW // 2, 3))])
-    shorten = jax.vmap(lambda window: _shorten(bits, window))
+    room = -(-n // WINDOW) * WINDOW + WINDOW // 2
+    points = _unrepeat(jnp.concatenate([path, jnp.broadcast_to(path[-1], (room - n, 3))]))
+    used = jnp.sum(jnp.any(points[1:] != points[:-1], axis=1)) + 1
     for offset in (0, WINDOW // 2):
-        body = padded[offset : offset + n + pad] if offset == 0 else padded[offset:]
-        count = body.shape[0] // WINDOW * WINDOW
-        windows = shorten(body[:count].reshape(-1, WINDOW, 3)).reshape(count, 3)
-        padded = padded.at[offset : offset + count].set(windows)
-    padded = _unrepeat(padded)
+
+        def window(k: Int32[Array, ""], points: Float[Array, "m 3"], offset: int = offset) -> Float[Array, "m 3"]:
+            first = offset + k * WINDOW
+            # No two points of a window are further apart than its points are many: that bounds the slabs.
+            short = _shorten(bits, lax.dynamic_slice(points, (first, 0), (WINDOW, 3)), slabs=WINDOW + 1)
+            return lax.dynamic_update_slice(points, short, (first, 0))
+
+        turns = jnp.clip((used - offset + WINDOW - 1) // WINDOW, 0, (room - offset) // WINDOW)
+        points = lax.fori_loop(0, turns, window, points)
+    points = _unrepeat(points)
 
     def whole(_: int, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
         return _unrepeat(_shorten(bits, _refine(points)))
 
-    head = lax.fori_loop(0, rounds, whole, padded[:WINDOW])
-    fits = jnp.all(padded[WINDOW - 1 :] == padded[-1])
-    result = jnp.where(fits, jnp.concatenate([head, jnp.broadcast_to(head[-1], (padded.shape[0] - WINDOW, 3))]), padded)
-    return result[:n]
+    taut = lax.fori_loop(0, rounds, whole, points[:WINDOW])
+    fits = jnp.all(points[WINDOW - 1 :] == points[-1])
+    taut = jnp.concatenate([taut, jnp.broadcast_to(taut[-1], (room - WINDOW, 3))])
+    return jnp.where(fits, taut, points)[:n]

@@ -1,0 +1,1 @@
+"""Simulated worlds: procedural cities, ray casting and a LiDAR."""

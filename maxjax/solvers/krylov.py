@@ -2,9 +2,9 @@
 
     A x = b,  A symmetric positive definite:   p ← z + β p,   x ← x + α p,   r ← r − α A p,   z = M⁻¹ r
 
-The residual is carried as r = ρ r̂ with |r̂| = 1, because a potential spans more decades than float32 can square: CG keeps
-its relative accuracy voxel by voxel long after |r|² would have underflowed. When to stop is the caller's question: a norm
-says nothing about the voxels far from the goal, whose φ is small.
+The residual is carried as r = ρ r̂ with |r̂| = 1, because a potential spans more decades than float32 can square: CG
+keeps its relative accuracy voxel by voxel long after |r|² would have underflowed. When to stop is the caller's
+question: a norm says nothing about the voxels far from the goal, whose φ is small.
 
 Sums are written `jnp.sum(a * b)`: on CPU, XLA fuses and vectorises that, and runs `vdot` three times slower.
 """
@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 Vector = Float[Array, "..."]
 Linear = Callable[[Vector], Vector]
+State = tuple[Vector, Vector, Float[Array, ""], Vector, Float[Array, ""], Int32[Array, ""]]
 
 
 @jax.tree_util.register_dataclass
@@ -68,11 +69,11 @@ def pcg(
         norm = jnp.sqrt(dot(r, r))
         return r / jnp.where(norm > 0, norm, 1), norm
 
-    def going(state: tuple[Vector, ...]) -> Bool[Array, ""]:
+    def going(state: State) -> Bool[Array, ""]:
         x, r, rho, _, _, k = state
         return (k < max_iterations) & (rho > 0) & jnp.isfinite(rho) & ~stop(x, rho * r)
 
-    def step(state: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    def step(state: State) -> State:
         # In units of ρ: r and p are those of the textbook divided by |r|, hence α is unchanged and x moves by ρ α p.
         x, r, rho, p, rz, k = state
         q = matvec(p)
@@ -98,8 +99,9 @@ def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> 
 
         z₁ = r,   z_{k+1} = z_{k−1} + ω_k (G z_k + r − z_{k−1}),   ω₀ = 2,   ω_k = 1 / (1 − μ² ω_{k−1} / 4)
 
-    With the spectrum of G inside (−1, 1) it is symmetric positive definite for every μ in (0, 1] when its degree is even,
-    and the best polynomial when that spectrum fills [−μ, μ]. It replaces inner products, which cost CG more than G does.
+    With the spectrum of G inside (−1, 1) it is symmetric positive definite for every μ in (0, 1] when its degree is
+    even, and the best polynomial when that spectrum fills [−μ, μ]. It replaces inner products, which cost CG more than
+    G does.
 
     Args:
         smooth: z ↦ G z, symmetric.
@@ -127,6 +129,6 @@ def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> 
         # z₁ and z₂ by hand: the loop then advances from an odd and an even iterate to the next pair.
         omega = omega_after(jnp.asarray(2, r.dtype))
         first, second = r, omega * (smooth(r) + r)
-        return lax.fori_loop(0, degree // 2 - 1, two, (first, second, omega))[1]
+        return jnp.asarray(lax.fori_loop(0, degree // 2 - 1, two, (first, second, omega))[1])
 
     return precondition

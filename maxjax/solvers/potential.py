@@ -2,16 +2,19 @@
 
     A(σ, κ) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
 
-Settings: `screened` (leak κ, insulated outer faces; the default) and `paper` (κ = 0, outer faces grounded). Scaling φ to 1
-at the goal instead of feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
+Settings: `screened` (leak κ, insulated outer faces; the default) and `paper` (κ = 0, outer faces grounded). Scaling φ
+to 1 at the goal instead of feeding a unit source changes φ by a factor only, and spends float32's range where it is
+needed.
 
 Forward. Conjugate gradients on the Jacobi-scaled system, a Chebyshev polynomial as preconditioner, from φ = 0. It stops
 when the residual of every voxel is small beside *that voxel's* φ: the relative change that one more sweep would make.
-Then positive sweeps φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is reached.
+Then positive sweeps φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is
+reached.
 
 Derivative. With F(φ, σ, κ) = A φ − q = 0, the implicit function theorem gives  A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ): one more
-solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode: the
-adjoint λ of a loss L solves A λ = ∂L/∂φ, and dL/dσ = −λᵀ ∂F/∂σ. Neither iterations nor sweeps are ever differentiated.
+solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode:
+the adjoint λ of a loss L solves A λ = ∂L/∂φ, and dL/dσ = −λᵀ ∂F/∂σ. Neither iterations nor sweeps are ever
+differentiated.
 """
 
 from __future__ import annotations
@@ -34,18 +37,30 @@ from maxjax.solvers.krylov import chebyshev, pcg
 
 Setting = Literal["screened", "paper"]
 
-# Degree of the Chebyshev preconditioner: inner products cost as much as four applications of G, so few of them are taken.
+# Degree of the Chebyshev preconditioner: inner products cost as much as four applications of G, so few of them are
+# taken.
 DEGREE = 16
 # Residual of each voxel beside its own φ at which CG hands over to the sweeps. The error falls by orders of magnitude
 # within a few iterations once the front of the solution has passed a voxel, so the value hardly matters.
 LOCAL_TOLERANCE = 0.03
-# Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An adjoint
-# decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
+# Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An
+# adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
 DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
 SWEEPS = 8
 # e^-58 keeps the farthest corner within float32's range with room for detours of half the diagonal.
 DECADES = 58.0
 SHORTEST_LENGTH = 2.0
+_ATTEMPTS = 4
+
+
+@dataclasses.dataclass(frozen=True)
+class _Caps:
+    """What is static in a solve."""
+
+    setting: Setting
+    max_iterations: int
+    max_sweeps: int
+    attempts: int
 
 
 @jax.tree_util.register_dataclass
@@ -61,6 +76,7 @@ class Potential:
         residual: |q − A φ| / |q| of the Jacobi-scaled system after CG, recomputed from φ.
         certified: every voxel of the goal's component but the goal has a strictly higher face neighbour.
         uncertified: number of voxels that have none.
+        screening_length: ℓ that was used [voxels].
     """
 
     phi: Float[Array, "*batch nx ny nz"]
@@ -70,6 +86,7 @@ class Potential:
     residual: Float[Array, "*batch"]
     certified: Bool[Array, "*batch"]
     uncertified: Int32[Array, "*batch"]
+    screening_length: Float[Array, "*batch"]
 
 
 def default_screening_length(shape: tuple[int, ...]) -> float:
@@ -95,7 +112,8 @@ def solve_potential(
     Args:
         sigma: conductivity, zero in obstacles; float32, or float64 for references.
         goal_index: voxel of the goal, int32.
-        screening_length: ℓ [voxels], an array argument; default `default_screening_length`. Unused in `paper`.
+        screening_length: ℓ [voxels], an array argument, taken as it is; by default `default_screening_length`, doubled
+            up to three times where the field of a map with long detours leaves float32's range. Unused in `paper`.
         setting: `screened` or `paper`. Static.
         max_iterations: cap on CG iterations. Static.
         max_sweeps: cap on positive sweeps. Static.
@@ -104,21 +122,24 @@ def solve_potential(
         A `Potential`; `phi` is differentiable in sigma and screening_length.
 
     Raises:
-        ValueError: for a sigma that is not three-dimensional or not floating, a goal_index that is not (3,), or an unknown
-            setting.
+        ValueError: for a sigma that is not three-dimensional or not floating, a goal_index that is not (3,), or an
+            unknown setting.
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     if sigma.ndim != 3 or not jnp.issubdtype(sigma.dtype, jnp.floating):
-        raise ValueError(f"sigma: expected floating (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches")
+        raise ValueError(
+            f"sigma: expected floating (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
+        )
     if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
         raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
     if setting not in ("screened", "paper"):
         raise ValueError(f"setting: expected 'screened' or 'paper', given {setting!r}")
+    attempts = _ATTEMPTS if screening_length is None and setting == "screened" else 1
     if screening_length is None:
         screening_length = default_screening_length(sigma.shape)
     length = jnp.asarray(screening_length, sigma.dtype)
-    goal = goal_index.astype(jnp.int32)
-    return _potential(setting, max_iterations, max_sweeps, sigma, length, goal)
+    caps = _Caps(setting, max_iterations, max_sweeps, attempts)
+    return _potential(caps, sigma, length, goal_index.astype(jnp.int32))
 
 
 def _system(
@@ -143,27 +164,43 @@ def _preconditioner(operator: stencil.Operator, links: stencil.Links):  # type: 
     return chebyshev(functools.partial(stencil.gather, links), radius, DEGREE)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def _potential(
-    setting: Setting,
-    max_iterations: int,
-    max_sweeps: int,
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _potential(caps: _Caps, sigma: stencil.Volume, length: Float[Array, ""], goal: Int32[Array, " 3"]) -> Potential:
+    """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified."""
+    component = flood(sigma > 0, goal)
+    first = _attempt(caps, sigma, length, goal, component)
+    if caps.attempts == 1:
+        return first
+
+    def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
+        potential, attempt = state
+        return _attempt(caps, sigma, 2 * potential.screening_length, goal, component), attempt + 1
+
+    def unfinished(state: tuple[Potential, Int32[Array, ""]]) -> Bool[Array, ""]:
+        potential, attempt = state
+        retry = (potential.status == Status.NOT_CERTIFIED) | (potential.status == Status.NOT_CONVERGED)
+        return retry & (attempt < caps.attempts)
+
+    return lax.while_loop(unfinished, again, (first, jnp.int32(1)))[0]
+
+
+def _attempt(
+    caps: _Caps,
     sigma: stencil.Volume,
     length: Float[Array, ""],
     goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
 ) -> Potential:
-    operator, source = _system(setting, sigma, length, goal)
+    operator, source = _system(caps.setting, sigma, length, goal)
     links, scale = stencil.normalize(operator)
     source = source * scale
-    matvec = lambda y: y - stencil.gather(links, y)  # noqa: E731
     solution = pcg(
-        matvec,
+        lambda y: y - stencil.gather(links, y),
         source,
         precondition=_preconditioner(operator, links),
         stop=lambda y, r: jnp.all(jnp.abs(r) <= LOCAL_TOLERANCE * y),
-        max_iterations=max_iterations,
+        max_iterations=caps.max_iterations,
     )
-    component = flood(sigma > 0, goal)
 
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         y, sweeps, _ = state
@@ -171,15 +208,14 @@ def _potential(
         return y, sweeps + SWEEPS, uncertified(y * scale, component, goal)
 
     y, sweeps, stuck = lax.while_loop(
-        lambda state: (state[2] != 0) & (state[1] < max_sweeps),
+        lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps),
         sweep,
         (jnp.maximum(solution.x, 0), jnp.int32(0), jnp.int32(-1)),
     )
     phi = y * scale
-    shape = jnp.asarray(sigma.shape)
-    outside = jnp.any((goal < 0) | (goal >= shape))
+    finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0)) & jnp.isfinite(length) & (length > 0)
+    outside = jnp.any((goal < 0) | (goal >= jnp.asarray(sigma.shape)))
     blocked = ~jnp.any(component)
-    finite = jnp.all(jnp.isfinite(sigma)) & jnp.isfinite(length) & (length > 0) & jnp.all(sigma >= 0)
     certified = finite & ~outside & ~blocked & (stuck == 0) & jnp.all(jnp.isfinite(phi))
     status = jnp.select(
         [~finite, outside, blocked, certified, ~solution.converged],
@@ -187,23 +223,30 @@ def _potential(
         Status.NOT_CERTIFIED,
     )
     return Potential(
-        phi, status.astype(jnp.int32), solution.iterations, sweeps, solution.residual, certified, stuck
+        phi=phi,
+        status=status.astype(jnp.int32),
+        iterations=solution.iterations,
+        sweeps=sweeps,
+        residual=solution.residual,
+        certified=certified,
+        uncertified=stuck,
+        screening_length=length,
     )
 
 
 @_potential.defjvp
-def _potential_jvp(setting, max_iterations, max_sweeps, primals, tangents):  # type: ignore[no-untyped-def]
+def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
+    """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
     sigma, length, goal = primals
     sigma_dot, length_dot, _ = tangents
-    potential = _potential(setting, max_iterations, max_sweeps, sigma, length, goal)
-    phi = potential.phi
+    potential = _potential(caps, sigma, length, goal)
 
     def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
-        operator, source = _system(setting, sigma, length, goal)
-        return stencil.residual(operator, phi, source)
+        operator, source = _system(caps.setting, sigma, length, goal)
+        return stencil.residual(operator, potential.phi, source)
 
-    _, right = jax.jvp(imbalance, (sigma, length), (sigma_dot, length_dot))
-    operator, _ = _system(setting, sigma, length, goal)
+    _, right = jax.jvp(imbalance, (sigma, potential.screening_length), (sigma_dot, length_dot))
+    operator, _ = _system(caps.setting, sigma, potential.screening_length, goal)
     links, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
 
@@ -213,13 +256,12 @@ def _potential_jvp(setting, max_iterations, max_sweeps, primals, tangents):  # t
             b,
             precondition=_preconditioner(operator, links),
             stop=lambda _, r: jnp.max(jnp.abs(r)) <= tolerance * jnp.max(jnp.abs(b)),
-            max_iterations=max_iterations,
+            max_iterations=caps.max_iterations,
         ).x
 
-    matvec = lambda y: y - stencil.gather(links, y)  # noqa: E731
-    y_dot = lax.custom_linear_solve(matvec, scale * right, solve, symmetric=True)
-    zeros = jax.tree.map(
-        lambda x: jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0),
-        potential,
-    )
-    return potential, dataclasses.replace(zeros, phi=scale * y_dot)
+    y_dot = lax.custom_linear_solve(lambda y: y - stencil.gather(links, y), scale * right, solve, symmetric=True)
+
+    def zero(x: Array) -> Array:
+        return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)
+
+    return potential, dataclasses.replace(jax.tree.map(zero, potential), phi=scale * y_dot)

@@ -1,0 +1,1 @@
+"""Classical planners on the same grid, margin and problem: the rivals of the field."""

@@ -1,0 +1,89 @@
+"""Wall-aware differences and smoothing of the log-potential u = log φ.
+
+    ∂u/∂x at voxel i:  (u_{i+1} − u_{i−1}) / 2  where both neighbours are free,
+                       u_{i+1} − u_i  or  u_i − u_{i−1}  where only that one is,   0 where neither is.
+
+No difference ever reads a wall. The gradient points uphill, towards the goal [1/voxel].
+
+Smoothing solves the heat equation with insulated walls for the time t = σ²/2, at which its kernel in free space is the
+Gaussian of standard deviation σ. Heat flows around a wall but never through it, so the two sides of a wall are never
+mixed (a plain Gaussian mixes them, and then nearly every path fails).
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from maxjax.core.interpolate import corner_weights
+from maxjax.fields import stencil
+
+# Explicit time step [voxel²]: stable below 1/6, and above 1/12 the highest modes only change sign while they decay.
+_TIME_STEP = 1 / 8
+
+
+def log_potential(phi: Float[Array, "*batch nx ny nz"]) -> Float[Array, "*batch nx ny nz"]:
+    """Return log φ; where φ is not positive (walls, sealed pockets) the logarithm of the smallest normal number."""
+    return jnp.log(jnp.maximum(phi, jnp.finfo(phi.dtype).tiny))
+
+
+def gradient(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "nx ny nz 3"]:
+    """Gradient at every voxel centre [1/voxel]; zero in walls.
+
+    Args:
+        log_phi: log-potential.
+        free: voxels that are not walls.
+    """
+    weight = free.astype(log_phi.dtype)
+    components = []
+    for axis in range(3):
+        forward = weight * stencil.ahead(weight, axis)
+        backward = weight * stencil.behind(weight, axis)
+        rise = forward * (stencil.ahead(log_phi, axis) - log_phi) + backward * (log_phi - stencil.behind(log_phi, axis))
+        components.append(rise / jnp.maximum(forward + backward, 1))
+    return jnp.stack(components, axis=-1)
+
+
+def gradient_at(
+    log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], position: Float[Array, " 3"]
+) -> Float[Array, " 3"]:
+    """The gradient of `gradient`, interpolated trilinearly among the free voxels around `position` (index coordinates).
+
+    Reads a block of 4 x 4 x 4 voxels only, so a path costs nothing that depends on the size of the grid.
+    """
+    base = jnp.floor(position).astype(jnp.int32)
+    corner = jnp.clip(base - 1, 0, jnp.asarray(log_phi.shape) - 4)
+    block = gradient(lax.dynamic_slice(log_phi, corner, (4, 4, 4)), lax.dynamic_slice(free, corner, (4, 4, 4)))
+    # At the edge of the grid the block was moved inwards, and the cell is not its middle.
+    cell = jnp.clip(base - corner, 0, 2)
+    around = lax.dynamic_slice(block, (*cell, jnp.int32(0)), (2, 2, 2, 3))
+    open_around = lax.dynamic_slice(free, corner + cell, (2, 2, 2))
+    share = corner_weights(jnp.clip(position - corner - cell, 0, 1)) * open_around
+    total = jnp.sum(share)
+    return jnp.sum(share[..., None] * around, axis=(0, 1, 2)) / jnp.where(total > 0, total, 1)
+
+
+def smooth(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sigma: float) -> Float[Array, "nx ny nz"]:
+    """Gaussian smoothing that respects walls.
+
+    Args:
+        log_phi: log-potential, or any field.
+        free: voxels that are not walls; the others keep their value.
+        sigma: standard deviation [voxels]; the paper uses 5. Static.
+    """
+    if sigma <= 0:
+        return log_phi
+    steps = math.ceil(0.5 * sigma**2 / _TIME_STEP)
+    flow = 0.5 * sigma**2 / steps
+    weight = free.astype(log_phi.dtype)
+    faces = [weight * stencil.ahead(weight, axis) for axis in range(3)]
+    links = tuple((flow * face, flow * stencil.behind(face, axis)) for axis, face in enumerate(faces))
+    kept = 1 - sum(forward + backward for forward, backward in links)
+
+    def step(_: int, u: Float[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
+        return kept * u + stencil.gather(links, u)  # type: ignore[arg-type]
+
+    return jnp.asarray(lax.fori_loop(0, steps, step, log_phi))

@@ -1,0 +1,148 @@
+"""Points to voxels, and the safety margin around them.
+
+    occupied = voxels that hold a point;   blocked = { x : min over occupied y of |x − y| ≤ margin }
+
+Distances run between voxel centres, in metres. The ground is dilated by one voxel only: with the full margin, a flight
+at 3 to 15 m would start inside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.core.grid import Grid
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Occupancy:
+    """What became of a cloud of points.
+
+    Attributes:
+        occupied: voxels that hold at least one point.
+        kept: points that fell into the grid.
+        outside: valid points outside the grid, dropped.
+        missing: points without a return, dropped: not finite, or exactly (0, 0, 0) as Cosys-AirSim writes a miss.
+    """
+
+    occupied: Bool[Array, "*batch nx ny nz"]
+    kept: Int32[Array, "*batch"]
+    outside: Int32[Array, "*batch"]
+    missing: Int32[Array, "*batch"]
+
+
+@functools.partial(jax.jit, static_argnames="grid")
+def voxelize(points: Float[Array, "n 3"], grid: Grid) -> Occupancy:
+    """Voxels that hold a point.
+
+    Args:
+        points: world positions [m], ENU; may hold misses.
+        grid: the grid.
+
+    Raises:
+        ValueError: when `points` is not (n, 3).
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points: expected shape (n, 3) [m], given {points.shape}")
+    valid = jnp.all(jnp.isfinite(points), axis=1) & jnp.any(points != 0, axis=1)
+    kept = valid & grid.contains(points)
+    index = jnp.where(kept[:, None], grid.index_of(jnp.where(valid[:, None], points, 0)), -1)
+    nx, ny, nz = grid.shape
+    flat = (index[:, 0] * ny + index[:, 1]) * nz + index[:, 2]
+    # A dropped point writes past the end, which the scatter ignores.
+    flat = jnp.where(kept, flat, nx * ny * nz)
+    occupied = jnp.zeros(nx * ny * nz, bool).at[flat].set(True, mode="drop").reshape(grid.shape)
+    count = functools.partial(jnp.sum, dtype=jnp.int32)
+    return Occupancy(occupied, count(kept), count(valid & ~kept), count(~valid))
+
+
+def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Int32[Array, "nx ny nz"]:
+    """Squared distance to the nearest occupied voxel, exact up to `reach` [voxels²]; `far(reach)` beyond.
+
+    Separable: min over |k| ≤ reach of d²(x + k) + k², one axis after the other, is exact for squared Euclidean
+        distance.
+
+    Args:
+        occupied: voxels at distance zero.
+        reach: largest distance of interest [voxels]. Static.
+    """
+    far = 3 * reach**2 + 1
+    squared = jnp.where(occupied, 0, far).astype(jnp.int32)
+    for axis in range(3):
+        best = squared
+        for k in range(1, min(reach, occupied.shape[axis] - 1) + 1):
+            for step in (k, -k):
+                config = [(0, 0, 0)] * 3
+                config[axis] = (-step, step, 0)
+                best = jnp.minimum(best, lax.pad(squared, jnp.int32(far), config) + k * k)
+        squared = best
+    return jnp.minimum(squared, far)
+
+
+def rungs(margin: float, grid: Grid) -> tuple[float, ...]:
+    """The margins to try [m]: from `margin` down by one voxel at a time, 0 last.
+
+    Raises:
+        ValueError: for a margin that is negative or not finite.
+    """
+    if not (math.isfinite(margin) and margin >= 0):
+        raise ValueError(f"margin: expected a number of metres ≥ 0, given {margin}")
+    count = math.ceil(margin / grid.spacing - 1e-9)
+    return (*(max(margin - k * grid.spacing, 0.0) for k in range(count)), 0.0)
+
+
+def reach_of(margin: float, grid: Grid) -> int:
+    """Whole voxels that `squared_distance` must see for this margin."""
+    return max(1, math.floor(margin / grid.spacing + 1e-6))
+
+
+def blocked_within(
+    squared: Int32[Array, "nx ny nz"],
+    ground: Bool[Array, "nx ny nz"],
+    ground_squared: Int32[Array, "nx ny nz"],
+    margin: Float[Array, ""] | float,
+    grid: Grid,
+) -> Bool[Array, "nx ny nz"]:
+    """Voxels within `margin` [m] of an obstacle, or within one voxel (never more than `margin`) of the ground.
+
+    Args:
+        squared: `squared_distance` of the obstacles (ground left out).
+        ground: ground voxels.
+        ground_squared: `squared_distance` of the ground, reach 1.
+        margin: may be traced.
+        grid: the grid.
+    """
+    radius = margin / grid.spacing
+    # The tolerance keeps 8 m / 2 m = 4 voxels inclusive under rounding; squared lattice distances are whole numbers.
+    near = squared <= radius**2 + 1e-4
+    return near | ground | (ground_squared <= jnp.minimum(radius, 1.0) ** 2 + 1e-4)
+
+
+@functools.partial(jax.jit, static_argnames=("margin", "grid"))
+def dilate(
+    occupied: Bool[Array, "nx ny nz"], margin: float, grid: Grid, ground: Bool[Array, "nx ny nz"] | None = None
+) -> Bool[Array, "nx ny nz"]:
+    """Voxels whose centre lies within `margin` of the centre of an occupied voxel.
+
+    Args:
+        occupied: occupied voxels, ground included.
+        margin: [m]. Static.
+        grid: the grid.
+        ground: the voxels of `occupied` that are ground: dilated by one voxel at most. None: no voxel is.
+
+    Raises:
+        ValueError: when a volume does not cover `grid`, or for a negative margin.
+    """
+    rungs(margin, grid)
+    grid.check_volume("occupied", occupied)
+    ground = jnp.zeros_like(occupied) if ground is None else ground
+    grid.check_volume("ground", ground)
+    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
+    return blocked_within(squared, ground, squared_distance(ground, 1), margin, grid)

@@ -1,0 +1,150 @@
+"""Points of airborne surveys: LAS and, compressed, LAZ (extra `las`: laspy with lazrs).
+
+    x = X · scale + offset, X stored as int32
+
+Classes follow the ASPRS LAS specification, whose 2 (ground), 9 (water) and 11 (road surface) are ground here:
+what lies below them cannot be flown through. 6 (building) is solid. A bridge deck (17, or 26 in the Dutch
+AHN) is neither: one may fly under it. Noise (7, 18) and points flagged as withheld are dropped, since the
+survey itself disowns them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud
+
+_GROUND, _SOLID, _NOISE = (2, 9, 11), (6,), (7, 18)
+_MISSING = "reading LAS needs the extra las: pip install 'maxjax[las]'"
+_CHUNK_BYTES = 2**26
+_MAX_RECORD = 1024
+
+# The part of the public header block that every version shares, and what LAS 1.4 appends.
+_HEADER = np.dtype(
+    {
+        "names": [
+            "signature",
+            "minor",
+            "data",
+            "vlrs",
+            "format",
+            "record",
+            "count",
+            "scale",
+            "offset",
+        ],
+        "formats": ["S4", "u1", "<u4", "<u4", "u1", "<u2", "<u4", ("<f8", 3), ("<f8", 3)],
+        "offsets": [0, 25, 96, 100, 104, 105, 107, 131, 155],
+        "itemsize": 227,
+    }
+)
+_COUNT_14 = 247
+
+
+def load_las(path: Path) -> PointCloud:
+    """The points of a .las or .laz file, in chunks, with ground and solid from their classes.
+
+    Raises:
+        MapError: if the extra is missing, or the file is unreadable, truncated, too large or contradicts its
+            header.
+    """
+    try:
+        import laspy
+    except ImportError as error:
+        raise MapError(f"{path}: {_MISSING}") from error
+    backend = laspy.LazBackend.Lazrs
+    if not backend.is_available():
+        raise MapError(f"{path}: {_MISSING}")
+    # laspy also prints what it raises; the user needs one sentence.
+    logger = logging.getLogger("laspy")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    axes: list[np.ndarray] = []
+    classes: list[np.ndarray] = []
+    try:
+        with open(path, "rb") as file:
+            count, scale, offset = _check_header(path, file)
+            file.seek(0)
+            # One thread reads the stream as it comes; the parallel one would trust the chunk table.
+            with laspy.open(file, laz_backend=backend, read_evlrs=False, closefd=False) as reader:
+                header = reader.header
+                record = header.point_format.size
+                if header.are_points_compressed:
+                    packed = reader.point_source.vlr.item_size()
+                    if packed != record:
+                        raise MapError(f"{path}: records of {record} bytes are packed as {packed}; damaged")
+                found = 0
+                for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
+                    found += len(chunk)
+                    kept = ~np.isin(chunk.classification, _NOISE) & (np.asarray(chunk.withheld) == 0)
+                    axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
+                    classes.append(np.asarray(chunk.classification)[kept])
+    except MapError:
+        raise
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except BaseException as error:
+        # lazrs is Rust: on damaged data it may panic, which arrives as a BaseException of a private type.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        raise MapError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
+    finally:
+        logger.setLevel(level)
+    if found != count:
+        raise MapError(f"{path}: claims {count} points, found {found}; the file is truncated")
+    labels = np.concatenate(classes) if classes else np.zeros(0, np.uint8)
+    stored = np.concatenate(axes) if axes else np.zeros((0, 3), np.int32)
+    ground, solid = np.isin(labels, _GROUND), np.isin(labels, _SOLID)
+    with np.errstate(over="ignore"):
+        points = stored * scale + offset
+    return local_cloud(points, path, ground=ground, solid=solid)
+
+
+def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarray]:
+    """Number of points, scale and offset; refuses claims that the file cannot hold."""
+    size = os.fstat(file.fileno()).st_size
+    raw = file.read(_COUNT_14 + 8)
+    if not raw.startswith(b"LASF") or len(raw) < _HEADER.itemsize:
+        raise MapError(f"{path}: expected a LAS file, which starts with LASF and a header of 227 bytes")
+    header = np.frombuffer(raw, _HEADER, 1)[0]
+    count, record, data = int(header["count"]), int(header["record"]), int(header["data"])
+    if header["minor"] >= 4 and len(raw) == _COUNT_14 + 8:
+        count = int.from_bytes(raw[_COUNT_14:], "little")
+    if count == 0:
+        raise MapError(f"{path}: holds no point, expected at least one")
+    if count > MAX_POINTS:
+        raise MapError(f"{path}: claims {count} points, expected at most {MAX_POINTS}; crop or thin it")
+    if not 0 < record <= _MAX_RECORD:
+        raise MapError(f"{path}: claims {record} bytes a point, expected 1 to {_MAX_RECORD}; damaged")
+    compressed = bool(header["format"] & 0x80)
+    needed = data if compressed else data + count * record
+    if needed > size:
+        raise MapError(f"{path}: claims {count} points up to byte {needed}, has {size} bytes; truncated")
+    if int(header["vlrs"]) * 54 > data:
+        raise MapError(f"{path}: claims {header['vlrs']} variable records in {data} bytes; damaged")
+    if compressed:
+        _check_chunk_table(path, file, data, size)
+    scale, offset = np.array(header["scale"]), np.array(header["offset"])
+    if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
+        raise MapError(f"{path}: expected finite scales and offsets, found {scale} and {offset}; damaged")
+    return count, scale, offset
+
+
+def _check_chunk_table(path: Path, file: BinaryIO, data: int, size: int) -> None:
+    """LAZ ends with a table of its chunks, whose claimed length would otherwise be allocated unseen."""
+    file.seek(data)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    if table == -1:  # written by a stream, which could not go back: the place stands at the very end
+        file.seek(max(data, size - 8))
+        table = int.from_bytes(file.read(8), "little", signed=True)
+    if not data + 8 <= table <= size - 8:
+        raise MapError(f"{path}: expected its chunk table before byte {size}, found {table}; truncated")
+    file.seek(table + 4)
+    chunks = int.from_bytes(file.read(4), "little")
+    if chunks > table - data:
+        raise MapError(f"{path}: claims {chunks} chunks in {table - data} bytes; damaged")

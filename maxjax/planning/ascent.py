@@ -1,0 +1,148 @@
+"""Gradient ascent of the log-potential, from the start to the goal.
+
+    m ← β m + g / |g|,    x ← x + η m,    g = ∇ log φ at x       (momentum; the paper has β = 0.9, η = 0.1)
+    m ← β m + (1 − β) g,  v ← β₂ v + (1 − β₂) g²,  x ← x + η m̂ / √v̂      (its predecessor's ADAM, per component)
+
+A step must keep to free voxels (`sight.clear`) and must not enter a voxel whose φ is lower than where it left from.
+Where the wall is in the way the step loses the components that point into it, so the path slides along the wall. Where
+no such step is left, or the path lingers in one voxel, the *discrete step* takes over: to the centre of the voxel, then
+to the centre of its highest neighbour.
+
+Why it arrives: φ of the visited voxels never falls and each change of voxel raises it, so no voxel is entered twice and
+nothing can orbit; on a certified field every voxel but the goal has a higher neighbour, so the discrete step always
+exists.
+
+Positions are index coordinates (whole numbers at voxel centres).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32, UInt16
+
+from maxjax.fields import gradient as slope
+from maxjax.planning.sight import clear
+
+# Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
+_PATIENCE = 12
+_ADAM_BETA2 = 0.999
+# Which components of a step survive: all, then two, then one.
+_MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+_NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+
+
+# Position, momentum, second moment, steps spent in this voxel, arrived.
+State = tuple[Array, Array, Array, Array, Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class Ascent:
+    """Settings of the ascent; static under `jit`.
+
+    Attributes:
+        rule: `momentum`, or the per-component `adam`.
+        rate: η [voxels].
+        momentum: β.
+        smoothing: standard deviation of the wall-aware smoothing of log φ before the ascent [voxels]; 5 in the paper.
+        steps: length of the scan.
+    """
+
+    rule: Literal["momentum", "adam"] = "momentum"
+    rate: float = 0.1
+    momentum: float = 0.9
+    smoothing: float = 0.0
+    steps: int = 512
+
+    def __post_init__(self) -> None:
+        if self.rule not in ("momentum", "adam"):
+            raise ValueError(f"Ascent.rule: expected 'momentum' or 'adam', given {self.rule!r}")
+        if not (0 < self.rate <= 1 and 0 <= self.momentum < 1 and self.smoothing >= 0 and self.steps > 0):
+            raise ValueError(
+                f"Ascent: expected 0 < rate <= 1, 0 <= momentum < 1, smoothing >= 0, steps > 0; given {self}"
+            )
+
+
+def ascend(
+    phi: Float[Array, "nx ny nz"],
+    bits: UInt16[Array, "nx ny nz"],
+    free: Bool[Array, "nx ny nz"],
+    start: Float[Array, " 3"],
+    goal: Float[Array, " 3"],
+    settings: Ascent,
+) -> tuple[Float[Array, "steps+1 3"], Bool[Array, ""]]:
+    """Climb from start to goal as one scan.
+
+    Args:
+        phi: potential, highest at the goal's voxel.
+        bits: `sight.blocks` of the blocked voxels.
+        free: voxels that are not blocked; holds start and goal.
+        start, goal: index coordinates.
+        settings: static.
+
+    Returns:
+        The path, whose last point is repeated to the end, and whether it reached the goal.
+    """
+    log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
+    shape = jnp.asarray(phi.shape)
+    masks, neighbours = jnp.asarray(_MASKS, phi.dtype), jnp.asarray(_NEIGHBOURS)
+    seen = jax.vmap(lambda a, b: clear(bits, a, b, slabs=3), in_axes=(None, 0))
+
+    def voxel(x: Float[Array, "*b 3"]) -> Int32[Array, "*b 3"]:
+        return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, shape - 1)
+
+    def height(v: Int32[Array, "*b 3"]) -> Float[Array, "*b"]:
+        return phi[v[..., 0], v[..., 1], v[..., 2]]
+
+    def step(state: State, k: Int32[Array, ""]) -> tuple[State, Float[Array, " 3"]]:
+        x, m, v, lingered, done = state
+        here = voxel(x)
+        centre = here.astype(x.dtype)
+        g = slope.gradient_at(log_phi, free, x)
+        if settings.rule == "momentum":
+            size = jnp.linalg.norm(g)
+            m = settings.momentum * m + g / jnp.where(size > 0, size, 1)
+            move = settings.rate * m
+        else:
+            m = settings.momentum * m + (1 - settings.momentum) * g
+            v = _ADAM_BETA2 * v + (1 - _ADAM_BETA2) * g**2
+            unbiased = m / (1 - settings.momentum ** (k + 1))
+            move = settings.rate * unbiased / (jnp.sqrt(v / (1 - _ADAM_BETA2 ** (k + 1))) + 1e-12)
+
+        moves = masks * move
+        ends = x + moves
+        rises = height(voxel(ends)) > height(here)
+        same = jnp.all(voxel(ends) == here, axis=1)
+        gain = jnp.where(seen(x, ends) & (rises | same), moves @ g, -jnp.inf)
+        best = jnp.argmax(gain)
+        smooth_step = (gain[best] > 0) & (lingered < _PATIENCE)
+
+        # The discrete step: to the centre first (the voxel is convex), from there to the highest neighbour.
+        around = here + neighbours
+        inside = jnp.all((around >= 0) & (around < shape), axis=1)
+        around = jnp.clip(around, 0, shape - 1)
+        passable = inside & free[around[:, 0], around[:, 1], around[:, 2]]
+        values = jnp.where(passable, height(around), -jnp.inf)
+        highest = jnp.argmax(values)
+        up = jnp.where(values[highest] > height(here), around[highest].astype(x.dtype), centre)
+        discrete = jnp.where(jnp.all(x == centre), up, centre)
+
+        arrives = (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen(x, goal[None])[0]
+        ahead = jnp.where(smooth_step, ends[best], discrete)
+        ahead = jnp.where(arrives, goal, ahead)
+        ahead = jnp.where(done, x, ahead)
+        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
+        m = jnp.where(smooth_step, m * masks[best], 0)
+        entered = jnp.any(voxel(ahead) != here)
+        lingered = jnp.where(entered, 0, lingered + 1)
+        return (ahead, m, v, lingered, done | arrives), ahead
+
+    zero = jnp.zeros_like(start)
+    (_, _, _, _, done), path = lax.scan(
+        step, (start, zero, zero, jnp.int32(0), jnp.array(False)), jnp.arange(settings.steps, dtype=jnp.int32)
+    )
+    return jnp.concatenate([start[None], path]), done

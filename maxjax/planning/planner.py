@@ -1,0 +1,302 @@
+"""From a map, a start and a goal to a verified path.
+
+    pose (dilate, choose the margin) → find a path (a field climbed, or a graph searched) → verify → Plan
+
+The path finder is an argument, so that every planner answers the same problems, on the same dilated grid, before the
+same judge. `field_path` makes one from any potential function (the exact solver, later a network).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32, UInt16
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.fields.conductivity import conductivity
+from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.problem import Problem, pose
+from maxjax.planning.sight import blocks
+from maxjax.planning.tighten import tighten
+from maxjax.planning.verify import verify
+
+
+class PotentialLike(Protocol):
+    """What the solver and a network return alike."""
+
+    @property
+    def phi(self) -> Array:
+        """Potential, 1 at the goal."""
+        ...
+
+    @property
+    def status(self) -> Array:
+        """`Status` as int32."""
+        ...
+
+    @property
+    def certified(self) -> Array:
+        """Whether no voxel but the goal is a local maximum."""
+        ...
+
+
+PotentialFn = Callable[[Array, Array], PotentialLike]
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A verified path, or why there is none.
+
+    Attributes:
+        status: OK only for a path that passed `verify`.
+        path: (t, 3) float32 [m], ENU, start first, goal last; empty unless OK.
+        length: length of the path [m]; NaN unless OK.
+        clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
+        certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
+        margin: dilation that was used [m].
+        timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …), `compile` apart, and `total`
+            without it.
+        method: name of the planner.
+    """
+
+    status: Status
+    path: Float[np.ndarray, "t 3"]
+    length: float
+    clearance: float
+    certified: bool
+    margin: float
+    timings: Mapping[str, float]
+    method: str
+
+
+class Stopwatch:
+    """Seconds by stage, compilation apart."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {"compile": 0.0}
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Book the time of a block of code."""
+        begun = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begun
+
+    def report(self) -> dict[str, float]:
+        """All stages, and their total without compilation."""
+        return {**self.seconds, "total": sum(s for name, s in self.seconds.items() if name != "compile")}
+
+
+class Stage:
+    """A jitted function that is compiled ahead of its first call, so that compilation can be timed apart.
+
+    Arguments are arrays, keywords are static; one executable is kept for each combination of shapes, dtypes and
+    keywords.
+    """
+
+    def __init__(self, name: str, function: Callable[..., Any], static: tuple[str, ...] = ()) -> None:
+        self.name = name
+        self._jit = jax.jit(function, static_argnames=static)
+        self._compiled: dict[Hashable, Callable[..., Any]] = {}
+
+    def __call__(self, watch: Stopwatch, *arrays: Any, **static: Any) -> Any:
+        """Run, blocked until ready."""
+        leaves, tree = jax.tree.flatten(arrays)
+        key = (tree, tuple((x.shape, x.dtype, x.weak_type) for x in leaves), tuple(sorted(static.items())))
+        if key not in self._compiled:
+            with watch.stage("compile"):
+                self._compiled[key] = self._jit.lower(*arrays, **static).compile()
+        with watch.stage(self.name):
+            return jax.block_until_ready(self._compiled[key](*arrays))
+
+
+@dataclasses.dataclass(frozen=True)
+class Route:
+    """What a path finder returns: a path in index coordinates, start first, goal last, or why there is none."""
+
+    path: Float[np.ndarray, "t 3"]
+    status: Status
+    certified: bool
+
+
+PathFinder = Callable[[Problem, Grid, Stopwatch], Route]
+
+
+def solve(
+    blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
+) -> PotentialLike:
+    """The potential of a dilated map."""
+    return potential(conductivity(blocked, goal_index, grid), goal_index)
+
+
+def climb(
+    phi: Float[Array, "nx ny nz"], problem: Problem, settings: Ascent
+) -> tuple[Float[Array, "t 3"], Bool[Array, ""], UInt16[Array, "nx ny nz"]]:
+    """Ascend the field; returns the path, whether it arrived, and the line-of-sight blocks."""
+    bits = blocks(problem.blocked)
+    path, arrived = ascend(phi, bits, ~problem.blocked, problem.start, problem.goal, settings)
+    return path, arrived, bits
+
+
+def route(
+    problem: Problem, grid: Grid, potential: PotentialFn, settings: Ascent
+) -> tuple[Float[Array, "t 3"], Int32[Array, ""], Bool[Array, ""]]:
+    """Field, ascent and tightening as one pure function, for `jit` and `vmap`: (path, status, certified)."""
+    field = solve(problem.blocked, problem.goal_index, grid, potential)
+    path, arrived, bits = climb(field.phi, problem, settings)
+    path = tighten(bits, path)
+    status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
+    status = jnp.where(field.status != Status.OK, field.status, status)
+    status = jnp.where(problem.status != Status.OK, problem.status, status)
+    return path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK)
+
+
+_POSE = Stage("dilate", pose, static=("margin", "grid"))
+_SOLVE = Stage("solve", solve, static=("grid", "potential"))
+_CLIMB = Stage("ascend", climb, static=("settings",))
+_TIGHTEN = Stage("tighten", tighten)
+
+
+def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinder:  # noqa: B008 (frozen)
+    """The path finder that climbs a potential.
+
+    Args:
+        potential: (sigma, goal_index) ↦ `PotentialLike`; pure, hashable: pass the same function each time.
+        settings: of the ascent.
+    """
+
+    def find(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
+        field = _SOLVE(watch, problem.blocked, problem.goal_index, grid=grid, potential=potential)
+        status, certified = Status(int(field.status)), bool(field.certified)
+        if status != Status.OK:
+            return Route(_NO_PATH, status, certified)
+        # A maze can need more steps than a city; each attempt gives the ascent four times as many.
+        for factor in (1, 4, 16):
+            longer = dataclasses.replace(settings, steps=settings.steps * factor)
+            path, arrived, bits = _CLIMB(watch, field.phi, problem, settings=longer)
+            if arrived:
+                return Route(np.asarray(_TIGHTEN(watch, bits, path)), Status.OK, certified)
+        return Route(_NO_PATH, Status.PATH_STALLED, certified)
+
+    return find
+
+
+_NO_PATH = np.zeros((0, 3), np.float32)
+
+
+def judge(
+    path: Float[np.ndarray, "t 3"],
+    status: Status,
+    certified: bool,
+    problem: Problem,
+    occupied: Bool[np.ndarray, "nx ny nz"],
+    ground: Bool[np.ndarray, "nx ny nz"],
+    start: Float[np.ndarray, " 3"],
+    goal: Float[np.ndarray, " 3"],
+    grid: Grid,
+    watch: Stopwatch,
+    method: str,
+) -> Plan:
+    """Turn a path in index coordinates into a `Plan`: only one that `verify` passes is handed out."""
+    margin = float(problem.margin)
+    if status == Status.OK:
+        with watch.stage("verify"):
+            world = np.asarray(grid.origin) + grid.spacing * path.astype(np.float64)
+            world[0], world[-1] = start, goal
+            moved = np.concatenate([[True], np.any(np.diff(world, axis=0) != 0, axis=1)])
+            metres = world[moved].astype(np.float32)
+            found = verify(metres, np.asarray(problem.blocked), occupied & ~ground, grid)
+        if found.ok:
+            return Plan(status, metres, found.length, found.clearance, certified, margin, watch.report(), method)
+        status = Status.PATH_IN_COLLISION
+    return Plan(status, _NO_PATH, math.nan, math.nan, certified, margin, watch.report(), method)
+
+
+def plan_path(
+    find: PathFinder,
+    occupied: Bool[np.ndarray, "nx ny nz"],
+    start: Float[np.ndarray, " 3"],
+    goal: Float[np.ndarray, " 3"],
+    grid: Grid,
+    *,
+    margin: float,
+    ground: Bool[np.ndarray, "nx ny nz"],
+    method: str,
+) -> Plan:
+    """Pose the problem, find a path, verify it. Arguments as in `maxjax.plan`, already checked."""
+    watch = Stopwatch()
+    problem = _POSE(watch, *map(jnp.asarray, (occupied, ground, start, goal)), margin=margin, grid=grid)
+    found = Route(_NO_PATH, Status(int(problem.status)), certified=False)
+    if found.status == Status.OK:
+        found = find(problem, grid, watch)
+    return judge(found.path, found.status, found.certified, problem, occupied, ground, start, goal, grid, watch, method)
+
+
+def _batch(
+    occupied: Bool[Array, "b nx ny nz"],
+    ground: Bool[Array, "b nx ny nz"],
+    start: Float[Array, "b 3"],
+    goal: Float[Array, "b 3"],
+    margin: float,
+    grid: Grid,
+    potential: PotentialFn,
+    settings: Ascent,
+) -> tuple[Problem, tuple[Array, Array, Array]]:
+    def one(o: Array, g: Array, a: Array, b: Array) -> tuple[Problem, tuple[Array, Array, Array]]:
+        problem = pose(o, g, a, b, margin, grid)
+        return problem, route(problem, grid, potential, settings)
+
+    return jax.vmap(one)(occupied, ground, start, goal)
+
+
+_BATCH = Stage("device", _batch, static=("margin", "grid", "potential", "settings"))
+
+
+def plan_paths(
+    potential: PotentialFn,
+    occupied: Bool[np.ndarray, "b nx ny nz"],
+    start: Float[np.ndarray, "b 3"],
+    goal: Float[np.ndarray, "b 3"],
+    grid: Grid,
+    *,
+    margin: float,
+    ground: Bool[np.ndarray, "b nx ny nz"],
+    method: str,
+    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
+) -> list[Plan]:
+    """`plan_path` with a field for a batch: one jitted call for everything but the verification."""
+    watch = Stopwatch()
+    arrays = map(jnp.asarray, (occupied, ground, start, goal))
+    problems, (paths, statuses, certified) = _BATCH(
+        watch, *arrays, margin=margin, grid=grid, potential=potential, settings=settings
+    )
+    plans = []
+    for b in range(len(start)):
+        problem = jax.tree.map(lambda x, b=b: x[b], problems)
+        own = Stopwatch()
+        own.seconds |= {name: seconds / len(start) for name, seconds in watch.seconds.items()}
+        plans.append(
+            judge(
+                np.asarray(paths[b]),
+                Status(int(statuses[b])),
+                bool(certified[b]),
+                problem,
+                occupied[b],
+                ground[b],
+                start[b],
+                goal[b],
+                grid,
+                own,
+                method,
+            )
+        )
+    return plans

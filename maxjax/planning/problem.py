@@ -1,0 +1,103 @@
+"""A planning problem on the voxel grid: its inputs judged, its safety margin chosen.
+
+The margin is the largest of margin, margin − spacing, …, 0 at which start and goal stand in one component of free
+voxels. Flood fills decide (`fields.connectivity`), before anything is solved: a plan costs one solve, and where no
+margin joins them that is proved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.fields.connectivity import flood
+from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
+from maxjax.planning.sight import stands_free
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What a path planner needs.
+
+    Attributes:
+        blocked: voxels within `margin` of an obstacle.
+        margin: the margin that was chosen [m]; 0 where none joins start and goal.
+        start, goal: index coordinates.
+        goal_index: voxel of the goal.
+        status: OK, or why there is nothing to plan.
+    """
+
+    blocked: Bool[Array, "*batch nx ny nz"]
+    margin: Float[Array, "*batch"]
+    start: Float[Array, "*batch 3"]
+    goal: Float[Array, "*batch 3"]
+    goal_index: Int32[Array, "*batch 3"]
+    status: Int32[Array, "*batch"]
+
+
+def pose(
+    occupied: Bool[Array, "nx ny nz"],
+    ground: Bool[Array, "nx ny nz"],
+    start: Float[Array, " 3"],
+    goal: Float[Array, " 3"],
+    margin: float,
+    grid: Grid,
+) -> Problem:
+    """Choose the margin and judge the inputs; `jit`- and `vmap`-safe.
+
+    Args:
+        occupied: occupied voxels, ground included.
+        ground: the voxels of `occupied` that are ground.
+        start, goal: [m].
+        margin: the margin asked for [m]. Static.
+        grid: the grid. Static.
+    """
+    ladder = jnp.asarray(rungs(margin, grid), jnp.float32)
+    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
+    below = squared_distance(ground, 1)
+    a, b = grid.fractional_index(start), grid.fractional_index(goal)
+    finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
+    a, b = jnp.where(jnp.isfinite(a), a, -1.0), jnp.where(jnp.isfinite(b), b, -1.0)
+    index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
+
+    def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
+        return blocked_within(squared, ground, below, ladder[rung], grid)
+
+    def joined(rung: Int32[Array, ""]) -> Bool[Array, ""]:
+        blocked = blocked_at(rung)
+        component = flood(~blocked, index_b)
+        inside = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1)
+        reached = component[inside[0], inside[1], inside[2]]
+        return reached & stands_free(blocked, a) & stands_free(blocked, b)
+
+    nowhere = jnp.zeros(grid.shape, bool)
+    outside_a, outside_b = ~stands_free(nowhere, a), ~stands_free(nowhere, b)
+    in_a, in_b = ~stands_free(occupied, a), ~stands_free(occupied, b)
+    bad = ~finite | outside_a | outside_b | in_a | in_b
+    last = len(ladder) - 1
+    rung, ok = lax.while_loop(
+        lambda state: ~state[1] & (state[0] < last) & ~bad,
+        lambda state: (state[0] + 1, joined(state[0] + 1)),
+        (jnp.int32(0), joined(jnp.int32(0))),
+    )
+    status = jnp.select(
+        [~finite, outside_a, outside_b, jnp.all(a == b), in_a, in_b, ~ok],
+        [
+            Status.NONFINITE_INPUT,
+            Status.START_OUTSIDE_MAP,
+            Status.GOAL_OUTSIDE_MAP,
+            Status.START_EQUALS_GOAL,
+            Status.START_OCCUPIED,
+            Status.GOAL_OCCUPIED,
+            Status.NO_VALID_PATH,
+        ],
+        Status.OK,
+    )
+    return Problem(blocked_at(rung), ladder[rung], a, b, index_b, status.astype(jnp.int32))

@@ -1,0 +1,281 @@
+"""The judge of every path: exact, in float64 NumPy, and independent of every planner and solver.
+
+A path is the closed polyline through its points. In index coordinates u = (x − origin) / spacing + 1/2, voxel
+i is the closed cube [i, i + 1]; a segment u(t) = a + t d, t ∈ [0, 1], touches it if the intervals of t in
+which its coordinates lie in the cube's three slabs share a point. Faces, edges and corners count: a segment
+along a face touches both sides, a diagonal through an edge or a corner touches all voxels around it, so no
+corner is ever cut.
+
+**Tolerance.** Paths arrive as float32 metres, often as the rounding of a voxel's centre. Every cube is
+therefore grown by 4 · 2⁻²⁴ c, c being the largest coordinate of the map (2.4e-5 m at 101 m): a conversion
+from index coordinates rounds at most three times, by 2⁻²⁴ c each. Doubt counts against the path; only across
+the outer faces of the map is it allowed that much.
+
+**Clearance.** The squared distance from u(t) to a cube, Σ max(lo − u, 0, u − hi)² over the axes, is convex in
+t, and quadratic between the at most six t at which a coordinate meets lo or hi. Its derivative rises linearly
+between these, so that its root is found without iteration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int64
+
+from maxjax.core.grid import Grid, Index3
+
+_PIECE = 4.0  # longest piece [voxels] that one bounding box stands for in the search for the nearest voxel
+_CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
+_NEIGHBORS = np.stack(np.meshgrid(*[range(3)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification:
+    """Verdict on a path.
+
+    Attributes:
+        ok: finite, inside, and no blocked voxel touched. Nothing else makes a path safe.
+        inside: the whole path lies in the volume of the grid.
+        finite: no coordinate is NaN or infinite.
+        first_hit: index of the first blocked voxel that the path touches; None if there is none, or if the
+            path is not inside.
+        length: length of the path [m]; NaN unless finite.
+        clearance: least distance from the path to the cube of an occupied voxel [m]: 0 on contact, infinite
+            if no voxel is occupied, NaN unless inside.
+    """
+
+    ok: bool
+    inside: bool
+    finite: bool
+    first_hit: Index3 | None
+    length: float
+    clearance: float
+
+
+def verify(
+    path: Float[np.ndarray, "t 3"],
+    blocked: Bool[np.ndarray, "nx ny nz"],
+    occupied: Bool[np.ndarray, "nx ny nz"],
+    grid: Grid,
+) -> Verification:
+    """Judge a path against the voxels that it must not touch, and measure its length and clearance.
+
+    Args:
+        path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
+        blocked: voxels that the path must not touch (obstacles with their margin).
+        occupied: voxels from which the clearance is measured (obstacles as seen).
+        grid: where the voxels lie in the world.
+
+    Raises:
+        ValueError: for a path that is not (t, 3) with t ≥ 1, for volumes that are not bool of the grid's
+            shape, or for a grid so far from the world's origin that float32 cannot tell its voxels apart.
+    """
+    if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
+        raise ValueError(f"path: expected shape (t, 3) with t of at least 1, given {path.shape}")
+    for name, volume in (("blocked", blocked), ("occupied", occupied)):
+        grid.check_volume(name, volume)
+        if volume.ndim != 3 or volume.dtype != np.bool_:
+            raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
+
+    if not np.isfinite(path).all():
+        return Verification(False, False, False, None, math.nan, math.nan)
+    points = _index_coordinates(path, grid)
+    with np.errstate(over="ignore"):  # coordinates near the largest float64: an infinite length says so
+        length = float(np.linalg.norm(np.diff(path.astype(np.float64), axis=0), axis=1).sum())
+    tolerance = _tolerance(grid)
+    if not bool(((points >= -tolerance) & (points <= np.array(grid.shape) + tolerance)).all()):
+        return Verification(False, False, True, None, length, math.nan)
+
+    moves = (points[1:] != points[:-1]).any(axis=1)
+    a, b = (points[:-1][moves], points[1:][moves]) if moves.any() else (points[:1], points[:1])
+    voxels, segment, entry = _supercover(a, b, grid)
+    hits = np.flatnonzero(blocked[tuple(voxels.T)])
+    first_hit: Index3 | None = None
+    if hits.size:
+        x, y, z = voxels[hits[np.lexsort((entry[hits], segment[hits]))[0]]]
+        first_hit = (int(x), int(y), int(z))
+    clearance = grid.spacing * _clearance(a, b, occupied)
+    return Verification(first_hit is None, True, True, first_hit, length, clearance)
+
+
+def touched_voxels(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], grid: Grid) -> Int64[np.ndarray, "k 3"]:
+    """Index of every voxel whose closed cube the segment from `a` to `b` [m] touches, in order of entry.
+
+    The cubes are grown by the tolerance that the module states. Voxels outside the grid are left out. Ends
+    more than 1e6 times the size of the map away lose that precision.
+
+    Raises:
+        ValueError: unless both points are three finite coordinates, or for a grid that `verify` refuses.
+    """
+    for name, point in (("a", a), ("b", b)):
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise ValueError(f"{name}: expected three finite coordinates [m], given {point}")
+    voxels, _, entry = _supercover(_index_coordinates(a[None], grid), _index_coordinates(b[None], grid), grid)
+    return voxels[np.argsort(entry, kind="stable")]
+
+
+def _index_coordinates(points: Float[np.ndarray, "t 3"], grid: Grid) -> Float64[np.ndarray, "t 3"]:
+    """World points [m] in units of voxels, voxel i being [i, i + 1]."""
+    offset = points.astype(np.float64) - np.array(grid.origin)
+    index: Float64[np.ndarray, "t 3"] = offset / grid.spacing + 0.5
+    return index
+
+
+def _tolerance(grid: Grid) -> float:
+    """Growth of every cube [voxels]."""
+    tolerance = 4 * 2.0**-24 * max(map(abs, grid.lower + grid.upper)) / grid.spacing
+    if tolerance > 0.1:
+        raise ValueError(
+            f"grid: expected corners near enough to the origin that float32 resolves {grid.spacing} m, given "
+            f"{grid.lower} and {grid.upper} [m]; use a world frame whose origin lies next to the map"
+        )
+    return tolerance
+
+
+def _supercover(
+    a: Float64[np.ndarray, "s 3"], b: Float64[np.ndarray, "s 3"], grid: Grid
+) -> tuple[Int64[np.ndarray, "k 3"], Int64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
+    """Voxels of the grid that the segments (index coordinates) touch, with segment and t of entry."""
+    tolerance, shape = _tolerance(grid), np.array(grid.shape)
+    d = b - a
+    # Along its longest axis a segment crosses layers of voxels. While it is in one layer it moves by at most
+    # one voxel (and the tolerances) along each other axis, so that it touches at most three voxels there.
+    axis = np.argmax(np.abs(d), axis=1)
+    along = np.take_along_axis(np.stack([a, b]), axis[None, :, None], axis=2)[..., 0]
+    first = np.clip(np.ceil(along.min(axis=0) - tolerance) - 1, 0, shape[axis]).astype(np.int64)
+    last = np.clip(np.floor(along.max(axis=0) + tolerance), -1, shape[axis] - 1).astype(np.int64)
+    count = np.maximum(last - first + 1, 0)
+    segment = np.repeat(np.arange(len(a)), count)
+    layer = first[segment] + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    axis, a, d = axis[segment], a[segment], d[segment]
+
+    # t at both faces of the layer, then the lowest voxel along each axis that is touched between them.
+    speed = np.take_along_axis(d, axis[:, None], axis=1)
+    still = speed == 0
+    faces = layer[:, None] + np.array([-tolerance, 1 + tolerance]) - np.take_along_axis(a, axis[:, None], axis=1)
+    t = np.clip(np.where(still, [0.0, 1.0], faces / np.where(still, 1.0, speed)), 0.0, 1.0)
+    lowest = np.ceil((a[:, None] + t[..., None] * d[:, None]).min(axis=1) - tolerance - 1)
+    lowest = np.clip(lowest, -3, shape).astype(np.int64)  # beyond, all three lie outside the grid
+    lowest[np.arange(len(lowest)), axis] = layer - 1  # the middle one of three is the layer itself
+
+    voxels = lowest[:, None] + _NEIGHBORS
+    keep = np.take_along_axis(voxels, axis[:, None, None], axis=2)[..., 0] == layer[:, None]
+    keep &= ((voxels >= 0) & (voxels < shape)).all(axis=2)
+    row, column = np.nonzero(keep)
+    voxels, segment, a, d = voxels[row, column], segment[row], a[row], d[row]
+    entry, leave = _slab_times(a, d, voxels - tolerance, voxels + (1 + tolerance))
+    touched = entry <= leave
+    return voxels[touched], segment[touched], entry[touched]
+
+
+def _slab_times(
+    a: Float64[np.ndarray, "k 3"],
+    d: Float64[np.ndarray, "k 3"],
+    lower: Float64[np.ndarray, "k 3"],
+    upper: Float64[np.ndarray, "k 3"],
+) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
+    """Interval of t in [0, 1] for which a + t d lies in the closed box; entry > leave if there is none."""
+    still = d == 0
+    speed = np.where(still, 1.0, d)
+    t = np.stack([(lower - a) / speed, (upper - a) / speed])
+    within = (lower <= a) & (a <= upper)
+    entry = np.where(still, np.where(within, 0.0, np.inf), t.min(axis=0)).max(axis=1)
+    leave = np.where(still, 1.0, t.max(axis=0)).min(axis=1)
+    return np.maximum(entry, 0.0), np.minimum(leave, 1.0)
+
+
+def _clearance(
+    a: Float64[np.ndarray, "s 3"], b: Float64[np.ndarray, "s 3"], occupied: Bool[np.ndarray, "nx ny nz"]
+) -> float:
+    """Least distance [voxels] from the segments to the cube of an occupied voxel; infinite if there is none.
+
+    Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. A plain descent to the
+    nearest child finds an occupied voxel near every piece of the path, hence an upper bound; then every box
+    that might hold a nearer one is opened.
+    """
+    pyramid = _pyramid(occupied)
+    if not pyramid[-1].any():
+        return math.inf
+    count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / _PIECE), 1).astype(np.int64)
+    segment = np.repeat(np.arange(len(a)), count)
+    k = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    step = (b - a)[segment] / count[segment, None]
+    start = a[segment] + k[:, None] * step
+    lower, upper = np.minimum(start, start + step), np.maximum(start, start + step)
+
+    piece = np.arange(len(start))
+    box = np.zeros((len(start), 3), np.int64)
+    for level in reversed(range(len(pyramid) - 1)):
+        children = 2 * box[:, None] + _CORNERS
+        gap = _squared_gap(children, 2**level, lower[:, None], upper[:, None])
+        nearest = np.where(pyramid[level][tuple(np.moveaxis(children, -1, 0))], gap, np.inf).argmin(axis=1)
+        box = children[piece, nearest]
+    bound = _squared_distance(start, step, box).min()
+
+    box = np.zeros((len(start), 3), np.int64)
+    for level in reversed(range(len(pyramid) - 1)):
+        children = (2 * box[:, None] + _CORNERS).reshape(-1, 3)
+        piece = np.repeat(piece, 8)
+        inhabited = pyramid[level][tuple(children.T)]
+        piece, box = piece[inhabited], children[inhabited]
+        nearer = _squared_gap(box, 2**level, lower[piece], upper[piece]) < bound
+        piece, box = piece[nearer], box[nearer]
+    return math.sqrt(_squared_distance(start[piece], step[piece], box).min(initial=bound))
+
+
+def _pyramid(occupied: Bool[np.ndarray, "nx ny nz"]) -> list[Bool[np.ndarray, "_ _ _"]]:
+    """Volumes that halve in size, each box True if one of its eight is; the last is one box."""
+    levels = max(max(occupied.shape) - 1, 0).bit_length()
+    # Each level is padded to twice the size of the next, so that every box has eight children.
+    top = [[-(-n // 2**level) for n in occupied.shape] for level in range(levels + 1)]
+    pyramid, fine = [], occupied
+    for level in range(levels):
+        size = [2 * n for n in top[level + 1]]
+        fine = np.pad(fine, [(0, n - m) for n, m in zip(size, fine.shape, strict=True)])
+        pyramid.append(fine)
+        fine = fine[::2] | fine[1::2]
+        fine = fine[:, ::2] | fine[:, 1::2]
+        fine = fine[:, :, ::2] | fine[:, :, 1::2]
+    return [*pyramid, fine]
+
+
+def _squared_gap(
+    box: Int64[np.ndarray, "*k 3"],
+    size: int,
+    lower: Float64[np.ndarray, "*#k 3"],
+    upper: Float64[np.ndarray, "*#k 3"],
+) -> Float64[np.ndarray, "*k"]:
+    """Squared distance from boxes of the pyramid (`size` voxels wide) to those from `lower` to `upper`."""
+    gap = np.maximum(np.maximum(box * size - upper, lower - (box + 1) * size), 0.0)
+    squared: Float64[np.ndarray, "*k"] = np.einsum("...i,...i->...", gap, gap)
+    return squared
+
+
+def _squared_distance(
+    a: Float64[np.ndarray, "k 3"], d: Float64[np.ndarray, "k 3"], voxel: Int64[np.ndarray, "k 3"]
+) -> Float64[np.ndarray, " k"]:
+    """Squared distance [voxels²] from the segment a + t d, t ∈ [0, 1], to the closed cube of the voxel."""
+    still = d == 0
+    faces = np.concatenate([voxel, voxel + 1], axis=1)
+    kinks = (faces - np.tile(a, 2)) / np.tile(np.where(still, 1.0, d), 2)
+    ends = np.broadcast_to([0.0, 1.0], (len(a), 2))
+    t = np.sort(np.concatenate([np.clip(kinks, 0.0, 1.0), ends], axis=1), axis=1)
+
+    def outside(t: Float64[np.ndarray, "k m"]) -> Float64[np.ndarray, "k m 3"]:
+        """Vector from the cube to the points at `t`."""
+        u = a[:, None] + t[..., None] * d[:, None]
+        vector: Float64[np.ndarray, "k m 3"] = u - np.clip(u, voxel[:, None], voxel[:, None] + 1)
+        return vector
+
+    # Half the derivative rises with t, linearly between neighbours: find where it passes through zero.
+    slope = np.einsum("kmi,ki->km", outside(t), d)
+    right = np.clip((slope < 0).sum(axis=1), 1, t.shape[1] - 1)[:, None]
+    t_0, t_1 = (np.take_along_axis(t, k, axis=1) for k in (right - 1, right))
+    slope_0, slope_1 = (np.take_along_axis(slope, k, axis=1) for k in (right - 1, right))
+    rise = slope_1 - slope_0
+    weight = np.where(rise > 0, -slope_0 / np.where(rise > 0, rise, 1.0), 0.0)
+    best = outside(t_0 + np.clip(weight, 0.0, 1.0) * (t_1 - t_0))[:, 0]
+    squared: Float64[np.ndarray, " k"] = np.einsum("ki,ki->k", best, best)
+    return squared

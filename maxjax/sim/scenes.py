@@ -1,0 +1,101 @@
+"""Scenes: a procedural city as a MuJoCo model, for C MuJoCo and MJX alike.
+
+    scene = make_scene("downtown", seed=3)        # the same city for the same seed, everywhere
+    occupied, ground = occupancy(scene.geoms, grid)
+
+All geoms are static (fixed to the world, no contacts): the model serves ray casting and distances; it has no
+degrees of freedom and cannot be stepped. A batch of scenes is one MJX model whose geom arrays carry a leading
+axis (`place`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from xml.etree import ElementTree
+
+import jax
+import mujoco
+import numpy as np
+
+from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
+from maxjax.sim.layouts import MAPS, layout
+from maxjax.sim.rasterize import occupancy
+
+__all__ = ["MAPS", "Scene", "layout", "make_scene", "occupancy", "scene_xml"]
+
+_TYPE_NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", ELLIPSOID: "ellipsoid", BOX: "box"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """One city.
+
+    Attributes:
+        name: its map, one of `MAPS`.
+        seed: its seed.
+        geoms: its solids.
+        model: the same solids, in the same order, as a compiled MuJoCo model.
+    """
+
+    name: str
+    seed: int
+    geoms: Geoms
+    model: mujoco.MjModel
+
+
+def scene_xml(geoms: Geoms) -> str:
+    """MJCF of one scene, geoms in order.
+
+    Raises:
+        ValueError: for batched geoms.
+    """
+    if geoms.position.ndim != 2:
+        raise ValueError(f"geoms.position: expected shape (g, 3), given {geoms.position.shape}; index the batch first")
+    root = ElementTree.Element("mujoco", model="city")
+    # mjx.ray reads the materials' colours and fails where there are none.
+    ElementTree.SubElement(ElementTree.SubElement(root, "asset"), "material", name="concrete", rgba="0.7 0.7 0.7 1")
+    world = ElementTree.SubElement(root, "worldbody")
+    positions, rotations, sizes = (
+        np.asarray(a, np.float64) for a in (geoms.position, quaternion(geoms.rotation), geoms.size)
+    )
+    for geom_type, position, rotation, size in zip(geoms.type, positions, rotations, sizes, strict=True):
+        ElementTree.SubElement(
+            world,
+            "geom",
+            type=_TYPE_NAMES[geom_type],
+            pos=_numbers(position),
+            quat=_numbers(rotation),
+            size=_numbers(size),
+            material="concrete",
+            contype="0",
+            conaffinity="0",
+        )
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def make_scene(name: str, seed: int) -> Scene:
+    """The city of a map and a seed.
+
+    Args:
+        name: one of `MAPS`.
+        seed: 0 to 2^32 - 1; the map's name is folded into its key, so maps do not share draws.
+
+    Raises:
+        ValueError: for an unknown name, with the list of maps, or a seed out of range.
+    """
+    if name not in MAPS:
+        raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {name!r}")
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed: expected 0 to {2**32 - 1}, given {seed}")
+    key = jax.random.fold_in(jax.random.key(seed), zlib.crc32(name.encode()))
+    geoms = _jit_layout(name, key)
+    return Scene(name, seed, geoms, mujoco.MjModel.from_xml_string(scene_xml(geoms)))
+
+
+_jit_layout = jax.jit(layout, static_argnums=0)

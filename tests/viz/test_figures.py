@@ -1,0 +1,224 @@
+"""Figures show what they say: heights, sections and lengths are recomputed by brute force."""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maxjax.core.grid import Grid
+from maxjax.maps import ground_mask, load_map, solidify
+from maxjax.viz.figures import figure_plan, save_figure
+
+matplotlib = pytest.importorskip("matplotlib")
+from matplotlib import pyplot  # noqa: E402
+from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
+
+GRID = Grid((30, 24, 16), 2.0, (-29.0, -23.0, -3.0))
+START, GOAL = np.array([-20.0, 1.0, 5.0]), np.array([20.0, 1.0, 9.0])
+
+
+def town() -> tuple[np.ndarray, np.ndarray]:
+    """Blocks on flat ground, one of them on stilts."""
+    rng = np.random.default_rng(3)
+    ground = np.zeros(GRID.shape, bool)
+    ground[:, :, :2] = True
+    occupied = ground.copy()
+    for x, y, height in zip(rng.integers(0, 26, 9), rng.integers(0, 20, 9), rng.integers(3, 14, 9), strict=True):
+        occupied[x : x + 4, y : y + 3, :height] = True
+    occupied[3:6, 2:6, 2:5] = False
+    occupied[3:6, 2:6, 5:7] = True
+    return occupied, ground
+
+
+def paths() -> dict[str, np.ndarray]:
+    bent = np.stack([START, [0.0, 9.0, 7.0], GOAL])
+    return {"straight": np.stack([START, GOAL]), "bent": bent}
+
+
+def figure(**changes: object) -> matplotlib.figure.Figure:
+    occupied, ground = town()
+    inputs = {
+        "occupied": occupied,
+        "ground": ground,
+        "grid": GRID,
+        "paths": paths(),
+        "start": START,
+        "goal": GOAL,
+    }
+    return figure_plan(**(inputs | changes))
+
+
+def texts(drawn: matplotlib.figure.Figure) -> list[str]:
+    return [text.get_text() for legend in drawn.legends for text in legend.get_texts()]
+
+
+def test_plan_view_shows_the_top_of_the_obstacles_without_the_ground() -> None:
+    occupied, ground = town()
+    image = figure().axes[0].images[0]
+    shown = np.ma.filled(image.get_array().astype(float), np.nan).T
+    for x, y in itertools.product(range(GRID.shape[0]), range(GRID.shape[1])):
+        levels = [z for z in range(GRID.shape[2]) if occupied[x, y, z] and not ground[x, y, z]]
+        top = GRID.origin[2] + 2.0 * levels[-1] + 1.0 if levels else np.nan
+        np.testing.assert_equal(shown[x, y], top)
+    assert image.get_extent() == [-30.0, 30.0, -24.0, 24.0]
+
+
+def test_section_holds_the_voxels_of_the_paths_own_columns() -> None:
+    occupied, ground = town()
+    shown = figure().axes[2].images[0].get_array().T
+    for row, x in zip(shown, np.linspace(-20, 20, len(shown)), strict=True):
+        column = int(np.floor((x + 30) / 2)), 12
+        expected = np.where(ground[column], 3, np.where(occupied[column], 2, 0))
+        beside = (occupied & ~ground)[column[0], 8:17].any(axis=0)  # 8 m to each side
+        np.testing.assert_array_equal(row, np.where((expected == 0) & beside, 1, expected))
+
+
+def test_legend_states_lengths_in_metres_and_axes_are_in_metres() -> None:
+    drawn = figure(log_potential=np.random.default_rng(0).normal(size=GRID.shape).astype(np.float32), title="Town")
+    labels = texts(drawn)
+    assert f"straight, {np.sqrt(40**2 + 4**2):.1f} m" in labels
+    assert f"bent, {2 * np.sqrt(20**2 + 8**2 + 2**2):.1f} m" in labels
+    assert {"start", "goal", "ground", "log-potential at z = 7 m"} < set(labels)
+    plan, _, section = drawn.axes
+    for label in (plan.get_xlabel(), plan.get_ylabel(), section.get_xlabel(), section.get_ylabel()):
+        assert label.endswith("[m]")
+    assert plan.get_aspect() == 1.0
+
+
+def test_plan_view_is_cropped_to_the_paths() -> None:
+    wide = Grid((200, 200, 16), 2.0, (-199.0, -199.0, -3.0))
+    empty = np.zeros(wide.shape, bool)
+    plan = figure(occupied=empty, ground=empty, grid=wide).axes[0]
+    (x0, x1), (y0, y1) = plan.get_xlim(), plan.get_ylim()
+    assert -40 < x0 < -20
+    assert 20 < x1 < 40
+    assert -30 < y0 < 1
+    assert 9 < y1 < 30
+
+
+def test_outline_is_that_of_the_obstacles_at_the_flights_altitude() -> None:
+    occupied, ground = town()
+    (outline,) = (c for c in figure().axes[0].collections if c.get_label().startswith("obstacle at"))
+    part = np.pad((occupied & ~ground)[:, :, 5], 1)  # 7 m is the middle of the straight path
+    faces = sum(int((part != np.roll(part, 1, axis)).sum()) for axis in (0, 1))
+    assert len(outline.get_segments()) == faces
+
+
+@pytest.mark.parametrize("count", [1, 2, 6, 8])
+def test_no_label_overlaps_another_and_nothing_leaves_the_page(count: int) -> None:
+    line = np.stack([START, GOAL])
+    names = ["maxjax (solver)", "A*", "RRT*", "APF", "maxjax (network)", "straight", "b", "c"]
+    drawn = figure(
+        paths=dict.fromkeys(names[:count], line),
+        log_potential=-np.linalg.norm(np.moveaxis(np.indices(GRID.shape), 0, -1), axis=-1),
+        points=np.random.default_rng(1).uniform(-20, 20, (500, 3)),
+        title="Town",
+    )
+    renderer = FigureCanvasAgg(drawn).get_renderer()
+    boxes = [axes.get_tightbbox(renderer) for axes in drawn.axes] + [
+        artist.get_window_extent(renderer) for artist in [*drawn.legends, drawn.texts[0]]
+    ]
+    for first, second in itertools.combinations(boxes, 2):
+        assert not first.padded(-1).overlaps(second.padded(-1))
+    for box in boxes:
+        assert 0 <= box.x0 < box.x1 <= drawn.bbox.x1
+        assert 0 <= box.y0 < box.y1 <= drawn.bbox.y1
+
+
+@pytest.mark.parametrize("case", ["vertical", "short", "no obstacles", "no field", "on the border"])
+def test_unusual_paths_and_maps_are_drawn(tmp_path: Path, case: str) -> None:
+    empty = np.zeros(GRID.shape, bool)
+    changes = {
+        "vertical": {"paths": {"up": np.array([[0.0, 0.0, 3.0], [0.0, 0.0, 20.0]])}},
+        "short": {"paths": {"hop": np.array([[0.0, 0.0, 3.0], [0.1, 0.0, 3.0]])}},
+        "no obstacles": {"occupied": empty, "ground": empty},
+        "no field": {"log_potential": np.full(GRID.shape, -np.inf, np.float32)},
+        "on the border": {"paths": {"edge": np.array([[-30.0, -24.0, -4.0], [30.0, 24.0, 28.0]])}},
+    }[case]
+    path = next(iter(changes.get("paths", paths()).values()))
+    save_figure(figure(start=path[0], goal=path[-1], **changes), tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_saved_files_are_whole_and_repeatable(tmp_path: Path, suffix: str, magic: bytes) -> None:
+    save_figure(figure(), tmp_path / f"a.{suffix}")
+    save_figure(figure(), tmp_path / f"b.{suffix.upper()}")
+    content = (tmp_path / f"a.{suffix}").read_bytes()
+    assert content.startswith(magic)
+    assert content == (tmp_path / f"b.{suffix.upper()}").read_bytes()
+
+
+def test_failed_saves_leave_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a.jpg", "a"):
+        with pytest.raises(ValueError, match=r"\.pdf, \.png, \.svg, given"):
+            save_figure(figure(), tmp_path / name)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        save_figure(figure(), tmp_path / "a.png")
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"occupied": np.zeros((30, 24, 15), bool), "ground": np.zeros((30, 24, 15), bool)},
+            "occupied: expected shape",
+        ),
+        ({"paths": {}}, "at least one path"),
+        ({"paths": {"dot": np.zeros((1, 3))}}, r"paths\['dot'\]: expected finite \(t, 3\)"),
+        ({"paths": {"lost": np.full((4, 3), np.nan)}}, r"paths\['lost'\]: expected finite"),
+    ],
+)
+def test_wrong_inputs_are_refused_with_expected_and_given(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        figure(**changes)
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    importer = builtins.__import__
+
+    def without(name: str, *args: object, **kwargs: object) -> object:
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return importer(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r"pip install 'maxjax\[viz\]'"):
+        figure()
+
+
+def test_pyplot_stays_untouched() -> None:
+    before = dict(matplotlib.rcParams)
+    figure()
+    assert dict(matplotlib.rcParams) == before
+    assert not pyplot.get_fignums()
+
+
+def test_delft_and_warframe_at_full_size(data: Path, tmp_path: Path) -> None:
+    pytest.importorskip("laspy")
+    cloud = load_map(data / "ahn3_delft" / "ahn3_cropped_1.laz")
+    grid = Grid.centered((4.0, 27.0, 60.0))
+    ground = ground_mask(cloud, grid)
+    over = np.array([[-40.0, -20.0, 8.0], [-10.0, 20.0, 20.0], [30.0, 60.0, 8.0]])
+    drawn = figure_plan(solidify(cloud, grid) | ground, ground, grid, {"over": over}, start=over[0], goal=over[2])
+    save_figure(drawn, tmp_path / "delft.png")
+    assert drawn.axes[0].images[0].get_array().max() > 10
+    voxels = load_map(data / "warframe" / "crop101_Complex.npz")
+    with np.load(data / "warframe" / "crop101_Complex.npz") as archive:
+        ends = np.stack([archive["start"][0], archive["goal"][0]]) + np.array(voxels.origin)
+    nothing = np.zeros_like(voxels.occupied)
+    drawn = figure_plan(voxels.occupied, nothing, voxels.grid, {"line": ends}, start=ends[0], goal=ends[1])
+    save_figure(drawn, tmp_path / "warframe.png")
+    assert "ground" not in texts(drawn)
