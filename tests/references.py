@@ -6,7 +6,8 @@ import itertools
 from fractions import Fraction
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import splu
 
 
 def grid_graph(blocked: np.ndarray) -> sparse.csr_matrix:
@@ -69,3 +70,81 @@ def touched(
     start, stop = (tuple(map(Fraction, p.tolist())) for p in (a, b))
     times = {v: entry_time(start, stop, v, Fraction(grown)) for v in itertools.product(*map(range, shape))}
     return {v: t for v, t in times.items() if t is not None}
+
+
+def conduction_matrix(sigma: np.ndarray, leak: float, grounded: bool) -> sparse.csr_matrix:
+    """The stored float64 matrix of steady conduction: graph Laplacian of the faces, leak, and grounded outer faces.
+
+    Two half voxels in series conduct 1 / (1/2σ_i + 1/2σ_j), the half voxel at a grounded face 2σ; σ = 0 conducts
+    nothing. Node i is voxel i of the ravelled grid.
+    """
+    sigma = sigma.astype(np.float64)
+    nodes = np.arange(sigma.size).reshape(sigma.shape)
+    rows, columns, weights = [], [], []
+    exposed = np.zeros(sigma.shape)
+    for axis, n in enumerate(sigma.shape):
+        lower, upper = (np.take(nodes, k, axis).ravel() for k in (range(n - 1), range(1, n)))
+        a, b = sigma.ravel()[lower], sigma.ravel()[upper]
+        open_faces = (a > 0) & (b > 0)
+        lower, upper, a, b = (x[open_faces] for x in (lower, upper, a, b))
+        rows.append(lower)
+        columns.append(upper)
+        weights.append(1 / (1 / (2 * a) + 1 / (2 * b)))
+        for end in (0, n - 1):  # the same layer twice where the grid is one voxel thick: it has both faces
+            face = [slice(None)] * 3
+            face[axis] = slice(end, end + 1)
+            exposed[tuple(face)] += 1
+    row, column, weight = (np.concatenate(x) for x in (rows, columns, weights))
+    half = sparse.coo_matrix((weight, (row, column)), shape=(sigma.size, sigma.size))
+    links = (half + half.T).tocsr()
+    loss = leak * sigma.ravel() + (2 * exposed * sigma).ravel() * grounded
+    return (sparse.diags(np.asarray(links.sum(axis=1)).ravel() + loss) - links).tocsr()
+
+
+def component_of(free: np.ndarray, seed: tuple[int, ...]) -> np.ndarray:
+    """The face-connected component of free voxels that holds `seed`, by `scipy.ndimage.label`."""
+    labels, _ = ndimage.label(free)
+    return labels == labels[seed] if free[seed] else np.zeros(free.shape, bool)
+
+
+def direct_potential(sigma: np.ndarray, goal: tuple[int, ...], leak: float, grounded: bool = False) -> np.ndarray:
+    """φ by sparse elimination in float64: 1 on the goal, 0 wherever no current from the goal arrives.
+
+    The matrix is an M-matrix and is eliminated along its diagonal, so only positive terms are added up and every
+    entry is relatively accurate, however small.
+    """
+    matrix = conduction_matrix(sigma, leak, grounded)
+    joined = component_of(sigma > 0, goal)
+    source = int(np.ravel_multi_index(goal, sigma.shape))
+    unknown = np.flatnonzero(joined.ravel())
+    unknown = unknown[unknown != source]
+    phi = np.zeros(sigma.size)
+    phi[source] = 1
+    if unknown.size:
+        inner = matrix[unknown][:, unknown].tocsc()
+        factors = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        phi[unknown] = factors.solve(-matrix[unknown][:, [source]].toarray().ravel())
+    return phi.reshape(sigma.shape)
+
+
+def random_blocks(rng: np.random.Generator, shape: tuple[int, int, int], count: int, largest: int) -> np.ndarray:
+    """A map of `count` random boxes of at most `largest` voxels an edge; they may overlap."""
+    blocked = np.zeros(shape, bool)
+    for _ in range(count):
+        corner, size = rng.integers(0, shape), rng.integers(1, largest + 1, 3)
+        blocked[tuple(slice(c, c + s) for c, s in zip(corner, size, strict=True))] = True
+    return blocked
+
+
+def serpentine(nx: int, ny: int, nz: int) -> np.ndarray:
+    """A corridor one voxel wide, of full height, that folds along y: about nx/2 (ny + 1) voxels from end to end."""
+    blocked = np.zeros((nx, ny, nz), bool)
+    for turn, x in enumerate(range(1, nx, 2)):
+        blocked[x] = True
+        blocked[x, -1 if turn % 2 == 0 else 0] = False
+    return blocked
+
+
+def random_free(rng: np.random.Generator, blocked: np.ndarray, count: int) -> np.ndarray:
+    """(count, 3) distinct free voxels."""
+    return rng.permutation(np.argwhere(~blocked))[:count]

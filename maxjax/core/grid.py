@@ -43,7 +43,7 @@ class Grid:
     def __post_init__(self) -> None:
         shape = tuple(int(n) for n in self.shape)
         origin = tuple(float(x) for x in self.origin)
-        if len(shape) != 3 or min(shape) < 1:
+        if len(shape) != 3 or min(shape) < 1 or shape != tuple(self.shape):
             raise ValueError(f"Grid.shape: expected three positive integers, given {self.shape}")
         if not (math.isfinite(self.spacing) and self.spacing > 0):
             raise ValueError(f"Grid.spacing: expected a positive number of metres, given {self.spacing}")

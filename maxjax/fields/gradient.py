@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
@@ -27,7 +28,7 @@ _TIME_STEP = 1 / 8
 
 def log_potential(phi: Float[Array, "*batch nx ny nz"]) -> Float[Array, "*batch nx ny nz"]:
     """Return log φ; where φ is not positive (walls, sealed pockets) the logarithm of the smallest normal number."""
-    return jnp.log(jnp.maximum(phi, jnp.finfo(phi.dtype).tiny))
+    return jnp.log(jnp.maximum(phi, float(np.finfo(phi.dtype).tiny)))
 
 
 def gradient(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "nx ny nz 3"]:

@@ -90,7 +90,9 @@ def ascend(
     log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
     shape = jnp.asarray(phi.shape)
     masks, neighbours = jnp.asarray(_MASKS, phi.dtype), jnp.asarray(_NEIGHBOURS)
-    seen = jax.vmap(lambda a, b: clear(bits, a, b, slabs=3), in_axes=(None, 0))
+
+    def seen(a: Float[Array, " 3"], b: Float[Array, "k 3"]) -> Bool[Array, " k"]:
+        return jnp.asarray(jax.vmap(lambda end: clear(bits, a, end, slabs=3))(b))
 
     def voxel(x: Float[Array, "*b 3"]) -> Int32[Array, "*b 3"]:
         return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, shape - 1)

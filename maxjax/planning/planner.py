@@ -13,7 +13,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +30,7 @@ from maxjax.planning.tighten import tighten
 from maxjax.planning.verify import verify
 
 
+@runtime_checkable
 class PotentialLike(Protocol):
     """What the solver and a network return alike."""
 

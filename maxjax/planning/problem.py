@@ -75,17 +75,23 @@ def pose(
         component = flood(~blocked, index_b)
         inside = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1)
         reached = component[inside[0], inside[1], inside[2]]
-        return reached & stands_free(blocked, a) & stands_free(blocked, b)
+        return reached & stand(blocked)
+
+    def stand(blocked: Bool[Array, "nx ny nz"]) -> Bool[Array, ""]:
+        return stands_free(blocked, a) & stands_free(blocked, b)
 
     nowhere = jnp.zeros(grid.shape, bool)
     outside_a, outside_b = ~stands_free(nowhere, a), ~stands_free(nowhere, b)
     in_a, in_b = ~stands_free(occupied, a), ~stands_free(occupied, b)
     bad = ~finite | outside_a | outside_b | in_a | in_b
     last = len(ladder) - 1
+    # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
+    standing = jnp.stack([stand(blocked_at(jnp.int32(rung))) for rung in range(last + 1)])
+    first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
     rung, ok = lax.while_loop(
         lambda state: ~state[1] & (state[0] < last) & ~bad,
         lambda state: (state[0] + 1, joined(state[0] + 1)),
-        (jnp.int32(0), joined(jnp.int32(0))),
+        (first, joined(first)),
     )
     status = jnp.select(
         [~finite, outside_a, outside_b, jnp.all(a == b), in_a, in_b, ~ok],

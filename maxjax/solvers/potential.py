@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from typing import Literal
 
 import jax
@@ -32,7 +31,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
-from maxjax.fields.connectivity import flood
+from maxjax.fields.connectivity import extent, flood
 from maxjax.solvers.krylov import chebyshev, pcg
 
 Setting = Literal["screened", "paper"]
@@ -47,9 +46,12 @@ LOCAL_TOLERANCE = 0.03
 # adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
 DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
 SWEEPS = 8
-# e^-58 keeps the farthest corner within float32's range with room for detours of half the diagonal.
-DECADES = 58.0
-SHORTEST_LENGTH = 2.0
+# float32 spans 87 nats below 1. What distance does not use up is left to narrow passages, which attenuate φ as well,
+# and to the 13 % by which `extent` may fall short.
+NATS = 68.0
+SHORTEST_LENGTH = 1.5
+# Where that was not enough, the screening length grows by this factor.
+_LENGTHEN = 1.5
 _ATTEMPTS = 4
 
 
@@ -89,13 +91,17 @@ class Potential:
     screening_length: Float[Array, "*batch"]
 
 
-def default_screening_length(shape: tuple[int, ...]) -> float:
-    """The shortest screening length [voxels] that float32 spans over a grid: its diagonal / 58, at least 2.
+def screening_length_for(component: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"]) -> Float[Array, ""]:
+    """The shortest screening length [voxels] at which float32 spans the goal's component.
 
-    The shorter, the closer to shortest paths (−ℓ log φ tends to geodesic distance, Varadhan 1967); below two voxels the
-    lattice itself shows. 3 voxels for 101³.
+    The shorter it is, the closer to shortest paths: −ℓ log φ tends to geodesic distance (Varadhan 1967). Below one and
+        a half voxels the lattice itself shows.
+
+    Args:
+        component: the goal's component.
+        goal_index: voxel of the goal.
     """
-    return max(SHORTEST_LENGTH, math.hypot(*(n - 1 for n in shape[-3:])) / DECADES)
+    return jnp.maximum(extent(component, goal_index) / NATS, SHORTEST_LENGTH)
 
 
 def solve_potential(
@@ -112,8 +118,9 @@ def solve_potential(
     Args:
         sigma: conductivity, zero in obstacles; float32, or float64 for references.
         goal_index: voxel of the goal, int32.
-        screening_length: ℓ [voxels], an array argument, taken as it is; by default `default_screening_length`, doubled
-            up to three times where the field of a map with long detours leaves float32's range. Unused in `paper`.
+        screening_length: ℓ [voxels], an array argument, taken as it is; by default that of
+            `screening_length_for`, lengthened where narrow passages take φ out of float32's range all the same.
+            Unused in `paper`.
         setting: `screened` or `paper`. Static.
         max_iterations: cap on CG iterations. Static.
         max_sweeps: cap on positive sweeps. Static.
@@ -135,11 +142,13 @@ def solve_potential(
     if setting not in ("screened", "paper"):
         raise ValueError(f"setting: expected 'screened' or 'paper', given {setting!r}")
     attempts = _ATTEMPTS if screening_length is None and setting == "screened" else 1
+    goal = goal_index.astype(jnp.int32)
+    component = flood(lax.stop_gradient(sigma) > 0, goal)
     if screening_length is None:
-        screening_length = default_screening_length(sigma.shape)
+        screening_length = screening_length_for(component, goal)
     length = jnp.asarray(screening_length, sigma.dtype)
     caps = _Caps(setting, max_iterations, max_sweeps, attempts)
-    return _potential(caps, sigma, length, goal_index.astype(jnp.int32))
+    return _potential(caps, sigma, length, goal, component)
 
 
 def _system(
@@ -165,16 +174,21 @@ def _preconditioner(operator: stencil.Operator, links: stencil.Links):  # type: 
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _potential(caps: _Caps, sigma: stencil.Volume, length: Float[Array, ""], goal: Int32[Array, " 3"]) -> Potential:
+def _potential(
+    caps: _Caps,
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+) -> Potential:
     """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified."""
-    component = flood(sigma > 0, goal)
     first = _attempt(caps, sigma, length, goal, component)
     if caps.attempts == 1:
         return first
 
     def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
         potential, attempt = state
-        return _attempt(caps, sigma, 2 * potential.screening_length, goal, component), attempt + 1
+        return _attempt(caps, sigma, _LENGTHEN * potential.screening_length, goal, component), attempt + 1
 
     def unfinished(state: tuple[Potential, Int32[Array, ""]]) -> Bool[Array, ""]:
         potential, attempt = state
@@ -202,15 +216,19 @@ def _attempt(
         max_iterations=caps.max_iterations,
     )
 
+    y = jnp.maximum(solution.x, 0)
+    lost = solution.converged & jnp.any(component & (y == 0))
+
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         y, sweeps, _ = state
         y = lax.fori_loop(0, SWEEPS, lambda _, y: stencil.gather(links, y) + source, y)
         return y, sweeps + SWEEPS, uncertified(y * scale, component, goal)
 
     y, sweeps, stuck = lax.while_loop(
-        lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps),
+        # A voxel at zero is out of float32's range, and sweeps cannot bring it back.
+        lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps) & ~(lost & (state[1] > 0)),
         sweep,
-        (jnp.maximum(solution.x, 0), jnp.int32(0), jnp.int32(-1)),
+        (y, jnp.int32(0), jnp.int32(-1)),
     )
     phi = y * scale
     finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0)) & jnp.isfinite(length) & (length > 0)
@@ -237,9 +255,9 @@ def _attempt(
 @_potential.defjvp
 def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
-    sigma, length, goal = primals
-    sigma_dot, length_dot, _ = tangents
-    potential = _potential(caps, sigma, length, goal)
+    sigma, length, goal, component = primals
+    sigma_dot, length_dot, _, _ = tangents
+    potential = _potential(caps, sigma, length, goal, component)
 
     def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
         operator, source = _system(caps.setting, sigma, length, goal)
