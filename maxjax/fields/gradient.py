@@ -84,7 +84,7 @@ def smooth(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sig
     links = tuple((flow * face, flow * stencil.behind(face, axis)) for axis, face in enumerate(faces))
     kept = 1 - sum(forward + backward for forward, backward in links)
 
-    def step(_: int, u: Float[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
+    def step(_: Array, u: Float[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
         return kept * u + stencil.gather(links, u)  # type: ignore[arg-type]
 
     return jnp.asarray(lax.fori_loop(0, steps, step, log_phi))

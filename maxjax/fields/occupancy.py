@@ -15,9 +15,12 @@ import math
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
+
+# Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
+_INCLUSIVE = 1e-4
 
 
 @jax.tree_util.register_dataclass
@@ -63,7 +66,7 @@ def voxelize(points: Float[Array, "n 3"], grid: Grid) -> Occupancy:
     return Occupancy(occupied, count(kept), count(valid & ~kept), count(~valid))
 
 
-def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Int32[Array, "nx ny nz"]:
+def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[Array, "nx ny nz"]:
     """Squared distance to the nearest occupied voxel, exact up to `reach` [voxels²]; `far(reach)` beyond.
 
     Separable: min over |k| ≤ reach of d²(x + k) + k², one axis after the other, is exact for squared Euclidean
@@ -74,16 +77,18 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Int32[Arr
         reach: largest distance of interest [voxels]. Static.
     """
     far = 3 * reach**2 + 1
-    squared = jnp.where(occupied, 0, far).astype(jnp.int32)
+    # The narrowest type that holds far + reach²: the passes below are bound by memory traffic.
+    dtype = jnp.uint8 if far + reach**2 < 2**8 else jnp.uint16 if far + reach**2 < 2**16 else jnp.int32
+    squared = jnp.where(occupied, 0, far).astype(dtype)
     for axis in range(3):
         best = squared
         for k in range(1, min(reach, occupied.shape[axis] - 1) + 1):
             for step in (k, -k):
                 config = [(0, 0, 0)] * 3
                 config[axis] = (-step, step, 0)
-                best = jnp.minimum(best, lax.pad(squared, jnp.int32(far), config) + k * k)
+                best = jnp.minimum(best, lax.pad(squared, jnp.asarray(far, dtype), config) + jnp.asarray(k * k, dtype))
         squared = best
-    return jnp.minimum(squared, far)
+    return jnp.minimum(squared, jnp.asarray(far, dtype))
 
 
 def rungs(margin: float, grid: Grid) -> tuple[float, ...]:
@@ -100,13 +105,13 @@ def rungs(margin: float, grid: Grid) -> tuple[float, ...]:
 
 def reach_of(margin: float, grid: Grid) -> int:
     """Whole voxels that `squared_distance` must see for this margin."""
-    return max(1, math.floor(margin / grid.spacing + 1e-6))
+    return max(1, math.isqrt(math.floor((margin / grid.spacing) ** 2 + _INCLUSIVE)))
 
 
 def blocked_within(
-    squared: Int32[Array, "nx ny nz"],
+    squared: Integer[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
-    ground_squared: Int32[Array, "nx ny nz"],
+    ground_squared: Integer[Array, "nx ny nz"],
     margin: Float[Array, ""] | float,
     grid: Grid,
 ) -> Bool[Array, "nx ny nz"]:
@@ -120,9 +125,8 @@ def blocked_within(
         grid: the grid.
     """
     radius = margin / grid.spacing
-    # The tolerance keeps 8 m / 2 m = 4 voxels inclusive under rounding; squared lattice distances are whole numbers.
-    near = squared <= radius**2 + 1e-4
-    return near | ground | (ground_squared <= jnp.minimum(radius, 1.0) ** 2 + 1e-4)
+    near = squared <= radius**2 + _INCLUSIVE
+    return near | ground | (ground_squared <= jnp.minimum(radius, 1.0) ** 2 + _INCLUSIVE)
 
 
 @functools.partial(jax.jit, static_argnames=("margin", "grid"))

@@ -74,7 +74,7 @@ def ascend(
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
     settings: Ascent,
-) -> tuple[Float[Array, "steps+1 3"], Bool[Array, ""]]:
+) -> tuple[Float[Array, "t 3"], Bool[Array, ""]]:
     """Climb from start to goal as one scan.
 
     Args:
@@ -85,7 +85,7 @@ def ascend(
         settings: static.
 
     Returns:
-        The path, whose last point is repeated to the end, and whether it reached the goal.
+        The path of `steps + 1` points, the last one repeated to the end, and whether it reached the goal.
     """
     log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
     shape = jnp.asarray(phi.shape)

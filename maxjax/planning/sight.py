@@ -47,7 +47,7 @@ def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Bool
     shape = jnp.asarray(blocked.shape)
     low = jnp.floor(x + 0.5 - TOUCH).astype(jnp.int32)
     high = jnp.floor(x + 0.5 + TOUCH).astype(jnp.int32)
-    inside = jnp.all((low >= 0) & (high < shape))
+    inside = jnp.all(jnp.isfinite(x) & (low >= 0) & (high < shape))
     i, j, k = (jnp.stack(pair) for pair in zip(jnp.clip(low, 0, shape - 1), jnp.clip(high, 0, shape - 1), strict=True))
     return inside & ~jnp.any(blocked[i[:, None, None], j[None, :, None], k[None, None, :]])
 

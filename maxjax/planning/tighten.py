@@ -101,7 +101,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
         points = lax.fori_loop(0, turns, window, points)
     points = _unrepeat(points)
 
-    def whole(_: int, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
+    def whole(_: Array, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
         return _unrepeat(_shorten(bits, _refine(points)))
 
     taut = lax.fori_loop(0, rounds, whole, points[:WINDOW])

@@ -117,7 +117,7 @@ def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> 
         def omega_after(omega: Float[Array, ""]) -> Float[Array, ""]:
             return 1 / (1 - mu**2 * omega / 4)
 
-        def two(_: int, state: tuple[Vector, Vector, Float[Array, ""]]) -> tuple[Vector, Vector, Float[Array, ""]]:
+        def two(_: Array, state: tuple[Vector, Vector, Float[Array, ""]]) -> tuple[Vector, Vector, Float[Array, ""]]:
             # Two steps a turn, so that the iterates trade places without a copy; the barrier keeps XLA from computing
             # the first of them seven times over inside the second.
             before, z, omega = state

@@ -6,10 +6,11 @@ Settings: `screened` (leak κ, insulated outer faces; the default) and `paper` (
 to 1 at the goal instead of feeding a unit source changes φ by a factor only, and spends float32's range where it is
 needed.
 
-Forward. Conjugate gradients on the Jacobi-scaled system, a Chebyshev polynomial as preconditioner, from φ = 0. It stops
-when the residual of every voxel is small beside *that voxel's* φ: the relative change that one more sweep would make.
-Then positive sweeps φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is
-reached.
+Forward. Conjugate gradients on the Jacobi-scaled system, a Chebyshev polynomial as preconditioner, from φ = 0. (A guess
+that decays with geodesic distance was tried and saves nothing: polynomials in A carry what error there is near the goal
+outwards, one voxel a step, until its factor is below the φ of the farthest voxel.) It stops when the residual of every
+voxel is small beside *that voxel's* φ: the relative change that one more sweep would make. Then positive sweeps
+φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is reached.
 
 Derivative. With F(φ, σ, κ) = A φ − q = 0, the implicit function theorem gives  A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ): one more
 solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode:
@@ -95,7 +96,7 @@ def screening_length_for(component: Bool[Array, "nx ny nz"], goal_index: Int32[A
     """The shortest screening length [voxels] at which float32 spans the goal's component.
 
     The shorter it is, the closer to shortest paths: −ℓ log φ tends to geodesic distance (Varadhan 1967). Below one and
-        a half voxels the lattice itself shows.
+    a half voxels the lattice itself shows.
 
     Args:
         component: the goal's component.
@@ -148,7 +149,7 @@ def solve_potential(
         screening_length = screening_length_for(component, goal)
     length = jnp.asarray(screening_length, sigma.dtype)
     caps = _Caps(setting, max_iterations, max_sweeps, attempts)
-    return _potential(caps, sigma, length, goal, component)
+    return Potential(**_potential(caps, sigma, length, goal, component))
 
 
 def _system(
@@ -180,11 +181,14 @@ def _potential(
     length: Float[Array, ""],
     goal: Int32[Array, " 3"],
     component: Bool[Array, "nx ny nz"],
-) -> Potential:
-    """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified."""
+) -> dict[str, Array]:
+    """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified.
+
+    Returns the fields of a `Potential` in a plain dictionary, since their tangents make no `Potential`.
+    """
     first = _attempt(caps, sigma, length, goal, component)
     if caps.attempts == 1:
-        return first
+        return dict(vars(first))
 
     def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
         potential, attempt = state
@@ -195,7 +199,7 @@ def _potential(
         retry = (potential.status == Status.NOT_CERTIFIED) | (potential.status == Status.NOT_CONVERGED)
         return retry & (attempt < caps.attempts)
 
-    return lax.while_loop(unfinished, again, (first, jnp.int32(1)))[0]
+    return dict(vars(lax.while_loop(unfinished, again, (first, jnp.int32(1)))[0]))
 
 
 def _attempt(
@@ -256,15 +260,15 @@ def _attempt(
 def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
     sigma, length, goal, component = primals
-    sigma_dot, length_dot, _, _ = tangents
-    potential = _potential(caps, sigma, length, goal, component)
+    sigma_dot, length_dot, *_ = tangents
+    solved = _potential(caps, sigma, length, goal, component)
 
     def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
         operator, source = _system(caps.setting, sigma, length, goal)
-        return stencil.residual(operator, potential.phi, source)
+        return stencil.residual(operator, solved["phi"], source)
 
-    _, right = jax.jvp(imbalance, (sigma, potential.screening_length), (sigma_dot, length_dot))
-    operator, _ = _system(caps.setting, sigma, potential.screening_length, goal)
+    _, right = jax.jvp(imbalance, (sigma, solved["screening_length"]), (sigma_dot, length_dot))
+    operator, _ = _system(caps.setting, sigma, solved["screening_length"], goal)
     links, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
 
@@ -282,4 +286,4 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     def zero(x: Array) -> Array:
         return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)
 
-    return potential, dataclasses.replace(jax.tree.map(zero, potential), phi=scale * y_dot)
+    return solved, {**jax.tree.map(zero, solved), "phi": scale * y_dot}

@@ -99,7 +99,7 @@ def test_second_order_on_a_manufactured_solution() -> None:
         with jax.enable_x64(True):
             operator = stencil.assemble(jnp.asarray(sigma), 4 * h**2)
             errors.append(float(jnp.abs(stencil.apply(operator, jnp.asarray(phi)) / h**2 - q).max() / np.abs(q).max()))
-    assert errors[1] < 2e-3
+    assert errors[1] < 3e-3
     assert errors[0] / errors[1] == pytest.approx(4, abs=0.3)
 
 

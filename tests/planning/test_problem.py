@@ -1,0 +1,128 @@
+"""The ladder of margins against distance transforms and labels; inputs judged in every way they can be wrong."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from references import component_of, random_blocks, random_free
+from scipy.ndimage import distance_transform_edt
+
+from maxjax import Grid, Status
+from maxjax.planning.problem import Problem, pose
+
+GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
+NO_GROUND = np.zeros(GRID.shape, bool)
+
+
+@functools.partial(jax.jit, static_argnames=("margin", "grid"))
+def posed(occupied: jax.Array, ground: jax.Array, start: jax.Array, goal: jax.Array, margin: float, grid: Grid) -> Problem:
+    return pose(occupied, ground, start, goal, margin, grid)
+
+
+def judge(occupied: np.ndarray, start: np.ndarray, goal: np.ndarray, margin: float = 8.0) -> Problem:
+    return posed(occupied, NO_GROUND, np.asarray(start, np.float32), np.asarray(goal, np.float32), margin, GRID)
+
+
+def world(index: np.ndarray) -> np.ndarray:
+    return np.array(GRID.origin) + GRID.spacing * np.asarray(index, float)
+
+
+def blocked_by(occupied: np.ndarray, margin: float) -> np.ndarray:
+    if not occupied.any():
+        return occupied
+    return distance_transform_edt(~occupied) <= margin / GRID.spacing + 1e-9
+
+
+@pytest.mark.parametrize("margin", [8.0, 5.0])
+def test_takes_the_largest_margin_that_joins_start_and_goal(margin: float) -> None:
+    rng = np.random.default_rng(1)
+    chosen = []
+    for _ in range(60):
+        occupied = random_blocks(rng, GRID.shape, int(rng.integers(1, 40)), int(rng.integers(2, 6)))
+        ends = random_free(rng, occupied, 2)
+        a, b = (tuple(v) for v in ends)
+        ladder = [*np.arange(margin, 0, -GRID.spacing), 0.0]
+        feasible = [m for m in ladder if component_of(~blocked_by(occupied, m), a)[b]]
+        problem = judge(occupied, world(ends[0]), world(ends[1]), margin)
+        if feasible:
+            assert problem.status == Status.OK
+            assert float(problem.margin) == pytest.approx(max(feasible))
+            np.testing.assert_array_equal(problem.blocked, blocked_by(occupied, max(feasible)))
+            np.testing.assert_allclose(problem.start, ends[0], atol=1e-5)
+            np.testing.assert_array_equal(problem.goal_index, ends[1])
+        else:
+            assert problem.status == Status.NO_VALID_PATH
+            assert problem.margin == 0
+        chosen.append(float(problem.margin))
+    assert len(set(chosen)) >= 3
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_twenty_sealed_ends_have_no_valid_path(end: str) -> None:
+    """Boxes one voxel thick, without their corners and edges, through which only a corner cut could lead."""
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        center = rng.integers(3, np.array(GRID.shape) - 3)
+        offset = np.abs(np.indices(GRID.shape).T - center).T
+        occupied = (offset.sum(axis=0) == 2) & (offset.max(axis=0) == 2) | (offset.sum(axis=0) == 2)
+        # The octahedron |x| + |y| + |z| = 2 is closed to faces, open to corners.
+        outside = np.array([0, 0, 0])
+        ends = (center, outside) if end == "start" else (outside, center)
+        assert not component_of(~occupied, tuple(center))[0, 0, 0]
+        problem = judge(occupied, world(ends[0]), world(ends[1]))
+        assert problem.status == Status.NO_VALID_PATH
+        occupied[tuple(center + [2, 0, 0])] = False
+        occupied[tuple(center + [1, 0, 0])] = False
+        assert judge(occupied, world(ends[0]), world(ends[1])).status == Status.OK
+
+
+def test_every_fault_has_its_status() -> None:
+    occupied = NO_GROUND.copy()
+    occupied[5, 6, 7] = True
+    good, other, inside, beyond = world([1, 2, 3]), world([12, 12, 12]), world([5, 6, 7]), np.array([999.0, 10.0, 10.0])
+    cases = [
+        (good, other, Status.OK),
+        (good, good, Status.START_EQUALS_GOAL),
+        (beyond, other, Status.START_OUTSIDE_MAP),
+        (good, beyond, Status.GOAL_OUTSIDE_MAP),
+        (beyond, beyond, Status.START_OUTSIDE_MAP),
+        (inside, other, Status.START_OCCUPIED),
+        (good, inside, Status.GOAL_OCCUPIED),
+        (np.array([math.nan, 5, 5]), other, Status.NONFINITE_INPUT),
+        (good, np.array([5, math.inf, 5]), Status.NONFINITE_INPUT),
+        (np.array([5, -math.inf, 5]), np.array([5, 5, math.nan]), Status.NONFINITE_INPUT),
+        (np.array([1e38, 5, 5]), other, Status.START_OUTSIDE_MAP),
+        # On the outer face, and on a face of the obstacle: what a point touches counts.
+        (np.array([GRID.lower[0], 10.0, 10.0]), other, Status.START_OUTSIDE_MAP),
+        (world([5.5, 6, 7]), other, Status.START_OCCUPIED),
+    ]
+    for start, goal, status in cases:
+        assert Status(int(judge(occupied, start, goal).status)) is status, (start, goal)
+
+
+def test_the_ground_keeps_no_margin_beyond_one_voxel() -> None:
+    ground = NO_GROUND.copy()
+    ground[:, :, 0] = True
+    start, goal = (np.asarray(world(v), np.float32) for v in ([1, 1, 2], [14, 16, 2]))
+    flat = posed(ground, ground, start, goal, 8.0, GRID)
+    assert (Status(int(flat.status)), float(flat.margin)) == (Status.OK, 8.0)
+    assert np.flatnonzero(np.asarray(flat.blocked)[4, 4]).tolist() == [0, 1]
+    assert posed(ground, NO_GROUND, start, goal, 8.0, GRID).margin == 2
+
+
+def test_vmap_equals_a_loop() -> None:
+    rng = np.random.default_rng(3)
+    occupied = np.stack([random_blocks(rng, GRID.shape, 20, 5) for _ in range(4)])
+    ends = np.stack([world(random_free(rng, o, 2)) for o in occupied]).astype(np.float32)
+    batch = jax.jit(jax.vmap(lambda o, a, b: pose(o, jnp.asarray(NO_GROUND), a, b, 8.0, GRID)))(
+        occupied, ends[:, 0], ends[:, 1]
+    )
+    for k in range(4):
+        single = judge(occupied[k], ends[k, 0], ends[k, 1])
+        for name, value in vars(single).items():
+            np.testing.assert_array_equal(getattr(batch, name)[k], value, err_msg=name)

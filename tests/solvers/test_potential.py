@@ -1,0 +1,320 @@
+"""The potential against sparse elimination in float64; its certificate, its statuses and its derivatives."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from references import component_of, direct_potential, random_blocks, random_free, serpentine
+
+from maxjax import Grid, Potential, Status, conductivity, solve_potential
+from maxjax.solvers import potential as module
+
+GRID = Grid((16, 18, 20))
+solve = jax.jit(solve_potential, static_argnames=("setting", "max_iterations", "max_sweeps"))
+Scene = tuple[np.ndarray, np.ndarray]
+
+
+def paper_sigma(blocked: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    grid = Grid(blocked.shape)  # type: ignore[arg-type]
+    return np.asarray(conductivity(jnp.asarray(blocked), jnp.asarray(goal, jnp.int32), grid))
+
+
+def scene(seed: int, shape: tuple[int, int, int] = GRID.shape, count: int = 40) -> Scene:
+    """Conductivity and goal among random boxes."""
+    rng = np.random.default_rng(seed)
+    blocked = random_blocks(rng, shape, count, 6)
+    goal = random_free(rng, blocked, 1)[0].astype(np.int32)
+    return paper_sigma(blocked, goal), goal
+
+
+def leak_of(potential: Potential) -> float:
+    return float(potential.screening_length) ** -2
+
+
+def check_certificate(potential: Potential, sigma: np.ndarray, goal: np.ndarray) -> None:
+    """By brute force: every voxel of the goal's component has a higher neighbour, and nothing else has a field."""
+    phi = np.asarray(potential.phi)
+    joined = component_of(sigma > 0, tuple(goal))
+    padded = np.pad(np.where(joined, phi, -1), 1, constant_values=-1)
+    core = (slice(1, -1),) * 3
+    best = np.max([np.roll(padded, s, axis)[core] for axis in range(3) for s in (1, -1)], axis=0)
+    stuck = joined & (best <= phi)
+    stuck[tuple(goal)] = False
+    assert stuck.sum() == potential.uncertified == 0
+    assert potential.status == Status.OK
+    assert potential.certified
+    assert phi[tuple(goal)] == pytest.approx(1, rel=1e-5)
+    assert (phi[~joined] == 0).all()
+    assert (phi[joined] > 0).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes_are_certified_and_equal_elimination_voxel_by_voxel(seed: int) -> None:
+    sigma, goal = scene(seed, count=10 + 12 * seed)
+    potential = solve(sigma, goal)
+    check_certificate(potential, sigma, goal)
+    expected = direct_potential(sigma, tuple(goal), leak_of(potential))
+    np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
+
+
+def test_tiny_potentials_are_relatively_accurate_in_float32() -> None:
+    sigma, goal = np.ones((25, 24, 23), np.float32), np.array([0, 0, 0], np.int32)
+    sigma[8:10, :20] = sigma[15:17, 4:] = 0
+    potential = solve(sigma, goal, screening_length=0.9)
+    expected = direct_potential(sigma, (0, 0, 0), 0.9**-2)
+    assert expected[expected > 0].min() < 1e-20
+    check_certificate(potential, sigma, goal)
+    np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
+
+
+def test_paper_setting_equals_elimination_with_grounded_faces() -> None:
+    for seed in range(3):
+        sigma, goal = scene(seed)
+        potential = solve(sigma, goal, setting="paper")
+        expected = direct_potential(sigma, tuple(goal), 0.0, grounded=True)
+        np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
+
+
+@pytest.fixture
+def tight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stopping rule that uses float64's digits; what a field to climb needs leaves 0.1 to 1 % in the far voxels."""
+    monkeypatch.setattr(module, "LOCAL_TOLERANCE", 1e-11)
+
+
+@pytest.mark.parametrize("setting", ["screened", "paper"])
+@pytest.mark.usefixtures("tight")
+def test_float64_equals_elimination(setting: str) -> None:
+    sigma, goal = scene(7)
+    with jax.enable_x64(True):
+        given = jax.jit(lambda s, g: solve_potential(s, g, setting=setting))(jnp.asarray(sigma, jnp.float64), goal)
+    assert given.phi.dtype == np.float64
+    assert given.status == Status.OK
+    leak = leak_of(given) if setting == "screened" else 0.0
+    expected = direct_potential(sigma, tuple(goal), leak, grounded=setting == "paper")
+    np.testing.assert_allclose(given.phi, expected, rtol=1e-9)
+
+
+def test_a_slab_is_a_hyperbolic_cosine() -> None:
+    n, length = 40, 3.0
+    theta = np.arccosh(1 + length**-2 / 2)
+    expected = np.cosh((n - 0.5 - np.arange(n)) * theta) / np.cosh((n - 0.5) * theta)
+    potential = solve(jnp.ones((n, 1, 1)), jnp.asarray([0, 0, 0], jnp.int32), screening_length=length)
+    np.testing.assert_allclose(np.ravel(potential.phi), expected, rtol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["Complex", "Simple"])
+def test_real_maps_with_sealed_pockets_are_certified(name: str, data: Path) -> None:
+    with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:
+        blocked, goals = crop["occupancy"], crop["goal"]
+    for goal in goals[:: len(goals) // 3].astype(np.int32):
+        sigma = paper_sigma(blocked, goal)
+        check_certificate(solve(sigma, goal), sigma, goal)
+
+
+def test_statuses() -> None:
+    sigma, goal = scene(1)
+    wall = np.argwhere(sigma == 0)[0].astype(np.int32)
+
+    def outcome(sigma: np.ndarray, goal: np.ndarray, **options: object) -> Status:
+        potential = solve(sigma, goal, **options)
+        assert bool(potential.certified) is (int(potential.status) == Status.OK)
+        return Status(int(potential.status))
+
+    assert outcome(sigma, goal) is Status.OK
+    assert outcome(sigma, wall) is Status.GOAL_OCCUPIED
+    for outside in ([-1, 3, 3], [3, 18, 3], [99, 3, 3]):
+        assert outcome(sigma, np.array(outside, np.int32)) is Status.GOAL_OUTSIDE_MAP
+    for bad in (np.nan, np.inf, -1.0):
+        broken = sigma.copy()
+        broken[3, 4, 5] = bad
+        assert outcome(broken, goal) is Status.NONFINITE_INPUT
+    for bad in (np.nan, np.inf, 0.0, -2.0):
+        assert outcome(sigma, goal, screening_length=bad) is Status.NONFINITE_INPUT
+    assert outcome(sigma, goal, max_iterations=1, max_sweeps=8) is Status.NOT_CONVERGED
+    # Four nats a voxel: the far corner lies beneath float32's range.
+    assert outcome(sigma, goal, screening_length=0.15) is Status.NOT_CERTIFIED
+
+
+def test_a_goal_alone_in_its_voxel_is_certified() -> None:
+    sigma = np.zeros(GRID.shape, np.float32)
+    sigma[4, 5, 6] = 1e6
+    sigma[9:, 9:, 9:] = 1e2  # a pocket that no current reaches
+    potential = solve(sigma, np.array([4, 5, 6], np.int32))
+    assert potential.status == Status.OK
+    assert np.argwhere(potential.phi).tolist() == [[4, 5, 6]]
+
+
+@pytest.mark.parametrize("turns", [40, 56, 80])
+def test_long_detours_lengthen_the_screening_or_say_so(turns: int) -> None:
+    """800 to 3,200 voxels of corridor: φ could not span them at the length that the straight distance asks for."""
+    blocked = serpentine(turns - 1, turns, 1)
+    goal = np.array([0, 0, 0], np.int32)
+    sigma = paper_sigma(blocked, goal)
+    potential = solve(sigma, goal)
+    if potential.status == Status.OK:
+        assert potential.screening_length > 3
+        check_certificate(potential, sigma, goal)
+    else:
+        assert turns > 56
+        assert potential.status in (Status.NOT_CERTIFIED, Status.NOT_CONVERGED)
+        assert not potential.certified
+        assert potential.uncertified > 0
+
+
+def test_jit_equals_eager() -> None:
+    sigma, goal = scene(2)
+    eager, jitted = solve_potential(jnp.asarray(sigma), jnp.asarray(goal)), solve(sigma, goal)
+    np.testing.assert_allclose(eager.phi, jitted.phi, rtol=1e-4)
+    assert eager.status == jitted.status
+
+
+def test_vmap_over_goals_and_over_scenes_equals_a_loop() -> None:
+    sigma, goal = scene(3)
+    goals = random_free(np.random.default_rng(3), sigma == 0, 3).astype(np.int32)
+    others = [scene(seed)[0] for seed in (3, 4, 5)]
+    sigmas = np.stack([np.where(other > 0, other, 0) for other in others])
+    seeds = np.stack([scene(seed)[1] for seed in (3, 4, 5)])
+    over_goals = jax.jit(jax.vmap(solve_potential, in_axes=(None, 0)))(sigma, goals)
+    over_scenes = jax.jit(jax.vmap(solve_potential))(sigmas, seeds)
+    for k in range(3):
+        for batch, single in (
+            (over_goals, solve(sigma, goals[k])),
+            (over_scenes, solve(sigmas[k], seeds[k])),
+        ):
+            np.testing.assert_allclose(batch.phi[k], single.phi, rtol=1e-4)
+            assert batch.status[k] == single.status
+            assert batch.screening_length[k] == single.screening_length
+    assert goal.shape == (3,)
+
+
+def test_a_second_problem_of_the_same_shape_does_not_compile_again() -> None:
+    traces = []
+
+    @jax.jit
+    def traced(sigma: jax.Array, goal: jax.Array, length: jax.Array) -> Potential:
+        traces.append(1)
+        return solve_potential(sigma, goal, screening_length=length)
+
+    for seed, length in ((1, 2.0), (2, 3.0), (3, 4.5)):
+        sigma, goal = scene(seed)
+        assert traced(sigma, goal, np.float32(length)).status == Status.OK
+    assert len(traces) == 1
+
+
+# Derivatives: a small scene in float64, against central differences of sparse elimination.
+
+SMALL = (6, 7, 8)
+LENGTH = 2.0
+
+
+def small_scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(11)
+    blocked = random_blocks(rng, SMALL, 8, 3)
+    goal = random_free(rng, blocked, 1)[0].astype(np.int32)
+    sigma = np.where(blocked, 0, 10 ** rng.uniform(0, 2, SMALL))
+    return sigma, goal, rng.normal(size=SMALL)
+
+
+Loss = Callable[[jax.Array], jax.Array]
+SIGMA, GOAL, WEIGHTS = small_scene()
+JOINED = component_of(SIGMA > 0, tuple(GOAL))
+LOSSES: dict[str, Loss] = {
+    "weighted sum": lambda phi: (WEIGHTS * phi).sum(),
+    "square": lambda phi: (WEIGHTS * phi**2).sum(),
+    "logarithm": lambda phi: (WEIGHTS * jnp.log(jnp.where(JOINED, phi, 1.0))).sum(),
+}
+
+
+def reference(sigma: np.ndarray, length: float, loss: Loss, setting: str) -> float:
+    grounded = setting == "paper"
+    phi = direct_potential(sigma, tuple(GOAL), 0.0 if grounded else length**-2, grounded)
+    return float(loss(jnp.asarray(phi)))
+
+
+def central(function: Callable[[float], float], step: float) -> float:
+    """Fourth order, so that the step may be large beside rounding."""
+    near, far = (function(h) - function(-h) for h in (step, 2 * step))
+    return (8 * near - far) / (12 * step)
+
+
+@pytest.mark.parametrize("setting", ["screened", "paper"])
+@pytest.mark.parametrize("name", list(LOSSES))
+@pytest.mark.usefixtures("tight")
+def test_gradient_equals_central_differences(name: str, setting: str) -> None:
+    loss = LOSSES[name]
+    with jax.enable_x64(True):
+
+        def objective(sigma: jax.Array, length: jax.Array) -> jax.Array:
+            return loss(solve_potential(sigma, jnp.asarray(GOAL), screening_length=length, setting=setting).phi)  # type: ignore[arg-type]
+
+        by_sigma, by_length = jax.jit(jax.grad(objective, argnums=(0, 1)))(jnp.asarray(SIGMA), jnp.asarray(LENGTH))
+        by_sigma = np.asarray(by_sigma)
+        rng = np.random.default_rng(12)
+        for _ in range(3):
+            direction = SIGMA * rng.normal(size=SMALL)
+            expected = central(lambda h: reference(SIGMA + h * direction, LENGTH, loss, setting), 1e-3)  # noqa: B023
+            assert (by_sigma * direction).sum() == pytest.approx(expected, rel=1e-5)
+        if setting == "screened":
+            expected = central(lambda h: reference(SIGMA, LENGTH + h, loss, setting), 1e-3)
+            assert float(by_length) == pytest.approx(expected, rel=1e-5)
+        else:
+            assert by_length == 0
+
+
+@pytest.mark.usefixtures("tight")
+def test_forward_reverse_and_second_derivatives_agree() -> None:
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(13)
+        direction, other = (jnp.asarray(SIGMA * rng.normal(size=SMALL)) for _ in range(2))
+
+        @jax.jit
+        def slope(sigma: jax.Array) -> jax.Array:
+            return jax.grad(lambda s: LOSSES["square"](solve_potential(s, jnp.asarray(GOAL), screening_length=LENGTH).phi))(sigma)
+
+        def objective(sigma: jax.Array) -> jax.Array:
+            return LOSSES["square"](solve_potential(sigma, jnp.asarray(GOAL), screening_length=LENGTH).phi)
+
+        sigma = jnp.asarray(SIGMA)
+        _, forward = jax.jit(lambda s, d: jax.jvp(objective, (s,), (d,)))(sigma, direction)
+        assert forward == pytest.approx(float((slope(sigma) * direction).sum()), rel=1e-9)
+        _, curvature = jax.jit(lambda s, d: jax.jvp(slope, (s,), (d,)))(sigma, direction)
+        expected = central(lambda h: float((slope(sigma + h * direction) * other).sum()), 1e-3)
+        assert float((curvature * other).sum()) == pytest.approx(expected, rel=1e-5)
+        # The Hessian is symmetric.
+        _, crossed = jax.jit(lambda s, d: jax.jvp(slope, (s,), (d,)))(sigma, other)
+        assert float((curvature * other).sum()) == pytest.approx(float((crossed * direction).sum()), rel=1e-8)
+
+
+def test_derivatives_are_finite_and_vanish_where_no_current_flows() -> None:
+    """At walls, in sealed pockets, and by default of the screening length too."""
+    sigma, goal = scene(1)
+    slope = np.asarray(jax.jit(jax.grad(lambda s: jnp.log(solve_potential(s, jnp.asarray(goal)).phi.sum())))(jnp.asarray(sigma)))
+    assert np.isfinite(slope).all()
+    joined = component_of(sigma > 0, tuple(goal))
+    touching = joined.copy()
+    for axis in range(3):
+        for step in (1, -1):
+            touching |= np.roll(joined, step, axis)
+    assert (slope[~touching] == 0).all()
+    assert np.abs(slope[joined]).max() > 0
+
+
+def test_wrong_arguments_are_told_with_what_was_given() -> None:
+    unchecked = inspect.unwrap(solve_potential)
+    sigma, goal = np.ones((4, 5, 6), np.float32), np.array([1, 2, 3], np.int32)
+    with pytest.raises(ValueError, match=r"sigma: expected floating \(nx, ny, nz\), given float32 \(5, 6\); use vmap"):
+        unchecked(sigma[0], goal)
+    with pytest.raises(ValueError, match=r"sigma: expected floating .*given bool"):
+        unchecked(sigma > 0, goal)
+    with pytest.raises(ValueError, match=r"goal_index: expected integer \(3,\), given int32 \(2,\)"):
+        unchecked(sigma, goal[:2])
+    with pytest.raises(ValueError, match=r"goal_index: expected integer \(3,\), given float32 \(3,\)"):
+        unchecked(sigma, goal.astype(np.float32))
+    with pytest.raises(ValueError, match="setting: expected 'screened' or 'paper', given 'open'"):
+        unchecked(sigma, goal, setting="open")
