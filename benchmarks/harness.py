@@ -12,14 +12,12 @@ import dataclasses
 import datetime
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +25,11 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
+from maxjax.core.provenance import device, versions
+
 RESULTS = Path(__file__).parent / "results"
 # Columns that a terminal still shows side by side.
 _WIDEST = 12
-_VERSIONS = ("jax", "jaxlib", "numpy", "scipy", "mujoco", "mujoco-mjx")
 
 # Typed here, because JAX leaves it untyped.
 _ready: Callable[[object], object] = jax.block_until_ready
@@ -71,7 +70,6 @@ def measure(fn: Callable[[], Any], n: int) -> Timing:
 
 def provenance() -> dict[str, Any]:
     """What a figure's reader needs to judge and repeat it."""
-    device = jax.devices()[0]
     # A copy of the tree without its history is told what it is.
     commit = _git("rev-parse", "HEAD") or os.environ.get("MAXJAX_COMMIT")
     status = _git("status", "--porcelain")
@@ -80,10 +78,8 @@ def provenance() -> dict[str, Any]:
         "commit": commit,
         "dirty": None if status is None else bool(status),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _VERSIONS},
-        "device": device.device_kind,
-        "platform": device.platform,
-        "devices": jax.device_count(),
+        "versions": versions(),
+        "device": device(),
         "cpus": os.cpu_count(),
     }
 

@@ -225,6 +225,9 @@ def plan_scan(
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.number):
         raise ValueError(f"points: expected numbers of shape (n, 3) [m], given {array.dtype} {array.shape}")
+    _finder(method)
+    rungs(margin, grid)
+    start, goal = _points("start", start, (3,)), _points("goal", goal, (3,))
     watch = Stopwatch()
     with watch.stage("voxelise"):
         scan = jax.block_until_ready(voxelize(array.astype(np.float32), grid))

@@ -41,16 +41,16 @@ _ADVICE = {
     Status.OK: "The path was verified against the map.",
     Status.START_OUTSIDE_MAP: "The start lies outside the map; move it inside, or centre the grid on it.",
     Status.GOAL_OUTSIDE_MAP: "The goal lies outside the map; move it inside, or centre the grid between both.",
-    Status.START_OCCUPIED: "The start lies inside an obstacle; choose a free start.",
-    Status.GOAL_OCCUPIED: "The goal lies inside an obstacle; choose a free goal.",
+    Status.START_OCCUPIED: "The start lies inside an obstacle or the ground; choose a free start.",
+    Status.GOAL_OCCUPIED: "The goal lies inside an obstacle or the ground; choose a free goal.",
     Status.NO_VALID_PATH: "No free passage joins start and goal at any margin (proved by flood fill); "
     "choose another goal or a finer grid.",
-    Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it.",
+    Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it, or plan with method 'astar'.",
     Status.NOT_CERTIFIED: "Some voxels of the goal's component have no higher neighbour; "
-    "lengthen the screening length or allow more sweeps.",
-    Status.PATH_STALLED: "The ascent did not arrive within its steps; allow more steps.",
+    "lengthen the screening length, allow more sweeps, or plan with method 'astar'.",
+    Status.PATH_STALLED: "The ascent did not arrive within its steps; allow more steps, or plan with method 'astar'.",
     Status.PATH_IN_COLLISION: "The path failed verification and is withheld; please report this map as a defect.",
     Status.NONFINITE_INPUT: "An input is NaN or infinite; clean it before planning.",
-    Status.EMPTY_SCAN: "The scan holds no return inside the grid; check sensor, pose and units (metres).",
+    Status.EMPTY_SCAN: "The scan holds no return inside the grid; check coordinates, units (metres) and sensor.",
     Status.START_EQUALS_GOAL: "Start and goal are the same point; there is nothing to plan.",
 }

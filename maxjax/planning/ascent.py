@@ -119,7 +119,7 @@ def ascend(
         ends = x + moves
         rises = height(voxel(ends)) > height(here)
         same = jnp.all(voxel(ends) == here, axis=1)
-        gain = jnp.where(seen(x, ends) & (rises | same), moves @ g, -jnp.inf)
+        gain = jnp.where(seen(x, ends) & (rises | same), jnp.sum(moves * g, axis=1), -jnp.inf)
         best = jnp.argmax(gain)
         smooth_step = (gain[best] > 0) & (lingered < _PATIENCE)
 

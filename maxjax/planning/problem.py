@@ -18,7 +18,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
-from maxjax.planning.sight import stands_free
+from maxjax.planning.sight import TOUCH, stands_free
 
 
 @jax.tree_util.register_dataclass
@@ -29,7 +29,7 @@ class Problem:
     Attributes:
         blocked: voxels within `margin` of an obstacle.
         margin: the margin that was chosen [m]; 0 where none joins start and goal.
-        start, goal: index coordinates.
+        start, goal: index coordinates, moved off voxel faces by 0.2 % of a voxel where they lie on one.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
     """
@@ -40,6 +40,16 @@ class Problem:
     goal: Float[Array, "*batch 3"]
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
+
+
+def _off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """The point moved off the faces of its voxel, so that it touches no other voxel.
+
+    A start at 3 m lies on a face of 2 m voxels. Touching the margin there must not cost the whole flight its margin.
+    """
+    centre = jnp.floor(x + 0.5)
+    room = 0.5 - 2 * TOUCH
+    return centre + jnp.clip(x - centre, -room, room)
 
 
 def pose(
@@ -65,6 +75,7 @@ def pose(
     a, b = grid.fractional_index(start), grid.fractional_index(goal)
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     a, b = jnp.where(jnp.isfinite(a), a, -1.0), jnp.where(jnp.isfinite(b), b, -1.0)
+    a, b = _off_faces(a), _off_faces(b)
     index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
 
     def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
@@ -94,7 +105,7 @@ def pose(
         (first, joined(first)),
     )
     status = jnp.select(
-        [~finite, outside_a, outside_b, jnp.all(a == b), in_a, in_b, ~ok],
+        [~finite, outside_a, outside_b, jnp.all(start == goal), in_a, in_b, ~ok],
         [
             Status.NONFINITE_INPUT,
             Status.START_OUTSIDE_MAP,

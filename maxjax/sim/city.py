@@ -7,7 +7,7 @@ import math
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from maxjax.sim.geoms import Geoms, rotation_z
+from maxjax.sim.geoms import Geoms, matmul, rotation_z
 
 HALF_CITY = 120.0  # [m], before the turn
 MAX_TURN = 0.35  # [rad]
@@ -24,4 +24,4 @@ def uniform(key: PRNGKeyArray, *shapes: tuple[int, ...]) -> list[Array]:
 def turn(geoms: Geoms, u: Float[Array, ""]) -> Geoms:
     """The whole scene turned about the world's z axis by a random angle of at most `MAX_TURN`."""
     rotation = rotation_z(MAX_TURN * (2.0 * u - 1.0))
-    return Geoms(geoms.position @ rotation.T, rotation @ geoms.rotation, geoms.size, geoms.type)
+    return Geoms(matmul(geoms.position, rotation.T), matmul(rotation, geoms.rotation), geoms.size, geoms.type)

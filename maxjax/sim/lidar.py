@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.sim.geoms import Geoms
+from maxjax.sim.geoms import Geoms, matmul
 from maxjax.sim.raycast import cast_rays
 
 
@@ -125,7 +125,7 @@ def scan(
             "scan: expected position (3,) and rotation (3, 3), given "
             f"{position.shape} and {rotation.shape}; use vmap for batches"
         )
-    rays = directions(lidar) @ rotation.T
+    rays = matmul(directions(lidar), rotation.T)
     distance = cast_rays(geoms, position, rays)
     key_noise, key_dropout = jax.random.split(key)
     lost = jax.random.bernoulli(key_dropout, lidar.dropout, distance.shape)

@@ -56,7 +56,7 @@ def cast_rays(geoms: Geoms, origin: Float[Array, "3"], directions: Float[Array, 
     best = jnp.full(directions.shape[0], jnp.inf, directions.dtype)
     for geom_type in sorted(set(geoms.type)):
         group = geoms.of_type(geom_type)
-        local_origin = jnp.einsum("gji,gj->gi", group.rotation, origin - group.position)
+        local_origin = jnp.einsum("gji,gj->gi", group.rotation, origin - group.position, precision="highest")
         meet = _MEET[geom_type]
 
         def nearer(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, rotation_z
+from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, matmul, rotation_z
 
 Rows = Float[Array, "n 7"]
 
@@ -40,7 +40,7 @@ def gable_roofs(rows: Rows, rise: Float[Array, " n"]) -> Geoms:
     roll = jnp.array([[1.0, 0.0, 0.0], [0.0, c, -c], [0.0, c, c]])
     roofs = Geoms(
         jnp.stack([x, y, top], -1),
-        rotation_z(yaw) @ roll,
+        matmul(rotation_z(yaw), roll),
         jnp.stack([half_length, c * rise, c * rise], -1),
         (BOX,) * rows.shape[0],
     )

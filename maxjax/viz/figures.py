@@ -10,11 +10,12 @@ white. Figures are plain objects: nothing here touches pyplot's global state.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ _PATHS: tuple[tuple[str, Any], ...] = (
 )
 _HEIGHTS = ("#E4E4E4", "#484848")
 _FIELD = "#6FA3CC"
+_RETURN = "#222222"
 _EARTH, _BESIDE, _OBSTACLE = "#D3BE94", "#E4E4E4", "#8A8A8A"
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
@@ -51,7 +53,6 @@ _STYLE: dict[Any, Any] = {
 }
 _METADATA: dict[str, dict[str, None]] = {".pdf": {"CreationDate": None}, ".png": {}, ".svg": {"Date": None}}
 
-_AROUND = 14.0  # map shown around the paths [m]
 _ASIDE = 8.0  # what counts as beside the path in the section [m]
 _ABOVE = 30.0  # most that the section shows above the path [m]
 _WIDTH = 5.2  # of the panels [in]
@@ -68,6 +69,7 @@ def figure_plan(
     log_potential: Float[np.ndarray, "nx ny nz"] | None = None,
     points: Float[np.ndarray, "_ 3"] | None = None,
     title: str | None = None,
+    around: float = 14.0,
 ) -> Figure:
     """Plan view and section of one or more paths through a map.
 
@@ -82,17 +84,14 @@ def figure_plan(
             path's median altitude, and left out where it is not finite.
         points: returns of a scan [m], shown as dots in the plan view.
         title: headline.
+        around: width of the map shown around the paths [m].
 
     Raises:
         ValueError: if shapes do not fit the grid, or a path has fewer than two points, or one that is not
             finite.
         ImportError: if matplotlib is missing; names the extra.
     """
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("figures need the extra viz: pip install 'maxjax[viz]'") from error
+    rc_context, new_figure = _matplotlib()
     for name, volume in (("occupied", occupied), ("ground", ground), ("log_potential", log_potential)):
         if volume is not None:
             grid.check_volume(name, volume)
@@ -103,7 +102,7 @@ def figure_plan(
             raise ValueError(f"paths[{name!r}]: expected finite (t, 3) with t at least 2, given shape {path.shape}")
     main = np.asarray(next(iter(paths.values())), np.float64)
     ends = np.stack([start, goal]).astype(np.float64)
-    lower, upper = _view(grid, np.concatenate([*paths.values(), ends]))
+    lower, upper = _view(grid, np.concatenate([*paths.values(), ends]), around)
     section = _section(occupied, ground, grid, main)
     rows = max(len(paths), 3 + (log_potential is not None) + (points is not None))
 
@@ -112,18 +111,20 @@ def figure_plan(
     section_height = float(np.clip(_WIDTH * section.rise / max(section.length, 1.0), 0.9, 2.0))
     section_bottom = 0.52 + 0.17 * rows
     plan_bottom = section_bottom + section_height + 0.5
-    size = (0.62 + _WIDTH + 0.88, plan_bottom + plan_height + (0.34 if title else 0.1))
+    # Room for the digits of y beside its label.
+    left = 0.34 + 0.07 * max(len(f"{y:.0f}") for y in (-100.0, lower[1], upper[1]))
+    size = (left + _WIDTH + 0.88, plan_bottom + plan_height + (0.34 if title else 0.1))
 
     with rc_context(_STYLE):
-        figure = Figure(figsize=size)
+        figure = new_figure(figsize=size)
 
-        def panel(left: float, bottom: float, width: float, height: float) -> Axes:
-            return figure.add_axes((left / size[0], bottom / size[1], width / size[0], height / size[1]))
+        def panel(x: float, y: float, width: float, height: float) -> Axes:
+            return figure.add_axes((x / size[0], y / size[1], width / size[0], height / size[1]))
 
-        plan = panel(0.62, plan_bottom, plan_width, plan_height)
-        bar = panel(0.62 + plan_width + 0.12, plan_bottom, 0.1, min(plan_height, 2.4))
-        side = panel(0.62, section_bottom, _WIDTH, section_height)
-        _draw_plan(plan, bar, occupied & ~ground, grid, (lower, upper), main)
+        plan = panel(left, plan_bottom, plan_width, plan_height)
+        bar = panel(left + plan_width + 0.12, plan_bottom, 0.1, min(plan_height, 2.4))
+        side = panel(left, section_bottom, _WIDTH, section_height)
+        _draw_plan(plan, bar, occupied & ~ground, grid, (lower, upper), float(np.median(main[:, 2])))
         _draw_section(side, section, grid)
         _draw_ends(plan, ends[:, 0], ends[:, 1], labelled=True)
         _draw_ends(side, _distance(main)[[0, -1]], main[[0, -1], 2], labelled=False)
@@ -131,8 +132,8 @@ def figure_plan(
             _draw_field(plan, log_potential, occupied, grid, main)
         if points is not None:
             x, y, _ = points.T
-            plan.plot(x, y, ",", color="#222222", rasterized=True, zorder=4)
-            plan.plot([], [], ".", color="#222222", markersize=3.0, label="scan return")
+            plan.plot(x, y, ",", color=_RETURN, rasterized=True, zorder=4)
+            plan.plot([], [], ".", color=_RETURN, markersize=3.0, label="scan return")
         lines = []
         for number, (name, path) in enumerate(paths.items()):
             length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
@@ -145,8 +146,60 @@ def figure_plan(
         figure.legend(handles=marks, loc="upper center", bbox_to_anchor=strip, borderaxespad=0.0)
         figure.legend(handles=areas, loc="upper right", bbox_to_anchor=strip, borderaxespad=0.0)
         if title:
-            figure.suptitle(title, x=(0.62 + 0.5 * plan_width) / size[0], y=1 - 0.08 / size[1], va="top", fontsize=9)
+            figure.suptitle(title, x=(left + 0.5 * plan_width) / size[0], y=1 - 0.08 / size[1], va="top", fontsize=9)
     return figure
+
+
+def figure_scan(
+    obstacle: Bool[np.ndarray, "nx ny nz"],
+    grid: Grid,
+    points: Float[np.ndarray, "_ 3"],
+    position: Float[np.ndarray, "3"],
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Plan view of one LiDAR scan over the buildings that it was taken among.
+
+    Args:
+        obstacle: obstacles, ground left out.
+        grid: where the voxels lie.
+        points: returns [m].
+        position: of the sensor [m].
+        title: headline.
+
+    Raises:
+        ValueError: if the shape does not fit the grid.
+        ImportError: if matplotlib is missing; names the extra.
+    """
+    rc_context, new_figure = _matplotlib()
+    grid.check_volume("obstacle", obstacle)
+    lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
+    with rc_context(_STYLE):
+        figure = new_figure(figsize=(6.7, 6.1))
+        plan, bar = figure.add_axes((0.1, 0.14, 0.75, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
+        _draw_plan(plan, bar, obstacle, grid, (lower, upper), float(position[2]))
+        x, y, _ = points.T
+        plan.plot(x, y, ",", color=_RETURN, rasterized=True, zorder=4)
+        plan.plot([], [], ".", color=_RETURN, markersize=3.0, label=f"scan return ({len(points)})")
+        _draw_mark(plan, position[0], position[1], "^", 7.0, "white", "sensor")
+        figure.legend(loc="lower center", ncols=3)
+        if title:
+            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
+    return figure
+
+
+def _matplotlib() -> tuple[Callable[[Any], contextlib.AbstractContextManager[None]], Callable[..., Figure]]:
+    """`rc_context` and the class of figures.
+
+    Raises:
+        ImportError: if matplotlib is missing; names the extra.
+    """
+    try:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("figures need the extra viz: pip install 'maxjax[viz]'") from error
+    return rc_context, Figure
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
@@ -220,9 +273,9 @@ def _distance(path: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))])
 
 
-def _view(grid: Grid, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _view(grid: Grid, points: np.ndarray, around: float) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the part of the map around these points: at least 3 to 5 in shape, never beyond the grid."""
-    lower, upper = points[:, :2].min(axis=0) - _AROUND, points[:, :2].max(axis=0) + _AROUND
+    lower, upper = points[:, :2].min(axis=0) - around, points[:, :2].max(axis=0) + around
     slack = np.maximum(0.6 * (upper - lower).max() - (upper - lower), 0.0)
     lower, upper = lower - 0.5 * slack, upper + 0.5 * slack
     return np.maximum(lower, grid.lower[:2]), np.minimum(upper, grid.upper[:2])
@@ -234,8 +287,9 @@ def _draw_plan(
     obstacle: np.ndarray,
     grid: Grid,
     view: tuple[np.ndarray, np.ndarray],
-    path: np.ndarray,
+    altitude: float,
 ) -> None:
+    """Heights of the obstacles from above, and their outline at an altitude [m]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -256,7 +310,6 @@ def _draw_plan(
         interpolation="nearest",
     )
     axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]")
-    altitude = float(np.median(path[:, 2]))
     outline = LineCollection(
         list(_edges(obstacle[:, :, _level(grid, altitude)], grid)),
         colors="black",
@@ -266,6 +319,8 @@ def _draw_plan(
     axes.add_collection(outline, autolim=False)
     axes.set(xlim=(view[0][0], view[1][0]), ylim=(view[0][1], view[1][1]), aspect="equal")
     axes.set(xlabel="East, x [m]", ylabel="North, y [m]")
+    # National grids have coordinates of six digits, which are to be read as they are.
+    axes.ticklabel_format(useOffset=False, style="plain")
 
 
 def _draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:
@@ -328,19 +383,23 @@ def _draw_ends(axes: Axes, x: np.ndarray, y: np.ndarray, *, labelled: bool) -> N
     for number, (marker, size, color, label) in enumerate(
         (("o", 5.5, "white", "start"), ("*", 10.0, "#F0E442", "goal"))
     ):
-        axes.plot(
-            x[number],
-            y[number],
-            marker,
-            markersize=size,
-            markerfacecolor=color,
-            markeredgecolor="black",
-            markeredgewidth=0.8,
-            linestyle="",
-            zorder=9,
-            label=label if labelled else None,
-            clip_on=False,
-        )
+        _draw_mark(axes, x[number], y[number], marker, size, color, label if labelled else None)
+
+
+def _draw_mark(axes: Axes, x: float, y: float, marker: str, size: float, color: str, label: str | None) -> None:
+    axes.plot(
+        x,
+        y,
+        marker,
+        markersize=size,
+        markerfacecolor=color,
+        markeredgecolor="black",
+        markeredgewidth=0.8,
+        linestyle="",
+        zorder=9,
+        label=label,
+        clip_on=False,
+    )
 
 
 def _level(grid: Grid, altitude: float) -> int:

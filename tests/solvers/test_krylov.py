@@ -73,7 +73,9 @@ def test_the_cap_is_reported() -> None:
     given = pcg(lambda x: matrix @ x, jnp.asarray(b), stop=below(1e-6, b), max_iterations=3)
     assert given.iterations == 3
     assert not given.converged
-    assert given.residual == pytest.approx(np.linalg.norm(b - matrix @ np.asarray(given.x)) / np.linalg.norm(b), rel=1e-3)
+    assert given.residual == pytest.approx(
+        np.linalg.norm(b - matrix @ np.asarray(given.x)) / np.linalg.norm(b), rel=1e-3
+    )
 
 
 def test_breakdown_is_reported() -> None:

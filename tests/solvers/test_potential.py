@@ -275,7 +275,9 @@ def test_forward_reverse_and_second_derivatives_agree() -> None:
 
         @jax.jit
         def slope(sigma: jax.Array) -> jax.Array:
-            return jax.grad(lambda s: LOSSES["square"](solve_potential(s, jnp.asarray(GOAL), screening_length=LENGTH).phi))(sigma)
+            return jax.grad(
+                lambda s: LOSSES["square"](solve_potential(s, jnp.asarray(GOAL), screening_length=LENGTH).phi)
+            )(sigma)
 
         def objective(sigma: jax.Array) -> jax.Array:
             return LOSSES["square"](solve_potential(sigma, jnp.asarray(GOAL), screening_length=LENGTH).phi)
@@ -294,7 +296,9 @@ def test_forward_reverse_and_second_derivatives_agree() -> None:
 def test_derivatives_are_finite_and_vanish_where_no_current_flows() -> None:
     """At walls, in sealed pockets, and by default of the screening length too."""
     sigma, goal = scene(1)
-    slope = np.asarray(jax.jit(jax.grad(lambda s: jnp.log(solve_potential(s, jnp.asarray(goal)).phi.sum())))(jnp.asarray(sigma)))
+    slope = np.asarray(
+        jax.jit(jax.grad(lambda s: jnp.log(solve_potential(s, jnp.asarray(goal)).phi.sum())))(jnp.asarray(sigma))
+    )
     assert np.isfinite(slope).all()
     joined = component_of(sigma > 0, tuple(goal))
     touching = joined.copy()

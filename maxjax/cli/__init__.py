@@ -1,0 +1,125 @@
+"""The command line: `maxjax plan`, `scan`, `demo`, `check`.
+
+    exit code 0: Status.OK;   1: another status, whose sentence goes to stderr;   2: unusable arguments or files
+
+Results go to stdout, progress and complaints to stderr. Each command is a module of its own that is imported when it
+runs, so that `--help` waits for none of their libraries.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from jax.errors import JaxRuntimeError
+
+Point3 = tuple[float, float, float]
+
+_Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
+_Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
+_OptionalXyz = Annotated[Point3 | None, tyro.conf.arg(metavar="X Y Z")]
+_Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+_OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
+_Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+_OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+_Seed = Annotated[int, tyro.conf.arg(metavar="S")]
+_Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+_UNUSABLE, _INTERRUPTED = 2, 130
+
+
+def _plan(
+    map: _Map,
+    /,
+    start: _Xyz,
+    goal: _Xyz,
+    center: _OptionalXyz = None,
+    method: Literal["solver", "astar"] = "solver",
+    margin: _Metres = 8.0,
+    ground: _OptionalMetres = None,
+    out: _OptionalFolder = None,
+    json: _Flag = False,
+) -> int:
+    """Plan a path through a map and verify it.
+
+    Coordinates are those of the map: metres, z up. The grid has 101 x 101 x 101 voxels of 2 m; a voxel map brings its
+    own.
+
+    Args:
+        map: A file (.npz, .ply, .las, .laz), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+        start: Start of the path [m].
+        goal: End of the path [m].
+        center: Middle of the grid [m]; by default half-way between start and goal.
+        method: solver: climb the conduction potential, with a certificate. astar: search the same grid.
+        margin: Distance to keep from obstacles [m]; lowered by one voxel at a time where it seals start or goal in.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        out: Folder for plan.json, path.csv and plan.png.
+        json: Print the content of plan.json, and nothing else, on stdout.
+    """
+    from maxjax.cli import planning
+
+    return planning.run(map, start, goal, center, method, margin, ground, out, json)
+
+
+def _scan(map: _Map, /, pose: _Xyz, out: _OptionalFolder = None, json: _Flag = False) -> int:
+    """Simulate one LiDAR scan in a city: 32,768 rays, 100 m range, level attitude.
+
+    Args:
+        map: A simulated city: midtown:SEED, downtown:SEED, suburb:SEED; its ground is z = 0.
+        pose: Position of the sensor [m].
+        out: Folder for scan.npz (its points, which `maxjax plan` reads) and scan.png.
+        json: Print the counts as JSON, and nothing else, on stdout.
+    """
+    from maxjax.cli import scanning
+
+    return scanning.run(map, pose, out, json)
+
+
+def _demo(out: _Folder = Path("maxjax-demo"), seed: _Seed = 0) -> int:
+    """Plan around a street corner from one simulated LiDAR scan, by the field and by A*.
+
+    Args:
+        out: Folder for plan.json, path.csv and plan.png.
+        seed: Seed of the city, of the scan's noise and of the choice of the corner.
+    """
+    from maxjax.cli import demo
+
+    return demo.run(out, seed)
+
+
+def _check() -> int:
+    """Show versions and devices, and solve and certify a small potential."""
+    from maxjax.cli import check
+
+    return check.run()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        arguments: without the program's name; by default those of the process.
+
+    Returns:
+        The exit code, see the module.
+
+    Raises:
+        SystemExit: for `--help` (code 0) and for arguments that cannot be parsed (code 2).
+    """
+    commands: dict[str, Callable[..., Any]] = {"plan": _plan, "scan": _scan, "demo": _demo, "check": _check}
+    description = "Certified flight paths for UAVs in cities."
+    try:
+        code: int = tyro.extras.subcommand_cli_from_dict(
+            commands, prog="maxjax", description=description, args=arguments
+        )
+        return code
+    except (ValueError, OSError, ImportError, MemoryError, JaxRuntimeError) as error:
+        # JAX's own errors, out of memory above all, go on for pages.
+        sentence = next(iter(str(error).splitlines()), type(error).__name__)
+        print(f"maxjax: error: {sentence}", file=sys.stderr)
+        return _UNUSABLE
+    except KeyboardInterrupt:
+        return _INTERRUPTED

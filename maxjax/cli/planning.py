@@ -1,0 +1,161 @@
+"""`maxjax plan`: a path through a city, a scan or a voxel map."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from maxjax import api
+from maxjax.cli import report
+from maxjax.cli.world import World, build_world, load_source
+from maxjax.core.grid import Point3
+from maxjax.core.status import Status
+from maxjax.fields.occupancy import dilate, rungs
+from maxjax.planning.planner import Plan, Stopwatch, potential_field
+from maxjax.solvers.potential import solve_potential
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_AROUND = 45.0  # [m]; enough of a town to recognise it
+
+NAMES = {"solver": "maxjax", "astar": "A*"}
+
+
+def run(
+    map: str,
+    start: Point3,
+    goal: Point3,
+    center: Point3 | None,
+    method: str,
+    margin: float,
+    ground: float | None,
+    out: Path | None,
+    json: bool,
+) -> int:
+    """Plan, show and write; arguments as on the command line. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    report.check_output(out)
+    watch = Stopwatch()
+    with report.progress(f"Reading {map}"):
+        source = load_source(map)
+        world = build_world(source, start, goal, center, ground, watch)
+    rungs(margin, world.grid)
+    with report.progress(f"Planning, method {method}; {report.FIRST_RUN}"):
+        plan = plan_in(world, start, goal, method, margin, watch)
+    configuration = {
+        "map": map,
+        "start": start,
+        "goal": goal,
+        "center": center,
+        "method": method,
+        "margin": margin,
+        "ground": ground,
+    }
+    message = report.explain(plan, world, start, goal) if plan.status != Status.OK else plan.status.advice
+    content = report.document(plan, world, message, configuration)
+    plans = {method: plan}
+    if out is not None:
+        figure = None
+        if plan.status == Status.OK:
+            with report.progress("Drawing"):
+                if method == "solver":
+                    plans["astar"] = plan_in(world, start, goal, "astar", margin, Stopwatch())
+                figure = draw(world, plans, start, goal, title=Path(map).name, around=_AROUND)
+        files = report.write_plan(out, content, figure)
+    if json:
+        sys.stdout.write(report.dumps(content))
+    else:
+        columns = {NAMES[name]: report.describe(found, margin, start, goal) for name, found in plans.items()}
+        report.show(report.table(Path(map).name, columns))
+        if out is not None:
+            print(*files, sep="\n")
+    if plan.status == Status.OK:
+        return 0
+    report.complain(message)
+    return 1
+
+
+def plan_in(world: World, start: Point3, goal: Point3, method: str, margin: float, watch: Stopwatch) -> Plan:
+    """`maxjax.plan` in a world, start and goal in the map's coordinates [m]; the path is in the world's frame.
+
+    Args:
+        world: the map.
+        start, goal: [m].
+        method, margin: as in `maxjax.plan`.
+        watch: time already spent on making voxels; added to the plan's.
+    """
+    if world.returns and world.returns["inside"] == 0:
+        nothing = np.zeros((0, 3), np.float32)
+        return Plan(Status.EMPTY_SCAN, nothing, np.nan, np.nan, False, 0.0, watch.report(), method)
+    found = api.plan(
+        world.occupied,
+        world.localize(start),
+        world.localize(goal),
+        world.grid,
+        method=method,
+        margin=margin,
+        ground=world.ground,
+    )
+    before = watch.report()
+    timings = {name: before.get(name, 0.0) + found.timings.get(name, 0.0) for name in {**before, **found.timings}}
+    return dataclasses.replace(found, timings=timings)
+
+
+def draw(
+    world: World,
+    plans: Mapping[str, Plan],
+    start: Point3,
+    goal: Point3,
+    *,
+    title: str,
+    obstacles: World | None = None,
+    points: Float[np.ndarray, "n 3"] | None = None,
+    around: float = 14.0,
+) -> Figure:
+    """The figure of one or more plans, in the map's coordinates; with the potential that the first one climbed.
+
+    Args:
+        world: the map that was planned in.
+        plans: by method; those without a path are left out.
+        start, goal: [m].
+        title: headline.
+        obstacles: the map to show, if another one, on the same grid; None: `world`.
+        points: returns of a scan [m].
+        around: width of the map shown around the paths [m].
+    """
+    from maxjax.viz.figures import figure_plan
+
+    shown = world if obstacles is None else obstacles
+    first = next(iter(plans.values()))
+    return figure_plan(
+        shown.occupied,
+        shown.ground,
+        world.file_grid,
+        {NAMES[name]: world.globalize(plan.path) for name, plan in plans.items() if plan.status == Status.OK},
+        start=np.asarray(start),
+        goal=np.asarray(goal),
+        log_potential=_log_potential(world, goal, first.margin) if first.method == "solver" else None,
+        points=points,
+        title=title,
+        around=around,
+    )
+
+
+def _log_potential(world: World, goal: Point3, margin: float) -> Float[np.ndarray, "nx ny nz"]:
+    """Logarithm of φ of the plan's own problem; -inf where no current flows."""
+    blocked = dilate(jnp.asarray(world.occupied), margin, world.grid, jnp.asarray(world.ground))
+    index = world.grid.index_of(jnp.asarray(world.localize(goal), jnp.float32))
+    field = potential_field(blocked, index, world.grid, solve_potential, Stopwatch())
+    phi = np.asarray(field.phi)
+    return np.log(np.where(phi > 0, phi, 1.0), where=phi > 0, out=np.full(phi.shape, -np.inf, phi.dtype))

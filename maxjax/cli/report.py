@@ -1,0 +1,213 @@
+"""What a command shows and leaves behind: progress, tables, sentences, plan.json, path.csv, plan.png.
+
+A folder with a plan.json is whole: it is written last, and taken away first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import math
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from maxjax.cli.world import World
+from maxjax.core.grid import Point3
+from maxjax.core.provenance import device, versions
+from maxjax.core.serialize import atomic_write
+from maxjax.core.status import Status
+from maxjax.planning.planner import Plan
+
+# In the order in which they run, so that plans by different methods share the rows of a table.
+_STAGES = ("voxelise", "dilate", "solve", "ascend", "tighten", "search", "verify", "total")
+FIRST_RUN = "the first run compiles, about 20 s on a CPU"
+
+
+@contextlib.contextmanager
+def progress(what: str) -> Iterator[None]:
+    """Show on stderr what is being done, on a terminal with a running clock."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        console.print(f"{what} ...", highlight=False, soft_wrap=True)
+        yield
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        bar.add_task(what, total=None)
+        yield
+
+
+def check_output(out: Path | None) -> None:
+    """Find out before the work whether its results can be drawn and written.
+
+    Raises:
+        ImportError: if matplotlib is missing; names the extra.
+        ValueError: if `out` is no folder, or cannot be made or written to.
+    """
+    if out is None:
+        return
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise ImportError("--out draws a figure, which needs the extra viz: pip install 'maxjax[viz]'") from error
+    try:
+        standing = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+        # Asks the file system itself: permission bits do not tell of read-only disks.
+        with tempfile.TemporaryFile(dir=standing):
+            pass
+    except OSError as error:
+        raise ValueError(f"--out {out}: cannot be written: {error.strerror or error}; choose another folder") from error
+
+
+def explain(plan: Plan, world: World, start: Point3, goal: Point3) -> str:
+    """One paragraph: the status, what to do about it, and the given values that it is about."""
+    where = world.file_grid
+    sentence = (
+        f"{plan.status.name}: {plan.status.advice} Given: start {_xyz(start)}, goal {_xyz(goal)}, "
+        f"grid from {_xyz(where.lower)} to {_xyz(where.upper)} m"
+    )
+    if plan.status == Status.NO_VALID_PATH:
+        sentence += f", {int(world.occupied.sum())} of {world.occupied.size} voxels occupied"
+    if world.returns:
+        counts = world.returns
+        sentence += (
+            f"; points inside the grid {counts['inside']}, outside {counts['outside']}, "
+            f"without a return {counts['missing']}"
+        )
+    return sentence + "."
+
+
+def _xyz(point: Point3) -> str:
+    return "(" + ", ".join(f"{x:.10g}" for x in point) + ")"
+
+
+def document(plan: Plan, world: World, message: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of plan.json: the fields of `Plan`, and what is needed to run it again. The path is the map's."""
+    grid = world.file_grid
+    where = {"shape": grid.shape, "spacing": grid.spacing, "origin": grid.origin}
+    content = {
+        "status": plan.status.name,
+        "message": message,
+        "path": world.globalize(plan.path).tolist(),
+        "length": plan.length,
+        "clearance": plan.clearance,
+        "certified": plan.certified,
+        "margin": plan.margin,
+        "timings": plan.timings,
+        "method": plan.method,
+        "configuration": {**configuration, "grid": where, "returns": world.returns},
+        "versions": versions(),
+        "device": device(),
+    }
+    plain: dict[str, Any] = _plain(content)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can hold: numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def dumps(content: Mapping[str, Any]) -> str:
+    """The text of a JSON document, ending in a newline."""
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def table(title: str, columns: Mapping[str, Mapping[str, str]]) -> Table:
+    """A table with one column an entry; its rows are the entries' keys, those that are empty left out."""
+    grid = Table(title=title, title_justify="left")
+    grid.add_column("")
+    for name in columns:
+        grid.add_column(name, justify="right")
+    for row in dict.fromkeys(key for column in columns.values() for key in column):
+        cells = [column.get(row, "") for column in columns.values()]
+        if any(cells):
+            grid.add_row(row, *cells)
+    return grid
+
+
+def describe(plan: Plan, asked: float, start: Point3, goal: Point3) -> dict[str, str]:
+    """A plan as the rows of a table."""
+    rows = {
+        "status": plan.status.name,
+        "certified": "yes" if plan.certified else "no" if plan.method == "solver" else "-",
+        "margin": f"{plan.margin:g} m" + (f" (asked {asked:g} m)" if plan.margin != asked else ""),
+    }
+    if plan.status == Status.OK:
+        rows |= {
+            "length": f"{plan.length:.2f} m",
+            "straight line": f"{math.dist(start, goal):.2f} m",
+            "clearance": f"{plan.clearance:.2f} m",
+            "waypoints": str(len(plan.path)),
+        }
+    for stage in _STAGES:
+        rows[f"time: {stage}"] = f"{1e3 * plan.timings[stage]:.0f} ms" if stage in plan.timings else ""
+    rows["compiled before, once"] = f"{plan.timings['compile']:.1f} s"
+    return rows
+
+
+def show(*tables: Table) -> None:
+    """Print tables on stdout."""
+    console = Console()
+    for one in tables:
+        console.print(one)
+
+
+def complain(message: str) -> None:
+    """Print a sentence on stderr."""
+    Console(stderr=True).print(message, highlight=False, soft_wrap=True, markup=False)
+
+
+def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:
+    """Write plan.json and, for a plan that is OK, path.csv and plan.png; each whole or not at all.
+
+    Args:
+        out: folder; made if missing.
+        content: from `document`.
+        figure: matplotlib figure, or None where there is no path.
+
+    Returns:
+        The files written. Those of an earlier plan are gone: after a failure, no path is left to fly.
+
+    Raises:
+        OSError: if they cannot be written.
+    """
+    from maxjax.viz.figures import save_figure
+
+    out.mkdir(parents=True, exist_ok=True)
+    summary, path, picture = out / "plan.json", out / "path.csv", out / "plan.png"
+    for old in (summary, path, picture):
+        old.unlink(missing_ok=True)
+    written = []
+    if figure is not None:
+        save_figure(figure, picture)
+        atomic_write(path, _csv(np.asarray(content["path"])))
+        written = [picture, path]
+    atomic_write(summary, dumps(content))
+    return [*written, summary]
+
+
+def _csv(path: Float[np.ndarray, "t 3"]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["x_m", "y_m", "z_m"])
+    writer.writerows(path.tolist())
+    return text.getvalue()

@@ -1,0 +1,186 @@
+"""Planning by name: one problem, many, or a scan; and what is wrong with the inputs, said with what was given."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from references import random_blocks, random_free
+
+import maxjax
+from maxjax import Grid, PlanBatch, Status, plan, plan_batch, plan_scan, verify
+
+GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
+COUNT = 5
+
+
+def world(index: np.ndarray) -> np.ndarray:
+    return np.array(GRID.origin) + GRID.spacing * np.asarray(index, float)
+
+
+@pytest.fixture(scope="module")
+def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Five problems: one sealed, one with its goal in a wall, the others feasible."""
+    rng = np.random.default_rng(1)
+    occupied = np.stack([random_blocks(rng, GRID.shape, 12, 5) for _ in range(COUNT)])
+    ends = np.stack([world(random_free(rng, o, 2)) for o in occupied])
+    occupied[3, 8] = True
+    ends[3] = world([[1, 1, 1], [14, 14, 14]])
+    occupied[3, 1, 1, 1] = occupied[3, 14, 14, 14] = False
+    ends[4, 1] = world(np.argwhere(occupied[4])[0])
+    return occupied, ends[:, 0], ends[:, 1]
+
+
+@pytest.fixture(scope="module")
+def batch(problems: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PlanBatch:
+    return plan_batch(*problems, GRID, margin=4.0)
+
+
+def test_public_names_exist() -> None:
+    assert all(hasattr(maxjax, name) for name in maxjax.__all__)
+    assert len(set(maxjax.__all__)) == len(maxjax.__all__)
+
+
+def test_a_batch_equals_single_plans(problems: tuple[np.ndarray, np.ndarray, np.ndarray], batch: PlanBatch) -> None:
+    assert len(batch) == COUNT
+    for given, occupied, start, goal in zip(batch, *problems, strict=True):
+        single = plan(occupied, start, goal, GRID, margin=4.0)
+        assert given.status is single.status
+        assert given.certified is single.certified
+        assert given.margin == single.margin
+        if single.status is Status.OK:
+            # Rounding may choose another of two equal ways around.
+            assert given.length == pytest.approx(single.length, rel=2e-3)
+            assert verify(given.path, occupied, occupied, GRID).ok
+            np.testing.assert_array_equal(given.path[[0, -1]], np.float32([start, goal]))
+    assert batch.status.tolist()[3:] == [Status.NO_VALID_PATH, Status.GOAL_OCCUPIED]
+    assert (batch.status == Status.OK).sum() == 3
+
+
+def test_a_batch_is_a_sequence_of_plans_and_its_numbers_are_arrays(batch: PlanBatch) -> None:
+    assert batch[-1] is list(batch)[-1]
+    assert batch[1:3] == batch.plans[1:3]
+    for name in ("status", "certified", "length", "clearance", "margin"):
+        expected = [getattr(p, name) for p in batch]
+        np.testing.assert_array_equal(getattr(batch, name), expected)
+        assert getattr(batch, name).shape == (COUNT,)
+
+
+def test_a_shared_map_equals_its_copies(problems: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    occupied, rng = problems[0][0], np.random.default_rng(2)
+    starts, goals = (world(random_free(rng, occupied, COUNT)) for _ in range(2))
+    ground = np.zeros(GRID.shape, bool)
+    shared = plan_batch(occupied, starts, goals, GRID, margin=4.0, ground=ground)
+    copies = plan_batch(np.stack([occupied] * COUNT), starts, goals, GRID, margin=4.0)
+    for one, other in zip(shared, copies, strict=True):
+        assert one.status is other.status
+        np.testing.assert_array_equal(one.path, other.path)
+    rivals = plan_batch(occupied, starts, goals, GRID, margin=4.0, method="astar")
+    for field, graph in zip(shared, rivals, strict=True):
+        assert field.status is graph.status
+        assert field.margin == graph.margin
+        assert graph.method == "astar"
+        if field.status is Status.OK:
+            assert field.length <= 1.05 * graph.length
+
+
+def test_a_second_plan_of_the_same_shape_compiles_nothing(
+    problems: tuple[np.ndarray, np.ndarray, np.ndarray], batch: PlanBatch
+) -> None:
+    for k in range(2):
+        found = plan(problems[0][k], problems[1][k], problems[2][k], GRID, margin=4.0)
+    assert found.status is Status.OK
+    assert found.timings["compile"] == 0
+    stages = {"dilate", "solve", "ascend", "tighten", "verify"}
+    assert stages <= set(found.timings)
+    assert found.timings["total"] == pytest.approx(sum(found.timings[s] for s in stages))
+    assert batch.status.shape == (COUNT,)
+    again = plan_batch(problems[0][::-1], problems[1][::-1], problems[2][::-1], GRID, margin=4.0)
+    assert again[0].timings["compile"] == 0
+
+
+def test_takes_lists_integers_and_device_arrays() -> None:
+    empty = np.zeros(GRID.shape, bool)
+    for start, goal in (([-8, 5, 3], (18, 36, 38)), (np.array([-8, 5, 3]), np.array([18.0, 36, 38]))):
+        found = _plan(empty, start, goal, GRID, method="astar")
+        assert found.status is Status.OK
+        np.testing.assert_array_equal(found.path[[0, -1]], np.float32([start, goal]))
+
+
+def test_the_margin_is_lowered_where_it_seals_and_reported() -> None:
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[8] = True
+    occupied[8, 5:8, 5:8] = False  # a window 3 voxels wide: one voxel of margin leaves one voxel
+    found = plan(occupied, world([2, 9, 9]), world([14, 9, 9]), GRID, margin=4.0)
+    assert (found.status, found.margin) == (Status.OK, 2.0)
+    assert found.clearance >= 1.0
+    shut = plan(occupied, world([2, 9, 9]), world([14, 9, 9]), GRID, margin=4.0, ground=np.ones(GRID.shape, bool))
+    assert shut.status is Status.START_OCCUPIED
+
+
+def test_scans() -> None:
+    rng = np.random.default_rng(3)
+    wall = np.stack([np.full(3000, 6.0), rng.uniform(2, 39, 3000), rng.uniform(0, 25, 3000)], axis=1)
+    misses = np.concatenate([np.zeros((50, 3)), np.full((50, 3), np.nan), np.full((50, 3), 1e4)])
+    start, goal = world([2, 9, 5]), world([14, 9, 5])
+    found = plan_scan(np.concatenate([wall, misses]), start, goal, GRID, margin=4.0)
+    assert found.status is Status.OK
+    assert found.length > math.dist(start, goal) + 5
+    assert found.timings["voxelise"] > 0
+    assert found.timings["total"] > found.timings["voxelise"]
+    for nothing in (misses, misses[:0], misses[50:100], np.zeros((4, 3), np.int64)):
+        empty = _scan(nothing, start, goal, GRID)
+        assert empty.status is Status.EMPTY_SCAN
+        assert empty.path.shape == (0, 3)
+        assert not empty.certified
+        assert math.isnan(empty.length)
+
+
+EMPTY = np.zeros(GRID.shape, bool)
+POINT = np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: _plan(EMPTY[0], POINT, POINT, GRID), r"occupied: expected shape \(16, 18, 20\), given \(18, 20\)"),
+        (lambda: _plan(EMPTY[:5], POINT, POINT, GRID), r"occupied: expected shape .*given \(5, 18, 20\)"),
+        (lambda: _plan(EMPTY * 1.0, POINT, POINT, GRID), "occupied: expected dtype bool, given float64"),
+        (
+            lambda: _plan(EMPTY, POINT[:2], POINT, GRID),
+            r"start: expected numbers of shape \(3,\) .*given float64 \(2,\)",
+        ),
+        (lambda: _plan(EMPTY, POINT, "goal", GRID), r"goal: expected numbers of shape \(3,\).*given <U4 \(\)"),
+        (lambda: _plan(EMPTY, POINT, POINT * 1j, GRID), "goal: expected numbers .*given complex128"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, method="dijkstra"), "method: expected one of .*astar.*'dijkstra'"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, margin=-1.0), "margin: expected a number of metres ≥ 0, given -1.0"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, margin=math.nan), "margin: expected .*given nan"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, ground=EMPTY[:2]), r"ground: expected shape .*given \(2, 18, 20\)"),
+        (lambda: _batch(EMPTY, POINT, POINT, GRID), r"start: expected shape \(b, 3\) .*given \(3,\)"),
+        (lambda: _batch(EMPTY, np.zeros((0, 3)), np.zeros((0, 3)), GRID), r"start: expected .*b >= 1, given \(0, 3\)"),
+        (
+            lambda: _batch(EMPTY, np.zeros((2, 3)), np.zeros((3, 3)), GRID),
+            r"goal: expected .*\(2, 3\).*given .*\(3, 3\)",
+        ),
+        (
+            lambda: _batch(np.stack([EMPTY] * 3), np.zeros((2, 3)), np.zeros((2, 3)), GRID),
+            r"occupied: expected shape \(2, 16, 18, 20\), given \(3, 16, 18, 20\)",
+        ),
+        (
+            lambda: _scan(np.zeros((5, 2)), POINT, POINT, GRID),
+            r"points: expected .*\(n, 3\) \[m\], given float64 \(5, 2\)",
+        ),
+        (lambda: _scan(np.array(["a"]), POINT, POINT, GRID), r"points: expected numbers .*given <U1 \(1,\)"),
+        (lambda: _scan(np.zeros((5, 3)), POINT, POINT, GRID, method="apf"), "method: expected one of"),
+    ],
+)
+def test_wrong_arguments_are_told_with_what_was_given(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+# As users call them: without the run-time type checks of the tests.
+_plan, _batch, _scan = (inspect.unwrap(function) for function in (plan, plan_batch, plan_scan))
