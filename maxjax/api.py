@@ -11,7 +11,7 @@ from typing import overload
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Real
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -61,8 +61,8 @@ def _points(name: str, array: object, shape: tuple[int, ...]) -> Float[np.ndarra
 
 def plan(
     occupied: Bool[Array | np.ndarray, "nx ny nz"],
-    start: Float[Array | np.ndarray, " 3"] | Sequence[float],
-    goal: Float[Array | np.ndarray, " 3"] | Sequence[float],
+    start: Real[Array | np.ndarray, " 3"] | Sequence[float],
+    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
@@ -153,8 +153,8 @@ class PlanBatch(Sequence[Plan]):
 
 def plan_batch(
     occupied: Bool[Array | np.ndarray, "*b nx ny nz"],
-    start: Float[Array | np.ndarray, "b 3"],
-    goal: Float[Array | np.ndarray, "b 3"],
+    start: Real[Array | np.ndarray, "b 3"],
+    goal: Real[Array | np.ndarray, "b 3"],
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
@@ -199,9 +199,9 @@ def plan_batch(
 
 
 def plan_scan(
-    points: Float[Array | np.ndarray, "n 3"],
-    start: Float[Array | np.ndarray, " 3"] | Sequence[float],
-    goal: Float[Array | np.ndarray, " 3"] | Sequence[float],
+    points: Real[Array | np.ndarray, "n 3"],
+    start: Real[Array | np.ndarray, " 3"] | Sequence[float],
+    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",

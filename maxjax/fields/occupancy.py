@@ -95,10 +95,11 @@ def rungs(margin: float, grid: Grid) -> tuple[float, ...]:
     """The margins to try [m]: from `margin` down by one voxel at a time, 0 last.
 
     Raises:
-        ValueError: for a margin that is negative or not finite.
+        ValueError: for a margin that is negative, not finite, or longer than the map.
     """
-    if not (math.isfinite(margin) and margin >= 0):
-        raise ValueError(f"margin: expected a number of metres ≥ 0, given {margin}")
+    longest = grid.spacing * max(grid.shape)
+    if not 0 <= margin <= longest:
+        raise ValueError(f"margin: expected 0 to {longest:g} m, the longest edge of the map, given {margin}")
     count = math.ceil(margin / grid.spacing - 1e-9)
     return (*(max(margin - k * grid.spacing, 0.0) for k in range(count)), 0.0)
 

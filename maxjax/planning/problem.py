@@ -97,7 +97,7 @@ def pose(
     bad = ~finite | outside_a | outside_b | in_a | in_b
     last = len(ladder) - 1
     # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
-    standing = jnp.stack([stand(blocked_at(jnp.int32(rung))) for rung in range(last + 1)])
+    standing = lax.map(lambda rung: stand(blocked_at(rung)), jnp.arange(last + 1, dtype=jnp.int32))
     first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
     rung, ok = lax.while_loop(
         lambda state: ~state[1] & (state[0] < last) & ~bad,

@@ -40,9 +40,10 @@ Setting = Literal["screened", "paper"]
 # Degree of the Chebyshev preconditioner: inner products cost as much as four applications of G, so few of them are
 # taken.
 DEGREE = 16
-# Residual of each voxel beside its own φ at which CG hands over to the sweeps. The error falls by orders of magnitude
-# within a few iterations once the front of the solution has passed a voxel, so the value hardly matters.
-LOCAL_TOLERANCE = 0.03
+# Residual of each voxel beside its own φ at which CG hands over to the sweeps, by number of bytes. The error falls by
+# orders of magnitude within a few iterations once the front of the solution has passed a voxel, so the value hardly
+# matters.
+LOCAL_TOLERANCE = {4: 1e-2, 8: 1e-12}
 # Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An
 # adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
 DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
@@ -212,11 +213,12 @@ def _attempt(
     operator, source = _system(caps.setting, sigma, length, goal)
     links, scale = stencil.normalize(operator)
     source = source * scale
+    tolerance = LOCAL_TOLERANCE[sigma.dtype.itemsize]
     solution = pcg(
         lambda y: y - stencil.gather(links, y),
         source,
         precondition=_preconditioner(operator, links),
-        stop=lambda y, r: jnp.all(jnp.abs(r) <= LOCAL_TOLERANCE * y),
+        stop=lambda y, r: jnp.all(jnp.abs(r) <= tolerance * y),
         max_iterations=caps.max_iterations,
     )
 

@@ -135,9 +135,9 @@ def test_ladder_goes_down_by_one_voxel_to_zero(margin: float, spacing: float, ex
     assert rungs(margin, Grid((4, 4, 4), spacing)) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("margin", [-1.0, math.nan, math.inf])
+@pytest.mark.parametrize("margin", [-1.0, 41.0, math.nan, math.inf])
 def test_bad_margins_are_refused(margin: float) -> None:
-    with pytest.raises(ValueError, match=f"margin: expected a number of metres ≥ 0, given {margin}"):
+    with pytest.raises(ValueError, match=f"margin: expected 0 to .* m, the longest edge of the map, given {margin}"):
         rungs(margin, GRID)
     with pytest.raises(ValueError, match="margin: expected"):
         dilate(jnp.zeros(GRID.shape, bool), margin, GRID)

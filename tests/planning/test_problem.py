@@ -96,12 +96,26 @@ def test_every_fault_has_its_status() -> None:
         (good, np.array([5, math.inf, 5]), Status.NONFINITE_INPUT),
         (np.array([5, -math.inf, 5]), np.array([5, 5, math.nan]), Status.NONFINITE_INPUT),
         (np.array([1e38, 5, 5]), other, Status.START_OUTSIDE_MAP),
-        # On the outer face, and on a face of the obstacle: what a point touches counts.
-        (np.array([GRID.lower[0], 10.0, 10.0]), other, Status.START_OUTSIDE_MAP),
-        (world([5.5, 6, 7]), other, Status.START_OCCUPIED),
+        # A face belongs to the voxel above it, and to no other.
+        (np.array([GRID.lower[0], 10.0, 10.0]), other, Status.OK),
+        (np.array([GRID.upper[0], 10.0, 10.0]), other, Status.START_OUTSIDE_MAP),
+        (world([4.5, 6, 7]), other, Status.START_OCCUPIED),
+        (world([5.5, 6, 7]), other, Status.OK),
     ]
     for start, goal, status in cases:
         assert Status(int(judge(occupied, start, goal).status)) is status, (start, goal)
+
+
+def test_a_start_on_a_voxel_face_costs_no_margin() -> None:
+    """At 3 m above flat ground, a face of 2 m voxels, the margin of the ground is only touched."""
+    ground = np.zeros(GRID.shape, bool)
+    ground[:, :, 0] = True
+    height = GRID.origin[2] + 1.5 * GRID.spacing
+    start, goal = world([2, 2, 5]), world([12, 12, 5])
+    start[2] = goal[2] = height
+    found = posed(ground, ground, start.astype(np.float32), goal.astype(np.float32), 2 * GRID.spacing, GRID)
+    assert Status(int(found.status)) is Status.OK
+    assert float(found.margin) == 2 * GRID.spacing
 
 
 def test_the_ground_keeps_no_margin_beyond_one_voxel() -> None:

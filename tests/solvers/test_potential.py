@@ -13,7 +13,6 @@ import pytest
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.solvers import potential as module
 
 GRID = Grid((16, 18, 20))
 solve = jax.jit(solve_potential, static_argnames=("setting", "max_iterations", "max_sweeps"))
@@ -60,7 +59,7 @@ def test_random_scenes_are_certified_and_equal_elimination_voxel_by_voxel(seed: 
     potential = solve(sigma, goal)
     check_certificate(potential, sigma, goal)
     expected = direct_potential(sigma, tuple(goal), leak_of(potential))
-    np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
+    np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
 
 
 def test_tiny_potentials_are_relatively_accurate_in_float32() -> None:
@@ -70,7 +69,7 @@ def test_tiny_potentials_are_relatively_accurate_in_float32() -> None:
     expected = direct_potential(sigma, (0, 0, 0), 0.9**-2)
     assert expected[expected > 0].min() < 1e-20
     check_certificate(potential, sigma, goal)
-    np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
+    np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
 
 
 def test_paper_setting_equals_elimination_with_grounded_faces() -> None:
@@ -78,17 +77,10 @@ def test_paper_setting_equals_elimination_with_grounded_faces() -> None:
         sigma, goal = scene(seed)
         potential = solve(sigma, goal, setting="paper")
         expected = direct_potential(sigma, tuple(goal), 0.0, grounded=True)
-        np.testing.assert_allclose(potential.phi, expected, rtol=module.LOCAL_TOLERANCE)
-
-
-@pytest.fixture
-def tight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stopping rule that uses float64's digits; what a field to climb needs leaves 0.1 to 1 % in the far voxels."""
-    monkeypatch.setattr(module, "LOCAL_TOLERANCE", 1e-11)
+        np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
 
 
 @pytest.mark.parametrize("setting", ["screened", "paper"])
-@pytest.mark.usefixtures("tight")
 def test_float64_equals_elimination(setting: str) -> None:
     sigma, goal = scene(7)
     with jax.enable_x64(True):
@@ -245,7 +237,6 @@ def central(function: Callable[[float], float], step: float) -> float:
 
 @pytest.mark.parametrize("setting", ["screened", "paper"])
 @pytest.mark.parametrize("name", list(LOSSES))
-@pytest.mark.usefixtures("tight")
 def test_gradient_equals_central_differences(name: str, setting: str) -> None:
     loss = LOSSES[name]
     with jax.enable_x64(True):
@@ -267,7 +258,6 @@ def test_gradient_equals_central_differences(name: str, setting: str) -> None:
             assert by_length == 0
 
 
-@pytest.mark.usefixtures("tight")
 def test_forward_reverse_and_second_derivatives_agree() -> None:
     with jax.enable_x64(True):
         rng = np.random.default_rng(13)

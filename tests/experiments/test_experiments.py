@@ -1,0 +1,47 @@
+"""Every experiment and benchmark runs at a small size, and what it claims holds there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import plan as plan_benchmark
+from experiments import warframe_crops
+
+
+def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Path) -> None:
+    rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(warframe_crops.Config(data, 20, tmp_path))}
+    for crop in ("Complex", "Simple"):
+        ours, rival = rows[crop, "solver"], rows[crop, "astar"]
+        assert ours["ok"] == ours["certified"] == ours["verified"] == ours["scenarios"]
+        assert ours["over_optimum_mean"] <= 0.98
+        assert ours["over_optimum_worst"] <= 1.05
+        assert rival["ok"] == rival["scenarios"]
+        assert rival["off_optimum"] == 0
+
+
+def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
+    pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
+    from experiments import random_problems
+
+    *maps, sealed = random_problems.main(random_problems.Config(problems=50, sealed=20, out=tmp_path))
+    assert [row["map"] for row in maps] == ["midtown", "downtown", "suburb"]
+    for row in maps:
+        assert row["solved"] == row["certified"] == row["largest_margin"] == row["solvable"]
+        assert row["proved_unsolvable"] == row["problems"] - row["solvable"]
+        assert row["unsafe"] == 0
+        assert row["length_over_geodesic_mean"] <= 1.03
+    assert sealed["solvable"] == sealed["solved"] == sealed["certified"] == 0
+    assert sealed["proved_unsolvable"] == sealed["problems"]
+
+
+def test_plan_benchmark_measures_ours_and_its_peers(tmp_path: Path) -> None:
+    config = plan_benchmark.Config(maps=("suburb",), problems=1, repeats=1, peers=("Jacobi",), out=tmp_path)
+    rows = {row["what"]: row for row in plan_benchmark.main(config)}
+    ours, peer = rows["solve, suburb: maxjax"], rows["solve, suburb: SciPy CG, Jacobi"]
+    assert ours["certified"]
+    assert ours["within_1deg"] >= 0.95
+    assert ours["within_5deg"] >= 0.999
+    assert peer["within_1deg"] >= ours["within_1deg"] - 1e-5
+    assert rows["plan, solver: total"]["solved"] == rows["plan, astar: total"]["solved"] == 1
