@@ -38,24 +38,31 @@ class Verdict:
     geodesic: float  # eikonal distance on the dilated grid [voxels]; NaN where there is none
 
 
-def blocked_at(case: Case, radius: float) -> np.ndarray:
-    """The grid dilated by `radius` voxels, its ground by one at most, from SciPy's exact distance transform."""
+def distances(case: Case) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of every voxel to the obstacles and to the ground [voxels], by SciPy's exact transform."""
     size = int(np.prod(case.shape))
     occupied, ground = (
         np.unpackbits(bits, count=size).reshape(case.shape).astype(bool) for bits in (case.occupied, case.ground)
     )
-    obstacles = occupied & ~ground
-    near = ndimage.distance_transform_edt(~obstacles) <= radius + 1e-6 if obstacles.any() else obstacles
-    low = ndimage.distance_transform_edt(~ground) <= min(radius, 1) + 1e-6 if ground.any() else ground
-    return near | low
+    return _distance(occupied & ~ground), _distance(ground)
+
+
+def _distance(mask: np.ndarray) -> np.ndarray:
+    return np.asarray(ndimage.distance_transform_edt(~mask)) if mask.any() else np.full(mask.shape, np.inf)
+
+
+def blocked_at(near: np.ndarray, low: np.ndarray, radius: float) -> np.ndarray:
+    """The grid dilated by `radius` voxels, its ground by one at most."""
+    return np.asarray((near <= radius + 1e-6) | (low <= min(radius, 1) + 1e-6))
 
 
 def judge(case: Case) -> Verdict:
     """Reachability by `ndimage.label`, safety by dense sampling, length by second-order fast marching."""
     start, goal = (tuple(np.floor(x + 0.5).astype(int)) for x in (case.start, case.goal))
+    near, low = distances(case)
     margin = None
     for radius in case.rungs:
-        blocked = blocked_at(case, radius)
+        blocked = blocked_at(near, low, radius)
         if blocked[start] or blocked[goal]:
             continue
         labels, _ = ndimage.label(~blocked)
@@ -64,7 +71,7 @@ def judge(case: Case) -> Verdict:
             break
     if len(case.path) == 0:
         return Verdict(margin, False, np.nan)
-    blocked = blocked_at(case, case.margin)
+    blocked = blocked_at(near, low, case.margin)
     return Verdict(margin, _unsafe(case.path, blocked), _geodesic(case, blocked))
 
 

@@ -172,10 +172,9 @@ def main(config: Config) -> list[Row]:
             rivals = [solve(p, "astar") for p in posed]
             rows.append(_row(name, plans, rivals, judged.get(), grid))
             print(rows[-1], file=sys.stderr, flush=True)
-        posed = []
-        for k, end in enumerate(["start", "goal"] * (config.sealed // 2)):
-            name = MAPS[k % len(MAPS)]
-            posed.append(seal(problems(name, k // 20 * 10 + 1, config.seed, grid)[-1], grid, end))
+        share = -(-config.sealed // len(MAPS))
+        open_ones = [problem for name in MAPS for problem in problems(name, share, config.seed, grid)][: config.sealed]
+        posed = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
         plans = [solve(p, "solver") for p in posed]
         verdicts = pool.map(judge, [_case(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
         rows.append(

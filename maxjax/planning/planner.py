@@ -60,8 +60,8 @@ class Plan:
 
     Attributes:
         status: OK only for a path that passed `verify`.
-        path: (t, 3) float32 [m], ENU, start first, goal last; empty unless OK. An end that lies on a face between
-            voxels is moved off it by 0.2 % of a voxel (4 mm at 2 m).
+        path: (t, 3) float32 [m], ENU, start first, goal last; empty unless OK. An end that lies on the face of a
+            blocked voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
@@ -231,7 +231,7 @@ def judge(
     if status == Status.OK:
         with watch.stage("verify"):
             world = np.asarray(grid.origin) + grid.spacing * path.astype(np.float64)
-            # To the bit where given, unless `pose` moved an end off a voxel's face.
+            # To the bit where given, unless `pose` moved an end off the face of a blocked voxel.
             for end, given in ((0, start), (-1, goal)):
                 if np.abs(world[end] - given).max() < 1e-4 * grid.spacing:
                     world[end] = given

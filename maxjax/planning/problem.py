@@ -29,7 +29,8 @@ class Problem:
     Attributes:
         blocked: voxels within `margin` of an obstacle.
         margin: the margin that was chosen [m]; 0 where none joins start and goal.
-        start, goal: index coordinates, moved off voxel faces by 0.2 % of a voxel where they lie on one.
+        start, goal: index coordinates; where one lies on the face of a blocked voxel, it is moved off that face by less
+            than a thousandth of a voxel.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
     """
@@ -48,7 +49,7 @@ def _off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     A start at 3 m lies on a face of 2 m voxels. Touching the margin there must not cost the whole flight its margin.
     """
     centre = jnp.floor(x + 0.5)
-    room = 0.5 - 2 * TOUCH
+    room = 0.5 - 1.5 * TOUCH
     return centre + jnp.clip(x - centre, -room, room)
 
 
@@ -75,6 +76,7 @@ def pose(
     a, b = grid.fractional_index(start), grid.fractional_index(goal)
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     a, b = jnp.where(jnp.isfinite(a), a, -1.0), jnp.where(jnp.isfinite(b), b, -1.0)
+    exact_a, exact_b = a, b
     a, b = _off_faces(a), _off_faces(b)
     index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
 
@@ -117,4 +119,7 @@ def pose(
         ],
         Status.OK,
     )
-    return Problem(blocked_at(rung), ladder[rung], a, b, index_b, status.astype(jnp.int32))
+    blocked = blocked_at(rung)
+    a = jnp.where(stands_free(blocked, exact_a), exact_a, a)
+    b = jnp.where(stands_free(blocked, exact_b), exact_b, b)
+    return Problem(blocked, ladder[rung], a, b, index_b, status.astype(jnp.int32))

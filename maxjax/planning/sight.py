@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, UInt16
 
 # A segment closer than this to a voxel's face touches the voxel on the other side as well [voxels]: far above the
 # rounding of float32 coordinates of a few hundred, far below anything that matters in flight.
-TOUCH = 1e-3
+TOUCH = 2.5e-4
 
 # The two other axes, in the order in which `blocks` stores their extents.
 _OTHERS = ((1, 2), (0, 2), (0, 1))
