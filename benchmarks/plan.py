@@ -30,7 +30,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 from scipy import ndimage
-from scipy.sparse import csr_matrix, diags_array
+from scipy.sparse import csr_matrix, dia_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 import maxjax
@@ -38,6 +38,7 @@ from benchmarks.harness import RESULTS, Row, measure, save
 from experiments.random_problems import Problem, problems
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.sim.scenes import MAPS
+from maxjax.solvers.potential import DEGREE
 
 _PEER_ITERATIONS = 3000
 _PROBE = """
@@ -68,7 +69,7 @@ class Config:
     problems: int = 10
     repeats: int = 10
     peer_repeats: int = 1
-    peers: tuple[str, ...] = ("plain", "Jacobi", "Chebyshev 16")
+    peers: tuple[str, ...] = ("plain", "Jacobi", "Chebyshev", "whole grid, plain", "whole grid, Jacobi")
     margin: float = 8.0
     seed: int = 0
     out: Path = RESULTS
@@ -130,20 +131,16 @@ def _solve_rows(name: str, problem: Problem, grid: maxjax.Grid, config: Config) 
     jacobi = csr_matrix(scale @ matrix @ scale)
     right = scale @ source
 
-    def volume(phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "nx ny nz"]:
+    def volume(phi: Float[np.ndarray, " n"], voxels: np.ndarray) -> Float[np.ndarray, "nx ny nz"]:
         full = np.zeros(grid.shape)
-        full[component] = phi
+        full[voxels] = phi
         full[tuple(np.asarray(goal))] = 1.0
         return full
 
     exact = _reference(jacobi, right)
-    reference = volume(scale @ exact)
+    reference = volume(scale @ exact, component)
     angles = functools.partial(_angles, reference, component)
     within = angles(np.asarray(ours.phi))
-
-    def judged(back: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> tuple[float, float]:
-        return angles(volume(back(x)))
-
     rows: list[Row] = [
         {
             "what": f"solve, {name}: maxjax",
@@ -159,16 +156,16 @@ def _solve_rows(name: str, problem: Problem, grid: maxjax.Grid, config: Config) 
             "within_5deg": round(within[1], 5),
         }
     ]
-    peers: dict[str, tuple[csr_matrix, np.ndarray, Callable[[np.ndarray], np.ndarray], LinearOperator | None]] = {
-        "plain": (matrix, source, lambda x: x, None),
-        "Jacobi": (jacobi, right, lambda y: scale @ y, None),
-        "Chebyshev 16": (jacobi, right, lambda y: scale @ y, _chebyshev(matrix, jacobi)),
-    }
     for label in config.peers:
-        a, b, back, preconditioner = peers[label]
-        runs = [
-            _until(functools.partial(judged, back), within, a, b, preconditioner) for _ in range(config.peer_repeats)
-        ]
+        a, b, voxels = _system(np.asarray(sigma), np.asarray(goal), float(ours.screening_length), "whole" in label)
+        root = diags_array(np.ones(len(b)) if "plain" in label else 1 / np.sqrt(a.diagonal()))
+        scaled = csr_matrix(root @ a @ root)
+        preconditioner = _chebyshev(a, scaled) if "Chebyshev" in label else None
+
+        def judged(x: np.ndarray, root: dia_array = root, voxels: np.ndarray = voxels) -> tuple[float, float]:
+            return angles(volume(root @ x, voxels))
+
+        runs = [_until(judged, within, scaled, root @ b, preconditioner) for _ in range(config.peer_repeats)]
         seconds = [run[0] for run in runs]
         _, iterations, found = runs[0]
         median = statistics.median(seconds)
@@ -221,16 +218,19 @@ def _until(
 
 
 def _system(
-    sigma: np.ndarray, goal: np.ndarray, length: float
+    sigma: np.ndarray, goal: np.ndarray, length: float, whole: bool = False
 ) -> tuple[csr_matrix, Float[np.ndarray, " n"], np.ndarray]:
-    """The screened system on the goal's component, goal held at 1, built without maxjax: (A, q, voxels)."""
+    """The screened system, goal held at 1, built without maxjax: (A, q, voxels).
+
+    On the goal's component; or on the whole grid, obstacles with a unit diagonal, as the paper solves it.
+    """
     sigma = sigma.astype(np.float64)
     labels, _ = ndimage.label(sigma > 0)
-    component = labels == labels[tuple(goal)]
+    component = np.full(sigma.shape, True) if whole else labels == labels[tuple(goal)]
     component[tuple(goal)] = False
     number = np.full(sigma.shape, -1)
     number[component] = np.arange(component.sum())
-    diagonal = sigma[component] / length**2
+    diagonal = np.where(sigma > 0, sigma / length**2, 1.0)[component]
     source = np.zeros(len(diagonal))
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for axis in range(3):
@@ -264,7 +264,7 @@ def _reference(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:
     return np.asarray(x)
 
 
-def _chebyshev(matrix: csr_matrix, scaled: csr_matrix, degree: int = 16) -> LinearOperator:
+def _chebyshev(matrix: csr_matrix, scaled: csr_matrix, degree: int = DEGREE) -> LinearOperator:
     """The same polynomial as ours, as a SciPy preconditioner of the scaled matrix."""
     off = csr_matrix(diags_array(np.ones(matrix.shape[0])) - scaled)
     diagonal = matrix.diagonal()

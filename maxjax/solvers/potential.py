@@ -37,9 +37,9 @@ from maxjax.solvers.krylov import chebyshev, pcg
 
 Setting = Literal["screened", "paper"]
 
-# Degree of the Chebyshev preconditioner: inner products cost as much as four applications of G, so few of them are
-# taken.
-DEGREE = 16
+# Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of G on
+# two CPU cores, and a wait for the device on a GPU, so few iterations are taken.
+DEGREE = 32
 # Residual of each voxel beside its own φ at which CG hands over to the sweeps, by number of bytes. The error falls by
 # orders of magnitude within a few iterations once the front of the solution has passed a voxel, so the value hardly
 # matters.

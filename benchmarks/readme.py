@@ -1,0 +1,268 @@
+"""The measured part of the README, written from the result files and from nothing else.
+
+    python -m benchmarks.readme
+
+rewrites what stands between `<!-- measured -->` and `<!-- /measured -->`. A test compares both, so that no figure there
+can differ from the run that it names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
+
+# File: the command that writes it, for the reader of the message that it is missing.
+_FILES = {
+    "benchmarks/results/plan.json": "python -m benchmarks.plan",
+    "benchmarks/results/plan_h200.json": "python -m benchmarks.plan",
+    "benchmarks/results/lidar.json": "python -m benchmarks.lidar",
+    "benchmarks/results/lidar_h200.json": "python -m benchmarks.lidar",
+    "experiments/results/random_problems.json": "python -m experiments.random_problems",
+    "experiments/results/warframe_crops.json": "python -m experiments.warframe_crops",
+}
+_STAGES = {
+    "dilate": "dilate, choose the margin",
+    "solve": "solve, certify",
+    "ascend": "ascend",
+    "tighten": "tighten",
+    "verify": "verify",
+}
+
+Row = dict[str, Any]
+
+
+def block(root: Path = ROOT) -> str:
+    """The text between the markers.
+
+    Raises:
+        FileNotFoundError: if a result file is missing; names the command that writes it.
+    """
+    found: dict[str, Row] = {}
+    for name, command in _FILES.items():
+        if not (root / name).is_file():
+            raise FileNotFoundError(f"{name} is missing; run: {command}")
+        found[name] = json.loads((root / name).read_text(encoding="utf-8"))
+    plan, plan_gpu, lidar, lidar_gpu, problems, crops = found.values()
+    parts = [_plans(plan, plan_gpu), _solves(plan, plan_gpu), _problems(problems), _crops(crops)]
+    return "\n".join([*parts, _lidar(lidar, lidar_gpu), _sources(found)])
+
+
+def rewritten(text: str, measured: str) -> str:
+    """The README's text with its measured part replaced.
+
+    Raises:
+        ValueError: unless both markers are there, once and in order.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end) or BEGIN in rest or END in after:
+        raise ValueError(f"README.md: expected one {BEGIN.strip()} and, after it, one {END.strip()}")
+    return before + BEGIN + measured + END + after
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
+    """A table whose first `left` columns are words, the others numbers."""
+    rule = ["---" if k < left else "--:" for k in range(len(heads))]
+    return "".join(f"| {' | '.join(line)} |\n" for line in (heads, rule, *rows))
+
+
+def _device(document: Row) -> str:
+    """The accelerator, else the processor's cores."""
+    device = str(document["provenance"]["device"])
+    return f"{document['provenance']['cpus']} CPU cores" if _is_cpu(document) else device.removeprefix("1 x ")
+
+
+def _is_cpu(document: Row) -> bool:
+    return str(document["provenance"]["device"]).lower().endswith("cpu")
+
+
+def _number(value: float) -> str:
+    """Three digits or more, no exponent."""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"
+
+
+def _pick(document: Row, key: str, value: str) -> Row | None:
+    return next((row for row in document["rows"] if row[key] == value), None)
+
+
+def _cell(document: Row, what: str, key: str = "median") -> str:
+    row = _pick(document, "what", what)
+    return "" if row is None else _number(row[key])
+
+
+def _plans(*documents: Row) -> str:
+    def line(label: str, what: str, key: str = "median") -> list[str]:
+        return [label, *(_cell(document, what, key) for document in documents)]
+
+    lines = [line(label, f"plan, solver: {stage}") for stage, label in _STAGES.items()]
+    lines += [
+        line("**whole plan**", "plan, solver: total"),
+        line("whole plan, slowest", "plan, solver: total", "max"),
+        line("compilation, once [s]", "plan, solver: total", "compile_s"),
+        line("A\\*: search", "plan, astar: search"),
+        line("**A\\*: whole plan**", "plan, astar: total"),
+    ]
+    totals = [row for d in documents if (row := _pick(d, "what", "plan, solver: total"))]
+    solved = " and ".join(f"{row['solved']} of {row['n']}" for row in totals)
+    memory = _cell(documents[0], "peak memory of a process that plans once")
+    return (
+        "### A plan, stage by stage\n\n"
+        "Random problems on the three maps, 101³ voxels, margin asked 8 m: median [ms], compilation apart. Each stage\n"
+        f"has its own median. Solved: {solved} problems. A process that plans once peaks at {memory} MB.\n\n"
+        + _table(["", *map(_device, documents)], lines)
+    )
+
+
+def _solves(*documents: Row) -> str:
+    labels = list(dict.fromkeys(label for document in documents for label in document["config"]["peers"]))
+    lines = []
+    for document in documents:
+        for name in document["config"]["maps"]:
+            ours = _pick(document, "what", f"solve, {name}: maxjax")
+            if ours is None:
+                continue
+            peers = [_peer(_pick(document, "what", f"solve, {name}: SciPy CG, {peer}"), ours) for peer in labels]
+            angle = f"{100 * ours['within_1deg']:.3f} %"
+            lines.append([name, _device(document), _number(ours["median"]), *peers, angle])
+    runs = sorted({str(row["n"]) for d in documents for row in d["rows"] if "SciPy" in row.get("what", "")})
+    heads = ["map", "maxjax on", "maxjax", *labels, "within 1°"]
+    return (
+        "### The solve beside SciPy\n\n"
+        "The same system, assembled beforehand: median [ms]; further right SciPy's conjugate gradients by\n"
+        "preconditioner, in brackets how many times ours. SciPy runs in float64 on the CPU of the same machine and is\n"
+        "stopped, with hindsight, as soon as its gradient directions are as good as ours (timed runs of SciPy:\n"
+        f"{' or '.join(runs)}). It is given the free voxels joined to the goal, or the whole grid with obstacles as\n"
+        "rows of the identity. Last column: voxels whose gradient of log φ from maxjax lies within 1° of a float64\n"
+        "reference.\n\n" + _table(heads, lines, left=2)
+    )
+
+
+def _peer(row: Row | None, ours: Row) -> str:
+    if row is None:
+        return ""
+    reached = all(row[key] >= ours[key] - 1.1e-5 for key in ("within_1deg", "within_5deg"))
+    return f"{_number(row['median'])} ({_number(row['times_ours'])})" + ("" if reached else ", not as good")
+
+
+def _problems(document: Row) -> str:
+    *maps, sealed = document["rows"]
+    config = document["config"]
+    lines = [
+        [
+            row["map"],
+            *(str(row[key]) for key in ("problems", "solvable", "solved", "certified", "unsafe")),
+            f"{row['length_over_geodesic_mean']:.3f} ({row['length_over_geodesic_max']:.3f})",
+            f"{row['astar_over_ours_mean']:.3f}",
+            f"{_number(row['plan_ms_median'])} / {_number(row['astar_ms_median'])}",
+        ]
+        for row in maps
+    ]
+    heads = ["map", "problems", "solvable", "solved", "certified", "unsafe", "length / geodesic", "A\\* / ours", "ms"]
+    used = [dict(entry.split(": ") for entry in row["margins_m"].split(", ")) for row in maps]
+    rungs = sorted({rung for counts in used for rung in counts}, key=float, reverse=True)
+    kept = [
+        [
+            row["map"],
+            str(row["largest_margin"]),
+            f"{row['clearance_m']:.1f}",
+            f"{row['clearance_least_m']:.1f}",
+            *(counts.get(rung, "0") for rung in rungs),
+        ]
+        for row, counts in zip(maps, used, strict=True)
+    ]
+    below = ["map", "largest margin", "mean clearance", "least", *(f"at {rung} m" for rung in rungs)]
+    return (
+        f"### Random problems ({_device(document)})\n\n"
+        f"Start and goal 20 to 50 voxels apart, 3 to 15 m above ground, margin asked {config['margin']:g} m. Judged\n"
+        "by SciPy's labels and distance transform, dense sampling, and the eikonal geodesic of scikit-fmm on the\n"
+        "dilated grid: mean and, in brackets, largest length over it. A\\* / ours: length of A\\* over that of the\n"
+        "field, mean. ms: median of a whole plan, field / A\\*.\n\n" + _table(heads, lines) + "\n"
+        "How many were solved at the largest margin that joins start and goal; clearance of the paths to the cubes of\n"
+        "occupied voxels, ground left out [m]; and how many flights had which margin. A start or goal beside a wall\n"
+        "lowers it.\n\n" + _table(below, kept) + "\n"
+        f"Of {sealed['problems']} problems with a sealed start or goal, {sealed['proved_unsolvable']} were proved"
+        f" unsolvable and {sealed['certified']} certified.\n"
+    )
+
+
+def _crops(document: Row) -> str:
+    methods = {"solver": "field", "astar": "A\\*"}
+    lines = [
+        [
+            row["crop"],
+            methods[row["method"]],
+            *(str(row[key]) for key in ("scenarios", "ok", "verified")),
+            str(row["certified"]) if row["method"] == "solver" else "",
+            f"{row['over_optimum_mean']:.3f}",
+            f"{row['over_optimum_worst']:.3f}",
+            _number(row["ms_median"]),
+        ]
+        for row in document["rows"]
+    ]
+    rivals = [row for row in document["rows"] if row["method"] == "astar"]
+    exact, total = sum(row["scenarios"] - row["off_optimum"] for row in rivals), sum(row["scenarios"] for row in rivals)
+    heads = ["crop", "method", "scenarios", "OK", "verified", "certified", "mean", "worst", "ms"]
+    return (
+        f"### Warframe crops of the Moving AI benchmark ({_device(document)})\n\n"
+        "Margin 0. Length over the optimum that the benchmark states for 26-neighbour grid paths, mean and worst, and\n"
+        "the median time of a whole plan. Below 1 is possible, since paths at any angle need not follow the grid.\n"
+        f"A\\* meets the stated optimum in {exact} of {total} scenarios.\n\n" + _table(heads, lines, left=2)
+    )
+
+
+def _lidar(*documents: Row) -> str:
+    methods = ("fused kernel", "scan: fused kernel, noise, dropout", "vmapped mjx.ray", "C mj_multiRay")
+    lines = []
+    for document in documents:
+        for name in document["config"]["maps"]:
+            rows = {row["method"]: row for row in document["rows"] if row["map"] == name}
+            off = " / ".join(str(rows[method]["rays_off_by_1mm"]) for method in (methods[0], methods[2]))
+            times = [_number(rows[method]["median_ms"]) for method in methods]
+            lines.append([name, _device(document), str(rows[methods[0]]["geoms"]), *times, off])
+    rays = documents[0]["config"]["rays"]
+    heads = ["map", "on", "geoms", "fused kernel", "with noise", "`mjx.ray`", "C `mj_multiRay`", "off"]
+    return (
+        "### LiDAR\n\n"
+        f"One scan of {rays:,} rays: median [ms]. With noise: the fused kernel with range noise and dropout.\n"
+        "`mjx.ray` runs under `vmap`, C MuJoCo on one thread of the machine's CPU. Off: rays of the fused kernel / of\n"
+        "`mjx.ray` that differ from C `mj_ray` by more than a millimetre within range.\n\n"
+        + _table(heads, lines, left=2)
+    )
+
+
+def _sources(found: dict[str, Row]) -> str:
+    lines = []
+    for name, document in found.items():
+        origin = document["provenance"]
+        commit = f"`{(origin['commit'] or 'unknown')[:7]}`" + " with changes" * bool(origin["dirty"])
+        device = _device(document)
+        if not _is_cpu(document):
+            device += f", {origin['cpus']} CPU cores"
+        versions = origin["versions"]
+        lines.append(
+            [
+                f"[{Path(name).name}]({name})",
+                f"`{origin['command']}`",
+                device,
+                commit,
+                f"{versions['python']} / {versions['jax']}",
+                origin["date"][:10],
+            ]
+        )
+    heads = ["file", "command", "device", "commit", "Python / JAX", "date"]
+    return "### Where these figures come from\n\n" + _table(heads, lines, left=len(heads))
+
+
+def main() -> None:
+    """Rewrite the README's measured part."""
+    README.write_text(rewritten(README.read_text(encoding="utf-8"), block()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

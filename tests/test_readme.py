@@ -1,0 +1,94 @@
+"""The README keeps its word: its example runs, its commands parse, its links and its figures exist."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import readme
+from maxjax.cli import check, demo, main, planning, scanning
+
+TEXT = readme.README.read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+
+
+def test_the_example_runs_word_for_word() -> None:
+    (example,) = blocks("python")
+    # As a user runs it: without the run-time type checks of the tests.
+    done = subprocess.run(
+        [sys.executable, "-c", example],
+        capture_output=True,
+        text=True,
+        cwd=readme.ROOT,
+        env={**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"},
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert re.fullmatch(r"\(\d+, 3\) 8\.0 True", first)
+    said = re.fullmatch(r"(\d+\.\d) m long, (\d+\.\d) m clear of the tower", second)
+    assert said is not None
+    length, clearance = map(float, said.groups())
+    # The tower is 60 m wide and stands across the straight line of 120 m.
+    assert 130 < length < 156
+    assert clearance >= 8 - 2 * 3**0.5
+
+
+def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    for module in (check, demo, planning, scanning):
+        name = module.__name__
+
+        def run(*_: object, name: str = name) -> int:
+            calls.append(name.rpartition(".")[2])
+            return 0
+
+        monkeypatch.setattr(module, "run", run)
+    lines = [shlex.split(line, comments=True) for block in blocks("bash") for line in block.splitlines()]
+    for program, *arguments in lines:
+        if program == "maxjax":
+            assert main(arguments) == 0
+        else:
+            assert program == "make"
+            assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert calls == ["check", "scanning", "planning", "planning", "planning"]
+
+
+def test_every_link_leads_somewhere() -> None:
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", TEXT) if not link.startswith("https://")]
+    assert "docs/demo.png" in links
+    for link in links:
+        assert (readme.ROOT / link).is_file(), link
+
+
+def test_every_path_in_the_overview_exists() -> None:
+    (overview,) = [block for block in blocks("text") if "maxjax/api.py" in block]
+    for line in overview.splitlines():
+        assert (readme.ROOT / line.split()[0]).exists(), line
+
+
+def test_the_measured_figures_are_those_of_the_result_files() -> None:
+    assert readme.rewritten(TEXT, readme.block()) == TEXT, "run: python -m benchmarks.readme"
+
+
+def test_markers_are_wanted_once_and_in_order() -> None:
+    assert readme.rewritten(f"a\n{readme.BEGIN}old\n{readme.END}b\n", "new\n") == (
+        f"a\n{readme.BEGIN}new\n{readme.END}b\n"
+    )
+    for text in ("", readme.BEGIN, readme.END + readme.BEGIN, 2 * (readme.BEGIN + readme.END)):
+        with pytest.raises(ValueError, match="expected one"):
+            readme.rewritten(text, "new\n")
+
+
+def test_a_missing_result_names_the_command(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"plan\.json is missing; run: python -m benchmarks\.plan"):
+        readme.block(tmp_path)
