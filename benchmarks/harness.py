@@ -70,9 +70,10 @@ def measure(fn: Callable[[], Any], n: int) -> Timing:
 
 def provenance() -> dict[str, Any]:
     """What a figure's reader needs to judge and repeat it."""
-    # A copy of the tree without its history is told what it is.
-    commit = _git("rev-parse", "HEAD") or os.environ.get("MAXJAX_COMMIT")
-    status = _git("status", "--porcelain")
+    commit = _git("rev-parse", "HEAD")
+    # A copy of the tree without its history is told what it is; whether it was changed is then not known.
+    status = None if commit is None else _git("status", "--porcelain")
+    commit = commit or os.environ.get("MAXJAX_COMMIT")
     return {
         "command": _command(),
         "commit": commit,
