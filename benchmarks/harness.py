@@ -15,7 +15,6 @@ import os
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -26,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from maxjax.core.provenance import device, versions
+from maxjax.core.serialize import atomic_write
 
 RESULTS = Path(__file__).parent / "results"
 # Columns that a terminal still shows side by side.
@@ -107,15 +107,7 @@ def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    file = tempfile.NamedTemporaryFile("w", dir=folder, prefix=f".{name}.", delete=False)  # noqa: SIM115 (closed below, then renamed)
-    try:
-        with file:
-            file.write(text)
-        os.chmod(file.name, 0o644)  # temporary files are private; results are not
-        os.replace(file.name, path)
-    except OSError:
-        Path(file.name).unlink(missing_ok=True)
-        raise
+    atomic_write(path, text)
     _print(name, rows)
     return path
 
