@@ -18,7 +18,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 Volume = Float[Array, "nx ny nz"]
 
@@ -41,6 +41,12 @@ def _shift(array: Volume, axis: int, step: int) -> Volume:
     config = [(0, 0, 0)] * 3
     config[axis] = (-step, step, 0)
     return lax.pad(array, jnp.zeros((), array.dtype), config)
+
+
+def cell(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> Bool[Array, "nx ny nz"]:
+    """True at one voxel, by comparison: an index outside the grid marks nothing."""
+    x, y, z = (lax.broadcasted_iota(jnp.int32, shape, axis) == index[axis] for axis in range(3))
+    return x & y & z
 
 
 @jax.tree_util.register_dataclass
@@ -81,6 +87,12 @@ def _conductance(sigma: Volume, axis: int) -> Volume:
     following = ahead(sigma, axis)
     total = sigma + following
     return jnp.where(total > 0, 2 * sigma * following / jnp.where(total > 0, total, 1), 0)
+
+
+def neighbours(faces: tuple[Volume, Volume, Volume]) -> Links:
+    """Faces as links."""
+    x, y, z = ((face, behind(face, axis)) for axis, face in enumerate(faces))
+    return x, y, z
 
 
 def inflow(faces: tuple[Volume, Volume, Volume], phi: Volume) -> Volume:

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 Vector = Float[Array, "..."]
 Linear = Callable[[Vector], Vector]
-State = tuple[Vector, Vector, Float[Array, ""], Vector, Float[Array, ""], Int32[Array, ""]]
+State = tuple[Vector, Vector, Float[Array, ""], Float[Array, ""], Vector, Float[Array, ""], Int32[Array, ""]]
 
 
 @jax.tree_util.register_dataclass
@@ -70,25 +70,25 @@ def pcg(
         return r / jnp.where(norm > 0, norm, 1), norm
 
     def going(state: State) -> Bool[Array, ""]:
-        x, r, rho, _, _, k = state
+        x, r, rho, _, _, _, k = state
         return (k < max_iterations) & (rho > 0) & jnp.isfinite(rho) & ~stop(x, rho * r)
 
     def step(state: State) -> State:
         # In units of ρ: r and p are those of the textbook divided by |r|, hence α is unchanged and x moves by ρ α p.
-        x, r, rho, p, rz, k = state
+        x, r, rho, shrink, p, rz_before, k = state
+        z = precondition(r)
+        rz = dot(r, z)
+        p = z + (shrink * rz / rz_before) * p
         q = matvec(p)
         alpha = rz / dot(p, q)
         x = x + (rho * alpha) * p
         r, shrink = unit(r - alpha * q)
-        z = precondition(r)
-        rz_next = dot(r, z)
-        beta = shrink * rz_next / rz
-        return x, r, rho * shrink, z + beta * p, rz_next, k + 1
+        return x, r, rho * shrink, shrink, p, rz, k + 1
 
     x = jnp.zeros_like(b) if x0 is None else x0
     r, rho = unit(b - matvec(x))
-    z = precondition(r)
-    x, r, rho, _, _, k = lax.while_loop(going, step, (x, r, rho, z, dot(r, z), jnp.int32(0)))
+    one = jnp.ones_like(rho)
+    x, r, rho, _, _, _, k = lax.while_loop(going, step, (x, r, rho, one, jnp.zeros_like(b), one, jnp.int32(0)))
     _, size = unit(b)
     _, error = unit(b - matvec(x))
     return Solution(x, k, error / jnp.where(size > 0, size, 1), (rho == 0) | stop(x, rho * r))

@@ -6,11 +6,11 @@ Settings: `screened` (leak κ, insulated outer faces; the default) and `paper` (
 to 1 at the goal instead of feeding a unit source changes φ by a factor only, and spends float32's range where it is
 needed.
 
-Forward. Conjugate gradients on the Jacobi-scaled system, a Chebyshev polynomial as preconditioner, from φ = 0. (A guess
-that decays with geodesic distance was tried and saves nothing: polynomials in A carry what error there is near the goal
-outwards, one voxel a step, until its factor is below the φ of the farthest voxel.) It stops when the residual of every
-voxel is small beside *that voxel's* φ: the relative change that one more sweep would make. Then positive sweeps
-φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is reached.
+Forward, `screened`. A guess that decays with geodesic distance, then Newton cycles on log φ (`solvers.walk`) until one
+more sweep would change no voxel by more than a small part of *its own* φ: a norm says nothing about the directions far
+from the goal. Forward, `paper`. Conjugate gradients on the Jacobi-scaled system, preconditioned by a V-cycle
+(`solvers.multigrid`), until the norm of the residual is small. Then, in both, positive sweeps φ_i ← Σ_j w_ij φ_j / d_i
+run until the field is certified (`fields.certificate`) or a cap is reached.
 
 Derivative. With F(φ, σ, κ) = A φ − q = 0, the implicit function theorem gives  A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ): one more
 solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode:
@@ -32,24 +32,27 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
-from maxjax.fields.connectivity import extent, flood
-from maxjax.solvers.krylov import chebyshev, pcg
+from maxjax.fields.connectivity import geodesic
+from maxjax.solvers import walk
+from maxjax.solvers.krylov import Solution, chebyshev, pcg
+from maxjax.solvers.multigrid import hierarchy, v_cycle
 
 Setting = Literal["screened", "paper"]
 
-# Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of G on
-# two CPU cores, and a wait for the device on a GPU, so few iterations are taken.
+# Degree of the Chebyshev preconditioner of derivative solves. The vector work of a CG iteration costs as much as eight
+# applications of the stencil on two CPU cores, and a wait for the device on a GPU, so few iterations are taken.
 DEGREE = 32
-# Residual of each voxel beside its own φ at which CG hands over to the sweeps, by number of bytes. The error falls by
-# orders of magnitude within a few iterations once the front of the solution has passed a voxel, so the value hardly
-# matters.
-LOCAL_TOLERANCE = {4: 1e-2, 8: 1e-12}
+# When the solve is over, by number of bytes. `screened`: the relative change of any voxel by one more sweep; errors
+# that remain are smooth, some ten times as large at the far end, and leave directions alone. `paper`: |q − A φ| / |q|.
+TOLERANCE: dict[Setting, dict[int, float]] = {"screened": {4: 1e-2, 8: 1e-12}, "paper": {4: 1e-6, 8: 1e-13}}
+# The same where a derivative is asked for, which depends on the values.
+_TIGHT_TOLERANCE = {4: 1e-5, 8: 1e-12}
 # Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An
 # adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
 DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
 SWEEPS = 8
 # float32 spans 87 nats below 1. What distance does not use up is left to narrow passages, which attenuate φ as well,
-# and to the 13 % by which `extent` may fall short.
+# and to the few per cent by which `geodesic` may fall short.
 NATS = 68.0
 SHORTEST_LENGTH = 1.5
 # Where that was not enough, the screening length grows by this factor.
@@ -62,6 +65,7 @@ class _Caps:
     """What is static in a solve."""
 
     setting: Setting
+    tolerance: float
     max_iterations: int
     max_sweeps: int
     attempts: int
@@ -75,9 +79,10 @@ class Potential:
     Attributes:
         phi: potential, 1 at the goal, 0 in obstacles and in pockets that no current reaches.
         status: `Status` as int32: OK, NOT_CONVERGED, NOT_CERTIFIED, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NONFINITE_INPUT.
-        iterations: CG iterations (each of `DEGREE` applications of the stencil).
+        iterations: Newton cycles (`screened`), CG iterations (`paper`).
         sweeps: positive sweeps after them.
-        residual: |q − A φ| / |q| of the Jacobi-scaled system after CG, recomputed from φ.
+        residual: largest relative change that one more sweep would have made (`screened`); |q − A φ| / |q| of the
+            Jacobi-scaled system, recomputed from φ (`paper`).
         certified: every voxel of the goal's component but the goal has a strictly higher face neighbour.
         uncertified: number of voxels that have none.
         screening_length: ℓ that was used [voxels].
@@ -93,17 +98,16 @@ class Potential:
     screening_length: Float[Array, "*batch"]
 
 
-def screening_length_for(component: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"]) -> Float[Array, ""]:
+def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]:
     """The shortest screening length [voxels] at which float32 spans the goal's component.
 
     The shorter it is, the closer to shortest paths: −ℓ log φ tends to geodesic distance (Varadhan 1967). Below one and
     a half voxels the lattice itself shows.
 
     Args:
-        component: the goal's component.
-        goal_index: voxel of the goal.
+        distance: to the goal inside its component (`fields.connectivity.geodesic`) [voxels].
     """
-    return jnp.maximum(extent(component, goal_index) / NATS, SHORTEST_LENGTH)
+    return jnp.maximum(jnp.max(distance) / NATS, SHORTEST_LENGTH)
 
 
 def solve_potential(
@@ -112,7 +116,8 @@ def solve_potential(
     *,
     screening_length: Float[Array, ""] | float | None = None,
     setting: Setting = "screened",
-    max_iterations: int = 200,
+    tolerance: float | None = None,
+    max_iterations: int = 100,
     max_sweeps: int = 400,
 ) -> Potential:
     """The certified conduction potential of a conductivity field; composes with `jit`, `vmap` and `grad`.
@@ -124,7 +129,11 @@ def solve_potential(
             `screening_length_for`, lengthened where narrow passages take φ out of float32's range all the same.
             Unused in `paper`.
         setting: `screened` or `paper`. Static.
-        max_iterations: cap on CG iterations. Static.
+        tolerance: when the solve stops. `screened`: the relative change of any voxel by one more sweep; by default 1e-2
+            in float32, where directions are right and values to some ten times that (1e-5 once a derivative is taken,
+            1e-12 in float64); values to 1 % need 1e-4. `paper`: the residual's norm over the source's, by default 1e-6
+            (1e-13 in float64). Static.
+        max_iterations: cap on cycles or CG iterations. Static.
         max_sweeps: cap on positive sweeps. Static.
 
     Returns:
@@ -145,28 +154,36 @@ def solve_potential(
         raise ValueError(f"setting: expected 'screened' or 'paper', given {setting!r}")
     attempts = _ATTEMPTS if screening_length is None and setting == "screened" else 1
     goal = goal_index.astype(jnp.int32)
-    component = flood(lax.stop_gradient(sigma) > 0, goal)
+    component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal)
     if screening_length is None:
-        screening_length = screening_length_for(component, goal)
+        screening_length = screening_length_for(distance)
     length = jnp.asarray(screening_length, sigma.dtype)
-    caps = _Caps(setting, max_iterations, max_sweeps, attempts)
-    return Potential(**_potential(caps, sigma, length, goal, component))
+    if tolerance is None:
+        tolerance = TOLERANCE[setting][sigma.dtype.itemsize]
+    caps = _Caps(setting, tolerance, max_iterations, max_sweeps, attempts)
+    return Potential(**_potential(caps, sigma, length, goal, component, distance))
 
 
 def _system(
     setting: Setting, sigma: stencil.Volume, length: Float[Array, ""], goal: Int32[Array, " 3"]
 ) -> tuple[stencil.Operator, stencil.Volume]:
     """A and q with φ = 1 held on the goal; a goal outside the grid holds nothing."""
-    grounded = setting == "paper"
-    operator = stencil.assemble(sigma, 0.0 if grounded else 1 / length**2, grounded)
-    # One-hot by comparison, so that an index outside the grid marks no voxel.
-    held = jnp.ones((), bool)
-    for axis in range(3):
-        held = held & (lax.broadcasted_iota(jnp.int32, sigma.shape, axis) == goal[axis])
-    return stencil.hold(operator, (held & (sigma > 0)).astype(sigma.dtype))
+    held = stencil.cell(sigma.shape, goal) & (sigma > 0)
+    return stencil.hold(_operator(setting, sigma, length), held.astype(sigma.dtype))
 
 
-def _preconditioner(operator: stencil.Operator, links: stencil.Links):  # type: ignore[no-untyped-def]
+def _operator(setting: Setting, sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Operator:
+    return stencil.assemble(sigma, 0.0 if setting == "paper" else 1 / length**2, grounded=setting == "paper")
+
+
+def _guess(distance: Int32[Array, "nx ny nz"], length: Float[Array, ""]) -> stencil.Volume:
+    """φ of a point source where σ ∝ 1/r: decay by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r; never below float32."""
+    decay = jnp.arccosh(1 + 1 / (2 * length**2))
+    far = distance.astype(length.dtype)
+    return jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85))
+
+
+def _polynomial(operator: stencil.Operator, links: stencil.Links):  # type: ignore[no-untyped-def]
     """The Chebyshev polynomial for the scaled system: its interval from the largest row sum (Gershgorin)."""
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
@@ -182,25 +199,26 @@ def _potential(
     length: Float[Array, ""],
     goal: Int32[Array, " 3"],
     component: Bool[Array, "nx ny nz"],
+    distance: Int32[Array, "nx ny nz"],
 ) -> dict[str, Array]:
     """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified.
 
     Returns the fields of a `Potential` in a plain dictionary, since their tangents make no `Potential`.
     """
-    first = _attempt(caps, sigma, length, goal, component)
-    if caps.attempts == 1:
-        return dict(vars(first))
 
     def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
-        potential, attempt = state
-        return _attempt(caps, sigma, _LENGTHEN * potential.screening_length, goal, component), attempt + 1
+        before, attempt = state
+        longer = before.screening_length * jnp.where(attempt > 0, _LENGTHEN, 1).astype(length.dtype)
+        return _attempt(caps, sigma, longer, goal, component, distance), attempt + 1
 
     def unfinished(state: tuple[Potential, Int32[Array, ""]]) -> Bool[Array, ""]:
-        potential, attempt = state
-        retry = (potential.status == Status.NOT_CERTIFIED) | (potential.status == Status.NOT_CONVERGED)
-        return retry & (attempt < caps.attempts)
+        before, attempt = state
+        retry = (before.status == Status.NOT_CERTIFIED) | (before.status == Status.NOT_CONVERGED)
+        return (attempt == 0) | (retry & (attempt < caps.attempts))
 
-    return dict(vars(lax.while_loop(unfinished, again, (first, jnp.int32(1)))[0]))
+    none = jnp.int32(0)
+    nothing = Potential(jnp.zeros_like(sigma), none, none, none, jnp.zeros_like(length), jnp.array(False), none, length)
+    return dict(vars(lax.while_loop(unfinished, again, (nothing, none))[0]))
 
 
 def _attempt(
@@ -209,61 +227,81 @@ def _attempt(
     length: Float[Array, ""],
     goal: Int32[Array, " 3"],
     component: Bool[Array, "nx ny nz"],
+    distance: Int32[Array, "nx ny nz"],
 ) -> Potential:
-    operator, source = _system(caps.setting, sigma, length, goal)
-    links, scale = stencil.normalize(operator)
-    source = source * scale
-    tolerance = LOCAL_TOLERANCE[sigma.dtype.itemsize]
-    solution = pcg(
-        lambda y: y - stencil.gather(links, y),
-        source,
-        precondition=_preconditioner(operator, links),
-        stop=lambda y, r: jnp.all(jnp.abs(r) <= tolerance * y),
-        max_iterations=caps.max_iterations,
-    )
-
-    y = jnp.maximum(solution.x, 0)
-    lost = solution.converged & jnp.any(component & (y == 0))
+    shape = sigma.shape
+    if caps.setting == "screened":
+        sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
+    operator = _operator(caps.setting, sigma, length)
+    if caps.setting == "screened":
+        guess = jnp.where(component, _guess(distance, length), 0)
+        newton = walk.solve(operator, guess, component, goal, tolerance=caps.tolerance, max_cycles=caps.max_iterations)
+        phi, iterations, residual, converged = newton.phi, newton.cycles, newton.residual, newton.converged
+    else:
+        solution = _conjugate_gradients(caps, sigma, goal, component)
+        phi = jnp.where(component, jnp.maximum(solution.x, 0), 0)
+        iterations, residual, converged = solution.iterations, solution.residual, solution.converged
+    lost = converged & jnp.any(component & (phi <= 0))
+    links, diagonal = stencil.neighbours(operator.faces), jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    held = stencil.cell(sigma.shape, goal)
 
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        y, sweeps, _ = state
-        y = lax.fori_loop(0, SWEEPS, lambda _, y: stencil.gather(links, y) + source, y)
-        return y, sweeps + SWEEPS, uncertified(y * scale, component, goal)
+        phi, sweeps, _ = state
+        phi = lax.fori_loop(0, SWEEPS, lambda _, phi: jnp.where(held, phi, stencil.gather(links, phi) / diagonal), phi)
+        return phi, sweeps + SWEEPS, uncertified(phi, component, goal)
 
-    y, sweeps, stuck = lax.while_loop(
+    phi, sweeps, stuck = lax.while_loop(
         # A voxel at zero is out of float32's range, and sweeps cannot bring it back.
         lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps) & ~(lost & (state[1] > 0)),
         sweep,
-        (y, jnp.int32(0), jnp.int32(-1)),
+        (phi, jnp.int32(0), uncertified(phi, component, goal)),
     )
-    phi = y * scale
     finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0)) & jnp.isfinite(length) & (length > 0)
-    outside = jnp.any((goal < 0) | (goal >= jnp.asarray(sigma.shape)))
+    outside = jnp.any((goal < 0) | (goal >= jnp.asarray(shape)))
     blocked = ~jnp.any(component)
     certified = finite & ~outside & ~blocked & (stuck == 0) & jnp.all(jnp.isfinite(phi))
     status = jnp.select(
-        [~finite, outside, blocked, certified, ~solution.converged],
+        [~finite, outside, blocked, certified, ~converged],
         [Status.NONFINITE_INPUT, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED, Status.OK, Status.NOT_CONVERGED],
         Status.NOT_CERTIFIED,
     )
     return Potential(
-        phi=phi,
+        phi=lax.slice(phi, (0, 0, 0), shape),
         status=status.astype(jnp.int32),
-        iterations=solution.iterations,
+        iterations=iterations,
         sweeps=sweeps,
-        residual=solution.residual,
+        residual=residual,
         certified=certified,
         uncertified=stuck,
         screening_length=length,
     )
 
 
+def _conjugate_gradients(
+    caps: _Caps, sigma: stencil.Volume, goal: Int32[Array, " 3"], component: Bool[Array, "nx ny nz"]
+) -> Solution:
+    """φ of the `paper` setting, where no leak bounds the condition of A."""
+    operator, source = _system("paper", sigma, jnp.ones((), sigma.dtype), goal)
+    links, scale = stencil.normalize(operator)
+    b = source * scale
+    enough = caps.tolerance**2 * jnp.sum(b * b)
+    solution = pcg(
+        lambda y: y - stencil.gather(links, y),
+        b,
+        precondition=v_cycle(hierarchy(operator, component)),
+        stop=lambda _, r: jnp.sum(r * r) <= enough,
+        max_iterations=caps.max_iterations,
+    )
+    return dataclasses.replace(solution, x=scale * solution.x)
+
+
 @_potential.defjvp
 def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
-    sigma, length, goal, component = primals
+    sigma, length, goal, component, distance = primals
     sigma_dot, length_dot, *_ = tangents
-    solved = _potential(caps, sigma, length, goal, component)
+    tight = min(caps.tolerance, _TIGHT_TOLERANCE[sigma.dtype.itemsize])
+    solved = _potential(dataclasses.replace(caps, tolerance=tight), sigma, length, goal, component, distance)
 
     def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
         operator, source = _system(caps.setting, sigma, length, goal)
@@ -273,12 +311,16 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     operator, _ = _system(caps.setting, sigma, solved["screening_length"], goal)
     links, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
+    if caps.setting == "screened":
+        precondition = _polynomial(operator, links)
+    else:
+        precondition = v_cycle(hierarchy(operator, component))
 
     def solve(matvec, b):  # type: ignore[no-untyped-def]
         return pcg(
             matvec,
             b,
-            precondition=_preconditioner(operator, links),
+            precondition=precondition,
             stop=lambda _, r: jnp.max(jnp.abs(r)) <= tolerance * jnp.max(jnp.abs(b)),
             max_iterations=caps.max_iterations,
         ).x

@@ -1,4 +1,4 @@
-"""The flood fill equals SciPy's labelling, whatever the shape does to the packing of words."""
+"""Flood fill and geodesic count: the fill equals SciPy's labelling, whatever the shape does to the packing of words."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, grid_graph, serpentine
-from scipy.sparse.csgraph import dijkstra
+from references import component_of, serpentine
+from scipy import ndimage
 
-from maxjax.fields.connectivity import extent, flood
+from maxjax.fields.connectivity import flood, geodesic
 
-fill = jax.jit(flood)
+fill, measure = jax.jit(flood), jax.jit(geodesic)
 
 
 @pytest.mark.parametrize(
@@ -58,22 +58,59 @@ def test_vmap_equals_a_loop() -> None:
     np.testing.assert_array_equal(batch, jnp.stack([fill(f, s) for f, s in zip(free, seeds, strict=True)]))
 
 
-@pytest.mark.parametrize("density", [0.0, 0.2, 0.4])
-def test_extent_is_about_the_farthest_distance(density: float) -> None:
-    """Beside the shortest 26-neighbour path: shorter on space diagonals, longer by the rounding to a multiple of 8."""
+@pytest.mark.parametrize("density", [0.0, 0.3, 0.55])
+def test_geodesic_finds_the_component_and_counts_its_steps(density: float) -> None:
+    """Between the fewest 26-neighbour moves and the fewest 6-neighbour moves; Euclid's distance in free space."""
     rng = np.random.default_rng(6)
     shape = (24, 20, 33)
     free = rng.random(shape) >= density
-    seed = tuple(np.argwhere(free)[0])
-    distance = dijkstra(grid_graph(~free), indices=np.ravel_multi_index(seed, shape))
-    farthest = distance[np.isfinite(distance)].max()
-    component = component_of(free, seed)
-    given = int(jax.jit(extent)(jnp.asarray(component), jnp.asarray(seed, jnp.int32)))
-    assert given % 8 == 0
-    assert 0.6 * farthest <= given <= 1.1 * farthest + 16
+    seed = tuple(np.argwhere(free)[len(free)])
+    component, steps = (np.asarray(a) for a in measure(jnp.asarray(free), jnp.asarray(seed, jnp.int32)))
+    np.testing.assert_array_equal(component, component_of(free, seed))
+    assert (steps[~component] == 0).all()
+    assert steps[seed] == 0
+    assert (steps[component] > 0).sum() == component.sum() - 1
+    faces = np.full(shape, -1)
+    reached, count = np.zeros(shape, bool), 0
+    reached[seed] = True
+    while (faces[component] < 0).any():
+        faces[reached & (faces < 0)] = count
+        reached, count = ndimage.binary_dilation(reached) & free, count + 1
+    assert (steps <= faces)[component].all()
+    straight = np.linalg.norm(np.argwhere(component) - np.array(seed), axis=1)
+    assert (steps[component] >= 0.9 * straight - 1).all()
+    if density == 0:
+        assert (steps[component] <= straight / 0.94 + 2).all()
 
 
-def test_extent_of_a_long_corridor_is_its_length() -> None:
-    blocked = serpentine(23, 24, 1)
-    given = int(jax.jit(extent)(jnp.asarray(~blocked), jnp.asarray([0, 0, 0], jnp.int32)))
-    assert 0.6 * (~blocked).sum() <= given <= (~blocked).sum() + 16
+def test_geodesic_does_not_squeeze_through_corners() -> None:
+    free = np.zeros((8, 8, 8), bool)
+    free[:4, :4, :4] = free[4:, 4:, 4:] = True
+    component, steps = measure(jnp.asarray(free), jnp.asarray([3, 3, 3], jnp.int32))
+    assert component.sum() == 64
+    assert int(steps.max()) <= 9
+
+
+@pytest.mark.parametrize("turns", [23, 60])
+def test_geodesic_along_a_corridor_is_its_length(turns: int) -> None:
+    blocked = serpentine(turns, turns + 1, 1)
+    _, steps = measure(jnp.asarray(~blocked), jnp.asarray([0, 0, 0], jnp.int32))
+    assert 0.75 * (~blocked).sum() <= int(steps.max()) <= (~blocked).sum()
+
+
+def test_geodesic_from_outside_or_an_obstacle_reaches_nothing() -> None:
+    free = jnp.ones((9, 8, 31), bool).at[2, 3, 4].set(False)
+    for seed in ((-1, 0, 0), (0, 0, 31), (2, 3, 4)):
+        component, steps = measure(free, jnp.asarray(seed, jnp.int32))
+        assert not component.any()
+        assert not steps.any()
+
+
+def test_geodesic_under_vmap_equals_a_loop() -> None:
+    rng = np.random.default_rng(8)
+    free = jnp.asarray(rng.random((4, 9, 8, 31)) < 0.7)
+    seeds = jnp.asarray(rng.integers(0, (9, 8, 31), (4, 3)), jnp.int32)
+    batch = jax.vmap(geodesic)(free, seeds)
+    for index, (f, s) in enumerate(zip(free, seeds, strict=True)):
+        for one, many in zip(measure(f, s), batch, strict=True):
+            np.testing.assert_array_equal(one, many[index])

@@ -62,7 +62,7 @@ def test_ends_are_the_given_points_bit_by_bit() -> None:
 
 
 def capped(sigma: jax.Array, goal: jax.Array) -> object:
-    return solve_potential(sigma, goal, max_iterations=1, max_sweeps=0, screening_length=2.0)
+    return solve_potential(sigma, goal, max_iterations=0, max_sweeps=0, screening_length=2.0)
 
 
 def underflowing(sigma: jax.Array, goal: jax.Array) -> object:

@@ -13,9 +13,10 @@ import pytest
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
+from maxjax.fields.gradient import gradient, log_potential
 
 GRID = Grid((16, 18, 20))
-solve = jax.jit(solve_potential, static_argnames=("setting", "max_iterations", "max_sweeps"))
+solve = jax.jit(solve_potential, static_argnames=("setting", "tolerance", "max_iterations", "max_sweeps"))
 Scene = tuple[np.ndarray, np.ndarray]
 
 
@@ -56,16 +57,39 @@ def check_certificate(potential: Potential, sigma: np.ndarray, goal: np.ndarray)
 @pytest.mark.parametrize("seed", range(6))
 def test_random_scenes_are_certified_and_equal_elimination_voxel_by_voxel(seed: int) -> None:
     sigma, goal = scene(seed, count=10 + 12 * seed)
-    potential = solve(sigma, goal)
+    potential = solve(sigma, goal, tolerance=1e-5)
     check_certificate(potential, sigma, goal)
     expected = direct_potential(sigma, tuple(goal), leak_of(potential))
     np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_directions_are_right_at_the_default_tolerance(seed: int) -> None:
+    """95 % of free voxels within 1 degree of elimination, 99.9 % within 5."""
+    sigma, goal = scene(seed, (40, 36, 44), count=10 + 30 * seed)
+    potential = solve(sigma, goal)
+    check_certificate(potential, sigma, goal)
+    joined = component_of(sigma > 0, tuple(goal))
+    with jax.enable_x64(True):
+        exact = jax.jit(solve_potential)(
+            jnp.asarray(sigma, jnp.float64), goal, screening_length=jnp.asarray(potential.screening_length, jnp.float64)
+        )
+        assert exact.status == Status.OK
+        ours, best = (
+            np.asarray(gradient(log_potential(jnp.asarray(p, jnp.float64)), jnp.asarray(joined)))[joined]
+            for p in (potential.phi, exact.phi)
+        )
+    size = np.linalg.norm(ours, axis=1) * np.linalg.norm(best, axis=1)
+    known = size > 1e-12
+    cosine = np.sum(ours * best, axis=1)[known] / size[known]
+    assert np.mean(cosine >= np.cos(np.radians(1))) >= 0.95
+    assert np.mean(cosine >= np.cos(np.radians(5))) >= 0.999
+
+
 def test_tiny_potentials_are_relatively_accurate_in_float32() -> None:
     sigma, goal = np.ones((25, 24, 23), np.float32), np.array([0, 0, 0], np.int32)
     sigma[8:10, :20] = sigma[15:17, 4:] = 0
-    potential = solve(sigma, goal, screening_length=0.9)
+    potential = solve(sigma, goal, screening_length=0.9, tolerance=1e-5)
     expected = direct_potential(sigma, (0, 0, 0), 0.9**-2)
     assert expected[expected > 0].min() < 1e-20
     check_certificate(potential, sigma, goal)
@@ -128,8 +152,8 @@ def test_statuses() -> None:
         assert outcome(broken, goal) is Status.NONFINITE_INPUT
     for bad in (np.nan, np.inf, 0.0, -2.0):
         assert outcome(sigma, goal, screening_length=bad) is Status.NONFINITE_INPUT
-    # One CG iteration holds 32 applications of the stencil, more than this map is wide: the cap that bites is none.
-    assert outcome(sigma, goal, max_iterations=0, max_sweeps=8) is Status.NOT_CONVERGED
+    # A cap ends the search for values; what is certified all the same is a valid field.
+    assert outcome(sigma, goal, max_iterations=0, max_sweeps=0) is Status.NOT_CONVERGED
     # Four nats a voxel: the far corner lies beneath float32's range.
     assert outcome(sigma, goal, screening_length=0.15) is Status.NOT_CERTIFIED
 

@@ -1,0 +1,259 @@
+"""Newton's method for log φ, its linear steps solved by multigrid on a random walk.
+
+    d_i φ_i = Σ_j w_ij φ_j   (`fields.stencil`; φ > 0, held on the goal)
+
+Linear solvers lose the far field: φ spans thirty decades, and what counts is its *relative* accuracy in every voxel.
+So solve for u = log φ instead, 0 = log(Σ_j w_ij φ_j / d_i φ_i) = ρ_i. Its Newton step δ, φ ← φ e^δ, solves
+
+    δ_i = ρ_i + Σ_j p_ij δ_j,   p_ij = w_ij φ_j / Σ_k w_ik φ_k,   δ = 0 on the goal:
+
+rows of p sum to one. It is a random walk that drifts to the goal (Doob's transform of the leaky one by φ), and δ_i the
+residual that it meets on its way. Where the linear problem is about values that e-fold every voxel or two, this one is
+about transport: its solution is smooth, and every quantity in it is of order one.
+
+Cycle. Positive sweeps φ_i ← Σ_j w_ij φ_j / d_i smooth; then the walk is lumped: blocks of 2 × 2 × 2 voxels become the
+states of a smaller walk, again with six neighbours, and so on; each level relaxes, hands its residual down and takes
+the correction back, constant on a block. Two choices make this converge in a few cycles whatever the walls:
+
+- Rows are averaged evenly in a block of free space, where the walk passes through, which keeps its drift; at walls and
+  beside the goal weighted by φ, since there it lingers at the exit (an even average would hide a narrow exit from it).
+- Lumping doubles diffusion, since jumps of two voxels count as one: the symmetric part of the lumped rates is halved
+  again, but kept as large as the drift, so that no rate is negative.
+
+Everything stays positive: walls one voxel thick, sealed pockets and dead ends need no care.
+
+Divisions stand last wherever a result has several uses: XLA on CPU computes a division once, but a sum or a product
+anew for each use, six times over for six neighbours; an optimisation barrier does not keep it from that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.fields.stencil import Links, Operator, Volume, ahead, behind, cell, gather, neighbours
+
+Mask = Bool[Array, "nx ny nz"]
+# One number a block, and the rates between blocks.
+Blocks = Float[Array, "mx my mz"]
+Lumped = tuple[tuple[Blocks, Blocks], tuple[Blocks, Blocks], tuple[Blocks, Blocks]]
+
+# Positive sweeps before and after a correction, and relaxations on the way down and up: on the first lumped level, and
+# on the deeper ones, which cost little.
+_BEFORE, _AFTER = 2, 4
+_RELAX, _RELAX_DEEP = 4, 10
+# Levels are added until the longest axis has this many states: a few relaxations cross it.
+_COARSEST = 16
+# An axis of fewer states is not halved any more.
+_THIN = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """What `solve` found.
+
+    Attributes:
+        phi: the iterate, positive on the component, zero elsewhere.
+        cycles: cycles taken.
+        residual: largest |ρ|, the relative change that one more sweep would make to a voxel.
+        converged: whether it is at most the tolerance.
+    """
+
+    phi: Volume
+    cycles: Int32[Array, ""]
+    residual: Float[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def halvings(shape: Sequence[int]) -> tuple[int, int, int]:
+    """How often each axis is halved: until the longest fits `_COARSEST`, at least once; thin axes less often."""
+    levels = max(1, math.ceil(math.log2(max(shape) / _COARSEST)))
+    nx, ny, nz = (min(levels, max(0, math.ceil(math.log2(n / (_THIN - 1))) - 1)) for n in shape)
+    return nx, ny, nz
+
+
+def padded(array: Array) -> Array:
+    """Obstacles behind each axis, to a multiple of 2^`halvings`, so that every level consists of whole blocks."""
+    counts = halvings(array.shape)
+    return jnp.pad(array, [(0, -n % 2**count) for n, count in zip(array.shape, counts, strict=True)])
+
+
+def solve(
+    operator: Operator,
+    phi: Volume,
+    component: Mask,
+    goal_index: Int32[Array, " 3"],
+    *,
+    tolerance: float,
+    max_cycles: int,
+) -> Solution:
+    """Cycles from a positive guess until no sweep would change any voxel by more than `tolerance` of itself.
+
+    Args:
+        operator: A, on a `padded` grid.
+        phi: guess, positive on the component, zero elsewhere; its value on the goal is kept.
+        component: the goal's component.
+        goal_index: voxel of the goal.
+        tolerance: largest |ρ|. Static.
+        max_cycles: cap. Static.
+    """
+    links, diagonal = neighbours(operator.faces), jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    goal = cell(phi.shape, goal_index)
+    levels = _levels(links, component, goal_index)
+
+    def sweep(phi: Volume) -> Volume:
+        return jnp.where(goal, phi * diagonal, gather(links, phi)) / diagonal
+
+    def twice(_: Array, phi: Volume) -> Volume:
+        return sweep(sweep(phi))
+
+    def cycle(state: tuple[Volume, Array, Array]) -> tuple[Volume, Array, Array]:
+        phi, cycles, _ = state
+        phi = lax.fori_loop(0, _BEFORE // 2, twice, phi)
+        phi = phi / _spread(jnp.exp(-_correction(links, diagonal, phi, levels)), levels[0].axes)
+        phi = lax.fori_loop(0, _AFTER // 2 - 1, twice, phi)
+        phi = sweep(phi)
+        after = sweep(phi)
+        change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
+        # The mean of two sweeps: one alone does not damp what alternates from voxel to voxel.
+        return (phi + after) / 2, cycles + 1, change
+
+    def going(state: tuple[Volume, Array, Array]) -> Bool[Array, ""]:
+        _, cycles, change = state
+        return (cycles < max_cycles) & (change > tolerance)
+
+    phi, cycles, change = lax.while_loop(going, cycle, (phi, jnp.int32(0), jnp.asarray(jnp.inf, phi.dtype)))
+    return Solution(phi, cycles, change, change <= tolerance)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Level:
+    """The blocks of one level.
+
+    Attributes:
+        axes: that are halved to get here. Static.
+        even: whether the rows of a block are averaged evenly.
+        moving: 1, and 0 in the block that holds the goal, where δ = 0.
+    """
+
+    axes: tuple[int, ...] = dataclasses.field(metadata={"static": True})
+    even: Mask
+    moving: Volume
+
+
+def _levels(links: Links, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[_Level, ...]:
+    """Which blocks are free space: all their voxels free and joined, away from the goal."""
+    counts = halvings(component.shape)
+    levels: list[_Level] = []
+    whole, index = component, goal_index
+    for depth in range(max(counts)):
+        axes = tuple(axis for axis in range(3) if counts[axis] > depth)
+        if depth == 0:
+            for axis in axes:
+                first = lax.broadcasted_iota(jnp.int32, whole.shape, axis) % 2 == 0
+                whole = whole & (~first | (links[axis][0] > 0))
+        for axis in axes:
+            whole = _half(whole, axis, 0) & _half(whole, axis, 1)
+        index = jnp.stack([index[axis] // 2 if axis in axes else index[axis] for axis in range(3)])
+        near = jnp.ones((), bool)
+        for axis in range(3):
+            near = near & (jnp.abs(lax.broadcasted_iota(jnp.int32, whole.shape, axis) - index[axis]) <= 1)
+        whole = whole & ~near
+        levels.append(_Level(axes, whole, 1 - cell(whole.shape, index).astype(links[0][0].dtype)))
+    return tuple(levels)
+
+
+def _correction(links: Links, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
+    """δ on the blocks: the lumped walk's answer to the residual of φ."""
+    inflow = gather(links, phi)
+    known = (inflow > 0) & (phi > 0)
+    residual = jnp.where(known, jnp.log(jnp.where(known, inflow, 1) / jnp.where(known, diagonal * phi, 1)), 0)
+    even = _spread(levels[0].even, levels[0].axes)
+    # A row of rates w_ij φ_j sums to the inflow, about d_i φ_i: undivided, it is weighted by φ already.
+    weight = 1 / jnp.where(even & (inflow > 0), inflow, 1)
+    rates = tuple(
+        (weight * forward * ahead(phi, axis), weight * backward * behind(phi, axis))
+        for axis, (forward, backward) in enumerate(links)
+    )
+    axes = levels[0].axes
+    walk, residual = _lump(rates, weight * inflow, residual, axes)  # type: ignore[arg-type]
+    return _relaxed(walk, residual, _blocks(phi, axes), levels, 0)
+
+
+def _relaxed(walk: Links, residual: Volume, phi: Volume, levels: tuple[_Level, ...], depth: int) -> Volume:
+    """Solve δ = residual + P δ, about: relax, correct from below, relax."""
+    moving = levels[depth].moving
+    times = _RELAX if depth == 0 else _RELAX_DEEP
+
+    def relax(_: Array, delta: Volume) -> Volume:
+        return moving * (gather(walk, delta) + residual)
+
+    delta = lax.fori_loop(0, times, relax, moving * residual)
+    if depth + 1 == len(levels):
+        return jnp.asarray(delta)
+    below = levels[depth + 1]
+    weight = jnp.where(_spread(below.even, below.axes), 1, phi)
+    rates = tuple((weight * forward, weight * backward) for forward, backward in walk)
+    left = relax(jnp.int32(0), delta) - delta
+    coarse, left = _lump(rates, weight, left, below.axes)  # type: ignore[arg-type]
+    correction = _relaxed(coarse, left, _blocks(phi, below.axes), levels, depth + 1)
+    return jnp.asarray(lax.fori_loop(0, times, relax, delta + moving * _spread(correction, below.axes)))
+
+
+def _lump(rates: Links, weight: Volume, residual: Volume, axes: tuple[int, ...]) -> tuple[Lumped, Blocks]:
+    """The walk between blocks and its residual, as means over the rows of a block.
+
+    Args:
+        rates: rows of the walk times their weight.
+        weight: of the rows.
+        residual: of the rows, not weighted.
+        axes: that are halved. Static.
+    """
+    rows = _blocks(weight, axes)
+    rows = jnp.where(rows > 0, rows, 1)
+    lumped = []
+    for axis, (forward, backward) in enumerate(rates):
+        if axis in axes:
+            others = tuple(other for other in axes if other != axis)
+            leaving = _blocks(_half(forward, axis, 1), others), _blocks(_half(backward, axis, 0), others)
+            lumped.append(_halve_diffusion(leaving[0] / rows, leaving[1] / rows))
+        else:
+            lumped.append((_blocks(forward, axes) / rows, _blocks(backward, axes) / rows))
+    total = sum((forward + backward for forward, backward in lumped), start=jnp.zeros(()))
+    total = jnp.where(total > 0, total, 1)
+    walk = tuple((forward / total, backward / total) for forward, backward in lumped)
+    return walk, _blocks(weight * residual, axes) / rows / total  # type: ignore[return-value]
+
+
+def _halve_diffusion(forward: Volume, backward: Volume) -> tuple[Volume, Volume]:
+    """Half the symmetric part of the rates along an axis, though no less than the drift needs to keep both ≥ 0."""
+    mean, drift = (forward + backward) / 2, (forward - backward) / 2
+    wanted = jnp.where((forward > 0) & (backward > 0), jnp.maximum(mean / 2, jnp.abs(drift)), mean)
+    return wanted + drift, wanted - drift
+
+
+def _half(array: Array, axis: int, parity: int) -> Array:
+    """Every other entry along an axis."""
+    return jnp.asarray(lax.slice_in_dim(array, parity, None, 2, axis))
+
+
+def _blocks(array: Volume, axes: tuple[int, ...]) -> Blocks:
+    """Sums over blocks of two along `axes`."""
+    for axis in axes:
+        array = _half(array, axis, 0) + _half(array, axis, 1)
+    return jnp.asarray(array)
+
+
+def _spread(array: Array, axes: tuple[int, ...]) -> Array:
+    """Each value to its block of two along `axes`."""
+    for axis in axes:
+        array = jnp.repeat(array, 2, axis)
+    return array
