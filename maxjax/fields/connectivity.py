@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int32, UInt32
 
+from maxjax.core.loops import Arrays, repeat
 from maxjax.fields.stencil import cell
 
 _WORD = 32
@@ -77,9 +78,9 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
     passable = _pack(free)
 
     def grow(state: tuple[UInt32[Array, "nx ny words"], Bool[Array, ""]]) -> tuple[Array, Array]:
-        before = words = state[0]
+        before = state[0]
         # Several steps between two looks at the result: each look waits for the device.
-        words = lax.fori_loop(0, 8, lambda _, w: _spread(w) & passable, words)
+        (words,) = repeat(8, lambda last: (_spread(last[0]) & passable,), (before,))
         return words, jnp.any(words != before)
 
     words, _ = lax.while_loop(lambda state: state[1], grow, (_pack(start), jnp.array(True)))
@@ -88,6 +89,8 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
 
 # Digits of the number of rounds: enough for 12,288 steps.
 _DIGITS = 12
+# Rounds between two looks.
+_ROUNDS = 4
 
 
 def geodesic(
@@ -110,25 +113,31 @@ def geodesic(
     """
     passable = _pack(free)
     start = _pack(cell(free.shape, seed) & free)
-    State = tuple[Array, Array, Array, Array, Array, Array]
 
-    def round_(state: State) -> State:
-        before, second, third, gray, rounds, _ = state
-        # A loop of two, so that XLA computes the first step once and not anew for each neighbour of the second.
-        after_one, after_two = lax.fori_loop(
-            0, 2, lambda _, last: (last[1], _spread(last[1]) & passable), (before, before)
-        )
+    def step(last: Arrays) -> Arrays:
+        return last[1], _spread(last[1]) & passable
+
+    def round_(state: Arrays) -> Arrays:
+        before, second, third, gray, rounds = state
+        after_one, after_two = repeat(2, step, (before, before))
         words = _spread_cube(after_two, passable)
         digit = lax.population_count(rounds ^ (rounds + 1)) - 1
         gray = gray.at[digit].set(gray[digit] ^ ~words)
-        second, third = second | (after_two & ~after_one), third | (words & ~after_two)
-        return words, second, third, gray, rounds + 1, jnp.any(words != before)
+        return words, second | (after_two & ~after_one), third | (words & ~after_two), gray, rounds + 1
+
+    def some_rounds(state: tuple[Arrays, Bool[Array, ""]]) -> tuple[Arrays, Bool[Array, ""]]:
+        # Each look at the result waits for the device.
+        before = state[0]
+        after = repeat(_ROUNDS, round_, before)
+        return after, jnp.any(after[0] != before[0])
+
+    def going(state: tuple[Arrays, Bool[Array, ""]]) -> Bool[Array, ""]:
+        return state[1] & jnp.asarray(state[0][4] < 2**_DIGITS - _ROUNDS)
 
     nothing = jnp.zeros_like(start)
     gray = jnp.zeros((_DIGITS, *start.shape), jnp.uint32)
-    first = (start, nothing, nothing, gray, jnp.int32(0), jnp.array(True))
-    going = 2**_DIGITS - 1
-    words, second, third, gray, _, _ = lax.while_loop(lambda s: s[5] & (s[4] < going), round_, first)
+    first: Arrays = (start, nothing, nothing, gray, jnp.int32(0))
+    (words, second, third, gray, _), _ = lax.while_loop(going, some_rounds, (first, jnp.array(True)))
 
     def unpacked(words: UInt32[Array, "nx ny words"]) -> Int32[Array, "nx ny nz"]:
         return _unpack(words, free.shape[2]).astype(jnp.int32)

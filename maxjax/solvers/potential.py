@@ -242,12 +242,14 @@ def _attempt(
         phi = jnp.where(component, jnp.maximum(solution.x, 0), 0)
         iterations, residual, converged = solution.iterations, solution.residual, solution.converged
     lost = converged & jnp.any(component & (phi <= 0))
-    links, diagonal = stencil.neighbours(operator.faces), jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     held = stencil.cell(sigma.shape, goal)
 
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         phi, sweeps, _ = state
-        phi = lax.fori_loop(0, SWEEPS, lambda _, phi: jnp.where(held, phi, stencil.gather(links, phi) / diagonal), phi)
+        phi = lax.fori_loop(
+            0, SWEEPS, lambda _, phi: jnp.where(held, phi, stencil.inflow(operator.faces, phi) / diagonal), phi
+        )
         return phi, sweeps + SWEEPS, uncertified(phi, component, goal)
 
     phi, sweeps, stuck = lax.while_loop(

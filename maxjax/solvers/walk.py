@@ -30,19 +30,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.fields.stencil import Links, Operator, Volume, ahead, behind, cell, gather, neighbours
+from maxjax.core.loops import repeat
+from maxjax.fields.stencil import Links, Operator, Volume, ahead, behind, cell, gather, inflow
 
 Mask = Bool[Array, "nx ny nz"]
-# One number a block, and the rates between blocks.
-Blocks = Float[Array, "mx my mz"]
-Lumped = tuple[tuple[Blocks, Blocks], tuple[Blocks, Blocks], tuple[Blocks, Blocks]]
+Blocks = Float[Array, "mx my mz"]  # one number a block
+Faces = tuple[Volume, Volume, Volume]
 
 # Positive sweeps before and after a correction, and relaxations on the way down and up: on the first lumped level, and
 # on the deeper ones, which cost little.
@@ -104,22 +104,18 @@ def solve(
         tolerance: largest |ρ|. Static.
         max_cycles: cap. Static.
     """
-    links, diagonal = neighbours(operator.faces), jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    faces, diagonal = operator.faces, jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     goal = cell(phi.shape, goal_index)
-    levels = _levels(links, component, goal_index)
+    levels = _levels(faces, component, goal_index)
 
     def sweep(phi: Volume) -> Volume:
-        return jnp.where(goal, phi * diagonal, gather(links, phi)) / diagonal
-
-    def twice(_: Array, phi: Volume) -> Volume:
-        return sweep(sweep(phi))
+        return jnp.where(goal, phi * diagonal, inflow(faces, phi)) / diagonal
 
     def cycle(state: tuple[Volume, Array, Array]) -> tuple[Volume, Array, Array]:
         phi, cycles, _ = state
-        phi = lax.fori_loop(0, _BEFORE // 2, twice, phi)
-        phi = phi / _spread(jnp.exp(-_correction(links, diagonal, phi, levels)), levels[0].axes)
-        phi = lax.fori_loop(0, _AFTER // 2 - 1, twice, phi)
-        phi = sweep(phi)
+        phi = _repeat(sweep, phi, _BEFORE)
+        phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
+        phi = _repeat(sweep, phi, _AFTER - 1)
         after = sweep(phi)
         change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
         # The mean of two sweeps: one alone does not damp what alternates from voxel to voxel.
@@ -141,15 +137,29 @@ class _Level:
     Attributes:
         axes: that are halved to get here. Static.
         even: whether the rows of a block are averaged evenly.
-        moving: 1, and 0 in the block that holds the goal, where δ = 0.
+        goal: the block that holds the goal.
     """
 
     axes: tuple[int, ...] = dataclasses.field(metadata={"static": True})
     even: Mask
-    moving: Volume
+    goal: Mask
 
 
-def _levels(links: Links, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[_Level, ...]:
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Walk:
+    """A walk between blocks.
+
+    Attributes:
+        rates: of leaving for each of the six neighbours.
+        leaving: their sum; 1 where there are none.
+    """
+
+    rates: Links
+    leaving: Volume
+
+
+def _levels(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[_Level, ...]:
     """Which blocks are free space: all their voxels free and joined, away from the goal."""
     counts = halvings(component.shape)
     levels: list[_Level] = []
@@ -159,7 +169,7 @@ def _levels(links: Links, component: Mask, goal_index: Int32[Array, " 3"]) -> tu
         if depth == 0:
             for axis in axes:
                 first = lax.broadcasted_iota(jnp.int32, whole.shape, axis) % 2 == 0
-                whole = whole & (~first | (links[axis][0] > 0))
+                whole = whole & (~first | (faces[axis] > 0))
         for axis in axes:
             whole = _half(whole, axis, 0) & _half(whole, axis, 1)
         index = jnp.stack([index[axis] // 2 if axis in axes else index[axis] for axis in range(3)])
@@ -167,54 +177,61 @@ def _levels(links: Links, component: Mask, goal_index: Int32[Array, " 3"]) -> tu
         for axis in range(3):
             near = near & (jnp.abs(lax.broadcasted_iota(jnp.int32, whole.shape, axis) - index[axis]) <= 1)
         whole = whole & ~near
-        levels.append(_Level(axes, whole, 1 - cell(whole.shape, index).astype(links[0][0].dtype)))
+        levels.append(_Level(axes, whole, cell(whole.shape, index)))
     return tuple(levels)
 
 
-def _correction(links: Links, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
+def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
     """δ on the blocks: the lumped walk's answer to the residual of φ."""
-    inflow = gather(links, phi)
-    known = (inflow > 0) & (phi > 0)
-    residual = jnp.where(known, jnp.log(jnp.where(known, inflow, 1) / jnp.where(known, diagonal * phi, 1)), 0)
-    even = _spread(levels[0].even, levels[0].axes)
-    # A row of rates w_ij φ_j sums to the inflow, about d_i φ_i: undivided, it is weighted by φ already.
-    weight = 1 / jnp.where(even & (inflow > 0), inflow, 1)
-    rates = tuple(
-        (weight * forward * ahead(phi, axis), weight * backward * behind(phi, axis))
-        for axis, (forward, backward) in enumerate(links)
-    )
+    total = inflow(faces, phi)
+    known = (total > 0) & (phi > 0)
+    residual = jnp.where(known, jnp.log(jnp.where(known, total, 1) / jnp.where(known, diagonal * phi, 1)), 0)
     axes = levels[0].axes
-    walk, residual = _lump(rates, weight * inflow, residual, axes)  # type: ignore[arg-type]
+    # A row of rates w_ij φ_j sums to the inflow, about d_i φ_i: undivided, it is weighted by φ already.
+    weight = 1 / jnp.where(_spread(levels[0].even, axes) & (total > 0), total, 1)
+    rates = tuple(
+        (weight * face * ahead(phi, axis), weight * behind(face, axis) * behind(phi, axis))
+        for axis, face in enumerate(faces)
+    )
+    walk, residual = _lump(rates, weight * total, weight * total * residual, axes)  # type: ignore[arg-type]
     return _relaxed(walk, residual, _blocks(phi, axes), levels, 0)
 
 
-def _relaxed(walk: Links, residual: Volume, phi: Volume, levels: tuple[_Level, ...], depth: int) -> Volume:
-    """Solve δ = residual + P δ, about: relax, correct from below, relax."""
-    moving = levels[depth].moving
+def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[_Level, ...], depth: int) -> Volume:
+    """Solve leaving δ = residual + Σ rates δ, about: relax, correct from below, relax."""
+    # Nothing leaves for the block of the goal: δ = 0 there.
+    leaving = jnp.where(levels[depth].goal, jnp.inf, walk.leaving)
     times = _RELAX if depth == 0 else _RELAX_DEEP
 
-    def relax(_: Array, delta: Volume) -> Volume:
-        return moving * (gather(walk, delta) + residual)
+    def relax(delta: Volume) -> Volume:
+        return (gather(walk.rates, delta) + residual) / leaving
 
-    delta = lax.fori_loop(0, times, relax, moving * residual)
+    delta = _repeat(relax, residual / leaving, times)
     if depth + 1 == len(levels):
-        return jnp.asarray(delta)
+        return delta
     below = levels[depth + 1]
-    weight = jnp.where(_spread(below.even, below.axes), 1, phi)
-    rates = tuple((weight * forward, weight * backward) for forward, backward in walk)
-    left = relax(jnp.int32(0), delta) - delta
-    coarse, left = _lump(rates, weight, left, below.axes)  # type: ignore[arg-type]
+    weight = jnp.where(_spread(below.even, below.axes), 1, phi) / walk.leaving
+    rates = tuple((weight * forward, weight * backward) for forward, backward in walk.rates)
+    left = weight * (gather(walk.rates, delta) + residual - walk.leaving * delta)
+    coarse, left = _lump(rates, weight * walk.leaving, left, below.axes)  # type: ignore[arg-type]
     correction = _relaxed(coarse, left, _blocks(phi, below.axes), levels, depth + 1)
-    return jnp.asarray(lax.fori_loop(0, times, relax, delta + moving * _spread(correction, below.axes)))
+    correction = jnp.where(levels[depth].goal, 0, _spread(correction, below.axes))
+    return _repeat(relax, delta + correction, times)
 
 
-def _lump(rates: Links, weight: Volume, residual: Volume, axes: tuple[int, ...]) -> tuple[Lumped, Blocks]:
+def _repeat(step: Callable[[Volume], Volume], x: Volume, times: int) -> Volume:
+    """`step` so many times; two a turn of the loop, which spares a copy."""
+    (x,) = repeat(times // 2, lambda state: (step(step(state[0])),), (x,))
+    return step(x) if times % 2 else x
+
+
+def _lump(rates: Links, weight: Volume, residual: Volume, axes: tuple[int, ...]) -> tuple[_Walk, Blocks]:
     """The walk between blocks and its residual, as means over the rows of a block.
 
     Args:
-        rates: rows of the walk times their weight.
+        rates: rows of the walk, weighted.
         weight: of the rows.
-        residual: of the rows, not weighted.
+        residual: of the rows, weighted.
         axes: that are halved. Static.
     """
     rows = _blocks(weight, axes)
@@ -228,9 +245,7 @@ def _lump(rates: Links, weight: Volume, residual: Volume, axes: tuple[int, ...])
         else:
             lumped.append((_blocks(forward, axes) / rows, _blocks(backward, axes) / rows))
     total = sum((forward + backward for forward, backward in lumped), start=jnp.zeros(()))
-    total = jnp.where(total > 0, total, 1)
-    walk = tuple((forward / total, backward / total) for forward, backward in lumped)
-    return walk, _blocks(weight * residual, axes) / rows / total  # type: ignore[return-value]
+    return _Walk(tuple(lumped), jnp.where(total > 0, total, 1)), _blocks(residual, axes) / rows  # type: ignore[arg-type]
 
 
 def _halve_diffusion(forward: Volume, backward: Volume) -> tuple[Volume, Volume]:
