@@ -1,6 +1,6 @@
 """Certified flight paths for UAVs in cities: a Maxwell conduction potential, solved and climbed in pure JAX."""
 
-from maxjax.api import PlanBatch, plan, plan_batch, plan_scan
+from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
@@ -21,6 +21,7 @@ __all__ = [
     "dilate",
     "plan",
     "plan_batch",
+    "plan_fleet",
     "plan_scan",
     "solve_potential",
     "verify",

@@ -17,7 +17,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import rungs, voxelize
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.planner import PathFinder, Plan, Route, Stopwatch, field_path, plan_path, plan_paths
+from maxjax.planning.planner import PathFinder, Plan, Route, Stopwatch, field_path, plan_path, plan_paths, plan_swarm
 from maxjax.planning.problem import Problem
 from maxjax.solvers.potential import solve_potential
 
@@ -195,6 +195,54 @@ def plan_batch(
         plans = plan_paths(
             solve_potential, filled, starts, goals, grid, margin=float(margin), ground=below, method=method
         )
+    return PlanBatch(tuple(plans))
+
+
+def plan_fleet(
+    occupied: Bool[Array | np.ndarray, "nx ny nz"],
+    starts: Real[Array | np.ndarray, "n 3"],
+    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
+    grid: Grid = Grid(),  # noqa: B008 (frozen)
+    *,
+    margin: float = DEFAULT_MARGIN,
+    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+) -> PlanBatch:
+    """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
+
+    Every start keeps the largest margin at which it, alone, is joined to the goal: one UAV that stands beside a wall
+    does not cost the others their distance from it. So there is one solve for each margin that some start uses: one
+    where all of them stand clear, never more than margin / spacing + 1. The plans do not mind each other: paths may
+    cross, and keeping the UAVs apart in time is not done here.
+
+    Args:
+        occupied: occupied voxels, ground included, not dilated.
+        starts: (n, 3) [m].
+        goal: [m].
+        grid, margin, ground: as in `plan`.
+
+    Returns:
+        One `Plan` a start. A start that is sealed in, outside the map or equal to the goal has a status of its own, and
+        leaves the others alone.
+
+    Raises:
+        ValueError: as `plan`, and for an empty fleet.
+    """
+    rungs(margin, grid)
+    given = np.asarray(starts)
+    if given.ndim != 2 or len(given) == 0:
+        raise ValueError(f"starts: expected shape (n, 3) with n >= 1, given {given.shape}")
+    occupied = _volume("occupied", occupied, grid.shape)
+    ground = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
+    plans = plan_swarm(
+        solve_potential,
+        occupied | ground,
+        _points("starts", given, (len(given), 3)),
+        _points("goal", goal, (3,)),
+        grid,
+        margin=float(margin),
+        ground=ground,
+        method="solver",
+    )
     return PlanBatch(tuple(plans))
 
 

@@ -19,14 +19,17 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, UInt16
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32, Integer, UInt16
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.fields.connectivity import flood
+from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.problem import Problem, pose
-from maxjax.planning.sight import blocks
+from maxjax.planning.problem import Problem, _off_faces, pose
+from maxjax.planning.sight import blocks, stands_free
 from maxjax.planning.tighten import tighten
 from maxjax.planning.verify import verify
 
@@ -329,4 +332,164 @@ def plan_paths(
                 method,
             )
         )
+    return plans
+
+
+# Starts that climb at a time: what bounds memory, whatever the size of the fleet. A smaller squadron is filled up to
+# one of two sizes, so that fleets of all sizes share two programs.
+_SQUADRON, _FLIGHT = 64, 8
+
+
+def _muster(
+    occupied: Bool[Array, "nx ny nz"],
+    ground: Bool[Array, "nx ny nz"],
+    starts: Float[Array, "n 3"],
+    goal: Float[Array, " 3"],
+    margin: float,
+    grid: Grid,
+) -> tuple[Int32[Array, " n"], Int32[Array, " n"], Int32[Array, " 3"], tuple[Array, Array]]:
+    """Judge every start as `pose` would, with one flood fill per margin, from the goal, for all of them.
+
+    Returns:
+        The status of each start, which of `rungs(margin, grid)` it flies with, the voxel of the goal, and
+        `squared_distance` of the obstacles and of the ground.
+    """
+    ladder = jnp.asarray(rungs(margin, grid), jnp.float32)
+    squared, below = squared_distance(occupied & ~ground, reach_of(margin, grid)), squared_distance(ground, 1)
+    finite = jnp.all(jnp.isfinite(starts), axis=1) & jnp.all(jnp.isfinite(goal))
+    a, b = (jnp.where(jnp.isfinite(x), x, -1.0) for x in map(grid.fractional_index, (starts, goal)))
+    a, b = jax.vmap(_off_faces)(a), _off_faces(b)
+    index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
+    x, y, z = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1).T
+    nowhere, nobody = jnp.zeros(grid.shape, bool), jnp.zeros(len(starts), bool)
+
+    def stand(blocked: Bool[Array, "nx ny nz"]) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+        return jax.vmap(lambda start: stands_free(blocked, start))(a), nobody | stands_free(blocked, b)
+
+    (inside_a, inside_b), (out_a, out_b) = stand(nowhere), stand(occupied)
+    sound = finite & inside_a & inside_b & out_a & out_b
+
+    def lower(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        rung, chosen, joined = state
+        blocked = blocked_within(squared, ground, below, ladder[rung], grid)
+        now_a, now_b = stand(blocked)
+        now = flood(~blocked, index_b)[x, y, z] & now_a & now_b
+        return rung + 1, jnp.where(now & ~joined, rung, chosen), joined | now
+
+    last = len(ladder) - 1
+    _, rung, joined = lax.while_loop(
+        lambda state: (state[0] <= last) & jnp.any(sound & ~state[2]),
+        lower,
+        (jnp.int32(0), jnp.full(len(starts), last, jnp.int32), nobody),
+    )
+    status = jnp.select(
+        [~finite, ~inside_a, ~inside_b, jnp.all(starts == goal, axis=1), ~out_a, ~out_b, ~joined],
+        [
+            Status.NONFINITE_INPUT,
+            Status.START_OUTSIDE_MAP,
+            Status.GOAL_OUTSIDE_MAP,
+            Status.START_EQUALS_GOAL,
+            Status.START_OCCUPIED,
+            Status.GOAL_OCCUPIED,
+            Status.NO_VALID_PATH,
+        ],
+        Status.OK,
+    )
+    return status.astype(jnp.int32), rung, index_b, (squared, below)
+
+
+def _share(
+    distances: tuple[Integer[Array, "nx ny nz"], Integer[Array, "nx ny nz"]],
+    ground: Bool[Array, "nx ny nz"],
+    margin: Float[Array, ""],
+    goal_index: Int32[Array, " 3"],
+    grid: Grid,
+) -> Problem:
+    """The problem that all starts of one margin share; its own start is no one's, and stands on the goal."""
+    at = goal_index.astype(jnp.float32)
+    blocked = blocked_within(distances[0], ground, distances[1], margin, grid)
+    return Problem(blocked, margin, at, at, goal_index, jnp.int32(Status.OK))
+
+
+def _swarm(
+    phi: Float[Array, "nx ny nz"],
+    blocked: Bool[Array, "nx ny nz"],
+    starts: Float[Array, "n 3"],
+    goal: Float[Array, " 3"],
+    grid: Grid,
+    settings: Ascent,
+) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
+    """Ascend one field from many starts [m] and tighten; returns the paths, and which arrived."""
+    bits = blocks(blocked)
+
+    def end(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        """Off the face of a blocked voxel, as in `pose`."""
+        x = grid.fractional_index(point)
+        return jnp.where(stands_free(blocked, x), x, _off_faces(x))
+
+    def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
+        path, arrived = ascend(phi, bits, ~blocked, end(start), end(goal), settings)
+        return tighten(bits, path), arrived
+
+    return jax.vmap(one)(starts)
+
+
+_MUSTER = Stage("muster", _muster, static=("margin", "grid"))
+_SHARE = Stage("dilate", _share, static=("grid",))
+_SWARM = Stage("ascend", _swarm, static=("grid", "settings"))
+
+
+def plan_swarm(
+    potential: PotentialFn,
+    occupied: Bool[np.ndarray, "nx ny nz"],
+    starts: Float[np.ndarray, "n 3"],
+    goal: Float[np.ndarray, " 3"],
+    grid: Grid,
+    *,
+    margin: float,
+    ground: Bool[np.ndarray, "nx ny nz"],
+    method: str,
+    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
+) -> list[Plan]:
+    """`plan_path` with a field for many starts of one goal: one solve per margin that is used.
+
+    The starts of one margin climb its field in squadrons; those that need more steps than the others go again, by
+    themselves, as in `field_path`.
+    """
+    watch = Stopwatch()
+    filled, below, ends, target = map(jnp.asarray, (occupied, ground, starts, goal))
+    status, rung, goal_index, distances = _MUSTER(watch, filled, below, ends, target, margin=margin, grid=grid)
+    ladder = rungs(margin, grid)
+    rung, statuses = np.asarray(rung), np.array(status)
+    feasible = statuses == Status.OK
+    paths, certified = [_NO_PATH] * len(starts), np.zeros(len(starts), bool)
+    problems: dict[int, Problem] = {}
+    for level in np.unique(rung).tolist():
+        shared = problems[level] = _SHARE(watch, distances, below, jnp.float32(ladder[level]), goal_index, grid=grid)
+        members = np.flatnonzero(feasible & (rung == level))
+        if members.size == 0:
+            continue
+        field = potential_field(shared.blocked, goal_index, grid, potential, watch)
+        certified[members] = bool(field.certified)
+        statuses[members] = int(field.status)
+        if int(field.status) != Status.OK:
+            continue
+        for factor in (1, 4, 16):
+            longer = dataclasses.replace(settings, steps=settings.steps * factor)
+            statuses[members] = Status.PATH_STALLED
+            for squadron in np.array_split(members, range(_SQUADRON, len(members), _SQUADRON)):
+                crew = ends[np.resize(squadron, _FLIGHT if len(squadron) <= _FLIGHT else _SQUADRON)]
+                found, arrived = _SWARM(watch, field.phi, shared.blocked, crew, target, grid=grid, settings=longer)
+                for k, path, there in zip(squadron, np.asarray(found), np.asarray(arrived), strict=False):
+                    if there:
+                        paths[k], statuses[k] = path, Status.OK
+            members = members[statuses[members] == Status.PATH_STALLED]
+            if members.size == 0:
+                break
+    plans = []
+    for k, path in enumerate(paths):
+        own = Stopwatch()
+        own.seconds |= {name: seconds / len(starts) for name, seconds in watch.seconds.items()}
+        result = path, Status(int(statuses[k])), bool(certified[k]), problems[int(rung[k])]
+        plans.append(judge(*result, occupied, ground, starts[k], goal, grid, own, method))
     return plans

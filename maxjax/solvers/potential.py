@@ -8,9 +8,10 @@ needed.
 
 Forward, `screened`. A guess that decays with geodesic distance, then Newton cycles on log φ (`solvers.walk`) until one
 more sweep would change no voxel by more than a small part of *its own* φ: a norm says nothing about the directions far
-from the goal. Forward, `paper`. Conjugate gradients on the Jacobi-scaled system, preconditioned by a V-cycle
-(`solvers.multigrid`), until the norm of the residual is small. Then, in both, positive sweeps φ_i ← Σ_j w_ij φ_j / d_i
-run until the field is certified (`fields.certificate`) or a cap is reached.
+from the goal. Where the cycles stall, conjugate gradients with a Chebyshev polynomial as preconditioner, slower but
+indifferent to walls, do it instead, to the same rule. Forward, `paper`. Conjugate gradients on the Jacobi-scaled
+system, preconditioned by a V-cycle (`solvers.multigrid`), until the norm of the residual is small. Then, in both,
+positive sweeps φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is reached.
 
 Derivative. With F(φ, σ, κ) = A φ − q = 0, the implicit function theorem gives  A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ): one more
 solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode:
@@ -79,7 +80,7 @@ class Potential:
     Attributes:
         phi: potential, 1 at the goal, 0 in obstacles and in pockets that no current reaches.
         status: `Status` as int32: OK, NOT_CONVERGED, NOT_CERTIFIED, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NONFINITE_INPUT.
-        iterations: Newton cycles (`screened`), CG iterations (`paper`).
+        iterations: Newton cycles (`screened`), with those of CG where cycles stalled; CG iterations (`paper`).
         sweeps: positive sweeps after them.
         residual: largest relative change that one more sweep would have made (`screened`); |q − A φ| / |q| of the
             Jacobi-scaled system, recomputed from φ (`paper`).
@@ -236,9 +237,18 @@ def _attempt(
     if caps.setting == "screened":
         guess = jnp.where(component, _guess(distance, length), 0)
         newton = walk.solve(operator, guess, component, goal, tolerance=caps.tolerance, max_cycles=caps.max_iterations)
-        phi, iterations, residual, converged = newton.phi, newton.cycles, newton.residual, newton.converged
+        stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
+
+        def linear() -> tuple[Array, Array, Array, Array]:
+            solution = _conjugate_gradients(caps, sigma, length, goal, component, stalled)
+            x = jnp.where(component, jnp.maximum(solution.x, 0), 0)
+            return x, newton.cycles + solution.iterations, solution.residual, solution.converged
+
+        phi, iterations, residual, converged = lax.cond(
+            stalled, linear, lambda: (newton.phi, newton.cycles, newton.residual, newton.converged)
+        )
     else:
-        solution = _conjugate_gradients(caps, sigma, goal, component)
+        solution = _conjugate_gradients(caps, sigma, length, goal, component, jnp.array(True))
         phi = jnp.where(component, jnp.maximum(solution.x, 0), 0)
         iterations, residual, converged = solution.iterations, solution.residual, solution.converged
     lost = converged & jnp.any(component & (phi <= 0))
@@ -280,18 +290,34 @@ def _attempt(
 
 
 def _conjugate_gradients(
-    caps: _Caps, sigma: stencil.Volume, goal: Int32[Array, " 3"], component: Bool[Array, "nx ny nz"]
+    caps: _Caps,
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+    wanted: Bool[Array, ""],
 ) -> Solution:
-    """φ of the `paper` setting, where no leak bounds the condition of A."""
-    operator, source = _system("paper", sigma, jnp.ones((), sigma.dtype), goal)
+    """φ by conjugate gradients on the scaled system; no iterations unless `wanted`, which a batch asks for each scene.
+
+    `screened`: until the residual of every voxel is small beside its own φ, where the polynomial outdoes the V-cycle,
+    which spans no distance faster. `paper`: until the norm is small, with the V-cycle, since no leak bounds the
+    condition of A.
+    """
+    operator, source = _system(caps.setting, sigma, length, goal)
     links, scale = stencil.normalize(operator)
     b = source * scale
-    enough = caps.tolerance**2 * jnp.sum(b * b)
+
+    def small(y: stencil.Volume, r: stencil.Volume) -> Bool[Array, ""]:
+        if caps.setting == "screened":
+            return jnp.all(jnp.abs(r) <= caps.tolerance * y)
+        return jnp.sum(r * r) <= caps.tolerance**2 * jnp.sum(b * b)
+
+    screened = caps.setting == "screened"
     solution = pcg(
         lambda y: y - stencil.gather(links, y),
         b,
-        precondition=v_cycle(hierarchy(operator, component)),
-        stop=lambda _, r: jnp.sum(r * r) <= enough,
+        precondition=_polynomial(operator, links) if screened else v_cycle(hierarchy(operator, component)),
+        stop=lambda y, r: ~wanted | small(y, r),
         max_iterations=caps.max_iterations,
     )
     return dataclasses.replace(solution, x=scale * solution.x)

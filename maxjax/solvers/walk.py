@@ -20,7 +20,8 @@ the correction back, constant on a block. Two choices make this converge in a fe
 - Lumping doubles diffusion, since jumps of two voxels count as one: the symmetric part of the lumped rates is halved
   again, but kept as large as the drift, so that no rate is negative.
 
-Everything stays positive: walls one voxel thick, sealed pockets and dead ends need no care.
+Everything stays positive: walls one voxel thick, sealed pockets and dead ends need no care. Doors of one voxel in such
+walls may stall the cycles on deep levels; `solve` then ends and says so.
 
 Divisions stand last wherever a result has several uses: XLA on CPU computes a division once, but a sum or a product
 anew for each use, six times over for six neighbours; an optimisation barrier does not keep it from that.
@@ -52,6 +53,8 @@ _RELAX, _RELAX_DEEP = 4, 10
 _COARSEST = 16
 # An axis of fewer states is not halved any more.
 _THIN = 4
+# Cycles end when for so many of them the residual has not fallen below this share of the best.
+_PATIENCE, _PROGRESS = 4, 0.8
 
 
 @jax.tree_util.register_dataclass
@@ -63,7 +66,7 @@ class Solution:
         phi: the iterate, positive on the component, zero elsewhere.
         cycles: cycles taken.
         residual: largest |ρ|, the relative change that one more sweep would make to a voxel.
-        converged: whether it is at most the tolerance.
+        converged: whether it is at most the tolerance; False at the cap or once cycles make no progress.
     """
 
     phi: Volume
@@ -111,21 +114,27 @@ def solve(
     def sweep(phi: Volume) -> Volume:
         return jnp.where(goal, phi * diagonal, inflow(faces, phi)) / diagonal
 
-    def cycle(state: tuple[Volume, Array, Array]) -> tuple[Volume, Array, Array]:
-        phi, cycles, _ = state
+    State = tuple[Volume, Array, Array, Array, Array]
+
+    def cycle(state: State) -> State:
+        phi, cycles, _, best, stalled = state
         phi = _repeat(sweep, phi, _BEFORE)
-        phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
+        if levels:
+            phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
         phi = _repeat(sweep, phi, _AFTER - 1)
         after = sweep(phi)
         change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
+        stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
         # The mean of two sweeps: one alone does not damp what alternates from voxel to voxel.
-        return (phi + after) / 2, cycles + 1, change
+        return (phi + after) / 2, cycles + 1, change, jnp.minimum(change, best), stalled
 
-    def going(state: tuple[Volume, Array, Array]) -> Bool[Array, ""]:
-        _, cycles, change = state
-        return (cycles < max_cycles) & (change > tolerance)
+    def going(state: State) -> Bool[Array, ""]:
+        _, cycles, change, _, stalled = state
+        return (cycles < max_cycles) & (change > tolerance) & (stalled < _PATIENCE)
 
-    phi, cycles, change = lax.while_loop(going, cycle, (phi, jnp.int32(0), jnp.asarray(jnp.inf, phi.dtype)))
+    infinite = jnp.asarray(jnp.inf, phi.dtype)
+    first = (phi, jnp.int32(0), infinite, infinite, jnp.int32(0))
+    phi, cycles, change, _, _ = lax.while_loop(going, cycle, first)
     return Solution(phi, cycles, change, change <= tolerance)
 
 

@@ -1,0 +1,246 @@
+"""The two plots of docs/solver.md: convergence of the cycles, and cost against size.
+
+    python -m benchmarks.solver_figures                                     # two CPU cores: 3 minutes
+
+Convergence: problem 0 of each map and a window of a Warframe maze, as in `benchmarks.potential`. One cycle at a time
+from the guess, at the screening length that `solve_potential` starts with; after each the largest relative change that
+one more sweep makes, and the share of voxels whose gradient of log φ is off by more than 1° from a float64 solution by
+SciPy. Row 0 is the guess, which no sweep has judged yet. Cost: the same downtown, 200 m wide, on ever finer voxels;
+the whole of `solve_potential`, certificate included, after warm-up.
+
+Results stand in results/solver_figures.json; the plots are drawn from the same rows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from jaxtyping import Array, Bool, Float, Int32
+
+import maxjax
+from benchmarks import potential
+from benchmarks.harness import RESULTS, Row, measure, save
+from benchmarks.plan import _reference, _system
+from maxjax.fields.connectivity import geodesic
+from maxjax.sim.scenes import MAPS
+from maxjax.solvers import walk
+from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for
+from maxjax.viz.figures import _PATHS, _STYLE, _matplotlib, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parents[1] / "docs"
+_MARKERS = "os^Dv<"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        shape: of the grid of the convergence rows, voxels of 2 m around the origin.
+        maps: maps to take problems from.
+        crop: Warframe window, where the data folder exists; empty for none.
+        data: folder of public inputs.
+        cycles: cycles to follow.
+        sizes: edges of the cubes of the cost rows.
+        repeats: timed solves a size.
+        margin: [m]; the Warframe window has none.
+        seed: of the cities and problems.
+        out: where the JSON goes.
+        docs: where the plots go.
+    """
+
+    shape: tuple[int, int, int] = (101, 101, 101)
+    maps: tuple[str, ...] = MAPS
+    crop: str = "Complex"
+    data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
+    cycles: int = 16
+    sizes: tuple[int, ...] = (33, 49, 65, 81, 101, 129)
+    repeats: int = 9
+    margin: float = 8.0
+    seed: int = 0
+    out: Path = RESULTS
+    docs: Path = DOCS
+
+
+def main(config: Config) -> list[Row]:
+    """Measure, save the rows, draw the plots; return the rows."""
+    # The same scenes and cities as the benchmark's, by its own code.
+    same = potential.Config(
+        shape=config.shape, maps=config.maps, crop=config.crop, data=config.data, starts=1, margin=config.margin,
+        seed=config.seed,
+    )  # fmt: skip
+    # Timings first: they suffer from whatever else the process has left behind.
+    cost = [_cost(edge, same, config) for edge in config.sizes]
+    convergence = [row for scene in potential._scenes(same) for row in _convergence(scene, config)]
+    rows = [*convergence, *cost]
+    config.docs.mkdir(parents=True, exist_ok=True)
+    save("solver_figures", config, rows, config.out)
+    save_figure(draw_convergence(convergence), config.docs / "solver_convergence.png")
+    save_figure(draw_scaling(cost), config.docs / "solver_scaling.png")
+    return rows
+
+
+@jax.jit
+def _start(
+    sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]
+) -> tuple[Float[Array, ""], Bool[Array, "mx my mz"], Float[Array, "mx my mz"]]:
+    """Screening length, component and guess, the last two padded, as `solve_potential` begins."""
+    component, distance = geodesic(sigma > 0, goal)
+    length = screening_length_for(distance)
+    component, distance = walk.padded(component), walk.padded(distance)
+    return length, component, jnp.where(component, _guess(distance, length), 0)
+
+
+@jax.jit
+def _cycle(
+    sigma: Float[Array, "nx ny nz"],
+    length: Float[Array, ""],
+    phi: Float[Array, "mx my mz"],
+    component: Bool[Array, "mx my mz"],
+    goal: Int32[Array, " 3"],
+) -> walk.Solution:
+    """One cycle; nothing but φ passes from one to the next, so k of them are a solve of k cycles."""
+    operator = _operator("screened", walk.padded(sigma), length)
+    return walk.solve(operator, phi, component, goal, tolerance=0.0, max_cycles=1)
+
+
+def _convergence(scene: potential.Scene, config: Config) -> list[Row]:
+    print(f"convergence, {scene.name}", file=sys.stderr, flush=True)
+    sigma, goal = scene.sigma, scene.problems[0].goal_index
+    length, component, phi = _start(sigma, goal)
+    matrix, source, joined = _system(np.asarray(sigma), np.asarray(goal), float(length))
+    scale, scaled, right = potential._scaled(matrix, source)
+    exact = np.zeros(joined.shape)
+    with potential._threads(1):
+        exact[joined] = scale @ _reference(scaled, right)
+    exact[tuple(np.asarray(goal))] = 1.0
+    angles = potential._angles(exact, joined)
+    inside = tuple(slice(n) for n in sigma.shape)
+    rows: list[Row] = []
+    residual = None
+    for cycles in range(config.cycles + 1):
+        if cycles:
+            solution = _cycle(sigma, length, phi, component, goal)
+            phi, residual = solution.phi, float(solution.residual)
+        values = np.asarray(phi, np.float64)[inside]
+        one, five = angles(values)
+        error = np.max(np.abs(values[joined] / exact[joined] - 1))
+        rows.append({
+            "what": f"convergence: {scene.name}", "cycles": cycles, "residual": residual,
+            "over_1deg": round(1 - one, 6), "over_5deg": round(1 - five, 6), "largest_error": float(f"{error:.4g}"),
+            "screening_length": round(float(length), 3),
+        })  # fmt: skip
+    return rows
+
+
+def _cost(edge: int, same: potential.Config, config: Config) -> Row:
+    print(f"size {edge}", file=sys.stderr, flush=True)
+    sigma, goal = potential._city(edge, same)
+    solve = functools.partial(jax.jit(maxjax.solve_potential), sigma, goal)
+    timing = measure(solve, config.repeats)
+    found = solve()
+    return {
+        "what": f"size: downtown, {edge}³", "voxels": edge**3, "unit": "ms",
+        "median": round(1e3 * timing.median_s, 3), "min": round(1e3 * timing.min_s, 3),
+        "max": round(1e3 * timing.max_s, 3), "n": timing.n, "compile_s": round(timing.compile_s, 2),
+        "cycles": int(found.iterations), "certified": bool(found.certified),
+        "screening_length": round(float(found.screening_length), 3),
+    }  # fmt: skip
+
+
+def draw_convergence(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Residual and share of wrong directions against cycles, a line a scene.
+
+    Args:
+        rows: of `main`, those of the convergence.
+
+    Raises:
+        ImportError: if matplotlib is missing; names the extra.
+    """
+    rc_context, new_figure = _matplotlib()
+    names = list(dict.fromkeys(str(row["what"]).removeprefix("convergence: ") for row in rows))
+    with rc_context(_STYLE):
+        figure = new_figure(figsize=(7.0, 3.2), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        for number, name in enumerate(names):
+            mine = [row for row in rows if row["what"] == f"convergence: {name}"]
+            color, dashes = _PATHS[number % len(_PATHS)]
+            style: dict[str, Any] = {
+                "color": color, "linestyle": dashes, "linewidth": 1.2, "marker": _MARKERS[number % len(_MARKERS)],
+                "markersize": 3.0,
+            }  # fmt: skip
+            for axes, key, factor in ((left, "residual", 1.0), (right, "over_1deg", 100.0)):
+                # No line to where there is no number or, on a logarithmic axis, none but zero.
+                shown = [(row["cycles"], factor * row[key]) for row in mine if row[key]]
+                axes.plot(*zip(*shown, strict=True) if shown else ([], []), label=name, **style)
+        tolerance = TOLERANCE["screened"][4]
+        left.axhline(tolerance, color="black", linewidth=0.7, linestyle=":")
+        left.annotate(
+            "default tolerance", (1.0, tolerance), (-2, 2), xycoords=("axes fraction", "data"),
+            textcoords="offset points", ha="right", va="bottom",
+        )  # fmt: skip
+        right.axhline(5.0, color="black", linewidth=0.7, linestyle=":")
+        right.annotate(
+            "5 %", (1.0, 5.0), (-2, 2), xycoords=("axes fraction", "data"), textcoords="offset points", ha="right",
+            va="bottom",
+        )  # fmt: skip
+        left.set(xlabel="Cycles", ylabel="Largest relative change by one sweep", yscale="log")
+        right.set(xlabel="Cycles", ylabel="Voxels more than 1° off [%]", yscale="log")
+        for axes in (left, right):
+            axes.xaxis.get_major_locator().set_params(integer=True)
+            axes.grid(color="#DDDDDD", linewidth=0.4)
+        left.legend()
+    return figure
+
+
+def draw_scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Run time against voxels, with cycles at each point and a line of slope 1.
+
+    Args:
+        rows: of `main`, those of the cost.
+
+    Raises:
+        ImportError: if matplotlib is missing; names the extra.
+    """
+    rc_context, new_figure = _matplotlib()
+    voxels, median, low, high = (np.array([row[key] for row in rows]) for key in ("voxels", "median", "min", "max"))
+    with rc_context(_STYLE):
+        figure = new_figure(figsize=(4.8, 3.4), layout="constrained")
+        axes = figure.subplots()
+        color, _ = _PATHS[1]
+        axes.errorbar(
+            voxels, median, yerr=(median - low, high - median), color=color, marker="o", markersize=4.0, linewidth=1.2,
+            capsize=2.5, label="solve and certificate: median, least, largest",
+        )  # fmt: skip
+        # Through the largest, so that what smaller grids pay beyond their share lies above it.
+        slope = median[-1] * voxels / voxels[-1]
+        axes.plot(voxels, slope, color="black", linewidth=0.8, linestyle=":", label="slope 1")
+        for row in rows:
+            edge = str(row["what"]).split()[-1]
+            axes.annotate(
+                f"{edge}\n{row['cycles']} cycles", (row["voxels"], row["median"]), (5, -4), textcoords="offset points",
+                ha="left", va="top", fontsize=7,
+            )  # fmt: skip
+        axes.set_xlim(0.7 * voxels[0], 2.2 * voxels[-1])
+        axes.margins(y=0.12)
+        axes.set(xlabel="Voxels", ylabel="Time a solve [ms]", xscale="log", yscale="log")
+        axes.grid(color="#DDDDDD", linewidth=0.4)
+        axes.legend(loc="upper left")
+    return figure
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,156 @@
+"""A fleet's plans are those of its starts one by one: same margin, same status, verified, whatever the others do."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from references import random_blocks, random_free, serpentine
+
+from maxjax import Grid, PlanBatch, Potential, Status, dilate, plan, plan_fleet, solve_potential, verify
+from maxjax.planning import planner
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import plan_swarm
+
+GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
+MARGIN = 4.0
+GOAL_INDEX = (13, 14, 15)
+# Starts that have nothing to plan, by what is wrong with them.
+SEALED, OUTSIDE, AT_GOAL, INSIDE, BROKEN = range(5)
+WRONG = [
+    Status.NO_VALID_PATH,
+    Status.START_OUTSIDE_MAP,
+    Status.START_EQUALS_GOAL,
+    Status.START_OCCUPIED,
+    Status.NONFINITE_INPUT,
+]
+
+
+def world(index: object) -> np.ndarray:
+    return np.array(GRID.origin) + GRID.spacing * np.asarray(index, float)
+
+
+@pytest.fixture(scope="module")
+def occupied() -> np.ndarray:
+    """Blocks, a closed box around voxel (2, 2, 2), free surroundings of the goal and ground."""
+    occupied = random_blocks(np.random.default_rng(5), GRID.shape, 14, 4)
+    occupied[1:4, 1:4, 1:4] = True
+    occupied[2, 2, 2] = False
+    occupied[10:16, 11:18, 12:19] = False
+    return occupied
+
+
+@pytest.fixture(scope="module")
+def starts(occupied: np.ndarray) -> np.ndarray:
+    """The wrong ones first, then some in any free voxel, off its centre: many stand inside the margin."""
+    rng = np.random.default_rng(6)
+    free = random_free(rng, occupied, 12) + rng.uniform(-0.4, 0.4, (12, 3))
+    inside = np.argwhere(occupied)[40]
+    wrong = [(2, 2, 2), (-3, 5, 5), GOAL_INDEX, inside, (math.nan, 1, 1)]
+    return np.concatenate([world(wrong), world(free)])
+
+
+@pytest.fixture(scope="module")
+def fleet(occupied: np.ndarray, starts: np.ndarray) -> PlanBatch:
+    return plan_fleet(occupied, starts, world(GOAL_INDEX), GRID, margin=MARGIN)
+
+
+def test_a_fleet_equals_its_starts_one_by_one(occupied: np.ndarray, starts: np.ndarray, fleet: PlanBatch) -> None:
+    assert len(fleet) == len(starts)
+    for found, start in zip(fleet, starts, strict=True):
+        single = plan(occupied, start, world(GOAL_INDEX), GRID, margin=MARGIN)
+        assert found.status is single.status
+        assert found.margin == single.margin
+        assert found.certified is single.certified
+        np.testing.assert_allclose(found.length, single.length, rtol=1e-2)
+    assert set(fleet.margin[fleet.status == Status.OK]) == {0, 2, 4}  # a fleet of several margins, hence fields
+
+
+def test_every_path_is_verified_at_its_own_margin(occupied: np.ndarray, starts: np.ndarray, fleet: PlanBatch) -> None:
+    assert (fleet.status == Status.OK).sum() >= 10
+    for found, start in zip(fleet, starts, strict=True):
+        if found.status is not Status.OK:
+            assert found.path.shape == (0, 3)
+            assert math.isnan(found.length)
+            continue
+        verdict = verify(found.path, np.asarray(dilate(occupied, found.margin, GRID)), occupied, GRID)
+        assert verdict.ok
+        assert (verdict.length, verdict.clearance) == (found.length, found.clearance)
+        np.testing.assert_array_equal(found.path[[0, -1]], np.float32([start, world(GOAL_INDEX)]))
+
+
+def test_wrong_starts_have_their_own_status_and_none_is_truthy(fleet: PlanBatch) -> None:
+    assert fleet.status[: len(WRONG)].tolist() == WRONG
+    assert not any(p.status for p in fleet)
+    assert not fleet.certified[: len(WRONG)].any()
+
+
+def test_a_wrong_goal_fails_all(occupied: np.ndarray, starts: np.ndarray) -> None:
+    for goal, status in (
+        ((99, 0, 0), Status.GOAL_OUTSIDE_MAP),
+        (np.argwhere(occupied)[0], Status.GOAL_OCCUPIED),
+        ((2, 2, 2), Status.NO_VALID_PATH),
+    ):
+        with patch("maxjax.planning.planner.potential_field", side_effect=AssertionError):  # nothing is solved
+            found = plan_fleet(occupied, starts[len(WRONG) :], world(goal), GRID, margin=MARGIN)
+        assert set(found.status) == {status}
+    unknown = plan_fleet(occupied, starts, [0.0, math.nan, 0.0], GRID, margin=MARGIN)
+    assert set(unknown.status) == {Status.NONFINITE_INPUT}
+
+
+def test_a_thousand_starts_in_one_call_cost_one_solve() -> None:
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[7, :, :12] = True
+    rng = np.random.default_rng(7)
+    clear = np.asarray(dilate(occupied, MARGIN, GRID))
+    starts = world(rng.choice(np.argwhere(~clear), 1000) + rng.uniform(-0.4, 0.4, (1000, 3)))
+    with patch.object(planner, "potential_field", wraps=planner.potential_field) as solves:
+        found = plan_fleet(occupied, starts, world(GOAL_INDEX), GRID, margin=MARGIN)
+    assert solves.call_count == 1
+    assert found.status.tolist() == [Status.OK] * 1000
+    assert found.certified.all()
+    assert set(found.margin) == {MARGIN}
+    straight = np.linalg.norm(starts - world(GOAL_INDEX), axis=1)
+    assert (found.length >= straight * (1 - 1e-6)).all()
+    assert np.median(found.length / straight) < 1.05
+    for k in range(0, 1000, 50):
+        assert verify(found[k].path, clear, occupied, GRID).ok
+        np.testing.assert_array_equal(found[k].path[0], starts[k].astype(np.float32))
+
+
+def swarm(potential: object, maze: np.ndarray, starts: np.ndarray, goal: np.ndarray, steps: int) -> list[Status]:
+    found = plan_swarm(
+        potential,  # type: ignore[arg-type]
+        maze, np.float32(starts), np.float32(goal), GRID,
+        margin=0.0, ground=np.zeros(GRID.shape, bool), method="test", settings=Ascent(steps=steps),
+    )  # fmt: skip
+    for p in found:
+        assert p.status is not Status.OK or verify(p.path, maze, maze, GRID).ok
+    return [p.status for p in found]
+
+
+def test_those_that_need_more_steps_go_again_and_a_field_that_fails_says_so() -> None:
+    maze = np.repeat(serpentine(15, 18, 1), 20, axis=2)
+    maze = np.concatenate([maze, np.ones((1, 18, 20), bool)])
+    starts, goal = world([[0, 0, 9], [14, 4, 9], [0, 9, 9]]), world([14, 0, 9])
+    assert swarm(solve_potential, maze, starts, goal, 128) == [Status.OK] * 3
+
+    def doubtful(sigma: object, goal_index: object) -> Potential:
+        potential = solve_potential(sigma, goal_index)  # type: ignore[arg-type]
+        status = np.int32(Status.NOT_CERTIFIED) + 0 * potential.status
+        return dataclasses.replace(potential, status=status, certified=potential.certified & False)
+
+    assert swarm(doubtful, maze, starts, goal, 128) == [Status.NOT_CERTIFIED] * 3
+
+
+def test_wrong_arguments_are_told_with_what_was_given(occupied: np.ndarray, starts: np.ndarray) -> None:
+    call = getattr(plan_fleet, "__wrapped__", plan_fleet)
+    with pytest.raises(ValueError, match=r"starts: expected shape \(n, 3\) with n >= 1, given \(0, 3\)"):
+        call(occupied, starts[:0], world(GOAL_INDEX), GRID)
+    with pytest.raises(ValueError, match=r"starts: expected shape \(n, 3\) with n >= 1, given \(3,\)"):
+        call(occupied, starts[0], world(GOAL_INDEX), GRID)
+    with pytest.raises(ValueError, match="margin: expected 0 to 40 m"):
+        call(occupied, starts, world(GOAL_INDEX), GRID, margin=-1.0)
