@@ -71,11 +71,8 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         free: free voxels.
         seed: voxel index.
     """
-    shape = jnp.asarray(free.shape)
-    inside = jnp.all((seed >= 0) & (seed < shape))
-    x, y, z = jnp.clip(seed, 0, shape - 1)
-    start = jnp.zeros(free.shape, bool).at[x, y, z].set(inside & free[x, y, z])
     passable = _pack(free)
+    start = _pack(cell(free.shape, seed) & free)
 
     def grow(state: tuple[UInt32[Array, "nx ny words"], Bool[Array, ""]]) -> tuple[Array, Array]:
         before = state[0]
@@ -83,7 +80,7 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         (words,) = repeat(8, lambda last: (_spread(last[0]) & passable,), (before,))
         return words, jnp.any(words != before)
 
-    words, _ = lax.while_loop(lambda state: state[1], grow, (_pack(start), jnp.array(True)))
+    words, _ = lax.while_loop(lambda state: state[1], grow, (start, jnp.array(True)))
     return _unpack(words, free.shape[2])
 
 

@@ -31,6 +31,8 @@ from maxjax.planning.sight import clear
 # Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
 _PATIENCE = 12
 _ADAM_BETA2 = 0.999
+# Steps of one scan.
+_STRIDE = 64
 # Which components of a step survive: all, then two, then one.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
@@ -49,7 +51,7 @@ class Ascent:
         rate: η [voxels].
         momentum: β.
         smoothing: standard deviation of the wall-aware smoothing of log φ before the ascent [voxels]; 5 in the paper.
-        steps: length of the scan.
+        steps: at most so many.
     """
 
     rule: Literal["momentum", "adam"] = "momentum"
@@ -75,7 +77,7 @@ def ascend(
     goal: Float[Array, " 3"],
     settings: Ascent,
 ) -> tuple[Float[Array, "t 3"], Bool[Array, ""]]:
-    """Climb from start to goal as one scan.
+    """Climb from start to goal.
 
     Args:
         phi: potential, highest at the goal's voxel.
@@ -133,18 +135,29 @@ def ascend(
         up = jnp.where(values[highest] > height(here), around[highest].astype(x.dtype), centre)
         discrete = jnp.where(jnp.all(x == centre), up, centre)
 
-        arrives = (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen(x, goal[None])[0]
+        arrives = (k < settings.steps) & (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen(x, goal[None])[0]
         ahead = jnp.where(smooth_step, ends[best], discrete)
         ahead = jnp.where(arrives, goal, ahead)
-        ahead = jnp.where(done, x, ahead)
+        ahead = jnp.where(done | (k >= settings.steps), x, ahead)
         # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
         m = jnp.where(smooth_step, m * masks[best], 0)
         entered = jnp.any(voxel(ahead) != here)
         lingered = jnp.where(entered, 0, lingered + 1)
         return (ahead, m, v, lingered, done | arrives), ahead
 
+    # One scan after the other, until the goal is reached: most paths need few of the steps that some do.
+    stride = min(_STRIDE, settings.steps)
+
+    def stretch(carry: tuple[State, Int32[Array, ""], Float[Array, "t 3"]]) -> tuple[State, Array, Array]:
+        state, taken, path = carry
+        state, points = lax.scan(step, state, taken + jnp.arange(stride, dtype=jnp.int32))
+        return state, taken + stride, lax.dynamic_update_slice(path, points, (taken + 1, 0))
+
+    strides = -(-settings.steps // stride)
     zero = jnp.zeros_like(start)
-    (_, _, _, _, done), path = lax.scan(
-        step, (start, zero, zero, jnp.int32(0), jnp.array(False)), jnp.arange(settings.steps, dtype=jnp.int32)
+    state = (start, zero, zero, jnp.int32(0), jnp.array(False))
+    path = jnp.broadcast_to(goal, (strides * stride + 1, 3)).at[0].set(start)
+    (_, _, _, _, done), _, path = lax.while_loop(
+        lambda carry: ~carry[0][4] & (carry[1] < settings.steps), stretch, (state, jnp.int32(0), path)
     )
-    return jnp.concatenate([start[None], path]), done
+    return path[: settings.steps + 1], done

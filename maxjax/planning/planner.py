@@ -28,7 +28,7 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.problem import Problem, _off_faces, pose
+from maxjax.planning.problem import Problem, off_faces, placed, pose, verdict
 from maxjax.planning.sight import blocks, stands_free
 from maxjax.planning.tighten import tighten
 from maxjax.planning.verify import verify
@@ -358,7 +358,7 @@ def _muster(
     squared, below = squared_distance(occupied & ~ground, reach_of(margin, grid)), squared_distance(ground, 1)
     finite = jnp.all(jnp.isfinite(starts), axis=1) & jnp.all(jnp.isfinite(goal))
     a, b = (jnp.where(jnp.isfinite(x), x, -1.0) for x in map(grid.fractional_index, (starts, goal)))
-    a, b = jax.vmap(_off_faces)(a), _off_faces(b)
+    a, b = jax.vmap(off_faces)(a), off_faces(b)
     index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
     x, y, z = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1).T
     nowhere, nobody = jnp.zeros(grid.shape, bool), jnp.zeros(len(starts), bool)
@@ -382,20 +382,9 @@ def _muster(
         lower,
         (jnp.int32(0), jnp.full(len(starts), last, jnp.int32), nobody),
     )
-    status = jnp.select(
-        [~finite, ~inside_a, ~inside_b, jnp.all(starts == goal, axis=1), ~out_a, ~out_b, ~joined],
-        [
-            Status.NONFINITE_INPUT,
-            Status.START_OUTSIDE_MAP,
-            Status.GOAL_OUTSIDE_MAP,
-            Status.START_EQUALS_GOAL,
-            Status.START_OCCUPIED,
-            Status.GOAL_OCCUPIED,
-            Status.NO_VALID_PATH,
-        ],
-        Status.OK,
-    )
-    return status.astype(jnp.int32), rung, index_b, (squared, below)
+    same = jnp.all(starts == goal, axis=1)
+    status = verdict(~finite, ~inside_a, ~inside_b, same, ~out_a, ~out_b, ~joined)
+    return status, rung, index_b, (squared, below)
 
 
 def _share(
@@ -423,9 +412,7 @@ def _swarm(
     bits = blocks(blocked)
 
     def end(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
-        """Off the face of a blocked voxel, as in `pose`."""
-        x = grid.fractional_index(point)
-        return jnp.where(stands_free(blocked, x), x, _off_faces(x))
+        return placed(blocked, grid.fractional_index(point))
 
     def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
         path, arrived = ascend(phi, bits, ~blocked, end(start), end(goal), settings)

@@ -43,7 +43,7 @@ class Problem:
     status: Int32[Array, "*batch"]
 
 
-def _off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The point moved off the faces of its voxel, so that it touches no other voxel.
 
     A start at 3 m lies on a face of 2 m voxels. Touching the margin there must not cost the whole flight its margin.
@@ -51,6 +51,37 @@ def _off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     centre = jnp.floor(x + 0.5)
     room = 0.5 - 1.5 * TOUCH
     return centre + jnp.clip(x - centre, -room, room)
+
+
+def placed(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """The point itself where it stands free of blocked voxels, else off the faces of its voxel."""
+    return jnp.where(stands_free(blocked, x), x, off_faces(x))
+
+
+def verdict(
+    nonfinite: Bool[Array, "*n"],
+    start_outside: Bool[Array, "*n"],
+    goal_outside: Bool[Array, "*#n"],
+    same: Bool[Array, "*n"],
+    start_inside: Bool[Array, "*n"],
+    goal_inside: Bool[Array, "*#n"],
+    apart: Bool[Array, "*n"],
+) -> Int32[Array, "*n"]:
+    """The `Status` of the first thing that is wrong with a start and a goal, in this order; OK if nothing is."""
+    status = jnp.select(
+        [nonfinite, start_outside, goal_outside, same, start_inside, goal_inside, apart],
+        [
+            Status.NONFINITE_INPUT,
+            Status.START_OUTSIDE_MAP,
+            Status.GOAL_OUTSIDE_MAP,
+            Status.START_EQUALS_GOAL,
+            Status.START_OCCUPIED,
+            Status.GOAL_OCCUPIED,
+            Status.NO_VALID_PATH,
+        ],
+        Status.OK,
+    )
+    return status.astype(jnp.int32)
 
 
 def pose(
@@ -77,7 +108,7 @@ def pose(
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     a, b = jnp.where(jnp.isfinite(a), a, -1.0), jnp.where(jnp.isfinite(b), b, -1.0)
     exact_a, exact_b = a, b
-    a, b = _off_faces(a), _off_faces(b)
+    a, b = off_faces(a), off_faces(b)
     index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
 
     def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
@@ -106,20 +137,6 @@ def pose(
         lambda state: (state[0] + 1, joined(state[0] + 1)),
         (first, joined(first)),
     )
-    status = jnp.select(
-        [~finite, outside_a, outside_b, jnp.all(start == goal), in_a, in_b, ~ok],
-        [
-            Status.NONFINITE_INPUT,
-            Status.START_OUTSIDE_MAP,
-            Status.GOAL_OUTSIDE_MAP,
-            Status.START_EQUALS_GOAL,
-            Status.START_OCCUPIED,
-            Status.GOAL_OCCUPIED,
-            Status.NO_VALID_PATH,
-        ],
-        Status.OK,
-    )
+    status = verdict(~finite, outside_a, outside_b, jnp.all(start == goal), in_a, in_b, ~ok)
     blocked = blocked_at(rung)
-    a = jnp.where(stands_free(blocked, exact_a), exact_a, a)
-    b = jnp.where(stands_free(blocked, exact_b), exact_b, b)
-    return Problem(blocked, ladder[rung], a, b, index_b, status.astype(jnp.int32))
+    return Problem(blocked, ladder[rung], placed(blocked, exact_a), placed(blocked, exact_b), index_b, status)

@@ -1,6 +1,6 @@
 """String pulling: the shortest polyline through mutually visible points of a path.
 
-    cost(j) = min over i < j with i visible from j of  cost(i) + |x_j - x_i|
+    cost(i) = min over j > i with j visible from i of  |x_j - x_i| + cost(j)
 
 is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space:
 every new edge was found clear on the dilated grid (`sight.clear`). The points that survive are the corners of the new
@@ -16,10 +16,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
 
+from maxjax.core.loops import Arrays, repeat
 from maxjax.planning.sight import visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
+# Relaxations between two looks at whether anything changed.
+_SWEEPS = 8
 
 
 def _shorten(
@@ -29,23 +32,23 @@ def _shorten(
     n = points.shape[0]
     distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
     seen = visibility(bits, points, slabs) | (jnp.arange(n)[:, None] + 1 == jnp.arange(n)[None])
-    # A small toll per edge breaks ties towards fewer corners, as on a straight line.
-    edge = jnp.where(seen, distance + 1e-4, jnp.inf)
+    # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
+    edge = jnp.where(seen, distance + 1e-4, jnp.inf).at[n - 1, n - 1].set(0)
 
-    def step(cost: Float[Array, " n"], j: Int32[Array, ""]) -> tuple[Float[Array, " n"], Int32[Array, ""]]:
-        total = cost + edge[:, j]
-        i = jnp.argmin(total)
-        return cost.at[j].set(total[i]), i.astype(jnp.int32)
+    # Every point at once, as in Bellman and Ford, not one after the other: a taut path has few edges, and few turns
+    # that each do much are what a GPU wants.
+    def relax(state: Arrays) -> Arrays:
+        return repeat(_SWEEPS, lambda last: (jnp.min(edge + last[0][None], axis=1), last[0]), state)
 
-    cost = jnp.full(n, jnp.inf).at[0].set(0.0)
-    _, parent = lax.scan(step, cost, jnp.arange(1, n, dtype=jnp.int32))
-    parent = jnp.concatenate([jnp.zeros(1, jnp.int32), parent])
+    cost = jnp.full(n, jnp.inf).at[n - 1].set(0)
+    cost, _ = lax.while_loop(lambda state: jnp.any(state[0] != state[1]), relax, relax((cost, cost)))
+    follow = jnp.argmin(edge + cost[None], axis=1).astype(jnp.int32)
 
-    def back(j: Int32[Array, ""], _: None) -> tuple[Int32[Array, ""], Int32[Array, ""]]:
-        return parent[j], j
-
-    _, reverse = lax.scan(back, jnp.int32(n - 1), None, length=n)
-    return points[reverse[::-1]]
+    # The path 0, follow(0), follow(follow(0)), …: each turn doubles what is known of it.
+    path = jnp.zeros(1, jnp.int32)
+    while path.shape[0] < n:
+        path, follow = jnp.concatenate([path, follow[path]]), follow[follow]
+    return points[path[:n]]
 
 
 def _unrepeat(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
@@ -57,16 +60,15 @@ def _unrepeat(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
 
 
 def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Spend the repeated points of a path on new points along its edges, evenly by length; corners are kept."""
+    """Spend the repeated points at the end of a path on new points along its edges, evenly by length."""
     n = points.shape[0]
-    points = _unrepeat(points)
     length = jnp.linalg.norm(jnp.diff(points, axis=0), axis=1)
     edges = jnp.sum(length > 0)
     spare = n - 1 - edges
     share = jnp.where(length > 0, jnp.floor(spare * length / jnp.maximum(length.sum(), 1e-9)), 0).astype(jnp.int32)
     first = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(jnp.where(length > 0, share + 1, 0))])
     slot = jnp.arange(n)
-    edge = jnp.clip(jnp.searchsorted(first, slot, side="right") - 1, 0, n - 2)
+    edge = jnp.clip(jnp.sum(first[None] <= slot[:, None], axis=1) - 1, 0, n - 2)
     edge = jnp.minimum(edge, jnp.maximum(edges - 1, 0))
     fraction = ((slot - first[edge]) / (share[edge] + 1)).astype(points.dtype)
     start, end = points[edge], points[edge + 1]
@@ -102,7 +104,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
     points = _unrepeat(points)
 
     def whole(_: Array, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
-        return _unrepeat(_shorten(bits, _refine(points)))
+        return _shorten(bits, _refine(points))
 
     taut = lax.fori_loop(0, rounds, whole, points[:WINDOW])
     fits = jnp.all(points[WINDOW - 1 :] == points[-1])

@@ -27,10 +27,7 @@ from jaxtyping import Array, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.fields.gradient import gradient_at, log_potential
-from maxjax.solvers.potential import solve_potential
-
-# Differences between neighbours are wanted, and at the default tolerance of `solve_potential` values are coarse.
-_TOLERANCE = {4: 1e-5, 8: 1e-12}
+from maxjax.solvers.potential import TIGHT_TOLERANCE, solve_potential
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +72,8 @@ def goal_gradient(
     if min(sigma.shape, default=0) < 4:
         raise ValueError(f"sigma: expected at least 4 voxels along each axis, given {sigma.shape}")
     shape = jnp.asarray(sigma.shape)
-    tolerance = _TOLERANCE[sigma.dtype.itemsize]
+    # Differences between neighbours are wanted, and at the default tolerance of `solve_potential` values are coarse.
+    tolerance = TIGHT_TOLERANCE[sigma.dtype.itemsize]
     seen = solve_potential(sigma, start_index, screening_length=screening_length, tolerance=tolerance)
     finite = jnp.all(jnp.isfinite(goal))
     position = jnp.where(finite, goal, 0).astype(sigma.dtype)

@@ -35,19 +35,19 @@ from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.connectivity import geodesic
 from maxjax.solvers import walk
-from maxjax.solvers.krylov import Solution, chebyshev, pcg
+from maxjax.solvers.krylov import Linear, Solution, chebyshev, pcg
 from maxjax.solvers.multigrid import hierarchy, v_cycle
 
 Setting = Literal["screened", "paper"]
 
-# Degree of the Chebyshev preconditioner of derivative solves. The vector work of a CG iteration costs as much as eight
+# Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight
 # applications of the stencil on two CPU cores, and a wait for the device on a GPU, so few iterations are taken.
 DEGREE = 32
 # When the solve is over, by number of bytes. `screened`: the relative change of any voxel by one more sweep; errors
 # that remain are smooth, some ten times as large at the far end, and leave directions alone. `paper`: |q − A φ| / |q|.
 TOLERANCE: dict[Setting, dict[int, float]] = {"screened": {4: 1e-2, 8: 1e-12}, "paper": {4: 1e-6, 8: 1e-13}}
 # The same where a derivative is asked for, which depends on the values.
-_TIGHT_TOLERANCE = {4: 1e-5, 8: 1e-12}
+TIGHT_TOLERANCE = {4: 1e-5, 8: 1e-12}
 # Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An
 # adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
 DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
@@ -184,8 +184,16 @@ def _guess(distance: Int32[Array, "nx ny nz"], length: Float[Array, ""]) -> sten
     return jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85))
 
 
-def _polynomial(operator: stencil.Operator, links: stencil.Links):  # type: ignore[no-untyped-def]
-    """The Chebyshev polynomial for the scaled system: its interval from the largest row sum (Gershgorin)."""
+def _preconditioner(
+    setting: Setting, operator: stencil.Operator, links: stencil.Links, component: Bool[Array, "nx ny nz"]
+) -> Linear:
+    """Of the scaled system. `paper`: the V-cycle, since no leak bounds the condition of A.
+
+    `screened`: the Chebyshev polynomial, its interval from the largest row sum (Gershgorin). It outdoes the V-cycle,
+    which spans no distance faster.
+    """
+    if setting == "paper":
+        return v_cycle(hierarchy(operator, component))
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
     # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
@@ -299,9 +307,7 @@ def _conjugate_gradients(
 ) -> Solution:
     """φ by conjugate gradients on the scaled system; no iterations unless `wanted`, which a batch asks for each scene.
 
-    `screened`: until the residual of every voxel is small beside its own φ, where the polynomial outdoes the V-cycle,
-    which spans no distance faster. `paper`: until the norm is small, with the V-cycle, since no leak bounds the
-    condition of A.
+    `screened`: until the residual of every voxel is small beside its own φ. `paper`: until the norm is small.
     """
     operator, source = _system(caps.setting, sigma, length, goal)
     links, scale = stencil.normalize(operator)
@@ -312,11 +318,10 @@ def _conjugate_gradients(
             return jnp.all(jnp.abs(r) <= caps.tolerance * y)
         return jnp.sum(r * r) <= caps.tolerance**2 * jnp.sum(b * b)
 
-    screened = caps.setting == "screened"
     solution = pcg(
         lambda y: y - stencil.gather(links, y),
         b,
-        precondition=_polynomial(operator, links) if screened else v_cycle(hierarchy(operator, component)),
+        precondition=_preconditioner(caps.setting, operator, links, component),
         stop=lambda y, r: ~wanted | small(y, r),
         max_iterations=caps.max_iterations,
     )
@@ -328,7 +333,7 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
     sigma, length, goal, component, distance = primals
     sigma_dot, length_dot, *_ = tangents
-    tight = min(caps.tolerance, _TIGHT_TOLERANCE[sigma.dtype.itemsize])
+    tight = min(caps.tolerance, TIGHT_TOLERANCE[sigma.dtype.itemsize])
     solved = _potential(dataclasses.replace(caps, tolerance=tight), sigma, length, goal, component, distance)
 
     def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
@@ -339,10 +344,7 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
     operator, _ = _system(caps.setting, sigma, solved["screening_length"], goal)
     links, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
-    if caps.setting == "screened":
-        precondition = _polynomial(operator, links)
-    else:
-        precondition = v_cycle(hierarchy(operator, component))
+    precondition = _preconditioner(caps.setting, operator, links, component)
 
     def solve(matvec, b):  # type: ignore[no-untyped-def]
         return pcg(
