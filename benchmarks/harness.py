@@ -70,10 +70,10 @@ def measure(fn: Callable[[], Any], n: int) -> Timing:
 
 def provenance() -> dict[str, Any]:
     """What a figure's reader needs to judge and repeat it."""
-    commit = _git("rev-parse", "HEAD")
     # A copy of the tree without its history is told what it is; whether it was changed is then not known.
-    status = None if commit is None else _git("status", "--porcelain")
-    commit = commit or os.environ.get("MAXJAX_COMMIT")
+    told = os.environ.get("MAXJAX_COMMIT")
+    commit = told or _git("rev-parse", "HEAD")
+    status = None if told or commit is None else _git("status", "--porcelain")
     return {
         "command": _command(),
         "commit": commit,

@@ -519,12 +519,12 @@ def _jacobi_pcg(
     """
     held = jnp.zeros_like(sigma).at[goal[0], goal[1], goal[2]].set(1)
     operator, source = stencil.hold(stencil.assemble(sigma, 1 / length**2), held)
-    links, scale = stencil.normalize(operator)
+    faces, scale = stencil.normalize(operator)
     b = scale * source
 
     def step(_: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
         x, r, rho, p = state
-        q = p - stencil.gather(links, p)
+        q = p - stencil.inflow(faces, p)
         curvature = jnp.sum(p * q)
         alpha = jnp.where(curvature > 0, 1 / jnp.where(curvature > 0, curvature, 1), 0)
         x = x + (rho * alpha) * p

@@ -1,21 +1,29 @@
-"""A short loop in the form that the device runs best.
-
-On CPU a `lax` loop: in straight-line code XLA fuses one step into the next and computes it anew for each neighbour that
-the next reads. Elsewhere straight-line code: there a turn of a loop costs several times what a short step does.
-"""
+"""Loops in the form that the device, or the batch, runs best."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, TypeVar
 
+import jax
+import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array, Bool
 
 Arrays = tuple[Array, ...]
+State = TypeVar("State")
+
+# After the turns that all take together, this part of a batch at a time goes on to its end.
+_PART = 8
 
 
 def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays) -> Arrays:
     """`step`, `count` times.
+
+    On CPU a `lax` loop: in straight-line code XLA fuses one step into the next and computes it anew for each neighbour
+    that the next reads. Elsewhere straight-line code: there a turn of a loop costs several times what a short step
+    does.
 
     Args:
         count: static.
@@ -32,3 +40,79 @@ def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays) -> Array
         return state
 
     return tuple(lax.platform_dependent(*state, cpu=in_a_loop, default=in_a_row)) if count else state
+
+
+def settle(
+    going: Callable[[Any, State], Bool[Array, ""]],
+    step: Callable[[Any, State], State],
+    data: Any,
+    state: State,
+    *,
+    together: int,
+) -> State:
+    """`lax.while_loop` for members of a batch that need different numbers of turns.
+
+    Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here all take
+    `together` turns at most; those that still go on are then gathered, a small part of the batch at a time, and only
+    they are computed. What each member gets is the same.
+
+    Args:
+        going: (data, state) ↦ whether to take another turn. Like `step`, it may close over nothing that is batched.
+        step: (data, state) ↦ state.
+        data: what they read, a pytree of arrays.
+        state: what they change, a pytree of arrays.
+        together: turns that the whole batch takes, 0 or more. Static.
+    """
+    # Leaves, not trees, cross the border of `custom_vmap`: there some have a batch axis and some have not, which a
+    # dataclass need not allow.
+    inputs, data_tree = jax.tree.flatten(data)
+    first, state_tree = jax.tree.flatten(state)
+    Leaves = list[Array]
+
+    def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
+        return going(data_tree.unflatten(inputs), state_tree.unflatten(leaves))
+
+    def turns(inputs: Leaves, leaves: Leaves, limit: int | None = None) -> Leaves:
+        def turn(carry: tuple[Leaves, Array]) -> tuple[Leaves, Array]:
+            leaves, count = carry
+            return jax.tree.leaves(step(data_tree.unflatten(inputs), state_tree.unflatten(leaves))), count + 1
+
+        def more(carry: tuple[Leaves, Array]) -> Bool[Array, ""]:
+            return on(inputs, carry[0]) & (True if limit is None else carry[1] < limit)
+
+        settled: Leaves = lax.while_loop(more, turn, (leaves, jnp.int32(0)))[0]
+        return settled
+
+    @custom_vmap
+    def run(inputs: Leaves, leaves: Leaves) -> Leaves:
+        return turns(inputs, leaves)
+
+    @run.def_vmap
+    def batched(size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves) -> tuple[Leaves, list[bool]]:
+        own, changing = in_batch
+        axes = ([0 if batched else None for batched in own], 0)
+        pairs = zip(leaves, changing, strict=True)
+        leaves = [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
+        if together:
+            leaves = jax.vmap(lambda d, s: turns(d, s, together), axes)(inputs, leaves)
+        part = -(-size // _PART)
+
+        def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
+            return jnp.asarray(jax.vmap(on, axes)(inputs, leaves))
+
+        def finish(leaves: Leaves) -> Leaves:
+            # What fills up a part that has too few members is a copy of the last one, and is dropped.
+            chosen = jnp.nonzero(unfinished(leaves), size=part, fill_value=size)[0]
+
+            def take(x: Array) -> Array:
+                return jnp.take(x, chosen, axis=0, mode="clip")
+
+            some = [take(x) if batched else x for x, batched in zip(inputs, own, strict=True)]
+            settled = jax.vmap(turns, axes)(some, [take(x) for x in leaves])
+            return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
+
+        leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)
+        return leaves, [True] * len(leaves)
+
+    result: State = state_tree.unflatten(run(inputs, first))
+    return result

@@ -80,11 +80,10 @@ def smooth(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sig
     steps = math.ceil(0.5 * sigma**2 / _TIME_STEP)
     flow = 0.5 * sigma**2 / steps
     weight = free.astype(log_phi.dtype)
-    faces = [weight * stencil.ahead(weight, axis) for axis in range(3)]
-    links = tuple((flow * face, flow * stencil.behind(face, axis)) for axis, face in enumerate(faces))
-    kept = 1 - sum(forward + backward for forward, backward in links)
+    x, y, z = (flow * weight * stencil.ahead(weight, axis) for axis in range(3))
+    kept = 1 - stencil.inflow((x, y, z), jnp.ones_like(weight))
 
     def step(_: Array, u: Float[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
-        return kept * u + stencil.gather(links, u)  # type: ignore[arg-type]
+        return kept * u + stencil.inflow((x, y, z), u)
 
     return jnp.asarray(lax.fori_loop(0, steps, step, log_phi))

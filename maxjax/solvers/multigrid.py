@@ -27,7 +27,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.fields import stencil
-from maxjax.fields.stencil import Links, Volume
+from maxjax.fields.stencil import Faces, Volume
 
 # A volume of whatever shape: for functions whose result has another shape than their argument.
 AnyVolume = Float[Array, "_ _ _"]
@@ -46,11 +46,11 @@ class Level:
     """One grid.
 
     Attributes:
-        links: G of this grid, as `stencil.normalize` gives it.
+        faces: of G on this grid, as `stencil.normalize` gives them.
         root: D^1/2 on the voxels that exchange corrections with the coarser grid, else 0.
     """
 
-    links: Links
+    faces: Faces
     root: Volume
 
 
@@ -84,11 +84,11 @@ def hierarchy(operator: stencil.Operator, component: Bool[Array, "nx ny nz"]) ->
     ground = jnp.where(free, _ground(operator), 0)
     levels = []
     while True:
-        links, scale = stencil.normalize(stencil.Operator(faces, diagonal))
+        faces_of_g, scale = stencil.normalize(stencil.Operator(faces, diagonal))
         root = jnp.where(free, diagonal * scale, 0)
-        levels.append(Level(links, root))
+        levels.append(Level(faces_of_g, root))
         if diagonal.size <= _COARSEST:
-            return Hierarchy(tuple(levels), _inverse(levels[-1].links))
+            return Hierarchy(tuple(levels), _inverse(levels[-1].faces))
         inside = free.astype(diagonal.dtype)
         faces = tuple(_coarse_face(face * inside, axis) for axis, face in enumerate(faces))  # type: ignore[assignment]
         ground = _sum_blocks(ground * _outer_factor(ground.shape, ground.dtype))
@@ -106,17 +106,17 @@ def v_cycle(grids: Hierarchy) -> Callable[[Volume], Volume]:
         level = grids.levels[depth]
         if depth == len(grids.levels) - 1:
             return jnp.matmul(grids.inverse, r.ravel(), precision=lax.Precision.HIGHEST).reshape(r.shape)
-        y, left = _twice(level.links, r, jnp.zeros_like(r), r, (_OWN, -1.0), (_NEIGHBOURS, 1.0))
+        y, left = _twice(level.faces, r, jnp.zeros_like(r), r, (_OWN, -1.0), (_NEIGHBOURS, 1.0))
         below = _reciprocal(grids.levels[depth + 1].root)
         coarse = cycle(depth + 1, below * _sum_blocks(level.root * left))
         y = y + level.root * _spread(below * coarse, r.shape)
-        return _twice(level.links, y, r, y, (-1.0, _OWN), (1.0, _NEIGHBOURS))[1]
+        return _twice(level.faces, y, r, y, (-1.0, _OWN), (1.0, _NEIGHBOURS))[1]
 
     return lambda r: cycle(0, r)
 
 
 def _twice(
-    links: Links, v: Volume, first: Volume, second: Volume, own: tuple[float, float], neighbours: tuple[float, float]
+    faces: Faces, v: Volume, first: Volume, second: Volume, own: tuple[float, float], neighbours: tuple[float, float]
 ) -> tuple[Volume, Volume]:
     """The two applications of G in a smoothing step: u = first + own₀ v + neighbours₀ G v, then the same of u.
 
@@ -128,7 +128,7 @@ def _twice(
 
     def step(k: Array, state: tuple[Volume, Volume]) -> tuple[Volume, Volume]:
         _, v = state
-        return v, jnp.where(k == 0, first, second) + a[k] * v + b[k] * stencil.gather(links, v)
+        return v, jnp.where(k == 0, first, second) + a[k] * v + b[k] * stencil.inflow(faces, v)
 
     before, after = lax.fori_loop(0, 2, step, (v, v))
     return before, after
@@ -194,12 +194,12 @@ def _reciprocal(root: AnyVolume) -> AnyVolume:
     return jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1), 0)
 
 
-def _inverse(links: Links) -> Float[Array, "n n"]:
+def _inverse(faces: Faces) -> Float[Array, "n n"]:
     """(I − G)⁻¹ by Cholesky, symmetric; a shift by rounding's size keeps it finite where nothing grounds the grid."""
-    shape = links[0][0].shape
-    size = links[0][0].size
-    columns = jnp.eye(size, dtype=links[0][0].dtype)
+    shape = faces[0].shape
+    size = faces[0].size
+    columns = jnp.eye(size, dtype=faces[0].dtype)
     shift = 1 + 32 * np.finfo(columns.dtype).eps
-    matrix = shift * columns - jax.vmap(lambda e: stencil.gather(links, e.reshape(shape)).ravel())(columns)
+    matrix = shift * columns - jax.vmap(lambda e: stencil.inflow(faces, e.reshape(shape)).ravel())(columns)
     inverse = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), columns)
     return (inverse + inverse.T) / 2

@@ -30,6 +30,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.core.loops import settle
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
@@ -185,7 +186,7 @@ def _guess(distance: Int32[Array, "nx ny nz"], length: Float[Array, ""]) -> sten
 
 
 def _preconditioner(
-    setting: Setting, operator: stencil.Operator, links: stencil.Links, component: Bool[Array, "nx ny nz"]
+    setting: Setting, operator: stencil.Operator, faces: stencil.Faces, component: Bool[Array, "nx ny nz"]
 ) -> Linear:
     """Of the scaled system. `paper`: the V-cycle, since no leak bounds the condition of A.
 
@@ -198,7 +199,7 @@ def _preconditioner(
     rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
     # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
     radius = jnp.minimum(jnp.max(rows), 1 - 1 / DEGREE**2)
-    return chebyshev(functools.partial(stencil.gather, links), radius, DEGREE)
+    return chebyshev(functools.partial(stencil.inflow, faces), radius, DEGREE)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -247,18 +248,17 @@ def _attempt(
         newton = walk.solve(operator, guess, component, goal, tolerance=caps.tolerance, max_cycles=caps.max_iterations)
         stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
 
-        def linear() -> tuple[Array, Array, Array, Array]:
-            solution = _conjugate_gradients(caps, sigma, length, goal, component, stalled)
-            x = jnp.where(component, jnp.maximum(solution.x, 0), 0)
-            return x, newton.cycles + solution.iterations, solution.residual, solution.converged
+        def linear(system: tuple[Array, ...], state: tuple[Solution, Array]) -> tuple[Solution, Array]:
+            solution = _conjugate_gradients(caps, *system)
+            iterations = state[0].iterations + solution.iterations
+            return dataclasses.replace(solution, iterations=iterations), jnp.zeros_like(stalled)
 
-        phi, iterations, residual, converged = lax.cond(
-            stalled, linear, lambda: (newton.phi, newton.cycles, newton.residual, newton.converged)
-        )
+        cycled = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
+        system = sigma, length, goal, component
+        solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), together=0)
     else:
-        solution = _conjugate_gradients(caps, sigma, length, goal, component, jnp.array(True))
-        phi = jnp.where(component, jnp.maximum(solution.x, 0), 0)
-        iterations, residual, converged = solution.iterations, solution.residual, solution.converged
+        solution = _conjugate_gradients(caps, sigma, length, goal, component)
+    phi, converged = solution.x, solution.converged
     lost = converged & jnp.any(component & (phi <= 0))
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     held = stencil.cell(sigma.shape, goal)
@@ -288,9 +288,9 @@ def _attempt(
     return Potential(
         phi=lax.slice(phi, (0, 0, 0), shape),
         status=status.astype(jnp.int32),
-        iterations=iterations,
+        iterations=solution.iterations,
         sweeps=sweeps,
-        residual=residual,
+        residual=solution.residual,
         certified=certified,
         uncertified=stuck,
         screening_length=length,
@@ -303,14 +303,13 @@ def _conjugate_gradients(
     length: Float[Array, ""],
     goal: Int32[Array, " 3"],
     component: Bool[Array, "nx ny nz"],
-    wanted: Bool[Array, ""],
 ) -> Solution:
-    """φ by conjugate gradients on the scaled system; no iterations unless `wanted`, which a batch asks for each scene.
+    """φ by conjugate gradients on the scaled system.
 
     `screened`: until the residual of every voxel is small beside its own φ. `paper`: until the norm is small.
     """
     operator, source = _system(caps.setting, sigma, length, goal)
-    links, scale = stencil.normalize(operator)
+    faces, scale = stencil.normalize(operator)
     b = source * scale
 
     def small(y: stencil.Volume, r: stencil.Volume) -> Bool[Array, ""]:
@@ -319,13 +318,13 @@ def _conjugate_gradients(
         return jnp.sum(r * r) <= caps.tolerance**2 * jnp.sum(b * b)
 
     solution = pcg(
-        lambda y: y - stencil.gather(links, y),
+        lambda y: y - stencil.inflow(faces, y),
         b,
-        precondition=_preconditioner(caps.setting, operator, links, component),
-        stop=lambda y, r: ~wanted | small(y, r),
+        precondition=_preconditioner(caps.setting, operator, faces, component),
+        stop=small,
         max_iterations=caps.max_iterations,
     )
-    return dataclasses.replace(solution, x=scale * solution.x)
+    return dataclasses.replace(solution, x=jnp.where(component, jnp.maximum(scale * solution.x, 0), 0))
 
 
 @_potential.defjvp
@@ -342,9 +341,9 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
 
     _, right = jax.jvp(imbalance, (sigma, solved["screening_length"]), (sigma_dot, length_dot))
     operator, _ = _system(caps.setting, sigma, solved["screening_length"], goal)
-    links, scale = stencil.normalize(operator)
+    faces, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
-    precondition = _preconditioner(caps.setting, operator, links, component)
+    precondition = _preconditioner(caps.setting, operator, faces, component)
 
     def solve(matvec, b):  # type: ignore[no-untyped-def]
         return pcg(
@@ -355,7 +354,7 @@ def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
             max_iterations=caps.max_iterations,
         ).x
 
-    y_dot = lax.custom_linear_solve(lambda y: y - stencil.gather(links, y), scale * right, solve, symmetric=True)
+    y_dot = lax.custom_linear_solve(lambda y: y - stencil.inflow(faces, y), scale * right, solve, symmetric=True)
 
     def zero(x: Array) -> Array:
         return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)

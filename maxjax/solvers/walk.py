@@ -38,12 +38,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.loops import repeat
-from maxjax.fields.stencil import Links, Operator, Volume, ahead, behind, cell, gather, inflow
+from maxjax.core.loops import repeat, settle
+from maxjax.fields.stencil import Faces, Links, Operator, Volume, ahead, behind, cell, gather, inflow
 
 Mask = Bool[Array, "nx ny nz"]
 Blocks = Float[Array, "mx my mz"]  # one number a block
-Faces = tuple[Volume, Volume, Volume]
 
 # Positive sweeps before and after a correction, and relaxations on the way down and up: on the first lumped level, and
 # on the deeper ones, which cost little.
@@ -55,6 +54,12 @@ _COARSEST = 16
 _THIN = 4
 # Cycles end when for so many of them the residual has not fallen below this share of the best.
 _PATIENCE, _PROGRESS = 4, 0.8
+
+
+# φ, cycles taken, the last change and the least one so far, cycles without progress.
+State = tuple[Volume, Array, Array, Array, Array]
+# Faces and diagonal of A, the goal's voxel, the coarser levels.
+System = tuple[Faces, Volume, Mask, "tuple[_Level, ...]"]
 
 
 @jax.tree_util.register_dataclass
@@ -111,13 +116,13 @@ def solve(
     goal = cell(phi.shape, goal_index)
     levels = _levels(faces, component, goal_index)
 
-    def sweep(phi: Volume) -> Volume:
-        return jnp.where(goal, phi * diagonal, inflow(faces, phi)) / diagonal
-
-    State = tuple[Volume, Array, Array, Array, Array]
-
-    def cycle(state: State) -> State:
+    def cycle(system: System, state: State) -> State:
+        faces, diagonal, goal, levels = system
         phi, cycles, _, best, stalled = state
+
+        def sweep(phi: Volume) -> Volume:
+            return jnp.where(goal, phi * diagonal, inflow(faces, phi)) / diagonal
+
         phi = _repeat(sweep, phi, _BEFORE)
         if levels:
             phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
@@ -128,13 +133,14 @@ def solve(
         # The mean of two sweeps: one alone does not damp what alternates from voxel to voxel.
         return (phi + after) / 2, cycles + 1, change, jnp.minimum(change, best), stalled
 
-    def going(state: State) -> Bool[Array, ""]:
+    def going(system: System, state: State) -> Bool[Array, ""]:
         _, cycles, change, _, stalled = state
         return (cycles < max_cycles) & (change > tolerance) & (stalled < _PATIENCE)
 
     infinite = jnp.asarray(jnp.inf, phi.dtype)
     first = (phi, jnp.int32(0), infinite, infinite, jnp.int32(0))
-    phi, cycles, change, _, _ = lax.while_loop(going, cycle, first)
+    # Most scenes of a city take three or four cycles, few take many.
+    phi, cycles, change, _, _ = settle(going, cycle, (faces, diagonal, goal, levels), first, together=4)
     return Solution(phi, cycles, change, change <= tolerance)
 
 

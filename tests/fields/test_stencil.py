@@ -70,15 +70,15 @@ def test_holding_voxels_replaces_their_rows_and_keeps_symmetry() -> None:
         np.testing.assert_allclose(columns(lambda phi: stencil.apply(operator, phi), SHAPE), matrix, rtol=1e-12)
 
 
-def test_normalised_links_are_the_scaled_matrix() -> None:
+def test_normalised_faces_are_the_scaled_matrix() -> None:
     sigma = random_sigma(4)
     matrix = conduction_matrix(sigma, 0.25, False).toarray()
     diagonal = np.diag(matrix)
     root = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
     with jax.enable_x64(True):
-        links, scale = stencil.normalize(stencil.assemble(jnp.asarray(sigma), 0.25))
+        faces, scale = stencil.normalize(stencil.assemble(jnp.asarray(sigma), 0.25))
         np.testing.assert_allclose(scale.ravel(), root, rtol=1e-12)
-        given = columns(lambda y: stencil.gather(links, y), SHAPE)
+        given = columns(lambda y: stencil.inflow(faces, y), SHAPE)
         expected = np.diag((diagonal > 0).astype(float)) - root[:, None] * matrix * root
         np.testing.assert_allclose(given, expected, rtol=1e-12, atol=1e-15)
         assert given.min() >= 0

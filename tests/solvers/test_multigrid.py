@@ -54,10 +54,10 @@ def dense(operator: stencil.Operator, component: jax.Array) -> np.ndarray:
 
 @jax.jit
 def solve(operator: stencil.Operator, source: jax.Array, component: jax.Array) -> Solution:
-    links, scale = stencil.normalize(operator)
+    faces, scale = stencil.normalize(operator)
     b = source * scale
     return pcg(
-        lambda y: y - stencil.gather(links, y),
+        lambda y: y - stencil.inflow(faces, y),
         b,
         precondition=v_cycle(hierarchy(operator, component)),
         stop=lambda _, r: jnp.linalg.norm(r) <= 1e-6 * jnp.linalg.norm(b),
@@ -77,11 +77,11 @@ def test_the_cycle_is_close_to_the_inverse() -> None:
     operator, _, component, _, _ = problem(2, (9, 10, 11))
     with jax.enable_x64(True):
         operator = jax.tree.map(lambda a: jnp.asarray(np.asarray(a), jnp.float64), operator)
-        links, _ = stencil.normalize(operator)
+        faces, _ = stencil.normalize(operator)
         matrix = dense(operator, component)
         unit = jnp.eye(component.size)
         system = np.eye(component.size) - np.asarray(
-            jax.lax.map(lambda e: stencil.gather(links, e.reshape(component.shape)).ravel(), unit)
+            jax.lax.map(lambda e: stencil.inflow(faces, e.reshape(component.shape)).ravel(), unit)
         )
     kept = np.asarray(component).ravel()
     root = np.linalg.cholesky(matrix[np.ix_(kept, kept)])
