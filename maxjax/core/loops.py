@@ -70,12 +70,14 @@ def settle(
     Leaves = list[Array]
 
     def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
-        return going(data_tree.unflatten(inputs), state_tree.unflatten(leaves))
+        return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
 
     def turns(inputs: Leaves, leaves: Leaves, limit: int | None = None) -> Leaves:
         def turn(carry: tuple[Leaves, Array]) -> tuple[Leaves, Array]:
             leaves, count = carry
-            return jax.tree.leaves(step(data_tree.unflatten(inputs), state_tree.unflatten(leaves))), count + 1
+            return jax.tree.leaves(
+                step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
+            ), count + 1
 
         def more(carry: tuple[Leaves, Array]) -> Bool[Array, ""]:
             return on(inputs, carry[0]) & (True if limit is None else carry[1] < limit)
@@ -114,5 +116,5 @@ def settle(
         leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)
         return leaves, [True] * len(leaves)
 
-    result: State = state_tree.unflatten(run(inputs, first))
+    result: State = jax.tree.unflatten(state_tree, run(inputs, first))
     return result
