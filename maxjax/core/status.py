@@ -26,6 +26,9 @@ class Status(enum.IntEnum):
     NONFINITE_INPUT = 10
     EMPTY_SCAN = 11
     START_EQUALS_GOAL = 12
+    IN_CONTACT = 13
+    OUT_OF_PLANS = 14
+    NONFINITE_STATE = 15
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -52,5 +55,9 @@ _ADVICE = {
     Status.PATH_IN_COLLISION: "The path failed verification and is withheld; please report this map as a defect.",
     Status.NONFINITE_INPUT: "An input is NaN or infinite; clean it before planning.",
     Status.EMPTY_SCAN: "The scan holds no return inside the grid; check coordinates, units (metres) and sensor.",
+    Status.IN_CONTACT: "The vehicle touched an obstacle or the ground; fly with a larger margin, or slower.",
+    Status.OUT_OF_PLANS: "The goal was not reached within the planning iterations; allow more, "
+    "or look at the log for where the flight held.",
+    Status.NONFINITE_STATE: "The state of the vehicle became NaN or infinite; check its constants.",
     Status.START_EQUALS_GOAL: "Start and goal are the same point; there is nothing to plan.",
 }

@@ -91,17 +91,19 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
     return jnp.minimum(squared, jnp.asarray(far, dtype))
 
 
-def rungs(margin: float, grid: Grid) -> tuple[float, ...]:
-    """The margins to try [m]: from `margin` down by one voxel at a time, 0 last.
+def rungs(margin: float, grid: Grid, least: float = 0.0) -> tuple[float, ...]:
+    """The margins to try [m]: from `margin` down by one voxel at a time, `least` last.
 
     Raises:
-        ValueError: for a margin that is negative, not finite, or longer than the map.
+        ValueError: for a margin that is negative, not finite, or longer than the map, or less than `least`.
     """
     longest = grid.spacing * max(grid.shape)
     if not 0 <= margin <= longest:
         raise ValueError(f"margin: expected 0 to {longest:g} m, the longest edge of the map, given {margin}")
-    count = math.ceil(margin / grid.spacing - 1e-9)
-    return (*(max(margin - k * grid.spacing, 0.0) for k in range(count)), 0.0)
+    if not 0 <= least <= margin:
+        raise ValueError(f"least: expected 0 to the margin, {margin:g} m, given {least}")
+    count = math.ceil((margin - least) / grid.spacing - 1e-9)
+    return (*(max(margin - k * grid.spacing, least) for k in range(count)), least)
 
 
 def reach_of(margin: float, grid: Grid) -> int:

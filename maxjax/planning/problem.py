@@ -1,8 +1,8 @@
 """A planning problem on the voxel grid: its inputs judged, its safety margin chosen.
 
-The margin is the largest of margin, margin − spacing, …, 0 at which start and goal stand in one component of free
-voxels. Flood fills decide (`fields.connectivity`), before anything is solved: a plan costs one solve, and where no
-margin joins them that is proved.
+The margin is the largest of margin, margin − spacing, …, least (0 unless said otherwise) at which start and goal stand
+in one component of free voxels. Flood fills decide (`fields.connectivity`), before anything is solved: a plan costs one
+solve, and where no margin joins them that is proved.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Problem:
 
     Attributes:
         blocked: voxels within `margin` of an obstacle.
-        margin: the margin that was chosen [m]; 0 where none joins start and goal.
+        margin: the margin that was chosen [m]; the least one where none joins start and goal.
         start, goal: index coordinates; where one lies on the face of a blocked voxel, it is moved off that face by less
             than a thousandth of a voxel.
         goal_index: voxel of the goal.
@@ -91,6 +91,7 @@ def pose(
     goal: Float[Array, " 3"],
     margin: float,
     grid: Grid,
+    least: float = 0.0,
 ) -> Problem:
     """Choose the margin and judge the inputs; `jit`- and `vmap`-safe.
 
@@ -100,8 +101,9 @@ def pose(
         start, goal: [m].
         margin: the margin asked for [m]. Static.
         grid: the grid. Static.
+        least: the margin below which rather no path is planned [m]. Static.
     """
-    ladder = jnp.asarray(rungs(margin, grid), jnp.float32)
+    ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
     squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
     below = squared_distance(ground, 1)
     a, b = grid.fractional_index(start), grid.fractional_index(goal)

@@ -1,0 +1,191 @@
+"""Cascaded control of a quadrotor: position and velocity → thrust vector → attitude on SO(3) → four thrusts.
+
+    a = a_ref + 2 ω (v_ref + sat(ω/2 (x_ref − x)) − v) − d̂         position: both poles at ω
+    v̂' = f/m + g + d̂ + 2 ω_d (v − v̂),   d̂' = ω_d² (v − v̂)          disturbance observer: both poles at ω_d
+    F = m (a − g), tilted by `tilt` at most                         thrust vector, world frame
+    M_u = N + (1 − 3 p τ) (M_f − N) − τ J (3 p² Ω + p³ e_R)         attitude: three poles at p, motors' lag τ included
+    u = mixing⁻¹ (F · R e₃, M_u)                                    N = Ω × J Ω
+
+d̂ is whatever acceleration the thrust does not explain: the drag of flight and wind, and what is wrong with the mass.
+f and M_f are thrust and moment of the motors as they turn now. e_R = ½ (R_dᵀ R − Rᵀ R_d)^∨ with R_d the attitude of
+body z along F and body x towards the yaw. Because the attitude follows 3 / p seconds late, references hand their
+acceleration over by so much earlier (`Controller.lead`).
+
+Saturation keeps roll and pitch first, then the collective thrust, then yaw: a vehicle that cannot do all still holds
+the direction of its thrust.
+
+Every gain follows from a bandwidth: ω = 2.5 rad/s, ω_d = 5 rad/s, p = 25 rad/s (roll, pitch), 4 rad/s (yaw). With
+these the position loop crosses over at 5 rad/s with a phase margin of 40 degrees; with the vehicle's own mass and
+motors the observer does not take any of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from maxjax.sim.geoms import matmul
+from maxjax.sim.reference import Setpoint
+from maxjax.sim.vehicle import GRAVITY, State, Vehicle
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Controller:
+    """Bandwidths and limits; static.
+
+    Attributes:
+        position: ω [rad/s].
+        observer: ω_d [rad/s].
+        attitude: p of roll and pitch [rad/s].
+        yaw: p of yaw [rad/s].
+        tilt: greatest angle between thrust and the vertical [deg].
+        approach: greatest speed that a position error may ask for on top of the reference [m/s].
+        disturbance: greatest |d̂| along each axis [m/s²].
+
+    Raises:
+        ValueError: for values outside these meanings.
+    """
+
+    position: float = 2.5
+    observer: float = 5.0
+    attitude: float = 25.0
+    yaw: float = 4.0
+    tilt: float = 45.0
+    approach: float = 3.0
+    disturbance: float = 8.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if not getattr(self, field.name) > 0.0:
+                raise ValueError(
+                    f"Controller.{field.name}: expected a positive number, given {getattr(self, field.name)}"
+                )
+        if not self.tilt < 80.0:
+            raise ValueError(f"Controller.tilt: expected less than 80 degrees, given {self.tilt}")
+
+    @property
+    def lead(self) -> float:
+        """By how much the acceleration of a reference should be handed over early [s]."""
+        return 3.0 / self.attitude
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """What the controller remembers; batch axes lead.
+
+    Attributes:
+        velocity: v̂ [m/s].
+        disturbance: d̂ [m/s²].
+    """
+
+    velocity: Float[Array, "*batch 3"]
+    disturbance: Float[Array, "*batch 3"]
+
+
+def init(state: State) -> Memory:
+    """No disturbance known yet."""
+    return Memory(state.velocity, jnp.zeros_like(state.velocity))
+
+
+def mix(vehicle: Vehicle, collective: Float[Array, ""], moment: Float[Array, "3"]) -> Float[Array, "4"]:
+    """Four thrusts [N] in the motors' range for a collective thrust [N] and moments about body x, y, z [N m].
+
+    Where they do not all fit, roll and pitch are served first (scaled by one factor if they alone are too much), then
+    the collective as near as roll and pitch let it, then as much of yaw as is left.
+    """
+    inverse = jnp.asarray(np.linalg.inv(vehicle.mixing), moment.dtype)
+    level = matmul(inverse[:, 1:3], moment[:2])
+    spread = jnp.max(level) - jnp.min(level)
+    level = level * jnp.where(spread > vehicle.thrust, vehicle.thrust / jnp.where(spread > 0.0, spread, 1.0), 1.0)
+    base = level + jnp.clip(0.25 * collective, -jnp.min(level), vehicle.thrust - jnp.max(level))
+    turn = inverse[:, 3] * moment[2]
+    room = jnp.where(turn > 0.0, vehicle.thrust - base, base)
+    size = jnp.abs(turn)
+    share = jnp.min(jnp.where(size > room, room / jnp.where(size > 0.0, size, 1.0), 1.0))
+    return jnp.clip(base + jnp.maximum(share, 0.0) * turn, 0.0, vehicle.thrust)
+
+
+def step(
+    controller: Controller, vehicle: Vehicle, memory: Memory, state: State, setpoint: Setpoint
+) -> tuple[Memory, Float[Array, "4"]]:
+    """One turn of the control loop, every `vehicle.timestep`.
+
+    Args:
+        controller: static.
+        vehicle: static.
+        memory: from `init` or the turn before.
+        state: of one vehicle, as it is; `vmap` for batches.
+        setpoint: from `reference.evaluate`, best with `controller.lead`.
+
+    Returns:
+        The memory, and the thrusts to command [N], all within the motors' range.
+
+    Raises:
+        ValueError: for wrong shapes.
+    """
+    if state.position.shape != (3,) or setpoint.position.shape != (3,):
+        raise ValueError(
+            f"step: expected positions (3,), given {state.position.shape} and {setpoint.position.shape}; use vmap"
+        )
+    rotation = state.rotation
+    up = jnp.array([0.0, 0.0, 1.0])
+
+    omega = controller.position
+    wanted = 0.5 * omega * (setpoint.position - state.position)
+    # Smooth, and never longer than `approach`.
+    wanted = wanted / jnp.sqrt(1.0 + jnp.sum(wanted * wanted) / controller.approach**2)
+    acceleration = setpoint.acceleration + 2.0 * omega * (setpoint.velocity + wanted - state.velocity)
+    force = _tilted(controller, acceleration - memory.disturbance)
+
+    direction = force / jnp.sqrt(jnp.sum(force * force))
+    collective = vehicle.mass * jnp.sum(force * rotation[:, 2])
+    moment = _moment(controller, vehicle, state, rotation, _attitude(direction, setpoint.yaw))
+    command = mix(vehicle, jnp.maximum(collective, 0.0), moment)
+
+    dt, rate = vehicle.timestep, controller.observer
+    miss = state.velocity - memory.velocity
+    explained = jnp.sum(state.thrust) / vehicle.mass * rotation[:, 2] - GRAVITY * up
+    velocity = memory.velocity + dt * (explained + memory.disturbance + 2.0 * rate * miss)
+    disturbance = memory.disturbance + dt * rate**2 * miss
+    return Memory(velocity, jnp.clip(disturbance, -controller.disturbance, controller.disturbance)), command
+
+
+def _tilted(controller: Controller, acceleration: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Thrust per mass [m/s²] for an acceleration: never pointing down, height served before the horizontal."""
+    # Three tenths of the weight are kept on the propellers: enough to steer in the fastest descent.
+    vertical = jnp.clip(acceleration[2] + GRAVITY, 0.3 * GRAVITY, 3.0 * GRAVITY)
+    horizontal = acceleration[:2]
+    limit = vertical * np.tan(np.deg2rad(controller.tilt))
+    square = jnp.sum(horizontal * horizontal)
+    over = square > limit * limit
+    scale = jnp.where(over, limit / jnp.sqrt(jnp.where(over, square, 1.0)), 1.0)
+    return jnp.concatenate([scale * horizontal, vertical[None]])
+
+
+def _attitude(z: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"]:
+    """The rotation of body z along a unit vector and body x as near to the heading as that allows."""
+    heading = jnp.stack([jnp.cos(yaw), jnp.sin(yaw), jnp.zeros_like(yaw)])
+    y = jnp.cross(z, heading)
+    y = y / jnp.sqrt(jnp.sum(y * y))
+    return jnp.stack([jnp.cross(y, z), y, z], axis=1)
+
+
+def _moment(
+    controller: Controller, vehicle: Vehicle, state: State, rotation: Float[Array, "3 3"], wanted: Float[Array, "3 3"]
+) -> Float[Array, "3"]:
+    """Moments to command [N m], body frame."""
+    skew = matmul(wanted.T, rotation)
+    skew = 0.5 * (skew - skew.T)
+    error = jnp.stack([skew[2, 1], skew[0, 2], skew[1, 0]])
+    inertia = jnp.asarray(vehicle.inertia)
+    p = jnp.asarray((controller.attitude, controller.attitude, controller.yaw))
+    tau = vehicle.motor_lag
+    now = matmul(jnp.asarray(vehicle.mixing[1:], error.dtype), state.thrust)
+    spin = jnp.cross(state.rate, inertia * state.rate)
+    return (1.0 - 3.0 * p * tau) * (now - spin) - tau * inertia * (3.0 * p**2 * state.rate + p**3 * error) + spin
