@@ -8,8 +8,9 @@ A planning iteration is a tuple of pure stages, each (world, flight) ↦ flight:
 2. `fuse`: the scan into the rolling map, from where the vehicle believes to be.
 3. `plan`: a path from here to the goal at the largest margin that joins them, never below `least_margin`, and its
    verification against the map as it is now, on the device (`sight.clear`: every voxel that an edge touches). A path
-   that fails is not flown: the vehicle brakes and holds on the last one that passed, turns and climbs for a wider view,
-   and looks again.
+   that fails is not flown: the vehicle brakes and holds on the last one that passed, and looks again. Where it holds,
+   or where a path leads into what cannot be seen from here (straight up, say), it turns and steps aside within what it
+   has seen, for another view.
 4. `follow`: one planning period of physics along the path, at speeds from which it can stop before the first place that
    it has not seen free, slower near obstacles. At every physics step the exact distance to every solid is taken.
 
@@ -39,7 +40,7 @@ from maxjax.fields.stencil import cell
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route
 from maxjax.planning.problem import Problem, pose
-from maxjax.planning.sight import blocks, clear
+from maxjax.planning.sight import blocks, clear, stands_free
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim import window as mapping
@@ -59,10 +60,10 @@ Finder = Callable[[Problem, Grid], tuple[Path, Int32[Array, ""], Bool[Array, ""]
 LOG_PERIOD = 0.1
 # Plans in a row that may fail before the flight gives up.
 _FAILURES = 20
-# How far the vehicle climbs for a wider view [m].
-_CLIMB = 2.0
-# The vehicle stops this far before what it has not seen [m], and the first metre around itself it knows.
-_STAND_OFF, _KNOWN = 1.0, 1.5
+# The vehicle stops this far before what it has not seen [m].
+_STAND_OFF = 1.5
+# Steps aside lead to a voxel at most so many away along each axis, and this much nearer to a point so far ahead [m].
+_ASIDE, _AHEAD, _NEARER = 3, 6.0, 1.0
 # Speed allowed at 2 m between the centres of the vehicle's voxel and an obstacle's, and what each metre more adds.
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
 # A reference that will not get further than this in one period is stuck [m].
@@ -372,18 +373,18 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
     ok = status == Status.OK
 
-    # A wider view: from higher up, once the vehicle has come to rest, where the air above is known to be free.
-    above = start + jnp.array([0.0, 0.0, _CLIMB])
-    lift = jnp.stack([start, above])
-    a, b = grid.fractional_index(_local(flight, config, lift))
-    climbs = ~ok & (flight.failures > 0) & clear(bits, a, b)
-    fresh = jnp.where(ok, path, jnp.where(climbs, jnp.where(jnp.arange(len(path))[:, None] > 0, above, start), path))
-
-    directly = _refer(flight, fresh, ok | climbs, occupied & ~ground, at, config)
-    reference = jax.tree.map(lambda x, y: jnp.where(late, x, y), awaited, directly)
-    flown = jnp.where(late, flight.waiting, fresh)
+    directly = _refer(flight, path, ok, occupied & ~ground, at, config)
+    reference = _choose(late, awaited, directly)
     ahead = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
     stuck = jnp.linalg.norm(ahead) < _STUCK
+    wanted = directly.course.points[min(round(_AHEAD / config.limits.spacing), config.limits.samples - 1)]
+    wanted = jnp.where(ok, wanted, start + jnp.array([0.0, 0.0, _AHEAD]))
+    aside, exists = _step_aside(flight, problem, start, wanted, config)
+    steps = exists & (stuck | ~ok)
+    fresh, valid = jnp.where(steps, aside, path), ok | steps
+    beside = _refer(flight, aside, steps, occupied & ~ground, at, config)
+    reference = _choose(late | ~steps, reference, beside)
+    flown = jnp.where(late, flight.waiting, fresh)
     blind = flight.hits == 0
     failures = jnp.where(ok & ~blind, 0, flight.failures + 1)
     log = flight.log
@@ -401,7 +402,7 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         flight,
         path=flown,
         waiting=fresh,
-        waits=ok | climbs,
+        waits=valid,
         reference=reference,
         since=jnp.float32(0.0),
         yaw=flight.yaw + jnp.where(stuck, 0.5 * math.pi, 0.0),
@@ -409,6 +410,41 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         done=flight.done | gives_up,
         log=log,
     )
+
+
+def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
+    chosen: Reference = jax.tree.map(lambda x, y: jnp.where(first, x, y), a, b)
+    return chosen
+
+
+def _step_aside(
+    flight: Flight, problem: Problem, start: Float[Array, "3"], wanted: Float[Array, "3"], config: FlightConfig
+) -> tuple[Path, Bool[Array, ""]]:
+    """A straight way to a voxel nearby, through what has been seen free; and whether there is one.
+
+    To the one nearest to `wanted`, keeping to the margin. From within the margin, where a wall turned up late, to the
+    nearest one out of it.
+    """
+    grid = config.grid
+    here = grid.fractional_index(_local(flight, config, start))
+    voxel = jnp.floor(here + 0.5).astype(jnp.int32)
+    reach = jnp.arange(-_ASIDE, _ASIDE + 1)
+    offsets = jnp.stack(jnp.meshgrid(reach, reach, reach, indexing="ij"), -1).reshape(-1, 3)
+    clear_of_margin = stands_free(problem.blocked, here)
+    room = mapping.seen(flight.window) & (~problem.blocked | ~clear_of_margin) | cell(config.shape, voxel)
+    bits = blocks(~room)
+    ends = voxel + offsets
+    i, j, k = jnp.clip(ends, 0, jnp.asarray(config.shape) - 1).T
+    ends = ends.astype(here.dtype)
+    reachable = jax.vmap(lambda end: clear(bits, here, end, slabs=_ASIDE + 2))(ends) & ~problem.blocked[i, j, k]
+    target = grid.fractional_index(_local(flight, config, wanted))
+    far = jnp.linalg.norm(ends - jnp.where(clear_of_margin, target, here), axis=1)
+    nearer = jnp.linalg.norm(target - here) - _NEARER / config.spacing
+    far = jnp.where(reachable & (~clear_of_margin | (far < nearer)), far, jnp.inf)
+    best = jnp.argmin(far)
+    end = _world(flight, config, grid.to_world(ends[best]))
+    rows = jnp.arange(flight.path.shape[0])[:, None]
+    return jnp.where(rows > 0, end, start), jnp.isfinite(far[best])
 
 
 def _refer(
@@ -430,7 +466,9 @@ def _refer(
     gap = config.spacing * jnp.sqrt(squared.astype(jnp.float32))
     caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (gap - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
-    known = mapping.seen(flight.window)[i, j, k] | (s <= _KNOWN)
+    # The voxel that the vehicle is in is known without looking.
+    here = jnp.all(voxel == config.grid.index_of(_local(flight, config, at)), axis=1)
+    known = mapping.seen(flight.window)[i, j, k] | here
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
     caps = jnp.where(valid & (s < ends), caps, 0.0)
     tangent = course.tangent[0]
