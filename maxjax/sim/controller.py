@@ -8,8 +8,8 @@
 
 d̂ is whatever acceleration the thrust does not explain: the drag of flight and wind, and what is wrong with the mass.
 f and M_f are thrust and moment of the motors as they turn now. e_R = ½ (R_dᵀ R − Rᵀ R_d)^∨ with R_d the attitude of
-body z along F and body x towards the yaw. Because the attitude follows 3 / p seconds late, references hand their
-acceleration over by so much earlier (`Controller.lead`).
+body z along F and body x towards the yaw, smoothly kept below 0.3 rad. Because the attitude follows 3 / p seconds
+late, references hand their acceleration over by so much earlier (`Controller.lead`).
 
 Saturation keeps roll and pitch first, then the collective thrust, then yaw: a vehicle that cannot do all still holds
 the direction of its thrust.
@@ -31,6 +31,14 @@ from jaxtyping import Array, Float
 from maxjax.sim.geoms import matmul
 from maxjax.sim.reference import Setpoint
 from maxjax.sim.vehicle import GRAVITY, State, Vehicle
+
+# Share of the weight that the propellers always carry: enough to steer by, also in the fastest descent.
+_FLOOR = 0.3
+# Attitude errors beyond this count as this [rad]: the vehicle turns at p / 3 times it, 2.5 rad/s, at most.
+# Without it large errors ask for more moment than an unloaded vehicle has, and serving them first would lift it.
+_FARTHEST = 0.3
+# Largest turn that the attitude loop is asked for at once [rad].
+_TURN = 0.3
 
 
 @jax.tree_util.register_static
@@ -145,7 +153,7 @@ def step(
 
     direction = force / jnp.sqrt(jnp.sum(force * force))
     collective = vehicle.mass * jnp.sum(force * rotation[:, 2])
-    moment = _moment(controller, vehicle, state, rotation, _attitude(direction, setpoint.yaw))
+    moment = _moment(controller, vehicle, state, rotation, _attitude(direction, _nearby(rotation, setpoint.yaw)))
     command = mix(vehicle, jnp.maximum(collective, 0.0), moment)
 
     dt, rate = vehicle.timestep, controller.observer
@@ -158,14 +166,20 @@ def step(
 
 def _tilted(controller: Controller, acceleration: Float[Array, "3"]) -> Float[Array, "3"]:
     """Thrust per mass [m/s²] for an acceleration: never pointing down, height served before the horizontal."""
-    # Three tenths of the weight are kept on the propellers: enough to steer in the fastest descent.
-    vertical = jnp.clip(acceleration[2] + GRAVITY, 0.3 * GRAVITY, 3.0 * GRAVITY)
+    vertical = jnp.clip(acceleration[2] + GRAVITY, _FLOOR * GRAVITY, 3.0 * GRAVITY)
     horizontal = acceleration[:2]
     limit = vertical * np.tan(np.deg2rad(controller.tilt))
     square = jnp.sum(horizontal * horizontal)
     over = square > limit * limit
     scale = jnp.where(over, limit / jnp.sqrt(jnp.where(over, square, 1.0)), 1.0)
     return jnp.concatenate([scale * horizontal, vertical[None]])
+
+
+def _nearby(rotation: Float[Array, "3 3"], yaw: Float[Array, ""]) -> Float[Array, ""]:
+    """The heading, or one on the way to it: a turn in one go would take the attitude's error away from the tilt."""
+    now = jnp.arctan2(rotation[1, 0], rotation[0, 0])
+    turn = yaw - now
+    return now + jnp.clip(jnp.arctan2(jnp.sin(turn), jnp.cos(turn)), -_TURN, _TURN)
 
 
 def _attitude(z: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"]:
@@ -183,6 +197,7 @@ def _moment(
     skew = matmul(wanted.T, rotation)
     skew = 0.5 * (skew - skew.T)
     error = jnp.stack([skew[2, 1], skew[0, 2], skew[1, 0]])
+    error = error / jnp.sqrt(1.0 + jnp.sum(error * error) / _FARTHEST**2)
     inertia = jnp.asarray(vehicle.inertia)
     p = jnp.asarray((controller.attitude, controller.attitude, controller.yaw))
     tau = vehicle.motor_lag

@@ -12,8 +12,8 @@ two terms above are what is evaluated and differentiated.
 
 The normal is n ∝ p_i / (s + r_i − 1) with r_i = (e_i / e)², e the least semi-axis, where s > 0 solves |u(s)| = 1,
 u_i = r_i (p_i / e_i) / (s + r_i − 1) (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
-hyperellipsoid"). 1 / |u(s)| is concave, rising and almost straight, as in trust regions: Newton's method on it, begun on
-the low side, rises to the root without overshoot (Conn, Gould and Toint, Trust-Region Methods, section 7.3).
+hyperellipsoid"). 1 / |u(s)| is concave, rising and almost straight, as in trust regions: Newton's method on it, begun
+on the low side, rises to the root without overshoot (Conn, Gould and Toint, Trust-Region Methods, section 7.3).
 
 Geoms are grouped by their static types; inside a group everything is elementwise, without gathers or small matrix
 products, because a flight asks a hundred times a second.
@@ -170,7 +170,8 @@ def _to_plane(p: Local, size: Array) -> PerGeom:
 
 def _to_box(p: Local, size: Array) -> PerGeom:
     x, y, z = (jnp.abs(p[i]) - size[:, i] for i in range(3))
-    outside = _norm(sum(jnp.square(jnp.maximum(q, 0.0)) for q in (x, y, z)))
+    beyond = [jnp.maximum(q, 0.0) for q in (x, y, z)]
+    outside = _norm(beyond[0] ** 2 + beyond[1] ** 2 + beyond[2] ** 2)
     return outside + jnp.minimum(jnp.maximum(jnp.maximum(x, y), z), 0.0)
 
 
@@ -204,7 +205,7 @@ def _to_ellipsoid(p: Local, size: Array) -> PerGeom:
     n = [y[i] / (s + lift[i]) for i in range(3)]
     scale = lax.rsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
     n = [jnp.where(p[i] < 0.0, -1.0, 1.0) * n[i] * scale for i in range(3)]
-    support = _norm(sum(jnp.square(e[i] * n[i]) for i in range(3)))
+    support = _norm((e[0] * n[0]) ** 2 + (e[1] * n[1]) ** 2 + (e[2] * n[2]) ** 2)
     return n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - support
 
 

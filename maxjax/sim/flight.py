@@ -66,6 +66,8 @@ _STAND_OFF = 1.5
 _ASIDE, _AHEAD, _NEARER = 3, 6.0, 1.0
 # Speed allowed at 2 m between the centres of the vehicle's voxel and an obstacle's, and what each metre more adds.
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
+# A path is taken up when the vehicle moves across it no faster than this [m/s]: it drifts off by 0.4 m then.
+_SIDEWAYS = 2.0
 # A reference that will not get further than this in one period is stuck [m].
 _STUCK = 0.5
 
@@ -357,7 +359,8 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     grid, window = config.grid, flight.window
     at = _believed(world, flight)
     late = jnp.asarray(world.disturbances.latency) > 0
-    occupied, ground = mapping.occupied(window), mapping.ground(window)
+    ground = mapping.ground(window)
+    occupied = mapping.occupied(window) | ground
     awaited = _refer(flight, flight.waiting, flight.waits, occupied & ~ground, at, config)
     start = jnp.where(late, evaluate(awaited, jnp.float32(config.period)).position, at)
 
@@ -455,11 +458,15 @@ def _refer(
     at: Float[Array, "3"],
     config: FlightConfig,
 ) -> Reference:
-    """The reference from here along a path; if it is not `valid`, to a stop along the one that is flown already."""
+    """The reference from here along a path; if it is not `valid`, to a stop along the one that is flown already.
+
+    So too where the path leads off sideways from a fast flight: turning at speed would carry the vehicle far beside it.
+    """
     limits = config.limits
-    course = jax.tree.map(
-        lambda x, y: jnp.where(valid, x, y), sample(path, limits), _rest_of(flight.reference, flight.since)
-    )
+    fresh = sample(path, limits)
+    _, across = _along(flight.vehicle.velocity, fresh.tangent[0])
+    valid = valid & (across <= _SIDEWAYS)
+    course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, _rest_of(flight.reference, flight.since))
     voxel = config.grid.index_of(_local(flight, config, course.points))
     i, j, k = jnp.clip(voxel, 0, jnp.asarray(config.shape) - 1).T
     squared = squared_distance(obstacles, reach_of(config.margin, config.grid))[i, j, k]
@@ -471,9 +478,15 @@ def _refer(
     known = mapping.seen(flight.window)[i, j, k] | here
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
     caps = jnp.where(valid & (s < ends), caps, 0.0)
-    tangent = course.tangent[0]
-    speed = jnp.dot(flight.vehicle.velocity, tangent) / jnp.maximum(jnp.linalg.norm(tangent), 1e-6)
-    return profile(course, caps, jnp.maximum(speed, 0.0), limits)
+    speed, _ = _along(flight.vehicle.velocity, course.tangent[0])
+    return profile(course, caps, speed, limits)
+
+
+def _along(velocity: Float[Array, "3"], tangent: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Speed along a direction, backwards counting as none, and the speed that is left [m/s]."""
+    unit = tangent / jnp.maximum(jnp.linalg.norm(tangent), 1e-6)
+    speed = jnp.maximum(jnp.dot(velocity, unit), 0.0)
+    return speed, jnp.linalg.norm(velocity - speed * unit)
 
 
 def _rest_of(reference: Reference, since: Float[Array, ""]) -> Course:

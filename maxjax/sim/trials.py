@@ -1,9 +1,9 @@
 """Trials of the closed loop: where a flight begins and ends, as a pure function of (map, seed, index).
 
 Trial i of (map, seed) flies in the city `make_scene(map, seed + i // 50)`: 50 trials share a city. Its ends are the
-first pair, in a fixed order, of 512 points drawn uniformly at |x|, |y| ≤ 100 m and 3 to 15 m above the ground, such that
+first pair, in a fixed order, of 512 points drawn uniformly at |x|, |y| ≤ 100 m and 3 to 15 m high, such that
 
-- both stand 10 m clear of every solid horizontally (exact distance from the vertical through the point, ground left out);
+- both stand 10 m clear of every solid horizontally (exact distance from the vertical through the point, no ground);
 - they are 50 to 80 m apart (straight line in 3D);
 - they are joined in the city's true voxel map (2 m) dilated by 2 m, the ground by one voxel: pairs that are not are
   passed over and counted, before anything flies.
@@ -113,7 +113,7 @@ def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "
     """Solids of each city, and the voxels that the open air above its roofs joins; maps are made ahead, in threads."""
 
     def voxels(geoms: Geoms) -> tuple[np.ndarray, np.ndarray]:
-        return occupancy(jax.tree.map(np.asarray, geoms), TRUTH)
+        return occupancy(geoms, TRUTH)
 
     with ThreadPoolExecutor() as pool:
         geoms = [make_scene(name, city).geoms for city in cities]
@@ -148,8 +148,8 @@ def _first_pair(
     high = np.round(np.array([HALF_AREA, HALF_AREA, HEIGHT[1]]) * _TICKS).astype(np.int32)
     # Whole ticks, the bounds included: 16 random bits times their number, less 16 bits.
     bits = jax.random.bits(key, (_CANDIDATES, 3), jnp.uint32) >> 16
-    ticks = low + ((bits * (high - low + 1).astype(np.uint32)) >> 16).astype(jnp.int32)
-    is_plane = jnp.array([kind == PLANE for kind in geoms.type])
+    ticks = jnp.asarray(low) + ((bits * (high - low + 1).astype(np.uint32)) >> 16).astype(jnp.int32)
+    is_plane = np.array([kind == PLANE for kind in geoms.type])
 
     def hopeful(point: Float[Array, "3"]) -> Bool[Array, ""]:
         return jnp.all(is_plane | (distances(geoms, point) >= CLEARANCE))

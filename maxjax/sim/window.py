@@ -3,17 +3,18 @@
     hit this scan:              evidence ← min(evidence + 2, 6)
     seen free this scan:        evidence ← max(evidence − 1, 0)        occupied  iff  evidence > 0
 
-Evidence is log-odds in small integers, clamped. One hit occupies a voxel at once, and only clear looks wear it down, one
-each: on doubt, hits win. The floor is 0, so that a wall never has to argue against a long free past.
+Evidence is log-odds in small integers, clamped. One hit occupies a voxel at once, and only clear looks wear it down,
+one each: on doubt, hits win. The floor is 0, so that a wall never has to argue against a long free past.
 
 Frame: the window is a box of voxels aligned with the world's axes and moving by whole voxels; voxel i has its centre at
 spacing · (corner + i), so one at the origin, and the world's ground is the plane z = 0.
 
 Free space is not carved by marching along the rays, but by looking up each voxel in the range image (channels x
-azimuths): a voxel is seen free when the nearest return in a window of beams around its direction lies beyond the voxel's
-far side. The window spans the voxel's own width: near voxels span many beams, far ones no more than the beam they lie
-on and its neighbours. Minima over windows of growing size are made once a scan; then a voxel costs one read. Because
-the *least* range decides, one return anywhere on a wall's patch protects it, whatever share of its neighbours is lost.
+azimuths): a voxel is seen free when the nearest return in a window of beams around its direction lies beyond the
+voxel's far side. The window spans the voxel's own width: near voxels span many beams, far ones no more than the beam
+they lie on and its neighbours. Minima over windows of growing size are made once a scan; then a voxel costs one read.
+Because the *least* range decides, one return anywhere on a wall's patch protects it, whatever share of its neighbours
+is lost.
 
 A lost beam measures nothing: it may be the sky or a drop-out. It counts as free to the lidar's range only in columns
 (azimuths) where other beams returned; over a city the lower ones always meet the ground. A column without returns is
@@ -41,7 +42,7 @@ _MOST = 6
 # Bit of a cell that says that it was ever seen free; the bits below hold the evidence.
 _CLEAR = 128
 # Half widths of the beam windows [channels]. A step up costs sight of voxels beside walls, a window a pass a scan.
-_WINDOWS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 128)
+_WINDOWS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 128)
 # Returns in a column and its two neighbours below which the column is blind.
 _ALIVE = 3
 # A wall may be measured this many standard deviations too far before it looks clear.
@@ -104,8 +105,9 @@ def origin(window: Window) -> Float[Array, "*batch 3"]:
 
 
 def occupied(window: Window) -> Bool[Array, "*batch nx ny nz"]:
-    """Voxels taken for occupied, ground included."""
-    return (window.cells & ~jnp.uint8(_CLEAR)) > 0
+    """Voxels taken for occupied, ground included as far as it was met."""
+    evidence: Array = window.cells % _CLEAR
+    return evidence > 0
 
 
 def seen(window: Window) -> Bool[Array, "*batch nx ny nz"]:
@@ -114,13 +116,12 @@ def seen(window: Window) -> Bool[Array, "*batch nx ny nz"]:
 
 
 def ground(window: Window) -> Bool[Array, "*batch nx ny nz"]:
-    """Occupied voxels that reach below z = 0, the world's ground, as in `scenes.occupancy`.
+    """Voxels that reach below z = 0, the world's ground: known without looking, or paths would dive under it.
 
     With a voxel centre at z = 0 that is the layer around it (feet of buildings included) and what lies deeper.
     """
-    nz = window.cells.shape[-1]
-    layer = window.corner[..., 2, None] + jnp.arange(nz)
-    return occupied(window) & (layer <= 0)[..., None, None, :]
+    layer = window.corner[..., 2, None] + jnp.arange(window.cells.shape[-1])
+    return jnp.broadcast_to((layer <= 0)[..., None, None, :], window.cells.shape)
 
 
 def fuse(
@@ -149,13 +150,14 @@ def fuse(
     hit = _hits(window, scan, lidar, position, rotation)
     free = _seen_free(window, scan, lidar, position, rotation)
     cells = jnp.zeros_like(window.cells) if snapshot else window.cells
-    evidence, clear = cells & ~jnp.uint8(_CLEAR), cells & jnp.uint8(_CLEAR)
+    evidence = cells % _CLEAR
+    clear = cells - evidence
     more = jnp.minimum(evidence, _MOST - _HIT) + _HIT + clear
     less = jnp.where(evidence > 0, evidence - 1, evidence) + _CLEAR
     return Window(jnp.where(hit, more, jnp.where(free, less, cells)), window.corner, window.spacing)
 
 
-def _corner(position: Float[Array, "3"], shape: Index3, spacing: float) -> Int32[Array, "3"]:
+def _corner(position: Float[Array, "3"], shape: tuple[int, ...], spacing: float) -> Int32[Array, "3"]:
     middle = jnp.floor(position / spacing + 0.5).astype(jnp.int32)
     return middle - jnp.asarray(shape, jnp.int32) // 2
 
@@ -199,8 +201,8 @@ def _seen_free(
         )
         for axis, n in enumerate(window.cells.shape)
     ]
-    x, y, z = (sum(rotation[axis, i] * centre[axis] for axis in range(3)) for i in range(3))
-    span = sum(jnp.abs(c) for c in centre)
+    x, y, z = (rotation[0, i] * centre[0] + rotation[1, i] * centre[1] + rotation[2, i] * centre[2] for i in range(3))
+    span = jnp.abs(centre[0]) + jnp.abs(centre[1]) + jnp.abs(centre[2])
     level_squared = x * x + y * y
     range_squared = level_squared + z * z
     inverse = lax.rsqrt(jnp.maximum(range_squared, 1e-6))
@@ -215,13 +217,13 @@ def _seen_free(
     row = jnp.floor(channel + 0.5).astype(jnp.int32)
     turn = jnp.floor(column + 0.5).astype(jnp.int32) % columns
 
-    # Half the voxel's width as an angle: the tangent up to 45 degrees, and every beam from where the cube surrounds it.
-    width = half * inverse / rise
-    needed = jnp.where(distance < 2.0 * half, float(_WINDOWS[-1]), width)
-    level = sum((needed > w + 0.5).astype(jnp.int32) for w in _WINDOWS[:-1])
-
+    # Half the voxel's width as an angle. Every beam counts for the voxel around the sensor, and for those above and
+    # below it that no beam meets.
     inside = (row >= 0) & (row < lidar.channels)
     near = distance < 2.0 * half
+    around = (jnp.abs(centre[0]) <= half) & (jnp.abs(centre[1]) <= half) & (jnp.abs(centre[2]) <= half)
+    needed = jnp.where(around | (near & ~inside), float(_WINDOWS[-1]), half * inverse / rise)
+    level = sum((needed > w + 0.5).astype(jnp.int32) for w in _WINDOWS[:-1])
     flat = (level * lidar.channels + jnp.clip(row, 0, lidar.channels - 1)) * columns + turn
     return (inside | near) & (minima.reshape(-1)[flat] > far)
 

@@ -39,16 +39,20 @@ def padded(points: list[list[float]]) -> np.ndarray:
     return np.asarray(points + [points[-1]] * (POINTS - len(points)), np.float32)
 
 
-def fly(path: Array, state: State, wind: Array, noise: Array, jump: Array) -> tuple[State, Memory, Setpoint]:
-    """Follow a path from a state in wind with gusts; `jump` is added to the positions asked for after half the time."""
+def fly(
+    path: Array, state: State, wind: Array, noise: Array, jump: Array, spin: Array
+) -> tuple[State, Memory, Setpoint]:
+    """Follow a path from a state in wind with gusts.
+
+    `jump` is added to the positions asked for after half the time, `spin` to the heading once a second.
+    """
     course = sample(path, LIMITS)
     reference = profile(course, jnp.full(LIMITS.samples, LIMITS.speed), jnp.float32(0.0), LIMITS)
     times = DT * (jnp.arange(STEPS, dtype=jnp.float32) - SETTLE)
     setpoints = jax.vmap(lambda t: evaluate(reference, t, 0.0, CONTROLLER.lead))(times)
     shift = jnp.where(jnp.arange(STEPS)[:, None] >= STEPS // 2, jump, 0.0)
-    setpoints = Setpoint(
-        setpoints.position + shift, setpoints.velocity, setpoints.acceleration, jnp.zeros(STEPS, jnp.float32)
-    )
+    yaw = spin * jnp.floor(times)
+    setpoints = Setpoint(setpoints.position + shift, setpoints.velocity, setpoints.acceleration, yaw)
     gusts = Gusts()
 
     def turn(
@@ -77,11 +81,15 @@ CASES: list[tuple[str, list[float], bool, list[float], tuple[float, float]]] = [
     ("corners", [0, 0, 0], False, [0, 0, 0], (0, 0)),
     ("climb", [0, 0, 0], False, [0, 0, 0], (0, 0)),
     ("city", [0, 0, 0], False, [0, 0, 0], (0, 0)),
-    *[(path, wind, True, [0, 0, 0], (0, 0)) for path in ("corners", "climb", "city") for wind in ([10, 0, 0], [-6, 8, 0])],
+    ("city", [0, 0, 0], False, [0, 0, 0], (0, 0)),  # with a spin
+    *[(p, wind, True, [0, 0, 0], (0, 0)) for p in ("corners", "climb", "city") for wind in ([10, 0, 0], [-6, 8, 0])],
 ]  # fmt: skip
 
 
-def inputs() -> tuple[np.ndarray, State, Array, Array, Array]:
+SPIN = 8
+
+
+def inputs() -> tuple[np.ndarray, State, Array, Array, Array, Array]:
     path = np.stack([padded(PATHS[c[0]]) for c in CASES])
     state = hover(VEHICLE, jnp.asarray(path[:, 0]))
     turned = Rotation.from_euler("xy", [c[4] for c in CASES]).as_quat(scalar_first=True)
@@ -94,6 +102,7 @@ def inputs() -> tuple[np.ndarray, State, Array, Array, Array]:
         jnp.asarray([c[1] for c in CASES], jnp.float32),
         noise,
         jnp.asarray([c[3] for c in CASES], jnp.float32),
+        jnp.zeros(len(CASES)).at[SPIN].set(np.pi / 2),
     )
 
 
@@ -143,8 +152,8 @@ def test_tilt_is_limited_and_height_kept_on_the_way(flown: tuple[State, Memory, 
     state = jax.tree.map(lambda a: a[3], flown[0])
     assert 20.0 < tilt(state).max() < CONTROLLER.tilt + 3.0
     assert np.abs(np.asarray(state.position)[:, 2] - 10.0).max() < 0.5
-    # A position 300 m away is approached at the speed that errors may ask for.
-    assert np.linalg.norm(state.velocity, axis=1).max() < 1.1 * CONTROLLER.approach
+    # A position 300 m away is approached at the speed that errors may ask for, but for an overshoot.
+    assert np.linalg.norm(state.velocity, axis=1).max() < 1.15 * CONTROLLER.approach
 
 
 def test_recovers_from_beyond_the_horizontal(flown: tuple[State, Memory, Setpoint]) -> None:
@@ -169,8 +178,8 @@ def test_corners_and_climbs_are_tracked_in_still_air_and_in_gusts(flown: tuple[S
 
 
 def test_nan_stays_within_its_trial(flown: tuple[State, Memory, Setpoint]) -> None:
-    path, state, wind, noise, jump = inputs()
-    spoilt = flights(path, state, wind.at[5, 0].set(jnp.nan), noise.at[0, 700].set(jnp.nan), jump)
+    path, state, wind, noise, jump, spin = inputs()
+    spoilt = flights(path, state, wind.at[5, 0].set(jnp.nan), noise.at[0, 700].set(jnp.nan), jump, spin)
     assert np.all(np.isnan(spoilt[0].position[5, -1]))
     assert np.all(np.isnan(spoilt[0].position[0, -1]))
     for a, b in zip(jax.tree.leaves(spoilt), jax.tree.leaves(flown), strict=True):
@@ -237,7 +246,9 @@ def test_derivatives_through_vehicle_and_controller_are_finite_at_rest() -> None
         new = step(VEHICLE, state, command, wind)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((memory, new)))
 
-    slopes = jax.jit(jax.grad(after, (0, 1, 2, 3)))(*[jnp.zeros(3)] * 4)
+    # Compiled without optimisation: it runs once.
+    once = jax.jit(jax.grad(after, (0, 1, 2, 3)), compiler_options={"xla_backend_optimization_level": 0})
+    slopes = once(*[jnp.zeros(3)] * 4)
     for leaf in jax.tree.leaves(slopes):
         assert np.all(np.isfinite(leaf))
     # A target a metre higher: ω² m newtons more on four motors, through the lag of one step.
@@ -260,20 +271,21 @@ def test_push_is_zero_beyond_its_range_bounded_and_grows_towards_a_wall() -> Non
     size = np.linalg.norm(pushes, axis=1)
     assert np.all(pushes[distances >= RANGE] == 0.0)
     assert size.max() <= 2.0 + 1e-5
-    assert np.all(pushes[20:, 0] <= 0.0)
-    np.testing.assert_allclose(pushes[20:, 1:], 0.0, atol=1e-4)
-    assert np.all(np.diff(size[20:]) < 1e-5)
+    assert np.all(pushes[1:, 0] <= 0.0)
+    np.testing.assert_allclose(pushes[:, 1:], 0.0, atol=1e-4)
+    # Nearer than the vehicle's radius there is nothing left to avoid.
+    assert size[50] > 1.2
+    assert np.all(np.diff(size[50:]) < 1e-5)
     # Smooth: no jump between neighbours a centimetre apart.
     assert np.abs(np.diff(size[20:])).max() < 0.05
 
 
 def test_push_does_not_depend_on_how_densely_a_wall_is_seen_nor_on_misses() -> None:
-    at, along = jnp.array([-1.2, 0.0, 0.0]), jnp.array([0.0, 3.0, 0.0])
-    whole = fast_push(WALL_POINTS, at, along)
-    np.testing.assert_allclose(fast_push(jnp.tile(WALL_POINTS, (3, 1)), at, along), whole, atol=1e-5)
-    missed = jnp.concatenate([WALL_POINTS, jnp.full((100, 3), jnp.nan)])
-    np.testing.assert_allclose(fast_push(missed, at, along), whole, atol=1e-6)
-    assert np.all(np.asarray(fast_push(jnp.full((5, 3), jnp.nan), at, along)) == 0.0)
+    at, along, missed = jnp.array([-1.2, 0.0, 0.0]), jnp.array([0.0, 3.0, 0.0]), jnp.full_like(WALL_POINTS, jnp.nan)
+    once = fast_push(jnp.concatenate([missed, WALL_POINTS, missed]), at, along)
+    assert np.linalg.norm(once) > 0.3
+    np.testing.assert_allclose(fast_push(jnp.tile(WALL_POINTS, (3, 1)), at, along), once, atol=1e-5)
+    assert np.all(np.asarray(fast_push(jnp.tile(missed, (3, 1)), at, along)) == 0.0)
 
 
 def test_push_never_opposes_travel_unless_very_near_and_corridors_cancel() -> None:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from maxjax.sim.distance import distance, distances, horizontal_distance
 from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, ground_plane
-from maxjax.sim.scenes import MAPS, make_scene, scene_xml
+from maxjax.sim.scenes import make_scene, scene_xml
 
 BALL = 0.25  # radius of the oracle's probe [m]
 
@@ -57,14 +57,13 @@ def ellipsoid_distance(semi: np.ndarray, point: np.ndarray) -> float:
     return float(np.copysign(np.linalg.norm(p - nearest), s - 1.0))
 
 
-@pytest.mark.parametrize("name", MAPS)
-def test_every_geom_of_a_city_agrees_with_c_mujoco(name: str) -> None:
+def test_every_geom_of_a_city_agrees_with_c_mujoco() -> None:
     """From outside; MuJoCo's own ellipsoids converge to some 1e-4 m. Inside it reports other depths, tested below."""
-    geoms = make_scene(name, 3).geoms
+    geoms = make_scene("suburb", 3).geoms
     oracle = MujocoOracle(geoms)
     rng = np.random.default_rng(0)
     checked = 0
-    for point in rng.uniform([-100.0, -100.0, 0.6], [100.0, 100.0, 40.0], (25, 3)):
+    for point in rng.uniform([-100.0, -100.0, 0.6], [100.0, 100.0, 40.0], (6, 3)):
         expected = oracle.distances(point)
         given_ = np.asarray(jit_distances(geoms, jnp.asarray(point, jnp.float32)))
         outside = expected > BALL
@@ -72,13 +71,13 @@ def test_every_geom_of_a_city_agrees_with_c_mujoco(name: str) -> None:
         np.testing.assert_allclose(given_[outside], expected[outside], atol=5e-4)
         assert np.all(given_[~outside] < BALL + 5e-4)
         assert jit_distance(geoms, jnp.asarray(point, jnp.float32)) == given_.min()
-    assert checked > 20 * len(geoms.type)
+    assert checked > 4 * len(geoms.type)
 
 
 def test_inside_depths_and_turned_solids_agree_with_a_search_of_the_surface() -> None:
     """Signed distance of each type by definition: nearest of many surface points, sign by membership."""
     rng = np.random.default_rng(1)
-    u = rng.normal(size=(400_000, 3))
+    u = rng.normal(size=(200_000, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     size = np.array([1.5, 0.8, 1.1])
     face = u / np.max(np.abs(u), axis=1, keepdims=True) * size
@@ -101,12 +100,12 @@ def test_inside_depths_and_turned_solids_agree_with_a_search_of_the_surface() ->
         rotation = Rotation.random(rng=rng).as_matrix()
         center = rng.uniform(-3.0, 3.0, 3)
         geoms = scene_of((kind,), center[None], rotation[None], size[None])
-        for local in rng.uniform(-2.5, 2.5, (25, 3)):
+        for local in rng.uniform(-2.5, 2.5, (12, 3)):
             least = np.linalg.norm(surface - local, axis=1).min()
             expected = -least if within(local) else least
             point = jnp.asarray(rotation @ local + center, jnp.float32)
             # The samples lie centimetres apart.
-            assert abs(float(jit_distances(geoms, point)[0]) - expected) < 0.01
+            assert abs(float(jit_distances(geoms, point)[0]) - expected) < 0.015
 
 
 @settings(max_examples=150, deadline=None)
@@ -149,11 +148,11 @@ def test_gradients_are_unit_normals_and_finite_where_they_break() -> None:
     position = np.array([[0.0, 0.0, 0.0], [6.0, 0.0, 3.0], [-6.0, 1.0, 4.0], [0.0, 7.0, 3.0], [0.0, -7.0, 4.0]])
     size = np.array([[0.0, 0.0, 1.0], [1.5, 2.0, 1.0], [2.0, 1.0, 0.4], [1.2, 1.5, 0.0], [1.7, 0.0, 0.0]])
     geoms = scene_of(types, position, rotation, size)
-    jacobian = jax.jit(jax.jacrev(distances, argnums=1))
+    jacobian = jax.jit(jax.jacfwd(distances, argnums=1))
     for point in [*rng.uniform(-8.0, 8.0, (30, 3)), *position]:
         derivative = np.asarray(jacobian(geoms, jnp.asarray(point, jnp.float32)))
         assert np.all(np.isfinite(derivative))
-    for point in rng.uniform([-9.0, -9.0, 0.0], 9.0, (30, 3)):
+    for point in rng.uniform([-9.0, -9.0, 0.0], 9.0, (8, 3)):
         p = jnp.asarray(point, jnp.float32)
         derivative = np.asarray(jacobian(geoms, p), float)
         # Off the edges, where the normal jumps, it is a unit vector, and a step along it is the distance gained.
@@ -164,23 +163,23 @@ def test_gradients_are_unit_normals_and_finite_where_they_break() -> None:
             gain = jit_distances(geoms, step)[g] - jit_distances(geoms, p)[g]
             assert float(gain) == pytest.approx(0.5, abs=1e-4)
     # By the shape of the solids too: a ball that grows comes nearer by as much.
-    by_geoms = jax.grad(lambda scene: distances(scene, jnp.array([1.0, -2.0, 6.0]))[4])(geoms)
+    by_geoms = jax.jit(jax.grad(lambda scene: distances(scene, jnp.array([1.0, -2.0, 6.0]))[4]))(geoms)
     assert float(by_geoms.size[4, 0]) == pytest.approx(-1.0)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(by_geoms))
 
 
 def test_horizontal_distance_against_a_dense_vertical() -> None:
-    for name in ("downtown", "suburb"):
-        geoms = make_scene(name, 1).geoms
-        solid = np.array([kind != PLANE for kind in geoms.type])
-        along = jax.jit(jax.vmap(distances, (None, 0)))
-        heights = np.arange(0.0, 125.0, 0.05)
-        for x, y in np.random.default_rng(3).uniform(-110.0, 110.0, (12, 2)):
-            points = np.stack([np.full_like(heights, x), np.full_like(heights, y), heights], -1)
-            dense = np.asarray(along(geoms, jnp.asarray(points, jnp.float32)))[:, solid].min()
-            exact = float(jit_horizontal(geoms, jnp.array([x, y, 9.0])))
-            # Samples 5 cm apart can only lie above the least value, by half a step at most.
-            assert dense - 0.026 <= exact <= dense + 2e-4
+    """Turned roofs, crowns and trunks, and boxes of every kind stand in a suburb."""
+    geoms = make_scene("suburb", 3).geoms
+    solid = np.array([kind != PLANE for kind in geoms.type])
+    along = jax.jit(jax.vmap(distances, (None, 0)))
+    heights = np.arange(0.0, 20.0, 0.02)
+    for x, y in np.random.default_rng(3).uniform(-110.0, 110.0, (12, 2)):
+        points = np.stack([np.full_like(heights, x), np.full_like(heights, y), heights], -1)
+        dense = np.asarray(along(geoms, jnp.asarray(points, jnp.float32)))[:, solid].min()
+        exact = float(jit_horizontal(geoms, jnp.array([x, y, 9.0])))
+        # Samples can only lie above the least value, by half a step at most.
+        assert dense - 0.011 <= exact <= dense + 2e-4
 
 
 def test_horizontal_distance_leaves_out_ground_and_padding() -> None:
@@ -195,7 +194,7 @@ def test_horizontal_distance_leaves_out_ground_and_padding() -> None:
 def test_batches_equal_the_loop_and_order_is_kept() -> None:
     """Types in any order, and one that stands alone."""
     rng = np.random.default_rng(4)
-    types = tuple(int(t) for t in rng.choice([PLANE, BOX, SPHERE, CAPSULE], 9)) + (ELLIPSOID,)
+    types = (*(int(t) for t in rng.choice([PLANE, BOX, SPHERE, CAPSULE], 9)), ELLIPSOID)
     rotation = Rotation.random(10, rng).as_matrix()
     geoms = scene_of(types, rng.uniform(-5, 5, (10, 3)), rotation, rng.uniform(0.5, 2.0, (10, 3)))
     points = jnp.asarray(rng.uniform(-8.0, 8.0, (5, 3)), jnp.float32)

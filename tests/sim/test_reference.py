@@ -148,8 +148,8 @@ def test_straight_line_takes_the_time_of_a_trapezoid(still: tuple[Reference, Set
 
 
 def test_short_edges_do_not_stop_the_flight(still: tuple[Reference, Setpoint]) -> None:
-    # A bend of radius 6 m in edges of a hand's breadth is flown nearly like that bend, v² / 6 m = lateral, and two kinks
-    # 5 cm apart like one corner.
+    # A bend of radius 6 m in edges of a hand's breadth is flown nearly like that bend, v² / 6 m = lateral, and two
+    # kinks 5 cm apart like one corner.
     reference, _ = still
     assert np.asarray(reference.speed[8])[14:24].min() > 0.88 * np.sqrt(6.0 * LIMITS.lateral)
     assert np.asarray(reference.speed[5])[4:80].min() > 1.0

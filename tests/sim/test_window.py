@@ -1,0 +1,277 @@
+"""The rolling map: frames, evidence, carving against ray marching in truth, and safety under disturbed scans."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from maxjax import Grid
+from maxjax.sim import window as module
+from maxjax.sim.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
+from maxjax.sim.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.raycast import cast_rays
+from maxjax.sim.scenes import occupancy
+from maxjax.sim.window import Window, empty, fuse, ground, occupied, origin, recentre, seen
+
+SHAPE = (41, 41, 21)
+CLEAN = Lidar(range_noise=0.0, dropout=0.0)
+KEY = jax.random.key(0)
+LEVEL = jnp.eye(3)
+
+jit_scan = jax.jit(scan)
+jit_fuse = jax.jit(fuse, static_argnames="snapshot")
+jit_recentre = jax.jit(recentre)
+
+
+def street() -> Geoms:
+    """Ground, a wall along x at y = 8 to 10 m, a block ahead, and a lamp post of 12 cm radius."""
+    boxes = Geoms(
+        jnp.array([[0.0, 9.0, 6.0], [26.3, -5.1, 5.0]]),
+        jnp.broadcast_to(jnp.eye(3), (2, 3, 3)),
+        jnp.array([[60.0, 1.0, 6.0], [3.0, 4.0, 5.0]]),
+        (BOX, BOX),
+    )
+    pole = Geoms(jnp.array([[9.2, -6.3, 4.0]]), jnp.eye(3)[None], jnp.array([[0.12, 4.0, 0.0]]), (CAPSULE,))
+    return concatenate([ground_plane(), boxes, pole])
+
+
+STREET = street()
+
+
+def grid_of(window: Window) -> Grid:
+    x, y, z = (float(c) for c in origin(window))
+    return Grid(window.cells.shape, window.spacing, (x, y, z))
+
+
+def lost(result: Scan, kept: np.ndarray) -> Scan:
+    """The scan with the returns outside `kept` lost."""
+    hit = jnp.asarray(kept) & result.hit
+    return Scan(jnp.where(hit[:, None], result.points, jnp.nan), jnp.where(hit, result.distance, jnp.inf), hit)
+
+
+def hand_scan(distance: np.ndarray, lidar: Lidar = CLEAN) -> Scan:
+    """A scan with the ranges given (infinity: lost), level sensor at the origin."""
+    d = jnp.asarray(distance, jnp.float32)
+    hit = jnp.isfinite(d)
+    return Scan(jnp.where(hit[:, None], d[:, None] * directions(lidar), jnp.nan), d, hit)
+
+
+def test_lattice_recentring_and_forgetting() -> None:
+    """Against NumPy: a voxel keeps its world place as long as the window holds it."""
+    rng = np.random.default_rng(0)
+    window = empty(jnp.array([0.9, -1.1, 13.0]), (9, 7, 5))
+    assert np.array_equal(window.corner, [0 - 4, -1 - 3, 7 - 2])
+    np.testing.assert_allclose(origin(window), [-8.0, -8.0, 10.0])
+    cells = rng.integers(0, 7, (9, 7, 5)).astype(np.uint8)
+    window = dataclasses.replace(window, cells=jnp.asarray(cells))
+    world = {tuple(i + np.asarray(window.corner)): cells[tuple(i)] for i in np.argwhere(cells >= 0)}
+    for position in ([0.9, -1.1, 13.0], [3.1, -1.1, 11.5], [-7.0, 6.0, 13.0], [1e4, 0.0, 0.0]):
+        moved = jit_recentre(window, jnp.array(position))
+        middle = np.floor(np.array(position) / 2.0 + 0.5)
+        assert np.array_equal(moved.corner, middle - [4, 3, 2])
+        expected = [world.get(tuple(i + np.asarray(moved.corner)), 0) for i in np.argwhere(np.ones(cells.shape, bool))]
+        assert np.array_equal(np.asarray(moved.cells).ravel(), expected)
+    still = jit_recentre(window, jnp.array([jnp.nan, 0.0, 0.0]))
+    assert np.array_equal(still.cells, cells)
+    assert np.array_equal(still.corner, window.corner)
+
+
+def test_hits_land_in_the_voxels_of_their_points() -> None:
+    """From the pose given, not from the scan's own world points: a drifting vehicle maps where it believes it is."""
+    position = jnp.array([2.0, 1.0, 5.0])
+    turn = jnp.asarray(Rotation.from_euler("zyx", [130.0, 8.0, -11.0], degrees=True).as_matrix(), jnp.float32)
+    result = jit_scan(STREET, CLEAN, position, turn, KEY)
+    for drift in (0.0, 0.7):
+        believed = position + drift
+        window = jit_fuse(empty(believed, SHAPE), result, CLEAN, believed, turn)
+        points = np.asarray(result.points, float)[np.asarray(result.hit)] + drift
+        index = np.floor((points - np.asarray(origin(window), float)) / 2.0 + 0.5).astype(int)
+        inside = np.all((index >= 0) & (index < SHAPE), axis=1)
+        # Points within rounding of a face may fall to either side.
+        clear = np.all(np.abs((points / 2.0 + 0.5) % 1.0 - 0.5) < 0.499, axis=1)
+        mine = np.zeros(SHAPE, bool)
+        mine[tuple(index[inside].T)] = True
+        sure = np.zeros(SHAPE, bool)
+        sure[tuple(index[inside & clear].T)] = True
+        given = np.asarray(occupied(window))
+        assert np.all(given[sure])
+        assert np.sum(given & ~mine) <= 30
+        assert not np.any(given & np.asarray(seen(window)))
+
+
+def test_seen_voxels_lie_in_sight_and_hold_nothing() -> None:
+    """Oracle: rays from the sensor to points inside each voxel, cast through the true scene."""
+    position = jnp.array([0.0, -2.0, 6.0])
+    window = jit_fuse(empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL)
+    free = np.asarray(seen(window))
+    truth, _ = occupancy(STREET, grid_of(window))
+    assert not np.any(free & truth)
+    rng = np.random.default_rng(1)
+    index = np.argwhere(free)
+    index = index[rng.choice(len(index), 1500, replace=False)]
+    points = np.asarray(origin(window)) + 2.0 * (index + rng.uniform(-0.5, 0.5, index.shape))
+    ray = points - np.asarray(position)
+    length = np.linalg.norm(ray, axis=1)
+    distance = np.asarray(cast_rays(STREET, position, jnp.asarray(ray / length[:, None], jnp.float32)))
+    assert np.mean(distance >= length) > 0.999
+
+    # And most of what is in plain sight is seen: the cone of the sensor above the ground, short of the wall.
+    center = np.asarray(origin(window)) + 2.0 * np.argwhere(np.ones(SHAPE, bool)) - np.asarray(position)
+    distance = np.linalg.norm(center, axis=1)
+    level = np.abs(np.degrees(np.arcsin(center[:, 2] / np.maximum(distance, 1.0)))) < 35.0
+    near = (distance < 25.0) & level & (center[:, 2] > -5.0) & (np.abs(center[:, 1]) < 6.0) & ~truth.ravel()
+    assert free.ravel()[near & (center[:, 0] < 0.0)].mean() > 0.9
+
+
+def test_evidence_counts_saturates_and_fades() -> None:
+    """A ghost of one hit goes after two clear looks, a lasting one after six; a hit brings it back at once."""
+    ghost, clear = np.full(CLEAN.rays, 30.0), np.full(CLEAN.rays, 30.0)
+    straight = np.argmax(np.asarray(directions(CLEAN))[:, 0])
+    ghost[straight] = 10.0
+    zero = jnp.zeros(3)
+    for hits, looks in ((1, 2), (2, 4), (3, 6), (9, 6)):
+        window = empty(zero, SHAPE)
+        cell = tuple(np.array([5, 0, 0]) - np.asarray(window.corner))
+        for _ in range(hits):
+            window = jit_fuse(window, hand_scan(ghost), CLEAN, zero, LEVEL)
+            assert occupied(window)[cell]
+        for look in range(looks):
+            assert occupied(window)[cell]
+            assert not seen(window)[cell]
+            window = jit_fuse(window, hand_scan(clear), CLEAN, zero, LEVEL)
+            assert bool(occupied(window)[cell]) == (look < looks - 1)
+        assert seen(window)[cell]
+        window = jit_fuse(window, hand_scan(ghost), CLEAN, zero, LEVEL)
+        assert occupied(window)[cell]
+        assert not seen(window)[cell]
+
+
+def test_what_did_not_return_is_clear_only_beside_returns() -> None:
+    """Empty scan: nothing changes. Blind sector: nothing carved in it. Sky above a street: free to the range."""
+    zero = jnp.zeros(3)
+    start = empty(zero, SHAPE)
+    nothing = jit_fuse(start, hand_scan(np.full(CLEAN.rays, np.inf)), CLEAN, zero, LEVEL)
+    assert not np.any(nothing.cells)
+    image = np.full((64, 512), np.inf)
+    image[:20] = 40.0
+    image[:, 64:192] = np.inf
+    window = jit_fuse(start, hand_scan(image.ravel()), CLEAN, zero, LEVEL)
+    free = np.asarray(seen(window))
+    x, y, z = (2.0 * np.indices(SHAPE)[a] + float(origin(window)[a]) for a in range(3))
+    azimuth = np.degrees(np.arctan2(y, x)) % 360.0
+    far = np.hypot(x, y) > 6.0
+    blind = (azimuth > 46.0) & (azimuth < 134.0) & far
+    assert not free[blind].any()
+    open_sky = (azimuth > 160.0) & far & (z > 2.0) & (z < 0.7 * np.hypot(x, y))
+    assert free[open_sky].mean() > 0.99
+
+
+@pytest.mark.parametrize("disturbed", ["dropout", "noise", "sector"])
+def test_disturbed_scans_never_erase_what_stands(disturbed: str) -> None:
+    """Twelve poses along the street: every voxel of wall, block and lamp that was hit stays, whatever is lost."""
+    lidar = {"dropout": Lidar(dropout=0.5), "noise": Lidar(range_noise=0.2)}.get(disturbed, CLEAN)
+    rng = np.random.default_rng(5)
+    window = empty(jnp.array([-12.0, 0.0, 5.0]), SHAPE)
+    met: set[tuple[int, ...]] = set()
+    for step in range(12):
+        position = jnp.array([-12.0 + 2.0 * step, 0.0, 5.0])
+        turn = Rotation.from_euler("zyx", [rng.uniform(0, 360), *rng.normal(0, 8, 2)], degrees=True).as_matrix()
+        rotation = jnp.asarray(turn, jnp.float32)
+        result = jit_scan(STREET, lidar, position, rotation, jax.random.key(step))
+        if disturbed == "sector":
+            dead = (rng.integers(512) + np.arange(128)) % 512
+            kept = np.ones((64, 512), bool)
+            kept[:, dead] = False
+            result = lost(result, kept.ravel())
+        window = jit_fuse(jit_recentre(window, position), result, lidar, position, rotation)
+        truth, _ = occupancy(STREET, grid_of(window))
+        hit = np.asarray(result.points)[np.asarray(result.hit)]
+        index = np.unique(np.floor(hit / 2.0 + 0.5).astype(int), axis=0) - np.asarray(window.corner)
+        index = index[np.all((index >= 0) & (index < SHAPE), axis=1)]
+        met |= {tuple(i) for i in index + np.asarray(window.corner)}
+        # The window moves on along x: what has left it does not come back.
+        index = np.array(sorted(met)) - np.asarray(window.corner)
+        index = index[index[:, 0] >= 0]
+        index = index[truth[tuple(index.T)]]
+        gone = ~np.asarray(occupied(window))[tuple(index.T)]
+        # Returns within rounding of a face may be counted to the neighbour here and there.
+        assert gone.sum() <= (3 if disturbed == "noise" else 1)
+        pole = {(5, -3, k) for k in range(1, 4)} & met
+        if np.linalg.norm(np.array([9.2, -6.3]) - np.asarray(position)[:2]) < 20.0:
+            assert all(occupied(window)[tuple(np.array(p) - np.asarray(window.corner))] for p in pole)
+        # Nothing that is solid passes for free.
+        assert np.sum(np.asarray(seen(window)) & truth) <= 2
+    assert len(met) > 300
+    false = np.asarray(occupied(window)) & ~truth
+    assert false.sum() <= (0.15 if disturbed == "noise" else 0.02) * occupied(window).sum()
+
+
+def test_snapshot_knows_only_the_latest_scan() -> None:
+    first, second = jnp.array([-6.0, 0.0, 5.0]), jnp.array([6.0, 0.0, 5.0])
+    scans = [jit_scan(STREET, CLEAN, p, LEVEL, KEY) for p in (first, second)]
+    rolling = jit_fuse(empty(first, SHAPE), scans[0], CLEAN, first, LEVEL)
+    rolling = jit_recentre(rolling, second)
+    snapshot = jit_fuse(rolling, scans[1], CLEAN, second, LEVEL, snapshot=True)
+    fresh = jit_fuse(empty(second, SHAPE), scans[1], CLEAN, second, LEVEL)
+    both = jit_fuse(rolling, scans[1], CLEAN, second, LEVEL)
+    assert np.array_equal(snapshot.cells, fresh.cells)
+    assert np.sum(occupied(both)) > np.sum(occupied(fresh))
+    assert np.sum(seen(both)) > np.sum(seen(fresh))
+
+
+def test_ground_is_the_layer_of_z_zero() -> None:
+    position = jnp.array([0.0, -2.0, 6.0])
+    window = jit_fuse(empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL)
+    low = np.asarray(ground(window))
+    layer = -int(window.corner[2])
+    assert float(origin(window)[2]) + 2.0 * layer == 0.0
+    assert low[:, :, : layer + 1].all()
+    assert not low[:, :, layer + 1 :].any()
+    _, truth = occupancy(STREET, grid_of(window))
+    assert np.array_equal(low, truth)
+
+
+def test_batches_equal_the_loop_and_a_nan_touches_no_other() -> None:
+    positions = jnp.array([[0.0, -2.0, 6.0], [-5.0, 1.0, 4.0], [3.0, jnp.nan, 5.0]])
+    rotations = jnp.broadcast_to(LEVEL, (3, 3, 3))
+    at = jnp.nan_to_num(positions)
+    scans = jax.tree.map(lambda *a: jnp.stack(a), *[jit_scan(STREET, CLEAN, p, LEVEL, KEY) for p in at])
+    windows = jax.vmap(functools.partial(empty, shape=SHAPE))(at)
+
+    def step(window: Window, result: Scan, position: jax.Array, rotation: jax.Array) -> Window:
+        return fuse(recentre(window, position), result, CLEAN, position, rotation)
+
+    batch = jax.jit(jax.vmap(step))(windows, scans, positions, rotations)
+    for i in range(2):
+        window, result, position, rotation = jax.tree.map(lambda a, i=i: a[i], (windows, scans, positions, rotations))
+        one = jit_fuse(jit_recentre(window, position), result, CLEAN, position, rotation)
+        assert np.mean(np.asarray(batch.cells[i]) != np.asarray(one.cells)) < 1e-4
+        assert np.array_equal(batch.corner[i], one.corner)
+    assert not np.any(batch.cells[2])
+    assert batch.cells.dtype == jnp.uint8
+
+
+def test_the_angle_is_good_to_a_thousandth_of_a_beam() -> None:
+    rng = np.random.default_rng(6)
+    x, y = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-3, 3, (2, 20_000))
+    x, y = np.concatenate([x, [0, 0, 1, -1]]), np.concatenate([y, [1, -1, 0, 0]])
+    given = np.asarray(module._arctan2(jnp.asarray(y, jnp.float32), jnp.asarray(x, jnp.float32)), float)
+    error = np.angle(np.exp(1j * (given - np.arctan2(y, x))))
+    assert np.abs(error).max() < 1.5e-5
+
+
+def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match="three positive integers"):
+        empty(jnp.zeros(3), (0, 5, 5))
+    with pytest.raises(ValueError, match="spacing"):
+        empty(jnp.zeros(3), SHAPE, spacing=float("nan"))
+    with pytest.raises(ValueError, match="expected 32768 rays"):
+        fuse(empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL)
