@@ -1,0 +1,142 @@
+"""Closed-loop flights: how long one takes, how many a second, and on what the time goes.
+
+    python -m benchmarks.flight                                                      # two CPU cores: 5 minutes
+    python -m benchmarks.flight --batches 1 16 64 256 --astar 64 --devices 1 2       # GPUs of one host
+
+`flights` rows: the first trials of a map and seed 0, whole flights in batches of each size (fewer trials than the batch
+are repeated), after compilation; `seconds` from the batch's worlds to its logs on the host. `devices` rows: the largest
+batch for each device, split over several. `stage` rows: the four stages of a planning iteration in the largest batch,
+each by itself, after the first iterations of those flights; milliseconds a flight. `A* in the loop`: the same trials,
+sensing, map, controller and safety with A* as planner, which runs on the host, one flight after the other.
+
+Expected: the H200 flies 100 trials in 6 s; on two CPU cores one flight takes 10 to 20 s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+
+from benchmarks.harness import RESULTS, Row, measure, save
+from maxjax.core.status import Status
+from maxjax.sim.campaign import Campaign, Table, draw_trials, fly_batch, world_of
+from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
+
+_STAGES = ("sense", "fuse", "plan", "follow")
+# Iterations before the stages are timed: by then the map is about as full as it gets.
+_BEFORE = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        maps: maps to fly in.
+        batches: flights at a time, a row each.
+        devices: numbers of devices, a row each.
+        astar: trials to fly with A* as well.
+        repeats: timed runs.
+        out: where the JSON goes.
+    """
+
+    maps: tuple[str, ...] = ("downtown", "suburb")
+    batches: tuple[int, ...] = (1,)
+    devices: tuple[int, ...] = ()
+    astar: int = 0
+    repeats: int = 2
+    out: Path = RESULTS
+
+
+def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  # noqa: B008 (frozen)
+    """Time flights, then stages; save and return the rows.
+
+    Args:
+        config: settings.
+        flight: how to fly.
+    """
+    rows: list[Row] = []
+    for name in config.maps:
+        campaign = Campaign(name, 0, range(max(config.batches)), config=flight)
+        drawn = draw_trials(campaign)
+        for size in config.batches:
+            rows.append(
+                {"what": f"flights, {name}", "batch": size, **_flights(campaign, drawn, size, 1, config.repeats)}
+            )
+        for count in config.devices:
+            if count > jax.device_count():
+                print(f"{count} devices: there are {jax.device_count()}", file=sys.stderr)
+                continue
+            # As many trials a device as the largest batch has: their own draws, so that all devices have to do.
+            size = count * max(config.batches)
+            many = dataclasses.replace(campaign, trials=range(size))
+            figures = _flights(many, draw_trials(many), size, count, config.repeats)
+            rows.append({"what": f"devices, {name}", "batch": size, "devices": count, **figures})
+        rows += _stages(campaign, drawn, max(config.batches), config.repeats)
+        if config.astar:
+            few = dataclasses.replace(campaign, trials=range(config.astar), method="astar")
+            figures = _flights(few, draw_trials(few), config.astar, 1, 1)
+            rows.append({"what": f"A* in the loop, {name}", "batch": config.astar, **figures})
+    save("flight", config, rows, config.out)
+    return rows
+
+
+def _flights(campaign: Campaign, drawn: Table, size: int, devices: int, repeats: int) -> Row:
+    """Time and outcome of one batch."""
+    rows = np.flatnonzero(drawn["valid"])[:size]
+    logs: Table = {}
+
+    def run() -> None:
+        logs.update(fly_batch(campaign, drawn, rows, size, jax.devices()[:devices]))
+
+    timing = measure(run, repeats)
+    arrived = logs["status"] == Status.OK
+    return {
+        "seconds": round(timing.median_s, 2),
+        "min": round(timing.min_s, 2),
+        "max": round(timing.max_s, 2),
+        "n": timing.n,
+        "compile_s": round(timing.compile_s, 1),
+        "flights_per_s": round(len(rows) / timing.median_s, 3),
+        "arrived": int(arrived.sum()),
+        "planning_iterations": round(float(logs["planning_iterations"].mean()), 2),
+        "flown_m": round(float(logs["flown_length"][arrived].mean()), 2) if arrived.any() else None,
+    }
+
+
+def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> list[Row]:
+    """Milliseconds a flight of each stage, in a batch under way."""
+    valid = np.flatnonzero(drawn["valid"])[:size]
+    worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *[world_of(campaign, drawn, int(row)) for row in valid])
+    config = campaign.flight
+    flights: Flight = jax.jit(jax.vmap(functools.partial(take_off, config=config)))(worlds)
+    stages = [jax.jit(jax.vmap(stage)) for stage in stages_of(config)]
+    for _ in range(_BEFORE):
+        for stage in stages:
+            flights = stage(worlds, flights)
+    rows: list[Row] = []
+    for name, stage in zip(_STAGES, stages, strict=True):
+        timing = measure(functools.partial(stage, worlds, flights), max(repeats, 3))
+        rows.append(
+            {
+                "what": f"stage, {campaign.map}: {name}",
+                "batch": len(valid),
+                "ms_per_flight": round(1e3 * timing.median_s / len(valid), 3),
+                "min": round(1e3 * timing.min_s / len(valid), 3),
+                "max": round(1e3 * timing.max_s / len(valid), 3),
+                "n": timing.n,
+            }
+        )
+        flights = stage(worlds, flights)
+    return rows
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,165 @@
+"""One flight around a building, looked at from outside: C MuJoCo judges contact, `verify` every path that was flown."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.fields.occupancy import dilate
+from maxjax.planning.verify import verify
+from maxjax.sim import window as mapping
+from maxjax.sim.campaign import watch
+from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
+from maxjax.sim.flight import LOG_PERIOD, Flight, FlightConfig, World
+from maxjax.sim.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.scenes import scene_xml
+from maxjax.sim.solids import upright_boxes
+
+LIDAR = Lidar(rays=8192, channels=64)
+CONFIG = FlightConfig(shape=(45, 45, 17), lidar=LIDAR, plans=40, margin=4.0)
+START, GOAL = np.array([-24.0, 1.0, 6.0], np.float32), np.array([14.0, -2.0, 8.0], np.float32)
+KEY = jax.random.key(5)
+
+
+def town() -> Geoms:
+    """A wall across the straight line, and a tower beside the way around it."""
+    rows = jnp.array([[-4.0, 0.0, 2.0, 12.0, 0.0, 40.0, 0.1], [8.0, 20.0, 4.0, 4.0, 0.0, 30.0, 0.4]])
+    return concatenate([ground_plane(), upright_boxes(rows)])
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[Flight]:
+    """The flight before its first iteration and after each."""
+    world = World(town(), jnp.asarray(START), jnp.asarray(GOAL), KEY, Disturbances())
+    return list(watch(world, CONFIG))
+
+
+def track(flight: Flight) -> np.ndarray:
+    position = np.asarray(flight.log.position, float)
+    return position[np.isfinite(position[:, 0])]
+
+
+def test_it_arrives(flights: list[Flight]) -> None:
+    log = flights[-1].log
+    assert Status(int(log.status)) == Status.OK
+    assert np.linalg.norm(track(flights[-1])[-1] - GOAL) <= CONFIG.tolerance + 0.01
+    assert log.planning_iterations == len(flights) - 1
+    assert log.certified == log.planning_iterations - log.failed_plans
+    # Around the wall, not far around.
+    straight = np.linalg.norm(GOAL - START)
+    assert straight < log.flown_length < 1.6 * straight
+
+
+def test_length_and_time_are_those_of_the_track(flights: list[Flight]) -> None:
+    log, points = flights[-1].log, track(flights[-1])
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(float(log.flown_length), rel=0.01)
+    assert len(points) - 1 == pytest.approx(float(log.duration) / LOG_PERIOD, abs=1)
+
+
+def test_nothing_was_ever_near_to_the_judgement_of_mujoco(flights: list[Flight]) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        scene_xml(town()).replace(
+            "</worldbody>", '<body name="probe" mocap="true"><geom type="sphere" size="0.5"/></body></worldbody>'
+        )
+    )
+    data = mujoco.MjData(model)
+    gaps = []
+    for point in track(flights[-1]):
+        data.mocap_pos[0] = point
+        mujoco.mj_kinematics(model, data)
+        gaps.append(min(mujoco.mj_geomDistance(model, data, k, model.ngeom - 1, 1e3, None) for k in range(3)) + 0.5)
+    assert min(gaps) > CONFIG.radius
+    # The flight looks at every physics step, ten times as often as the track.
+    assert min(gaps) - 0.3 < float(flights[-1].log.clearance) <= min(gaps) + 1e-3
+
+
+def window_grid(flight: Flight) -> Grid:
+    x, y, z = (float(v) for v in mapping.origin(flight.window))
+    return Grid(CONFIG.shape, CONFIG.spacing, (x, y, z))
+
+
+def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[Flight]) -> None:
+    judged = 0
+    for flight in flights[1:]:
+        margin = float(flight.log.margin[flight.log.planning_iterations - 1])
+        if np.isnan(margin):
+            continue
+        grid, path = window_grid(flight), np.asarray(flight.path)
+        ground = np.asarray(mapping.ground(flight.window))
+        ground, occupied = np.array(ground), np.asarray(mapping.occupied(flight.window)) | ground
+        here = tuple(np.asarray(grid.index_of(jnp.asarray(path[0]))))
+        occupied[here], ground[here] = False, False
+        moved = np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])
+        # Steps aside are straight and keep to the margin as well, where they begin outside of it.
+        blocked = np.asarray(dilate(jnp.asarray(occupied), margin, grid, jnp.asarray(ground)))
+        found = verify(path[moved], blocked, occupied, grid)
+        assert found.ok, (flight.log.planning_iterations, found)
+        judged += 1
+    assert judged >= 5
+
+
+def test_it_can_stop_within_what_it_has_seen(flights: list[Flight]) -> None:
+    for flight in flights[1:]:
+        grid, reference = window_grid(flight), flight.reference
+        known = np.asarray(mapping.seen(flight.window))
+        here = np.asarray(grid.index_of(jnp.asarray(flight.path[0])))
+        voxels = np.asarray(grid.index_of(jnp.asarray(reference.course.points)))
+        inside = np.all((voxels >= 0) & (voxels < CONFIG.shape), axis=1)
+        seen = inside & (known[tuple(np.where(inside[:, None], voxels, 0).T)] | np.all(voxels == here, axis=1))
+        # A reference that is too fast to stop says so by its excess.
+        moving = np.asarray(reference.speed) > 0.02  # what rounding leaves of 0
+        assert np.all(seen[moving]) or reference.excess > 0
+
+
+def test_stands_and_looks_where_every_beam_is_lost() -> None:
+    blind = Disturbances(blackout=1e3, dropout=1.0)
+    measured = scan(town(), LIDAR, jnp.asarray(START), jnp.eye(3), KEY)
+    found = corrupt(measured, blind, LIDAR, jnp.asarray(START), KEY, KEY, jnp.float32(10.0))
+    assert not np.any(found.hit)
+    assert np.all(np.isnan(found.points))
+    assert np.all(np.isinf(found.distance))
+
+
+def test_calm_leaves_a_scan_as_it_is_and_each_disturbance_does_what_it_says() -> None:
+    origin = jnp.asarray(START)
+    measured = scan(town(), LIDAR, origin, jnp.eye(3), KEY)
+
+    def worse(time: float = 0.0, **strengths: float) -> Scan:
+        return corrupt(measured, Disturbances(**strengths), LIDAR, origin, KEY, KEY, jnp.float32(time))
+
+    calm, hit = worse(), np.asarray(measured.hit)
+    np.testing.assert_array_equal(calm.hit, hit)
+    np.testing.assert_allclose(np.asarray(calm.points)[hit], np.asarray(measured.points)[hit], atol=1e-4)
+    noisy = worse(range_noise=0.2)
+    error = np.asarray(noisy.distance)[hit] - np.asarray(measured.distance)[hit]
+    assert np.std(error) == pytest.approx(0.2, rel=0.05)
+    rays = np.asarray(directions(LIDAR))[hit]
+    np.testing.assert_allclose(
+        np.asarray(noisy.points)[hit], START + rays * np.asarray(noisy.distance)[hit, None], atol=1e-3
+    )
+    assert np.sum(worse(dropout=0.5).hit) == pytest.approx(0.5 * hit.sum(), rel=0.05)
+    dead = hit & ~np.asarray(worse(dead_sector=90.0).hit)
+    assert np.all(np.asarray(worse(dead_sector=360.0).hit) == 0)
+    lost = np.sort(np.unique(np.nonzero(dead.reshape(LIDAR.channels, -1).any(axis=0))[0]))
+    columns = LIDAR.rays // LIDAR.channels
+    gaps = np.diff(np.concatenate([lost, lost[:1] + columns]))
+    assert columns - gaps.max() == pytest.approx(columns / 4, abs=1)
+    dark = [not np.any(worse(time, blackout=1.0).hit) for time in np.arange(0.0, 10.0, 0.25)]
+    assert sum(dark) == pytest.approx(4, abs=1)
+
+
+def test_wind_and_drift_are_as_strong_as_they_say() -> None:
+    assert np.linalg.norm(mean_wind(SETS["wind"], KEY)) == pytest.approx(10.0, rel=1e-5)
+    errors = [np.linalg.norm(pose_error(SETS["drift"], KEY, jnp.float32(time))) for time in np.arange(0.0, 40.0, 0.5)]
+    assert errors[0] == 0.0
+    assert max(errors) == pytest.approx(1.0, rel=1e-3)
+    assert np.all(np.asarray(pose_error(SETS["calm"], KEY, jnp.float32(7.0))) == 0.0)
+    assert all(value == 0.0 for value in dataclasses.asdict(SETS["calm"]).values())
