@@ -1,6 +1,8 @@
-"""The command line: `maxjax plan`, `scan`, `demo`, `check`.
+"""The command line: `maxjax plan`, `scan`, `fly`, `train`, `demo`, `check`.
 
     exit code 0: Status.OK;   1: another status, whose sentence goes to stderr;   2: unusable arguments or files
+
+`fly` ends with 0 whatever became of its flights: they are what it reports.
 
 Results go to stdout, progress and complaints to stderr. Each command is a module of its own that is imported when it
 runs, so that `--help` waits for none of their libraries.
@@ -8,6 +10,7 @@ runs, so that `--help` waits for none of their libraries.
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,6 +28,7 @@ _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
 _OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 _OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+_Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
 _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 _Flag = tyro.conf.FlagCreatePairsOff[bool]
 
@@ -78,6 +82,85 @@ def _scan(map: _Map, /, pose: _Xyz, out: _OptionalFolder = None, json: _Flag = F
     return scanning.run(map, pose, out, json)
 
 
+def _fly(
+    map: _Map,
+    /,
+    trials: _Count = None,
+    seed: _Seed = 0,
+    method: Literal["solver", "astar"] = "solver",
+    batch: _Count = None,
+    wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0,
+    noise: _Metres = 0.0,
+    dropout: Annotated[float, tyro.conf.arg(metavar="P")] = 0.0,
+    dead_sector: Annotated[float, tyro.conf.arg(metavar="DEG")] = 0.0,
+    blackout: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0,
+    drift: _Metres = 0.0,
+    latency: _Flag = False,
+    snapshot: _Flag = False,
+    reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0,
+    trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None,
+    out: _OptionalFolder = None,
+    json: _Flag = False,
+) -> int:
+    """Fly trials in closed loop: sense, map, plan, follow, until the goal, contact, or no plan is left.
+
+    Start and goal are 50 to 80 m apart, 3 to 15 m high; 50 trials share a city. Killed and started again with the same
+    --out, a campaign goes on where it was.
+
+    Args:
+        map: A simulated map: midtown, downtown, suburb.
+        trials: Number of trials, from trial 0 on; 1 by default.
+        seed: Seed of the first city.
+        method: solver: climb the conduction potential. astar: search the same grid.
+        batch: Flights at a time; by default what suits the device.
+        wind: Mean speed of the wind [m/s], with gusts in proportion.
+        noise: Standard deviation of measured distances [m].
+        dropout: Share of returns lost, 0 to 1.
+        dead_sector: Width of a sector without any returns [deg].
+        blackout: How long no scan holds any return, some seconds after take-off [s].
+        drift: Greatest error of the believed position [m].
+        latency: Fly each plan one planning period late.
+        snapshot: Plan from the latest scan alone.
+        reactive: Gain of the reactive layer [m/s^2]; 0 leaves it out.
+        trial: Fly this trial only; with --out, film it.
+        out: Folder for trials.jsonl, summary.json, flights.png and, of one trial, flight.gif.
+        json: Print the content of summary.json, and nothing else, on stdout.
+    """
+    # MJX tells on stdout which optional packages it lacks.
+    with contextlib.redirect_stdout(sys.stderr):
+        from maxjax.cli import flying
+        from maxjax.sim.disturbances import Disturbances
+    disturbances = Disturbances(wind, noise, dropout, dead_sector, blackout, drift, float(latency))
+    return flying.run(map, trials, seed, method, batch, disturbances, snapshot, reactive, trial, out, json)
+
+
+def _train(
+    config: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ("maxjax",),
+    out: _Folder = Path("maxjax-train"),
+    tiny: _Flag = False,
+    epochs: _Count = None,
+    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = 749,
+    cache: _OptionalFolder = None,
+    seed: _Seed = 0,
+) -> int:
+    """Train networks that predict the potential, on simulated scans of midtown.
+
+    A run that was killed goes on from its last checkpoint, bit for bit.
+
+    Args:
+        config: Networks and their recipes: paper, paper_difference, maxjax, maxjax_blind.
+        out: Folder; each network has its own in it, with weights, log and checkpoint.
+        tiny: A small network on a few scenes of 33 x 33 x 33 voxels, to see that all works.
+        epochs: By default those of the recipe, 200.
+        scenes: Number of training scenes.
+        cache: Folder to keep the scenes in.
+        seed: Seed of scenes and weights.
+    """
+    with contextlib.redirect_stdout(sys.stderr):
+        from maxjax.cli import training
+    return training.run(config, out, tiny, epochs, scenes, cache, seed)
+
+
 def _demo(out: _Folder = Path("maxjax-demo"), seed: _Seed = 0) -> int:
     """Plan around a street corner from one simulated LiDAR scan, by the field and by A*.
 
@@ -109,7 +192,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: for `--help` (code 0) and for arguments that cannot be parsed (code 2).
     """
-    commands: dict[str, Callable[..., Any]] = {"plan": _plan, "scan": _scan, "demo": _demo, "check": _check}
+    commands: dict[str, Callable[..., Any]] = {
+        "plan": _plan,
+        "scan": _scan,
+        "fly": _fly,
+        "train": _train,
+        "demo": _demo,
+        "check": _check,
+    }
     description = "Certified flight paths for UAVs in cities."
     try:
         code: int = tyro.extras.subcommand_cli_from_dict(

@@ -11,14 +11,15 @@ import io
 import json
 import math
 import tempfile
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from maxjax.cli.world import World
@@ -31,6 +32,9 @@ from maxjax.planning.planner import Plan
 # In the order in which they run, so that plans by different methods share the rows of a table.
 _STAGES = ("voxelise", "dilate", "solve", "ascend", "tighten", "search", "verify", "total")
 FIRST_RUN = "the first run compiles, about 20 s on a CPU"
+FIRST_FLIGHT = "the first flight compiles, a minute or two"
+# Lines of progress in a file of them are this far apart [s].
+_QUIET = 5.0
 
 
 @contextlib.contextmanager
@@ -45,6 +49,63 @@ def progress(what: str) -> Iterator[None]:
     with Progress(*columns, console=console, transient=True) as bar:
         bar.add_task(what, total=None)
         yield
+
+
+@contextlib.contextmanager
+def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
+    """Show on stderr how many trials are done, how many of them arrived, and the time left.
+
+    Yields:
+        A function (done, arrived, computed) to call as trials finish: how many more, how many of them arrived, and how
+        many of them took time, the others having been there before.
+    """
+    console = Console(stderr=True)
+    begun = shown = time.monotonic()
+    done = arrived = 0
+    computed: list[tuple[float, int]] = []
+
+    def sentence() -> str:
+        text = f"{done} of {total} trials"
+        if done:
+            text += f", {arrived} arrived ({100 * arrived / done:.1f} %)"
+        if not computed:
+            return text + f"; {FIRST_FLIGHT}" * (done < total)
+        # What came first was compiled as well: if there is more to go by, it does not count.
+        counted = computed[1:] or computed
+        since = computed[0][0] if len(computed) > 1 else begun
+        each = (computed[-1][0] - since) / sum(count for _, count in counted)
+        return text + f", about {_clock(each * (total - done))} left" * (done < total)
+
+    if console.is_terminal:
+        columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        bar = Progress(*columns, console=console, transient=True)
+    else:
+        bar = None
+
+    with bar or contextlib.nullcontext():
+        task = None if bar is None else bar.add_task(sentence(), total=total)
+        if bar is None:
+            console.print(f"{sentence()} ...", highlight=False, soft_wrap=True)
+
+        def tell(more: int, successes: int, fresh: int) -> None:
+            nonlocal done, arrived, shown
+            done, arrived, now = done + more, arrived + successes, time.monotonic()
+            if fresh:
+                computed.append((now, fresh))
+            if bar is not None and task is not None:
+                bar.update(task, completed=done, description=sentence())
+            elif done == total or now - shown > _QUIET:
+                shown = now
+                console.print(sentence(), highlight=False, soft_wrap=True)
+
+        yield tell
+
+
+def _clock(seconds: float) -> str:
+    """A time to wait, for people."""
+    whole = max(round(seconds), 0)
+    hours, minutes = whole // 3600, whole // 60 % 60
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
 def check_output(out: Path | None) -> None:
@@ -109,16 +170,16 @@ def document(plan: Plan, world: World, message: str, configuration: Mapping[str,
         "versions": versions(),
         "device": device(),
     }
-    plain: dict[str, Any] = _plain(content)
-    return plain
+    filled: dict[str, Any] = plain(content)
+    return filled
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """What JSON can hold: numbers that are not finite become null."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, float) and not math.isfinite(value):

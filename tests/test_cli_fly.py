@@ -1,0 +1,257 @@
+"""`maxjax fly`: what it prints and leaves behind, on flights that take no time; flights have tests of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import os
+import shlex
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maxjax.cli import flying, main, report
+from maxjax.core.status import Status
+from maxjax.sim import campaign as module
+from maxjax.sim.campaign import Campaign
+from maxjax.sim.disturbances import Disturbances
+from maxjax.sim.flight import Flight, FlightConfig, FlightLog
+from maxjax.sim.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.lidar import Scan
+from maxjax.sim.solids import upright_boxes
+from maxjax.sim.trials import Trial
+from maxjax.sim.window import empty
+
+pytest.importorskip("matplotlib")
+
+
+def town() -> Geoms:
+    return concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
+
+
+def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
+    """Every fourth trial, about, ends in contact half-way."""
+    touches = jax.random.uniform(key) < 0.25
+    row = jnp.arange(41)
+    position = start + (row / 40.0)[:, None] * (goal - start)
+    return FlightLog(
+        status=jnp.where(touches, Status.IN_CONTACT, Status.OK).astype(jnp.int32),
+        position=jnp.where(((row > 20) & touches)[:, None], jnp.nan, position),
+        flown_length=jnp.linalg.norm(goal - start),
+        duration=jnp.float32(4.0),
+        planning_iterations=jnp.int32(4),
+        failed_plans=jnp.int32(0),
+        clearance=jnp.float32(3.0),
+        margin=jnp.full(4, 8.0),
+        certified=jnp.float32(4.0),
+    )
+
+
+def fake_draw(name: str, seed: int, indices: Any) -> Trial:
+    wanted = np.asarray(indices)
+    ends = np.random.default_rng(seed).uniform(-60, 60, (100, 2, 3)).astype(np.float32)[wanted]
+    ends[:, :, 2] = 10.0
+    return Trial(
+        jnp.asarray(ends[:, 0]),
+        jnp.asarray(ends[:, 1]),
+        jnp.asarray(seed + wanted // 50, jnp.int32),
+        jnp.ones(len(wanted), bool),
+        jnp.zeros(len(wanted), jnp.int32),
+    )
+
+
+def fake_watch(world: Any, config: FlightConfig) -> Iterator[Flight]:
+    """Four planning periods of the flight above."""
+    log = fake_fly(world.geoms, world.start, world.goal, world.key, config)
+    points = jnp.concatenate([jnp.zeros((5, 3)), jnp.full((1, 3), jnp.nan)])
+    for period in range(5):
+        known = jnp.arange(41)[:, None] <= 10 * period
+        flight = object.__new__(Flight)  # of its parts, those that pictures are made of
+        flight.__dict__.update(
+            scan=Scan(points, jnp.ones(6), jnp.arange(6) < 5),
+            window=empty(world.start, (9, 9, 5), 2.0),
+            path=jnp.broadcast_to(world.goal, (8, 3)).at[0].set(world.start),
+            log=dataclasses.replace(log, position=jnp.where(known, log.position, jnp.nan)),
+        )
+        yield flight
+
+
+# Compiled once, apart from that of real flights.
+fake_flyer = functools.cache(module._flyer.__wrapped__)
+
+
+class Terminal:
+    """Runs the command line in this process."""
+
+    def __init__(self, capfd: pytest.CaptureFixture[str]) -> None:
+        self._capfd = capfd
+
+    def __call__(self, *arguments: object) -> tuple[int, str, str]:
+        """Exit code, stdout, stderr."""
+        self._capfd.readouterr()
+        try:
+            code = main(["fly", *(str(argument) for argument in arguments)])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        out, err = self._capfd.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+
+@pytest.fixture
+def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    monkeypatch.setattr(module, "_flyer", fake_flyer)
+    monkeypatch.setattr(module, "fly", fake_fly)
+    monkeypatch.setattr(module, "draw_many", fake_draw)
+    monkeypatch.setattr(module, "_city", lambda name, seed: town())
+    monkeypatch.setattr(flying, "watch", fake_watch)
+    monkeypatch.setattr(flying, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
+    return Terminal(capfd)
+
+
+def test_json_is_one_object_with_the_summary(fly: Terminal) -> None:
+    code, out, err = fly("suburb", "--trials", 8, "--seed", 3, "--batch", 4, "--wind", 2, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["trials"] == 8
+    assert 0 < found["success_rate"] < 1
+    assert found["collisions"] == len(found["failures"]) == 8 - found["successes"]
+    assert set(found["flown_length"]) == set(found["planning_iterations"]) == {"mean", "std"}
+    assert found["planning_iterations"] == {"mean": 4.0, "std": 0.0}
+    assert found["configuration"]["disturbances"]["wind"] == 2
+    assert found["configuration"]["map"] == "suburb"
+    for failure in found["failures"]:
+        assert failure["status"] == "IN_CONTACT"
+        assert failure["command"] == f"maxjax fly suburb --seed 3 --trial {failure['index']} --wind 2"
+    assert "8 of 8 trials" in err
+    assert f"{found['successes']} arrived" in err
+
+
+def test_the_table_says_the_same_and_how_to_fly_failures_again(fly: Terminal) -> None:
+    _, out, _ = fly("suburb", "--trials", 8, "--seed", 3, "--batch", 4, "--json")
+    found = json.loads(out)
+    code, text, _ = fly("suburb", "--trials", 8, "--seed", 3, "--batch", 4)
+    assert code == 0
+    assert f"{found['successes']} of 8" in text
+    for failure in found["failures"]:
+        assert failure["command"] in text
+
+
+def test_out_holds_lines_summary_and_picture_and_goes_on_where_it_was(fly: Terminal, tmp_path: Path) -> None:
+    whole, broken = tmp_path / "new" / "whole", tmp_path / "broken"
+    arguments = ("downtown", "--trials", 8, "--batch", 2, "--json", "--out")
+    code, out, _ = fly(*arguments, whole)
+    assert code == 0
+    assert (whole / "summary.json").read_text() == out
+    assert (whole / "flights.png").read_bytes().startswith(b"\x89PNG")
+    assert not (whole / "flight.gif").exists()
+    rows = (whole / "trials.jsonl").read_text().splitlines(keepends=True)
+    assert [json.loads(row)["trial"] for row in rows] == list(range(8))
+
+    assert fly(*arguments, broken)[0] == 0
+    (broken / "trials.jsonl").write_text("".join(rows[:5]) + rows[5][:30])
+    (broken / "summary.json").unlink()
+    code, again, err = fly(*arguments, broken)
+    assert (code, again) == (0, out)
+    assert "5 of 8" in err or "8 of 8" in err
+    for name in ("trials.jsonl", "summary.json", "config.json"):
+        assert (broken / name).read_bytes() == (whole / name).read_bytes()
+    assert fly(*arguments, broken)[1] == out
+
+    code, _, err = fly("downtown", "--trials", 8, "--wind", 1, "--out", whole)
+    assert code == 2
+    assert "another campaign" in err
+
+
+def test_one_trial_is_filmed(fly: Terminal, tmp_path: Path) -> None:
+    _, batch, _ = fly("suburb", "--trials", 8, "--json")
+    for trial in (0, json.loads(batch)["failures"][0]["index"]):
+        out = tmp_path / str(trial)
+        code, text, _ = fly("suburb", "--trial", trial, "--out", out)
+        assert code == 0
+        assert (out / "flight.gif").read_bytes().startswith(b"GIF89a")
+        assert (out / "flight.gif").stat().st_size < 6e6
+        assert set(os.listdir(out)) >= {"summary.json", "trials.jsonl", "flights.png", "flight.gif"}
+        (row,) = (out / "trials.jsonl").read_text().splitlines()
+        _, alone, _ = fly("suburb", "--trial", trial, "--json")
+        found = json.loads(alone)
+        assert found["trials"] == 1
+        assert json.loads(row)["status"] == ("OK" if found["successes"] else "IN_CONTACT")
+        assert json.loads(row)["status"] in text
+
+
+def test_the_time_left_is_that_of_batches_after_the_compiled_one(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = iter((0.0, 1.0, 61.0, 71.0, 3000.0))
+    monkeypatch.setattr(report, "time", types.SimpleNamespace(monotonic=lambda: next(clock)))
+    with report.tally(10) as tell:
+        for done, arrived, computed in ((2, 1, 0), (2, 2, 2), (2, 2, 2), (4, 3, 4)):
+            tell(done, arrived, computed)
+    first, compiled, later, last = capfd.readouterr().err.splitlines()
+    assert "0 of 10 trials; the first flight compiles" in first
+    assert "4 of 10 trials, 3 arrived (75.0 %), about 3 min 03 s left" in compiled
+    assert "6 of 10 trials, 5 arrived (83.3 %), about 20 s left" in later
+    assert last == "10 of 10 trials, 8 arrived (80.0 %)"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["venice"], "midtown, downtown, suburb"),
+        (["suburb:3"], "midtown, downtown, suburb"),
+        (["suburb", "--trials", 0], "--trials: expected at least 1"),
+        (["suburb", "--trials", -4], "--trials: expected at least 1"),
+        (["suburb", "--trials", "many"], "many"),
+        (["suburb", "--trial", -1], "--trial"),
+        (["suburb", "--trial", 1, "--trials", 2], "given both"),
+        (["suburb", "--batch", 0], "--batch"),
+        (["suburb", "--seed", -1], "seed"),
+        (["suburb", "--dropout", 1.5], "dropout: expected a number from 0 to 1"),
+        (["suburb", "--dropout", -0.5], "dropout"),
+        (["suburb", "--wind", -1], "wind"),
+        (["suburb", "--noise", "nan"], "noise"),
+        (["suburb", "--blackout", -1], "blackout"),
+        (["suburb", "--drift", "inf"], "drift"),
+        (["suburb", "--dead-sector", 400], "dead"),
+        (["suburb", "--reactive", -2], "reactive"),
+        (["suburb", "--method", "magic"], "magic"),
+    ],
+)
+def test_unusable_arguments_end_with_2_and_a_sentence(fly: Terminal, arguments: list[object], sentence: str) -> None:
+    code, out, err = fly(*arguments)
+    assert code == 2
+    assert not out
+    assert sentence in err
+
+
+def test_a_folder_that_cannot_be_written_is_found_out_first(fly: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, _, err = fly("suburb", "--trials", 2, "--out", tmp_path / "file" / "below")
+    assert code == 2
+    assert "cannot be written" in err
+
+
+def test_a_replay_command_flies_the_same_campaign(fly: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Campaign] = []
+
+    def note(campaign: Campaign, **_: Any) -> Iterator[Any]:
+        given.append(campaign)
+        return iter(())
+
+    monkeypatch.setattr(flying, "fly_trials", note)
+    config = FlightConfig(Disturbances(10.0, 0.2, 0.5, 90.0, 1.0, 1.0, 1.0), snapshot=True, reactive=2.5)
+    for campaign in (
+        Campaign("downtown", 7, range(37, 38), "astar", config),
+        Campaign("suburb", 0, range(5, 6)),
+    ):
+        assert fly(*shlex.split(campaign.command(campaign.trials[0]))[2:], "--json")[0] == 0
+        assert given[-1].configuration() == campaign.configuration()
+        assert given[-1].method == campaign.method
