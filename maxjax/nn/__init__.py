@@ -1,0 +1,1 @@
+"""The network: an autoencoder that predicts the potential, its data, its training and its weights."""

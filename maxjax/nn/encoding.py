@@ -1,0 +1,99 @@
+"""From fields to what a network reads, and from what it says to a potential.
+
+    y = −ℓ log φ = y₀ + unit · network(x)        φ = exp(−y / ℓ)
+
+y is the log-potential in units of the screening length: a distance in voxels, by Varadhan about the geodesic one to the
+goal, whatever ℓ is. 0 at the goal; larger is further. The unit makes what the network has to say of order one: 100
+voxels without a start, 10 with one.
+
+The start y₀ is 0 (`nothing`, the paper: the network says all of y), or the closed law of free space (`free`). Where σ
+falls as 1/r and nothing is in the way, φ = K₀(r/ℓ), a modified Bessel function; on the lattice, with its decay θ and
+K₀'s leading term kept finite at the goal,
+
+    y₀(r) = ℓ (θ r + ½ log(1 + r))        2 (cosh θ − 1) = 1/ℓ²        r: Euclidean distance to the goal, walls ignored
+
+Input: log(1 + σ) / log(1 + σ_goal) for each voxel: 0 in obstacles, 1 at the goal, falling with the distance from it.
+A network that reads the flood is also given what walls do to distance: the goal's component; y₀; and by how much y₀
+grows when r is the number of steps in which a flood from the goal arrives (`fields.connectivity.geodesic`, from which
+the solver starts as well). y₀ of the flood is right behind walls, but coarse: it stays an input.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32, Integer
+
+from maxjax.fields.conductivity import SIGMA_GOAL
+
+Start = Literal["nothing", "free"]
+Volume = Float[Array, "nx ny nz"]
+
+# What an output of 1 means [voxels].
+UNIT: dict[Start, float] = {"nothing": 100.0, "free": 10.0}
+# Channels that the flood adds.
+FLOOD_CHANNELS = 3
+# Beyond, φ leaves float32's normal numbers [nats].
+_NATS = 87.0
+
+
+def law(distance: Float[Array, "*space"], length: Float[Array, ""]) -> Float[Array, "*space"]:
+    """y₀ at a distance from the goal [voxels]."""
+    decay = jnp.arccosh(1 + 1 / (2 * length**2))
+    return length * (decay * distance + jnp.log1p(distance) / 2)
+
+
+def encode(
+    start: Start,
+    flood: bool,
+    sigma: Volume,
+    goal_index: Int32[Array, " 3"],
+    steps: Integer[Array, "nx ny nz"],
+    length: Float[Array, ""],
+) -> tuple[Float[Array, "nx ny nz c"], Volume]:
+    """What the network reads, and y₀ [voxels].
+
+    Args:
+        start: what y₀ is. Static.
+        flood: whether the network reads the flood. Static.
+        sigma: conductivity (`fields.conductivity`).
+        goal_index: voxel of the goal.
+        steps: of the flood from the goal, 0 outside its component.
+        length: screening length ℓ [voxels].
+    """
+    brightness = jnp.log1p(sigma) / math.log1p(SIGMA_GOAL)
+    free = law(_euclidean(sigma.shape, goal_index), length)
+    base = free if start == "free" else jnp.zeros_like(free)
+    if not flood:
+        return brightness[..., None], base
+    joined = steps > 0
+    detour = jnp.where(joined, law(steps.astype(jnp.float32), length) - free, 0)
+    channels = (brightness, joined.astype(jnp.float32), free / UNIT["nothing"], detour / UNIT["free"])
+    return jnp.stack(channels, axis=-1), base
+
+
+def _euclidean(shape: tuple[int, ...], goal_index: Int32[Array, " 3"]) -> Volume:
+    squared = jnp.zeros(shape, jnp.float32)
+    for axis in range(3):
+        offset = lax.broadcasted_iota(jnp.int32, shape, axis) - goal_index[axis]
+        squared = squared + offset.astype(jnp.float32) ** 2
+    return jnp.sqrt(squared)
+
+
+def decode(y: Volume, component: Bool[Array, "nx ny nz"], goal: Bool[Array, "nx ny nz"], length: Array) -> Volume:
+    """φ of a log-potential: 1 held at the goal, 0 outside its component, positive inside.
+
+    Args:
+        y: −ℓ log φ [voxels].
+        component: the goal's component.
+        goal: True at the goal.
+        length: screening length ℓ [voxels].
+    """
+    # Finite whatever a network says: NaN becomes the farthest.
+    nats = jnp.nan_to_num(y / length, nan=_NATS, posinf=_NATS, neginf=-_NATS)
+    phi = jnp.exp(-jnp.clip(nats, -_NATS, _NATS))
+    return jnp.where(goal, 1.0, jnp.where(component, jnp.maximum(phi, float(np.finfo(np.float32).tiny)), 0.0))

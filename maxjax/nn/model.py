@@ -1,0 +1,211 @@
+"""Trained networks: their files, and the potential that they predict.
+
+    (sigma, goal_index) ↦ Potential        the slot that `solve_potential` fills as well
+
+A file holds the weights in float16, and the architecture and the recipe that they were trained with as metadata, all
+under one hash (`core.serialize`); nothing in it is executed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int32
+
+from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
+from maxjax.core.status import Status
+from maxjax.fields import stencil
+from maxjax.fields.certificate import uncertified
+from maxjax.fields.connectivity import geodesic
+from maxjax.nn.autoencoder import CONFIGS, Autoencoder, Params, apply_folded, cast, fold, init
+from maxjax.nn.encoding import UNIT, decode, encode
+from maxjax.nn.layers import Formulation
+from maxjax.solvers.potential import Potential, screening_length_for, solve_potential
+
+WEIGHTS = Path(__file__).parent / "weights"
+# Positive sweeps between two looks at the certificate.
+_LOOK = 4
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Model:
+    """A network and its weights; two are equal only if they are one, so it can be a static argument.
+
+    Attributes:
+        name: in `autoencoder.CONFIGS`.
+        network: architecture.
+        params: weights as `autoencoder.fold` and `cast` leave them.
+        by: how convolutions are computed.
+        metadata: of the file: recipe, errors.
+    """
+
+    name: str
+    network: Autoencoder
+    params: Params
+    by: Formulation
+    metadata: Mapping[str, Any]
+
+    def log_potential(
+        self,
+        sigma: Float[Array, "nx ny nz"],
+        goal_index: Int32[Array, " 3"],
+        steps: Int32[Array, "nx ny nz"],
+        length: Float[Array, ""],
+    ) -> Float[Array, "nx ny nz"]:
+        """The network's −ℓ log φ [voxels]; arguments as of `nn.encoding.encode`."""
+        x, base = encode(self.network.start, self.network.flood, sigma, goal_index, steps, length)
+        return base + UNIT[self.network.start] * apply_folded(self.params, x[None], self.network, by=self.by)[0]
+
+
+def predict_potential(
+    model: Model, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
+) -> Potential:
+    """The potential that a network predicts, in the slot of `solve_potential`.
+
+    With sweeps, it is improved by positive sweeps φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not
+    suffice, the solver takes over. Without, it is what the network says: `certified` tells whether an ascent is known
+    to arrive, and a status of OK only that there is a field to climb.
+
+    Args:
+        model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
+        sigma: conductivity, zero in obstacles.
+        goal_index: voxel of the goal.
+        max_sweeps: 0: the network alone. Static.
+
+    Returns:
+        A `Potential`: `sweeps` that were made, `iterations` 0 unless the solver had to take over. `residual` is the
+        largest relative change that one more sweep would make.
+
+    Raises:
+        ValueError: for a sigma or goal_index of a wrong shape or dtype, or a grid too small for the network.
+    """
+    sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
+    if sigma.ndim != 3 or not jnp.issubdtype(sigma.dtype, jnp.floating):
+        raise ValueError(
+            f"sigma: expected floating (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
+        )
+    if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
+        raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
+    goal_index = goal_index.astype(jnp.int32)
+    finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0))
+    outside = jnp.any((goal_index < 0) | (goal_index >= jnp.asarray(sigma.shape)))
+    component, steps = geodesic(sigma > 0, goal_index)
+    length = screening_length_for(steps)
+    goal = stencil.cell(sigma.shape, goal_index) & component
+    # A network turns one NaN into many; with a bad sigma nothing it says is used.
+    y = model.log_potential(jnp.where(finite, sigma, 0), goal_index, steps, length)
+    phi = decode(y, component, goal, length)
+    operator = stencil.assemble(sigma, 1 / length**2)
+    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+
+    def sweep(phi: stencil.Volume) -> stencil.Volume:
+        return jnp.where(goal, phi, stencil.inflow(operator.faces, phi) / diagonal)
+
+    def some(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        phi, sweeps, _ = state
+        phi = lax.fori_loop(0, _LOOK, lambda _, phi: sweep(phi), phi)
+        return phi, sweeps + _LOOK, uncertified(phi, component, goal_index)
+
+    first = (phi, jnp.int32(0), uncertified(phi, component, goal_index))
+    phi, sweeps, stuck = lax.while_loop(lambda state: (state[2] != 0) & (state[1] < max_sweeps), some, first)
+    usable = finite & ~outside & jnp.any(component)
+    change = jnp.where(component & ~goal, jnp.abs(sweep(phi) - phi) / jnp.where(phi > 0, phi, 1), 0)
+    status = jnp.select(
+        [~finite, outside, ~jnp.any(component)],
+        [Status.NONFINITE_INPUT, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED],
+        Status.OK,
+    )
+    predicted = Potential(
+        phi=phi,
+        status=status.astype(jnp.int32),
+        iterations=jnp.int32(0),
+        sweeps=sweeps,
+        residual=jnp.max(change),
+        certified=usable & (stuck == 0),
+        uncertified=stuck,
+        screening_length=length,
+    )
+    if max_sweeps == 0:
+        return predicted
+
+    def solved() -> Potential:
+        exact = solve_potential(sigma, goal_index)
+        return dataclasses.replace(exact, sweeps=exact.sweeps + sweeps)
+
+    field: Potential = lax.cond(usable & ~predicted.certified, solved, lambda: predicted)
+    return field
+
+
+def save_model(
+    path: str | os.PathLike[str], name: str, params: Params, *, metadata: Mapping[str, Any] | None = None
+) -> None:
+    """Write the weights of a network for `load_model`.
+
+    Args:
+        path: file, .npz.
+        name: in `autoencoder.CONFIGS`.
+        params: of `autoencoder.init`, trained.
+        metadata: anything that JSON can hold.
+
+    Raises:
+        ValueError: for an unknown name, or weights that float16 cannot hold.
+        OSError: if the file cannot be written.
+    """
+    network = _network(name)
+    with np.errstate(over="ignore"):  # asked below
+        half = jax.tree.map(lambda w: np.asarray(w).astype(np.float16), params)
+    if not all(np.isfinite(w).all() for w in jax.tree.leaves(half)):
+        raise ValueError(f"{name}: expected finite weights within float16's range")
+    save_pytree(path, half, metadata={**(metadata or {}), "model": name, "network": dataclasses.asdict(network)})
+
+
+@functools.lru_cache(maxsize=8)
+def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
+    """A trained network.
+
+    Args:
+        name: in `autoencoder.CONFIGS`.
+        path: file of `save_model`; by default the one that comes with maxjax.
+
+    Raises:
+        ValueError: for an unknown name, one without weights, or a file that is damaged or of another architecture.
+    """
+    network = _network(name)
+    file = WEIGHTS / f"{name}.npz" if path is None else Path(path)
+    if path is None and not file.exists():
+        there = ", ".join(sorted(found.stem for found in WEIGHTS.glob("*.npz"))) or "none"
+        raise ValueError(
+            f"model: no weights of {name!r} come with maxjax (there are: {there}); train it, or give a path"
+        )
+    metadata = load_metadata(file)
+    # Through JSON, which turns tuples into lists.
+    given, expected = metadata.get("network"), _as_json(dataclasses.asdict(network))
+    if metadata.get("model") != name or given != expected:
+        raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
+    shapes = jax.eval_shape(lambda: init(jax.random.key(0), network))
+    half = load_pytree(file, jax.tree.map(lambda leaf: np.empty(leaf.shape, np.float16), shapes))
+    gpu = jax.default_backend() == "gpu"
+    folded = fold(jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), half), network)
+    params = cast(folded, "bfloat16") if gpu else folded
+    return Model(name, network, params, "direct" if gpu else "planes", metadata)
+
+
+def _network(name: str) -> Autoencoder:
+    if name not in CONFIGS:
+        raise ValueError(f"model: expected one of {', '.join(CONFIGS)}, given {name!r}")
+    return CONFIGS[name]
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _as_json(item) for key, item in value.items()}
+    return [_as_json(item) for item in value] if isinstance(value, tuple | list) else value

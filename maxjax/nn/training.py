@@ -1,0 +1,322 @@
+"""Training: batches of labelled scenes, a loss, AdamW; whole epochs as one program.
+
+    loss = mean over voxels of the goal's component of (e² + s |∇e|²)        e = network(x) − (y − y₀) / unit
+
+e is the error of the log-potential y; x, y₀ and the unit are those of `nn.encoding`. s = 0 is the mean squared error
+of the paper. With s > 0 the differences between neighbours count as well, which are what an ascent reads.
+
+Everything random is a function of (seed, epoch, step): the order of the scenes, the symmetries, what is dropped. So a
+run that stopped after an epoch goes on as if it never had. Several devices: each takes its share of every batch, the
+weights are copies, and XLA adds the gradients up.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from maxjax.core.grid import Grid
+from maxjax.core.serialize import atomic_write
+from maxjax.fields import stencil
+from maxjax.fields.conductivity import conductivity
+from maxjax.nn import optimizer
+from maxjax.nn.autoencoder import CONFIGS, Autoencoder, Params, apply_folded, cast, fold, init
+from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
+from maxjax.nn.dataset import Scenes
+from maxjax.nn.encoding import UNIT, encode
+from maxjax.nn.evaluation import evaluate, summary
+from maxjax.nn.layers import Formulation
+from maxjax.nn.optimizer import AdamW, Moments
+
+Precision = Literal["float32", "bfloat16"]
+LOG = "log.jsonl"
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """A recipe; static. Its defaults are the paper's, as far as the paper tells.
+
+    Attributes:
+        model: name in `autoencoder.CONFIGS`.
+        epochs: passes over the scenes.
+        batch: scenes a step.
+        rate: peak learning rate.
+        warmup: steps in which the rate rises.
+        decay: of AdamW.
+        slope: s of the loss [voxels²].
+        turned: whether each scene is seen in one of its eight symmetries about the vertical, drawn anew each time.
+        precision: of convolutions; weights, sums and the loss stay float32.
+        by: how convolutions are computed (`layers.convolve`).
+        seed: of weights, order, symmetries and dropout.
+    """
+
+    model: str = "paper"
+    epochs: int = 200
+    batch: int = 8
+    rate: float = 1e-3
+    warmup: int = 0
+    decay: float = 1e-2
+    slope: float = 0.0
+    turned: bool = False
+    precision: Precision = "bfloat16"
+    by: Formulation = "direct"
+    seed: int = 0
+
+    @property
+    def network(self) -> Autoencoder:
+        """The architecture.
+
+        Raises:
+            ValueError: for an unknown model, with the list of models.
+        """
+        if self.model not in CONFIGS:
+            raise ValueError(f"model: expected one of {', '.join(CONFIGS)}, given {self.model!r}")
+        return CONFIGS[self.model]
+
+
+RECIPES: dict[str, Training] = {
+    "paper": Training("paper"),
+    "paper_difference": Training("paper_difference"),
+    "maxjax": Training("maxjax", warmup=200, slope=1.0, turned=True),
+    "tiny": Training("tiny", epochs=8, batch=4, slope=1.0, turned=True),
+    "maxjax_blind": Training("maxjax_blind", warmup=200, slope=1.0, turned=True),
+}
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """What training carries from step to step.
+
+    Attributes:
+        params: weights, float32.
+        moments: of the optimiser; its step counts.
+    """
+
+    params: Params
+    moments: Moments
+
+
+def start(training: Training) -> State:
+    """The state before the first step."""
+    params = init(jax.random.key(training.seed), training.network)
+    return State(params, optimizer.init(params))
+
+
+def steps_per_epoch(training: Training, scenes: int) -> int:
+    """Batches in an epoch; the last one is filled up from the first."""
+    return math.ceil(scenes / training.batch)
+
+
+def inputs_of(network: Autoencoder, scene: Scenes, grid: Grid) -> tuple[Array, Array, Bool[Array, "nx ny nz"]]:
+    """x, the network's target, and where it counts: the goal's component without the goal."""
+    sigma = conductivity(scene.blocked, scene.goal_index, grid)
+    x, base = encode(network.start, network.flood, sigma, scene.goal_index, scene.steps, scene.screening_length)
+    return x, (scene.target - base) / UNIT[network.start], scene.steps > 0
+
+
+def loss(params: Params, training: Training, scenes: Scenes, grid: Grid, key: PRNGKeyArray | None) -> Float[Array, ""]:
+    """The loss of a batch.
+
+    Args:
+        params: weights, float32.
+        training: recipe; static.
+        scenes: a batch.
+        grid: of the scenes; static.
+        key: of dropout; None: nothing is dropped.
+    """
+    network = training.network
+    x, wanted, counts = jax.vmap(lambda scene: inputs_of(network, scene, grid))(scenes)
+    said = apply_folded(cast(fold(params, network), training.precision), x, network, key=key, by=training.by)
+    weight = counts.astype(jnp.float32)
+    error = weight * (said - wanted)
+    total = jnp.sum(error**2)
+    if training.slope:
+        total = total + training.slope * jnp.sum(jax.vmap(_roughness)(error, weight))
+    return total / jnp.maximum(jnp.sum(weight), 1)
+
+
+def _roughness(error: Float[Array, "nx ny nz"], weight: Float[Array, "nx ny nz"]) -> Float[Array, ""]:
+    """Sum of the squared differences between neighbours that both count."""
+    total = jnp.zeros(())
+    for axis in range(3):
+        step = stencil.ahead(error, axis) - error
+        total = total + jnp.sum(weight * stencil.ahead(weight, axis) * step**2)
+    return total
+
+
+def turn(scene: Scenes, key: PRNGKeyArray) -> Scenes:
+    """One of the eight symmetries of a scene about the vertical; the grid is as long as wide."""
+    mirror_x, mirror_y, swap = jax.random.bernoulli(key, 0.5, (3,))
+    nx = scene.blocked.shape[0]
+
+    def volume(a: Array) -> Array:
+        a = jnp.where(mirror_x, jnp.flip(a, 0), a)
+        a = jnp.where(mirror_y, jnp.flip(a, 1), a)
+        return jnp.where(swap, jnp.swapaxes(a, 0, 1), a)
+
+    x, y, z = scene.goal_index
+    x, y = jnp.where(mirror_x, nx - 1 - x, x), jnp.where(mirror_y, nx - 1 - y, y)
+    goal = jnp.stack([jnp.where(swap, y, x), jnp.where(swap, x, y), z])
+    return dataclasses.replace(
+        scene,
+        blocked=volume(scene.blocked),
+        goal_index=goal,
+        steps=volume(scene.steps),
+        target=volume(scene.target),
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def epoch_program(
+    training: Training, count: int, grid: Grid, mesh: Mesh
+) -> Callable[[State, Scenes], tuple[State, Array]]:
+    """One epoch as a jitted function (state, scenes) ↦ (state, loss of each step); the state given is consumed.
+
+    The same function for the same arguments, so that it is compiled once.
+
+    Args:
+        training: recipe.
+        count: scenes.
+        grid: of the scenes.
+        mesh: devices, of `data_mesh`.
+
+    Raises:
+        ValueError: for a batch that the devices cannot share evenly, or symmetries of a grid that is not square.
+    """
+    steps, devices = steps_per_epoch(training, count), mesh.shape["batch"]
+    if training.batch % devices:
+        raise ValueError(f"batch: expected a multiple of {devices} devices, given {training.batch}")
+    if training.turned and grid.shape[0] != grid.shape[1]:
+        raise ValueError(f"grid: expected as many voxels along x as along y, for its symmetries, given {grid.shape}")
+    settings = AdamW(training.rate, steps * training.epochs, training.warmup, training.decay)
+    shared = NamedSharding(mesh, PartitionSpec("batch"))
+
+    def step(state: State, given: tuple[Array, PRNGKeyArray], scenes: Scenes) -> tuple[State, Array]:
+        chosen, key = given
+        batch = jax.tree.map(lambda leaf: lax.with_sharding_constraint(leaf[chosen], shared), scenes)
+        dropped, turned = jax.random.split(key)
+        if training.turned:
+            batch = jax.vmap(turn)(batch, jax.random.split(turned, training.batch))
+        value, slope = jax.value_and_grad(loss)(state.params, training, batch, grid, dropped)
+        return State(*optimizer.update(settings, state.params, state.moments, slope)), value
+
+    def epoch(state: State, scenes: Scenes) -> tuple[State, Array]:
+        number = state.moments.step // steps
+        order, *keys = jax.random.split(jax.random.fold_in(jax.random.key(training.seed + 1), number), steps + 1)
+        chosen = jnp.resize(jax.random.permutation(order, count), (steps, training.batch))
+        return lax.scan(lambda state, given: step(state, given, scenes), state, (chosen, jnp.stack(keys)))
+
+    program: Callable[[State, Scenes], tuple[State, Array]] = jax.jit(epoch, donate_argnums=0)
+    return program
+
+
+def data_mesh(devices: list[jax.Device] | None = None) -> Mesh:
+    """A row of devices that share each batch; by default all there are."""
+    return Mesh(np.array(jax.devices() if devices is None else devices), ("batch",))
+
+
+def copied(tree: Any, mesh: Mesh) -> Any:
+    """The tree on every device of the mesh."""
+    return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
+
+
+def train(
+    training: Training,
+    scenes: Scenes,
+    grid: Grid,
+    folder: str | os.PathLike[str],
+    *,
+    validation: Scenes | None = None,
+    epochs: int | None = None,
+    every: int = 20,
+    mesh: Mesh | None = None,
+    report: Callable[[Mapping[str, Any]], None] | None = None,
+) -> State:
+    """Train, or go on from the checkpoint in `folder`; bit for bit as if it had never stopped.
+
+    Args:
+        training: recipe; a checkpoint must be of the same.
+        scenes: to train on.
+        grid: of the scenes.
+        folder: of the checkpoint and of log.jsonl, one line an epoch.
+        validation: scenes whose errors are logged with each checkpoint.
+        epochs: where to stop; by default at the recipe's end.
+        every: epochs between checkpoints; the last epoch always leaves one.
+        mesh: devices; by default all.
+        report: called with each line of the log.
+
+    Raises:
+        ValueError: for a loss that is not finite, with its epoch; for a checkpoint of another recipe, or a damaged one.
+        OSError: if a file cannot be written. The last checkpoint stays in all of these cases.
+    """
+    folder, mesh = Path(folder), mesh or data_mesh()
+    count = len(scenes.status)
+    steps, last = steps_per_epoch(training, count), training.epochs if epochs is None else epochs
+    identity = {"training": dataclasses.asdict(training), "scenes": count, "grid": dataclasses.asdict(grid)}
+    state, done = _resumed(training, folder, _plain(identity), steps)
+    state, scenes = copied(state, mesh), copied(scenes, mesh)
+    run = epoch_program(training, count, grid, mesh)
+    folder.mkdir(parents=True, exist_ok=True)
+    _keep_lines(folder / LOG, done)
+    for epoch in range(done, last):
+        begun = time.perf_counter()
+        state, each = run(state, scenes)
+        losses = np.asarray(each)
+        if not np.isfinite(losses).all():
+            step = int(np.argmin(np.isfinite(losses)))
+            raise ValueError(
+                f"loss: not finite in epoch {epoch}, step {step}; stopped; an earlier epoch's checkpoint is kept. "
+                "Lower the learning rate"
+            )
+        line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - begun, 3)}
+        if (epoch + 1) % every == 0 or epoch + 1 == last:
+            if validation is not None:
+                folded = cast(fold(state.params, training.network), training.precision)
+                line |= summary(evaluate(folded, validation, training.network, grid, training.by))
+            save_checkpoint(folder, state, (epoch + 1) * steps, identity)
+        with open(folder / LOG, "a") as log:
+            log.write(json.dumps(line) + "\n")
+        if report is not None:
+            report(line)
+    return state
+
+
+def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], steps: int) -> tuple[State, int]:
+    found = load_metadata(folder)
+    if found is None:
+        return start(training), 0
+    wrong = [name for name in identity if found.get(name) != identity[name]]
+    if wrong:
+        raise ValueError(
+            f"{folder}: its checkpoint is of another configuration ({', '.join(wrong)} differ: "
+            f"{[found.get(name) for name in wrong]} there); choose another folder"
+        )
+    state: State = load_checkpoint(folder, start(training))
+    return state, int(state.moments.step) // steps
+
+
+def _keep_lines(path: Path, epochs: int) -> None:
+    """Drop what a killed run logged behind its last checkpoint."""
+    lines = path.read_text().splitlines()[:epochs] if path.exists() else []
+    atomic_write(path, "".join(line + "\n" for line in lines))
+
+
+def _plain(value: Any) -> Any:
+    """As JSON gives it back."""
+    return json.loads(json.dumps(value))

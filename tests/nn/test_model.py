@@ -1,0 +1,128 @@
+"""Trained networks: their files are checked, and what they predict fills the solver's slot."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from nn.scenes import GRID, MINI, Boxes
+
+from maxjax import Status, conductivity, solve_potential
+from maxjax.nn.autoencoder import CONFIGS, init
+from maxjax.nn.model import Model, load_model, predict_potential, save_model
+from maxjax.planning.planner import PotentialLike
+
+
+@pytest.fixture(autouse=True)
+def _mini(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CONFIGS, "mini", MINI)
+    load_model.cache_clear()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "mini.npz"
+    save_model(path, "mini", init(jax.random.key(0), MINI), metadata={"note": "untrained"})
+    return path
+
+
+@pytest.fixture
+def model(file: Path) -> Model:
+    return load_model("mini", file)
+
+
+def scene(seed: int) -> tuple[jax.Array, jax.Array]:
+    blocked, goal = Boxes()(jax.random.key(seed))
+    return conductivity(blocked, goal, GRID), goal
+
+
+def test_weights_come_back_in_half_precision_with_their_metadata(file: Path, model: Model) -> None:
+    assert model.metadata["note"] == "untrained"
+    assert load_model("mini", file) is model
+    head = init(jax.random.key(0), MINI)["head"]["kernel"]
+    np.testing.assert_array_equal(model.params["head"]["kernel"], np.asarray(head).astype(np.float16))
+
+
+def test_bad_files_and_names_are_refused(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match=r"expected one of paper, .*given 'papier'"):
+        load_model("papier")
+    with pytest.raises(ValueError, match="no weights of 'mini'"):
+        load_model("mini")
+    with pytest.raises(ValueError, match=r"missing\.npz: cannot be read"):
+        load_model("mini", tmp_path / "missing.npz")
+    content = file.read_bytes()
+    cut, flipped = tmp_path / "cut.npz", tmp_path / "flipped.npz"
+    cut.write_bytes(content[: len(content) // 2])
+    changed = bytearray(content)
+    changed[len(content) // 2] ^= 4
+    flipped.write_bytes(changed)
+    for path in (cut, flipped):
+        with pytest.raises(ValueError, match=path.name):
+            load_model("mini", path)
+    with pytest.raises(ValueError, match="expected weights of tiny"):
+        load_model("tiny", file)
+    with pytest.raises(ValueError, match="finite weights"):
+        save_model(tmp_path / "nan.npz", "mini", {"w": jnp.float32(1e30)})
+
+
+def test_the_prediction_fills_the_slot_and_sweeps_certify_it(model: Model) -> None:
+    solve = jax.jit(solve_potential)
+    alone = jax.jit(functools.partial(predict_potential, model))
+    swept = jax.jit(functools.partial(predict_potential, model, max_sweeps=400))
+    for seed in range(3):
+        sigma, goal = scene(seed)
+        first, field, exact = alone(sigma, goal), swept(sigma, goal), solve(sigma, goal)
+        assert isinstance(first, PotentialLike)
+        assert first.sweeps == 0
+        for found in (first, field):
+            assert found.status == Status.OK
+            assert found.phi[tuple(goal)] == 1
+            np.testing.assert_array_equal(found.phi > 0, exact.phi > 0)
+            np.testing.assert_allclose(found.screening_length, exact.screening_length)
+        assert first.certified == (first.uncertified == 0)
+        assert field.certified
+        assert field.iterations == 0
+
+
+def test_where_sweeps_do_not_suffice_the_solver_takes_over(model: Model) -> None:
+    params = jax.tree.map(lambda w: w, model.params)
+    params["head"] = {**params["head"], "kernel": params["head"]["kernel"] + 3.0}
+    wild = Model("mini", MINI, params, "direct", {})
+    sigma, goal = scene(1)
+    found = jax.jit(functools.partial(predict_potential, wild, max_sweeps=4))(sigma, goal)
+    assert found.certified
+    assert found.status == Status.OK
+    assert found.iterations > 0
+
+
+def test_bad_inputs_are_statuses_or_errors(model: Model) -> None:
+    sigma, goal = scene(0)
+    run = jax.jit(functools.partial(predict_potential, model))
+    for given, where, status in (
+        (sigma.at[1, 2, 3].set(jnp.nan), goal, Status.NONFINITE_INPUT),
+        (sigma, jnp.array([99, 0, 0], jnp.int32), Status.GOAL_OUTSIDE_MAP),
+        (jnp.zeros_like(sigma), goal, Status.GOAL_OCCUPIED),
+    ):
+        found = run(given, where)
+        assert found.status == status
+        assert not found.certified
+        assert np.isfinite(found.phi).all()
+    # Without the run-time checks of annotations, which would speak first.
+    plain = inspect.unwrap(predict_potential)
+    with pytest.raises(ValueError, match="sigma: expected floating"):
+        plain(model, sigma[0], goal)
+    with pytest.raises(ValueError, match="goal_index: expected integer"):
+        plain(model, sigma, goal.astype(jnp.float32))
+
+
+def test_a_batch_is_its_scenes(model: Model) -> None:
+    sigmas, goals = map(jnp.stack, zip(*(scene(seed) for seed in range(3)), strict=True))
+    run = functools.partial(predict_potential, model)
+    batch = jax.jit(jax.vmap(run))(sigmas, goals)
+    for i in range(3):
+        np.testing.assert_allclose(batch.phi[i], jax.jit(run)(sigmas[i], goals[i]).phi, rtol=1e-4)
