@@ -68,7 +68,7 @@ from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import Stopwatch, climb, judge
+from maxjax.planning.planner import Route, Stopwatch, climb, judge
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.tighten import tighten
 from maxjax.sim.scenes import MAPS, make_scene, occupancy
@@ -653,21 +653,27 @@ def _field_rows(
 
 def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Climb every field from every start; figures over the starts from which all of them arrived."""
-    plans: dict[str, list[tuple[maxjax.Plan, float]]] = {name: [] for name in fields}
+    plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
+    count = len(scene.starts)
+    starts, goals = np.asarray(scene.starts), np.broadcast_to(scene.goal, (count, 3))
+    margins = [float(problem.margin) for problem in scene.problems]
+    blocked = np.stack([np.asarray(problem.blocked) for problem in scene.problems])
+    obstacles = np.broadcast_to(scene.occupied & ~scene.ground, blocked.shape)
+    own = np.arange(count)
     for name, phi in fields.items():
-        for problem, start in zip(scene.problems, scene.starts, strict=True):
+        routes, climbed = [], []
+        for problem in scene.problems:
             for steps in (512, 2048, 8192):
-                ends = problem.start, problem.goal
-                path, arrived, bits = _climb(phi, problem.blocked, *ends, settings=Ascent(steps=steps))
+                path, arrived, bits = _climb(
+                    phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
+                )
                 if arrived:
                     break
             status = maxjax.Status.OK if arrived else maxjax.Status.PATH_STALLED
-            plan = judge(
-                np.asarray(_tighten(bits, path)), status, False, problem, scene.occupied, scene.ground, start,
-                scene.goal, scene.grid, Stopwatch(), name,
-            )  # fmt: skip
-            climbed = scene.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
-            plans[name].append((plan, climbed))
+            routes.append(Route(np.asarray(_tighten(bits, path)), status, certified=False))
+            climbed.append(scene.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum()))
+        judged = judge(routes, starts, goals, own, margins, blocked, obstacles, scene.grid, Stopwatch(), name)
+        plans[name] = list(zip(judged, climbed, strict=True))
     shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.starts))]
     figures: dict[str, dict[str, Any]] = {}
     for name, found in plans.items():

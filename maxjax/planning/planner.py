@@ -13,14 +13,15 @@ import dataclasses
 import functools
 import math
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Integer, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Int64, Integer, UInt16
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -31,7 +32,7 @@ from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.problem import Problem, off_faces, placed, pose, verdict
 from maxjax.planning.sight import blocks, stands_free
 from maxjax.planning.tighten import tighten
-from maxjax.planning.verify import verify
+from maxjax.planning.verify import Verification, verify_batch
 
 
 @runtime_checkable
@@ -97,9 +98,10 @@ class Stopwatch:
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begun
 
-    def report(self) -> dict[str, float]:
-        """All stages, and their total without compilation."""
-        return {**self.seconds, "total": sum(s for name, s in self.seconds.items() if name != "compile")}
+    def report(self, shares: int = 1) -> dict[str, float]:
+        """All stages, and their total without compilation; of each, one of so many equal shares."""
+        seconds = {name: spent / shares for name, spent in self.seconds.items()}
+        return {**seconds, "total": sum(spent for name, spent in seconds.items() if name != "compile")}
 
 
 class Stage:
@@ -217,34 +219,83 @@ _NO_PATH = np.zeros((0, 3), np.float32)
 
 
 def judge(
-    path: Float[np.ndarray, "t 3"],
-    status: Status,
-    certified: bool,
-    problem: Problem,
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    ground: Bool[np.ndarray, "nx ny nz"],
-    start: Float[np.ndarray, " 3"],
-    goal: Float[np.ndarray, " 3"],
+    routes: Sequence[Route],
+    starts: Float[np.ndarray, "n 3"],
+    goals: Float[np.ndarray, "n 3"],
+    which: Int64[np.ndarray, " n"],
+    margins: Sequence[float],
+    blocked: Bool[np.ndarray, "m nx ny nz"],
+    obstacles: Bool[np.ndarray, "m nx ny nz"],
     grid: Grid,
     watch: Stopwatch,
     method: str,
-) -> Plan:
-    """Turn a path in index coordinates into a `Plan`: only one that `verify` passes is handed out."""
-    margin = float(problem.margin)
-    if status == Status.OK:
-        with watch.stage("verify"):
-            world = np.asarray(grid.origin) + grid.spacing * path.astype(np.float64)
-            # To the bit where given, unless `pose` moved an end off the face of a blocked voxel.
-            for end, given in ((0, start), (-1, goal)):
-                if np.abs(world[end] - given).max() < 1e-4 * grid.spacing:
-                    world[end] = given
-            moved = np.concatenate([[True], np.any(np.diff(world, axis=0) != 0, axis=1)])
-            metres = world[moved].astype(np.float32)
-            found = verify(metres, np.asarray(problem.blocked), occupied & ~ground, grid)
-        if found.ok:
-            return Plan(status, metres, found.length, found.clearance, certified, margin, watch.report(), method)
-        status = Status.PATH_IN_COLLISION
-    return Plan(status, _NO_PATH, math.nan, math.nan, certified, margin, watch.report(), method)
+) -> list[Plan]:
+    """Turn routes into plans: only a path that `verify` passes is handed out.
+
+    Args:
+        routes: what was found.
+        starts, goals: as given [m].
+        which: map of each route, of the m dilated ones that follow.
+        margins: of the maps [m].
+        blocked: within the margin, of each map.
+        obstacles: occupied, ground left out, of each map.
+        grid: of the maps.
+        watch: time spent on all routes so far; each plan gets its share.
+        method: name of the planner.
+    """
+    metres = {
+        k: _metres(route.path, starts[k], goals[k], grid) for k, route in enumerate(routes) if route.status == Status.OK
+    }
+    with watch.stage("verify") if metres else contextlib.nullcontext():
+        verdicts = _verdicts(metres, which, blocked, obstacles, grid)
+    timings = watch.report(len(routes))
+    plans = []
+    for k, route in enumerate(routes):
+        margin, status = float(margins[which[k]]), route.status
+        if k in verdicts and verdicts[k].ok:
+            figures = verdicts[k].length, verdicts[k].clearance
+            plans.append(Plan(status, metres[k], *figures, route.certified, margin, timings, method))
+            continue
+        status = Status.PATH_IN_COLLISION if k in verdicts else status
+        plans.append(Plan(status, _NO_PATH, math.nan, math.nan, route.certified, margin, timings, method))
+    return plans
+
+
+def _metres(
+    path: Float[np.ndarray, "t 3"], start: Float[np.ndarray, " 3"], goal: Float[np.ndarray, " 3"], grid: Grid
+) -> Float[np.ndarray, "s 3"]:
+    """World coordinates of a path, without repeated points."""
+    world = np.asarray(grid.origin) + grid.spacing * path.astype(np.float64)
+    # To the bit where given, unless `pose` moved an end off the face of a blocked voxel.
+    for end, given in ((0, start), (-1, goal)):
+        if np.abs(world[end] - given).max() < 1e-4 * grid.spacing:
+            world[end] = given
+    moved = np.concatenate([[True], np.any(np.diff(world, axis=0) != 0, axis=1)])
+    return np.asarray(world[moved].astype(np.float32))
+
+
+# Paths that are verified in one go; NumPy lets several threads work on that many at a time.
+_TOGETHER = 16
+
+
+def _verdicts(
+    metres: Mapping[int, Float[np.ndarray, "_ 3"]],
+    which: Int64[np.ndarray, " n"],
+    blocked: Bool[np.ndarray, "m nx ny nz"],
+    obstacles: Bool[np.ndarray, "m nx ny nz"],
+    grid: Grid,
+) -> dict[int, Verification]:
+    def some(keys: list[int]) -> list[tuple[int, Verification]]:
+        maps, local = np.unique(which[keys], return_inverse=True)
+        paths = [metres[key] for key in keys]
+        return list(zip(keys, verify_batch(paths, local, blocked[maps], obstacles[maps], grid), strict=True))
+
+    keys = list(metres)
+    parts = [keys[k : k + _TOGETHER] for k in range(0, len(keys), _TOGETHER)]
+    if len(parts) < 2:
+        return dict(verdict for part in parts for verdict in some(part))
+    with ThreadPoolExecutor() as pool:
+        return dict(verdict for part in pool.map(some, parts) for verdict in part)
 
 
 def plan_path(
@@ -264,7 +315,9 @@ def plan_path(
     found = Route(_NO_PATH, Status(int(problem.status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
-    return judge(found.path, found.status, found.certified, problem, occupied, ground, start, goal, grid, watch, method)
+    maps = [float(problem.margin)], np.asarray(problem.blocked)[None], (occupied & ~ground)[None]
+    (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *maps, grid, watch, method)
+    return plan
 
 
 def _batch(
@@ -308,30 +361,13 @@ def plan_paths(
     problems, (paths, statuses, certified) = _BATCH(
         watch, *arrays, margin=margin, grid=grid, potential=potential, settings=settings
     )
-    plans = []
+    found, statuses, sure = np.asarray(paths), np.asarray(statuses), np.asarray(certified)
+    routes = [Route(*one) for one in zip(found, map(Status, statuses.tolist()), sure.tolist(), strict=True)]
+    maps = np.asarray(problems.margin).tolist(), np.asarray(problems.blocked), occupied & ~ground
+    plans = judge(routes, start, goal, np.arange(len(start)), *maps, grid, watch, method)
     alone = functools.partial(plan_path, field_path(potential, settings), margin=margin, method=method)
-    for b in range(len(start)):
-        if statuses[b] == Status.PATH_STALLED:
-            plans.append(alone(occupied[b], start[b], goal[b], grid, ground=ground[b]))
-            continue
-        problem = jax.tree.map(lambda x, b=b: x[b], problems)
-        own = Stopwatch()
-        own.seconds |= {name: seconds / len(start) for name, seconds in watch.seconds.items()}
-        plans.append(
-            judge(
-                np.asarray(paths[b]),
-                Status(int(statuses[b])),
-                bool(certified[b]),
-                problem,
-                occupied[b],
-                ground[b],
-                start[b],
-                goal[b],
-                grid,
-                own,
-                method,
-            )
-        )
+    for b in np.flatnonzero(statuses == Status.PATH_STALLED):
+        plans[b] = alone(occupied[b], start[b], goal[b], grid, ground=ground[b])
     return plans
 
 
@@ -473,10 +509,15 @@ def plan_swarm(
             members = members[statuses[members] == Status.PATH_STALLED]
             if members.size == 0:
                 break
-    plans = []
-    for k, path in enumerate(paths):
-        own = Stopwatch()
-        own.seconds |= {name: seconds / len(starts) for name, seconds in watch.seconds.items()}
-        result = path, Status(int(statuses[k])), bool(certified[k]), problems[int(rung[k])]
-        plans.append(judge(*result, occupied, ground, starts[k], goal, grid, own, method))
-    return plans
+    routes = [
+        Route(path, Status(status), sure)
+        for path, status, sure in zip(paths, statuses.tolist(), certified.tolist(), strict=True)
+    ]
+    levels = sorted(problems)
+    maps = (
+        [float(problems[level].margin) for level in levels],
+        np.stack([np.asarray(problems[level].blocked) for level in levels]),
+        np.broadcast_to(occupied & ~ground, (len(levels), *grid.shape)),
+    )
+    goals = np.broadcast_to(goal, starts.shape)
+    return judge(routes, starts, goals, np.searchsorted(levels, rung), *maps, grid, watch, method)

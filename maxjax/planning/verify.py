@@ -20,9 +20,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int64
+from jaxtyping import Bool, Float, Float64, Int64, Integer
 
 from maxjax.core.grid import Grid, Index3
 
@@ -72,32 +73,76 @@ def verify(
         ValueError: for a path that is not (t, 3) with t ≥ 1, for volumes that are not bool of the grid's
             shape, or for a grid so far from the world's origin that float32 cannot tell its voxels apart.
     """
-    if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
-        raise ValueError(f"path: expected shape (t, 3) with t of at least 1, given {path.shape}")
+    _check([path], blocked, occupied, grid, 3)
+    return verify_batch([path], np.zeros(1, np.int64), blocked[None], occupied[None], grid)[0]
+
+
+def verify_batch(
+    paths: Sequence[Float[np.ndarray, "_ 3"]],
+    which: Integer[np.ndarray, " p"],
+    blocked: Bool[np.ndarray, "m nx ny nz"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    grid: Grid,
+) -> list[Verification]:
+    """`verify` for many paths at once: most of what one costs is the same for a hundred.
+
+    Args:
+        paths: points in the world frame [m], ENU.
+        which: map of each path.
+        blocked, occupied, grid: as in `verify`, for each map.
+
+    Raises:
+        ValueError: as `verify`, and unless every path has a map.
+    """
+    _check(paths, blocked, occupied, grid, 4)
+    if which.shape != (len(paths),) or (which.size and not 0 <= which.min() <= which.max() < len(blocked)):
+        raise ValueError(f"which: expected the map, 0 to {len(blocked) - 1}, of {len(paths)} paths, given {which}")
+
+    tolerance = _tolerance(grid)
+    verdicts: list[Verification] = []
+    parts, owner = [], []  # segments of the paths that are inside
+    for k, path in enumerate(paths):
+        if not np.isfinite(path).all():
+            verdicts.append(Verification(False, False, False, None, math.nan, math.nan))
+            continue
+        points = _index_coordinates(path, grid)
+        with np.errstate(over="ignore"):  # coordinates near the largest float64: an infinite length says so
+            length = float(np.linalg.norm(np.diff(path.astype(np.float64), axis=0), axis=1).sum())
+        inside = bool(((points >= -tolerance) & (points <= np.array(grid.shape) + tolerance)).all())
+        verdicts.append(Verification(inside, inside, True, None, length, math.nan))
+        if inside:
+            moves = (points[1:] != points[:-1]).any(axis=1)
+            pair = (points[:-1][moves], points[1:][moves]) if moves.any() else (points[:1], points[:1])
+            parts.append(pair)
+            owner.append(np.full(len(pair[0]), k))
+    if not parts:
+        return verdicts
+    a, b = (np.concatenate(ends) for ends in zip(*parts, strict=True))
+    path_of = np.concatenate(owner)
+    voxels, segment, entry = _supercover(a, b, grid)
+    hits = np.flatnonzero(blocked[(which[path_of[segment]], *voxels.T)])
+    hits = hits[np.lexsort((entry[hits], segment[hits]))]
+    struck, first = np.unique(path_of[segment[hits]], return_index=True)
+    first_hit = {int(k): voxels[hits[row]] for k, row in zip(struck, first, strict=True)}
+    clearance = grid.spacing * _clearance(a, b, path_of, which, occupied)
+    for k in np.unique(path_of).tolist():
+        hit: Index3 | None = None
+        if k in first_hit:
+            x, y, z = first_hit[k]
+            hit = (int(x), int(y), int(z))
+        verdicts[k] = dataclasses.replace(verdicts[k], ok=hit is None, first_hit=hit, clearance=float(clearance[k]))
+    return verdicts
+
+
+def _check(paths: Sequence[np.ndarray], blocked: np.ndarray, occupied: np.ndarray, grid: Grid, axes: int) -> None:
+    """Raise a `ValueError` unless the paths are (t, 3) and the volumes bool of the grid's shape."""
+    for path in paths:
+        if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
+            raise ValueError(f"path: expected shape (t, 3) with t of at least 1, given {path.shape}")
     for name, volume in (("blocked", blocked), ("occupied", occupied)):
         grid.check_volume(name, volume)
-        if volume.ndim != 3 or volume.dtype != np.bool_:
+        if volume.ndim != axes or volume.dtype != np.bool_:
             raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
-
-    if not np.isfinite(path).all():
-        return Verification(False, False, False, None, math.nan, math.nan)
-    points = _index_coordinates(path, grid)
-    with np.errstate(over="ignore"):  # coordinates near the largest float64: an infinite length says so
-        length = float(np.linalg.norm(np.diff(path.astype(np.float64), axis=0), axis=1).sum())
-    tolerance = _tolerance(grid)
-    if not bool(((points >= -tolerance) & (points <= np.array(grid.shape) + tolerance)).all()):
-        return Verification(False, False, True, None, length, math.nan)
-
-    moves = (points[1:] != points[:-1]).any(axis=1)
-    a, b = (points[:-1][moves], points[1:][moves]) if moves.any() else (points[:1], points[:1])
-    voxels, segment, entry = _supercover(a, b, grid)
-    hits = np.flatnonzero(blocked[tuple(voxels.T)])
-    first_hit: Index3 | None = None
-    if hits.size:
-        x, y, z = voxels[hits[np.lexsort((entry[hits], segment[hits]))[0]]]
-        first_hit = (int(x), int(y), int(z))
-    clearance = grid.spacing * _clearance(a, b, occupied)
-    return Verification(first_hit is None, True, True, first_hit, length, clearance)
 
 
 def touched_voxels(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], grid: Grid) -> Int64[np.ndarray, "k 3"]:
@@ -187,57 +232,67 @@ def _slab_times(
 
 
 def _clearance(
-    a: Float64[np.ndarray, "s 3"], b: Float64[np.ndarray, "s 3"], occupied: Bool[np.ndarray, "nx ny nz"]
-) -> float:
-    """Least distance [voxels] from the segments to the cube of an occupied voxel; infinite if there is none.
+    a: Float64[np.ndarray, "s 3"],
+    b: Float64[np.ndarray, "s 3"],
+    path_of: Int64[np.ndarray, " s"],
+    which: Integer[np.ndarray, " p"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+) -> Float64[np.ndarray, " p"]:
+    """Least distance [voxels] from each path's segments to the cube of an occupied voxel; infinite without any.
 
     Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. A plain descent to the
     nearest child finds an occupied voxel near every piece of the path, hence an upper bound; then every box
     that might hold a nearer one is opened.
     """
     pyramid = _pyramid(occupied)
-    if not pyramid[-1].any():
-        return math.inf
+    squared = np.full(len(which), math.inf)
+    inhabited = pyramid[-1].reshape(-1)[which[path_of]]
+    a, b, path_of = a[inhabited], b[inhabited], path_of[inhabited]
     count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
     k = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     step = (b - a)[segment] / count[segment, None]
     start = a[segment] + k[:, None] * step
     lower, upper = np.minimum(start, start + step), np.maximum(start, start + step)
+    path = path_of[segment]
 
     piece = np.arange(len(start))
     box = np.zeros((len(start), 3), np.int64)
     for level in reversed(range(len(pyramid) - 1)):
         children = 2 * box[:, None] + _CORNERS
         gap = _squared_gap(children, 2**level, lower[:, None], upper[:, None])
-        nearest = np.where(pyramid[level][tuple(np.moveaxis(children, -1, 0))], gap, np.inf).argmin(axis=1)
-        box = children[piece, nearest]
-    bound = _squared_distance(start, step, box).min()
+        there = pyramid[level][(which[path][:, None], *np.moveaxis(children, -1, 0))]
+        box = children[piece, np.where(there, gap, np.inf).argmin(axis=1)]
+    np.minimum.at(squared, path, _squared_distance(start, step, box))
+    bound = squared[path]
 
     box = np.zeros((len(start), 3), np.int64)
     for level in reversed(range(len(pyramid) - 1)):
         children = (2 * box[:, None] + _CORNERS).reshape(-1, 3)
         piece = np.repeat(piece, 8)
-        inhabited = pyramid[level][tuple(children.T)]
-        piece, box = piece[inhabited], children[inhabited]
-        nearer = _squared_gap(box, 2**level, lower[piece], upper[piece]) < bound
+        there = pyramid[level][(which[path[piece]], *children.T)]
+        piece, box = piece[there], children[there]
+        nearer = _squared_gap(box, 2**level, lower[piece], upper[piece]) < bound[piece]
         piece, box = piece[nearer], box[nearer]
-    return math.sqrt(_squared_distance(start[piece], step[piece], box).min(initial=bound))
+    np.minimum.at(squared, path[piece], _squared_distance(start[piece], step[piece], box))
+    least: Float64[np.ndarray, " p"] = np.sqrt(squared)
+    return least
 
 
-def _pyramid(occupied: Bool[np.ndarray, "nx ny nz"]) -> list[Bool[np.ndarray, "_ _ _"]]:
-    """Volumes that halve in size, each box True if one of its eight is; the last is one box."""
-    levels = max(max(occupied.shape) - 1, 0).bit_length()
+def _pyramid(occupied: Bool[np.ndarray, "m nx ny nz"]) -> list[Bool[np.ndarray, "m _ _ _"]]:
+    """Volumes that halve in size, each box True if one of its eight is; the last is one box a map."""
+    levels = max(max(occupied.shape[1:]) - 1, 0).bit_length()
     # Each level is padded to twice the size of the next, so that every box has eight children.
-    top = [[-(-n // 2**level) for n in occupied.shape] for level in range(levels + 1)]
+    top = [[-(-n // 2**level) for n in occupied.shape[1:]] for level in range(levels + 1)]
     pyramid, fine = [], occupied
     for level in range(levels):
         size = [2 * n for n in top[level + 1]]
-        fine = np.pad(fine, [(0, n - m) for n, m in zip(size, fine.shape, strict=True)])
+        fine = np.pad(fine, [(0, 0), *((0, n - m) for n, m in zip(size, fine.shape[1:], strict=True))])
         pyramid.append(fine)
-        fine = fine[::2] | fine[1::2]
         fine = fine[:, ::2] | fine[:, 1::2]
         fine = fine[:, :, ::2] | fine[:, :, 1::2]
+        # Two neighbours along the last axis are one 16-bit number.
+        fine = np.ascontiguousarray(fine).view(np.uint16) != 0
     return [*pyramid, fine]
 
 

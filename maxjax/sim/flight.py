@@ -142,7 +142,7 @@ class FlightLog:
         failed_plans: those that found no path, so that the vehicle held.
         clearance: least distance from the centre of the vehicle to any solid [m].
         margin: used by each plan [m]; NaN where there was none.
-        certified: share of the paths found that climbed a certified field.
+        certified: how many of the paths found climbed a certified field.
     """
 
     status: Int32[Array, "*batch"]
@@ -153,7 +153,7 @@ class FlightLog:
     failed_plans: Int32[Array, "*batch"]
     clearance: Float[Array, "*batch"]
     margin: Float[Array, "*batch p"]
-    certified: Float[Array, "*batch"]
+    certified: Int32[Array, "*batch"]
 
 
 @jax.tree_util.register_dataclass
@@ -300,7 +300,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         failed_plans=none,
         clearance=clearance,
         margin=jnp.full(config.plans, nothing),
-        certified=zero,
+        certified=none,
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(jax.random.fold_in(world.key, 4), (3,)), 1e3)
     return Flight(

@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 
 from maxjax import Grid, Status
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.verify import touched_voxels, verify
+from maxjax.planning.verify import touched_voxels, verify, verify_batch
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates
@@ -226,3 +226,27 @@ def test_grid_beyond_the_resolution_of_float32_is_refused() -> None:
     grid = Grid((3, 3, 3), 0.5, (5.8e6, 0.0, 0.0))
     with pytest.raises(ValueError, match="float32 resolves"):
         verify(np.array([grid.origin]), np.zeros(grid.shape, bool), np.zeros(grid.shape, bool), grid)
+
+
+def test_a_batch_is_its_paths_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    grid = Grid((17, 9, 12), 2.0, (-5.0, 0.0, 3.0))
+    maps = rng.random((4, *grid.shape)) < np.array([0.02, 0.3, 0.0, 0.001])[:, None, None, None]
+    grown = maps | (rng.random(maps.shape) < 0.02)
+    size = np.array(grid.shape) * grid.spacing
+    paths = [np.array(grid.lower) + rng.uniform(-0.02, 1.02, (n, 3)) * size for n in rng.integers(1, 9, 60)]
+    paths[7][0, 1] = np.nan
+    which = rng.integers(0, 4, 60)
+    verdicts = verify_batch(paths, which, grown, maps, grid)
+    assert 3 < sum(verdict.ok for verdict in verdicts) < 57
+    assert 3 < sum(not verdict.inside for verdict in verdicts) < 57
+    for path, k, verdict in zip(paths, which, verdicts, strict=True):
+        # repr, since NaN equals nothing.
+        assert repr(verdict) == repr(verify(path, grown[k], maps[k], grid))
+
+
+def test_every_path_of_a_batch_has_a_map() -> None:
+    free = np.zeros((2, *UNIT.shape), bool)
+    with pytest.raises(ValueError, match="which: expected the map, 0 to 1, of 1 paths"):
+        verify_batch([np.ones((2, 3))], np.array([2]), free, free, UNIT)
+    assert verify_batch([], np.zeros(0, int), free, free, UNIT) == []
