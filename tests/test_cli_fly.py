@@ -50,7 +50,7 @@ def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, co
         failed_plans=jnp.int32(0),
         clearance=jnp.float32(3.0),
         margin=jnp.full(4, 8.0),
-        certified=jnp.float32(4.0),
+        certified=jnp.int32(4),
     )
 
 

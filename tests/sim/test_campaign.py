@@ -56,7 +56,7 @@ def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, co
         failed_plans=jnp.int32(1),
         clearance=geoms.size[0, 2] + chance,
         margin=jnp.where(row < steps, 8.0 - 2.0 * (row % 2), jnp.nan),
-        certified=(steps - 1).astype(jnp.float32),
+        certified=(steps - 1).astype(jnp.int32),
     )
 
 
