@@ -24,9 +24,10 @@ from typing import Any
 import tyro
 
 from benchmarks.harness import Row, save
-from maxjax.sim.campaign import Campaign, Outcome, fly_trials, summarise
+from maxjax.sim.campaign import Campaign, fly_trials
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig
+from maxjax.sim.outcomes import Outcome, summarise
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -78,14 +79,14 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
                 begun = time.perf_counter()
                 outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]
                 seconds = time.perf_counter() - begun
-                rows.append({"map": name, "method": method, "condition": condition, **_row(campaign, outcomes)})
+                rows.append({"map": name, "method": method, "condition": condition, **_row(outcomes)})
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
     save(config.name, config, rows, config.out)
     return rows
 
 
-def _row(campaign: Campaign, outcomes: list[Outcome]) -> dict[str, Any]:
-    found = summarise(campaign, outcomes)
+def _row(outcomes: list[Outcome]) -> dict[str, Any]:
+    found = summarise(outcomes)
     worst = [f"{failure['status']}: {failure['command']}" for failure in found["failures"]]
     return {
         "trials": found["flown"],

@@ -17,7 +17,8 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import rungs, voxelize
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.planner import PathFinder, Plan, Route, Stopwatch, field_path, plan_path, plan_paths, plan_swarm
+from maxjax.planning.fleet import plan_swarm
+from maxjax.planning.planner import PathFinder, Plan, Route, Stopwatch, field_path, plan_path, plan_paths
 from maxjax.planning.problem import Problem
 from maxjax.solvers.potential import solve_potential
 

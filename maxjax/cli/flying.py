@@ -17,22 +17,13 @@ from maxjax.core.grid import Grid
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.sim import window as mapping
-from maxjax.sim.campaign import (
-    Campaign,
-    Ledger,
-    Outcome,
-    draw_trials,
-    fly_trials,
-    on_host,
-    outcome_of,
-    summarise,
-    watch,
-    world_of,
-)
+from maxjax.sim.campaign import Campaign, draw_trials, fly_trials, on_host, outcome_of, watch, world_of
 from maxjax.sim.distance import distance
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
 from maxjax.sim.geoms import Geoms
+from maxjax.sim.ledger import Ledger
+from maxjax.sim.outcomes import Outcome, summarise
 from maxjax.sim.scenes import make_scene, occupancy
 from maxjax.viz.flights import Look
 
@@ -71,7 +62,7 @@ def run(
     config = dataclasses.replace(_CONFIG, disturbances=disturbances, snapshot=snapshot, reactive=reactive)
     campaign = Campaign(map, seed, range(first, first + count), method, config)
     report.check_output(out)
-    ledger = None if out is None else Ledger.open(out, campaign)
+    ledger = None if out is None else campaign.ledger(out)
 
     flights: list[Flight] = []
     outcomes: list[Outcome] = []
@@ -84,7 +75,8 @@ def run(
                 outcomes += some
                 fresh = sum(outcome.flown for outcome in some) if ledger is None or _new(some, ledger) else 0
                 tell(len(some), sum(outcome.arrived for outcome in some), fresh)
-    content = report.plain({**summarise(campaign, outcomes), "versions": versions(), "device": device()})
+    origin = {"configuration": campaign.configuration(), "versions": versions(), "device": device()}
+    content = report.plain({**summarise(outcomes), **origin})
     files: list[Path] = []
     if out is not None:
         with report.progress("Drawing"):
@@ -165,7 +157,7 @@ def _draw(campaign: Campaign, out: Path, outcomes: Sequence[Outcome], flights: l
     here = [outcome for outcome in flown if outcome.city == flown[0].city]
     scene = make_scene(campaign.map, flown[0].city)
     obstacle = _obstacle(scene.geoms)
-    positions = Ledger.open(out, campaign).positions()
+    positions = campaign.ledger(out).positions()
     shown = [outcome for outcome in here if outcome.trial in positions]
     title = f"{campaign.map}:{flown[0].city}, method {campaign.method}" + _weather(campaign)
     figure = figure_flights(

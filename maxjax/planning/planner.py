@@ -20,17 +20,14 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Int64, Integer, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Int64, UInt16
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
-from maxjax.fields.connectivity import flood
-from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.problem import Problem, off_faces, placed, pose, verdict
-from maxjax.planning.sight import blocks, stands_free
+from maxjax.planning.problem import Problem, pose
+from maxjax.planning.sight import blocks
 from maxjax.planning.tighten import tighten
 from maxjax.planning.verify import Verification, verify_batch
 
@@ -202,7 +199,7 @@ def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinde
         field = potential_field(problem.blocked, problem.goal_index, grid, potential, watch)
         status, certified = Status(int(field.status)), bool(field.certified)
         if status != Status.OK:
-            return Route(_NO_PATH, status, certified)
+            return Route(NO_PATH, status, certified)
         # A maze can need more steps than a city; each attempt gives the ascent four times as many.
         for factor in (1, 4, 16):
             longer = dataclasses.replace(settings, steps=settings.steps * factor)
@@ -210,12 +207,12 @@ def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinde
             path, arrived, bits = _CLIMB(watch, field.phi, problem.blocked, *ends, settings=longer)
             if arrived:
                 return Route(np.asarray(_TIGHTEN(watch, bits, path)), Status.OK, certified)
-        return Route(_NO_PATH, Status.PATH_STALLED, certified)
+        return Route(NO_PATH, Status.PATH_STALLED, certified)
 
     return find
 
 
-_NO_PATH = np.zeros((0, 3), np.float32)
+NO_PATH = np.zeros((0, 3), np.float32)
 
 
 def judge(
@@ -257,7 +254,7 @@ def judge(
             plans.append(Plan(status, metres[k], *figures, route.certified, margin, timings, method))
             continue
         status = Status.PATH_IN_COLLISION if k in verdicts else status
-        plans.append(Plan(status, _NO_PATH, math.nan, math.nan, route.certified, margin, timings, method))
+        plans.append(Plan(status, NO_PATH, math.nan, math.nan, route.certified, margin, timings, method))
     return plans
 
 
@@ -312,7 +309,7 @@ def plan_path(
     """Pose the problem, find a path, verify it. Arguments as in `maxjax.plan`, already checked."""
     watch = Stopwatch()
     problem = _POSE(watch, *map(jnp.asarray, (occupied, ground, start, goal)), margin=margin, grid=grid)
-    found = Route(_NO_PATH, Status(int(problem.status)), certified=False)
+    found = Route(NO_PATH, Status(int(problem.status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
     maps = [float(problem.margin)], np.asarray(problem.blocked)[None], (occupied & ~ground)[None]
@@ -369,155 +366,3 @@ def plan_paths(
     for b in np.flatnonzero(statuses == Status.PATH_STALLED):
         plans[b] = alone(occupied[b], start[b], goal[b], grid, ground=ground[b])
     return plans
-
-
-# Starts that climb at a time: what bounds memory, whatever the size of the fleet. A smaller squadron is filled up to
-# one of two sizes, so that fleets of all sizes share two programs.
-_SQUADRON, _FLIGHT = 64, 8
-
-
-def _muster(
-    occupied: Bool[Array, "nx ny nz"],
-    ground: Bool[Array, "nx ny nz"],
-    starts: Float[Array, "n 3"],
-    goal: Float[Array, " 3"],
-    margin: float,
-    grid: Grid,
-) -> tuple[Int32[Array, " n"], Int32[Array, " n"], Int32[Array, " 3"], tuple[Array, Array]]:
-    """Judge every start as `pose` would, with one flood fill per margin, from the goal, for all of them.
-
-    Returns:
-        The status of each start, which of `rungs(margin, grid)` it flies with, the voxel of the goal, and
-        `squared_distance` of the obstacles and of the ground.
-    """
-    ladder = jnp.asarray(rungs(margin, grid), jnp.float32)
-    squared, below = squared_distance(occupied & ~ground, reach_of(margin, grid)), squared_distance(ground, 1)
-    finite = jnp.all(jnp.isfinite(starts), axis=1) & jnp.all(jnp.isfinite(goal))
-    a, b = (jnp.where(jnp.isfinite(x), x, -1.0) for x in map(grid.fractional_index, (starts, goal)))
-    a, b = jax.vmap(off_faces)(a), off_faces(b)
-    index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
-    x, y, z = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1).T
-    nowhere, nobody = jnp.zeros(grid.shape, bool), jnp.zeros(len(starts), bool)
-
-    def stand(blocked: Bool[Array, "nx ny nz"]) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
-        return jax.vmap(lambda start: stands_free(blocked, start))(a), nobody | stands_free(blocked, b)
-
-    (inside_a, inside_b), (out_a, out_b) = stand(nowhere), stand(occupied)
-    sound = finite & inside_a & inside_b & out_a & out_b
-
-    def lower(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        rung, chosen, joined = state
-        blocked = blocked_within(squared, ground, below, ladder[rung], grid)
-        now_a, now_b = stand(blocked)
-        now = flood(~blocked, index_b)[x, y, z] & now_a & now_b
-        return rung + 1, jnp.where(now & ~joined, rung, chosen), joined | now
-
-    last = len(ladder) - 1
-    _, rung, joined = lax.while_loop(
-        lambda state: (state[0] <= last) & jnp.any(sound & ~state[2]),
-        lower,
-        (jnp.int32(0), jnp.full(len(starts), last, jnp.int32), nobody),
-    )
-    same = jnp.all(starts == goal, axis=1)
-    status = verdict(~finite, ~inside_a, ~inside_b, same, ~out_a, ~out_b, ~joined)
-    return status, rung, index_b, (squared, below)
-
-
-def _share(
-    distances: tuple[Integer[Array, "nx ny nz"], Integer[Array, "nx ny nz"]],
-    ground: Bool[Array, "nx ny nz"],
-    margin: Float[Array, ""],
-    goal_index: Int32[Array, " 3"],
-    grid: Grid,
-) -> Problem:
-    """The problem that all starts of one margin share; its own start is no one's, and stands on the goal."""
-    at = goal_index.astype(jnp.float32)
-    blocked = blocked_within(distances[0], ground, distances[1], margin, grid)
-    return Problem(blocked, margin, at, at, goal_index, jnp.int32(Status.OK))
-
-
-def _swarm(
-    phi: Float[Array, "nx ny nz"],
-    blocked: Bool[Array, "nx ny nz"],
-    starts: Float[Array, "n 3"],
-    goal: Float[Array, " 3"],
-    grid: Grid,
-    settings: Ascent,
-) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
-    """Ascend one field from many starts [m] and tighten; returns the paths, and which arrived."""
-    bits = blocks(blocked)
-
-    def end(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
-        return placed(blocked, grid.fractional_index(point))
-
-    def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
-        path, arrived = ascend(phi, bits, ~blocked, end(start), end(goal), settings)
-        return tighten(bits, path), arrived
-
-    return jax.vmap(one)(starts)
-
-
-_MUSTER = Stage("muster", _muster, static=("margin", "grid"))
-_SHARE = Stage("dilate", _share, static=("grid",))
-_SWARM = Stage("ascend", _swarm, static=("grid", "settings"))
-
-
-def plan_swarm(
-    potential: PotentialFn,
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    starts: Float[np.ndarray, "n 3"],
-    goal: Float[np.ndarray, " 3"],
-    grid: Grid,
-    *,
-    margin: float,
-    ground: Bool[np.ndarray, "nx ny nz"],
-    method: str,
-    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
-) -> list[Plan]:
-    """`plan_path` with a field for many starts of one goal: one solve per margin that is used.
-
-    The starts of one margin climb its field in squadrons; those that need more steps than the others go again, by
-    themselves, as in `field_path`.
-    """
-    watch = Stopwatch()
-    filled, below, ends, target = map(jnp.asarray, (occupied, ground, starts, goal))
-    status, rung, goal_index, distances = _MUSTER(watch, filled, below, ends, target, margin=margin, grid=grid)
-    ladder = rungs(margin, grid)
-    rung, statuses = np.asarray(rung), np.array(status)
-    feasible = statuses == Status.OK
-    paths, certified = [_NO_PATH] * len(starts), np.zeros(len(starts), bool)
-    problems: dict[int, Problem] = {}
-    for level in np.unique(rung).tolist():
-        shared = problems[level] = _SHARE(watch, distances, below, jnp.float32(ladder[level]), goal_index, grid=grid)
-        members = np.flatnonzero(feasible & (rung == level))
-        if members.size == 0:
-            continue
-        field = potential_field(shared.blocked, goal_index, grid, potential, watch)
-        certified[members] = bool(field.certified)
-        statuses[members] = int(field.status)
-        if int(field.status) != Status.OK:
-            continue
-        for factor in (1, 4, 16):
-            longer = dataclasses.replace(settings, steps=settings.steps * factor)
-            statuses[members] = Status.PATH_STALLED
-            for squadron in np.array_split(members, range(_SQUADRON, len(members), _SQUADRON)):
-                crew = ends[np.resize(squadron, _FLIGHT if len(squadron) <= _FLIGHT else _SQUADRON)]
-                found, arrived = _SWARM(watch, field.phi, shared.blocked, crew, target, grid=grid, settings=longer)
-                for k, path, there in zip(squadron, np.asarray(found), np.asarray(arrived), strict=False):
-                    if there:
-                        paths[k], statuses[k] = path, Status.OK
-            members = members[statuses[members] == Status.PATH_STALLED]
-            if members.size == 0:
-                break
-    routes = [
-        Route(path, Status(status), sure)
-        for path, status, sure in zip(paths, statuses.tolist(), certified.tolist(), strict=True)
-    ]
-    levels = sorted(problems)
-    maps = (
-        [float(problems[level].margin) for level in levels],
-        np.stack([np.asarray(problems[level].blocked) for level in levels]),
-        np.broadcast_to(occupied & ~ground, (len(levels), *grid.shape)),
-    )
-    goals = np.broadcast_to(goal, starts.shape)
-    return judge(routes, starts, goals, np.searchsorted(levels, rung), *maps, grid, watch, method)

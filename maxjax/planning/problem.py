@@ -53,6 +53,33 @@ def off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     return centre + jnp.clip(x - centre, -room, room)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class End:
+    """A start or a goal on the grid.
+
+    Attributes:
+        exact: index coordinates; −1 where they are not finite.
+        off: the same, moved `off_faces`.
+        index: its voxel; outside the grid for a point outside.
+        finite: whether the point was.
+    """
+
+    exact: Float[Array, "*n 3"]
+    off: Float[Array, "*n 3"]
+    index: Int32[Array, "*n 3"]
+    finite: Bool[Array, "*n"]
+
+
+def locate(point: Float[Array, " 3"], grid: Grid) -> End:
+    """Where a point [m] is on the grid."""
+    exact = grid.fractional_index(point)
+    exact = jnp.where(jnp.isfinite(exact), exact, -1.0)
+    off = off_faces(exact)
+    index = jnp.floor(jnp.clip(off, -1, max(grid.shape)) + 0.5).astype(jnp.int32)
+    return End(exact, off, index, jnp.all(jnp.isfinite(point)))
+
+
 def placed(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The point itself where it stands free of blocked voxels, else off the faces of its voxel."""
     return jnp.where(stands_free(blocked, x), x, off_faces(x))
@@ -106,29 +133,25 @@ def pose(
     ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
     squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
     below = squared_distance(ground, 1)
-    a, b = grid.fractional_index(start), grid.fractional_index(goal)
-    finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
-    a, b = jnp.where(jnp.isfinite(a), a, -1.0), jnp.where(jnp.isfinite(b), b, -1.0)
-    exact_a, exact_b = a, b
-    a, b = off_faces(a), off_faces(b)
-    index_a, index_b = (jnp.floor(jnp.clip(x, -1, max(grid.shape)) + 0.5).astype(jnp.int32) for x in (a, b))
+    a, b = locate(start, grid), locate(goal, grid)
+    finite = a.finite & b.finite
 
     def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
         return blocked_within(squared, ground, below, ladder[rung], grid)
 
     def joined(rung: Int32[Array, ""]) -> Bool[Array, ""]:
         blocked = blocked_at(rung)
-        component = flood(~blocked, index_b)
-        inside = jnp.clip(index_a, 0, jnp.asarray(grid.shape) - 1)
+        component = flood(~blocked, b.index)
+        inside = jnp.clip(a.index, 0, jnp.asarray(grid.shape) - 1)
         reached = component[inside[0], inside[1], inside[2]]
         return reached & stand(blocked)
 
     def stand(blocked: Bool[Array, "nx ny nz"]) -> Bool[Array, ""]:
-        return stands_free(blocked, a) & stands_free(blocked, b)
+        return stands_free(blocked, a.off) & stands_free(blocked, b.off)
 
     nowhere = jnp.zeros(grid.shape, bool)
-    outside_a, outside_b = ~stands_free(nowhere, a), ~stands_free(nowhere, b)
-    in_a, in_b = ~stands_free(occupied, a), ~stands_free(occupied, b)
+    outside_a, outside_b = ~stands_free(nowhere, a.off), ~stands_free(nowhere, b.off)
+    in_a, in_b = ~stands_free(occupied, a.off), ~stands_free(occupied, b.off)
     bad = ~finite | outside_a | outside_b | in_a | in_b
     last = len(ladder) - 1
     # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
@@ -141,4 +164,4 @@ def pose(
     )
     status = verdict(~finite, outside_a, outside_b, jnp.all(start == goal), in_a, in_b, ~ok)
     blocked = blocked_at(rung)
-    return Problem(blocked, ladder[rung], placed(blocked, exact_a), placed(blocked, exact_b), index_b, status)
+    return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)

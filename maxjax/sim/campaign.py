@@ -4,21 +4,17 @@
 
 The key of a trial's flight is folded from map, seed and index, so that it depends on no other trial. Batches are one
 compiled program, `fly` under `vmap` and split over the devices; the last one is filled up with copies. With a folder,
-each batch's outcomes are appended to `trials.jsonl` as whole lines and flushed to the disk; a campaign that was killed
-goes on from there. Nothing in these files but `times.json` depends on the clock, so a campaign that was interrupted
-leaves the same ones as one that was not.
+each batch's outcomes are in its ledger before the next one flies, and a campaign that was killed goes on from there.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import io
 import json
 import math
 import os
 import shlex
-import statistics
 import time
 import zlib
 from collections import Counter
@@ -33,24 +29,20 @@ from jax.errors import JaxRuntimeError
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
-from maxjax.core.serialize import atomic_write, read_npz
 from maxjax.core.status import Status
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Finder, Flight, FlightConfig, FlightLog, World, climb_field, fly, stages_of, take_off
 from maxjax.sim.geoms import Geoms
 from maxjax.sim.layouts import MAPS
+from maxjax.sim.ledger import Ledger
+from maxjax.sim.outcomes import INVALID_DRAW, Outcome
 from maxjax.sim.scenes import make_scene
 from maxjax.sim.trials import Trial, draw_many
 
 FINDERS: dict[str, Finder] = {"solver": climb_field, "astar": astar_finder.search}
-# The status of a trial whose city offers no pair of ends: it is not flown, and no `Status`.
-INVALID_DRAW = "INVALID_DRAW"
-
 # The arrays of a dataclass, by field, on the host.
 Table = dict[str, np.ndarray]
-
-CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
 
 # Measured on a GPU at 101³: a flight of a batch, and what any batch takes [B].
 _FLIGHT, _PROGRAM = 70e6 / 101**3, 1e9
@@ -128,6 +120,10 @@ class Campaign:
         plain: dict[str, Any] = json.loads(json.dumps({**own, "method": self.method, **config}))
         return plain
 
+    def ledger(self, folder: Path) -> Ledger:
+        """The folder that keeps it, made if missing; raises as `Ledger.open`."""
+        return Ledger.open(folder, self.configuration(), self.trials)
+
     def command(self, trial: int) -> str:
         """The command line that flies one trial again, by itself."""
         words = ["maxjax", "fly", self.map, "--seed", str(self.seed), "--trial", str(trial)]
@@ -139,54 +135,6 @@ class Campaign:
         words += ["--latency"] * bool(self.strengths["latency"]) + ["--snapshot"] * self.config.snapshot
         words += ["--reactive", f"{self.config.reactive:.12g}"] if self.config.reactive else []
         return shlex.join(words)
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What became of one trial: a line of `trials.jsonl`. Lengths in metres to the millimetre.
-
-    Attributes:
-        trial: its index.
-        city: seed of its city.
-        status: name of a `Status`, or INVALID_DRAW.
-        start, goal: [m]; None where none were found.
-        distance: straight from start to goal [m].
-        excluded: pairs of ends passed over because no path joins them.
-        flown_length: [m].
-        duration: [s].
-        clearance: least distance from the centre of the vehicle to any solid [m].
-        planning_iterations: plans asked for.
-        failed_plans: those that found no path.
-        margins: number of plans by the margin that they kept [m].
-        certified: share of the paths found that climbed a certified field; None where none were found.
-        command: that flies it again.
-    """
-
-    trial: int
-    city: int
-    status: str
-    start: list[float] | None
-    goal: list[float] | None
-    distance: float | None
-    excluded: int
-    flown_length: float | None
-    duration: float | None
-    clearance: float | None
-    planning_iterations: int
-    failed_plans: int
-    margins: dict[str, int]
-    certified: float | None
-    command: str
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the goal was reached without contact."""
-        return self.status == Status.OK.name
-
-    @property
-    def flown(self) -> bool:
-        """Whether there was anything to fly."""
-        return self.status != INVALID_DRAW
 
 
 def fly_trials(
@@ -218,7 +166,7 @@ def fly_trials(
     devices = jax.devices() if devices is None else devices
     if batch is not None and batch < 1:
         raise ValueError(f"batch: expected at least 1, given {batch}")
-    ledger = None if folder is None else Ledger.open(folder, campaign)
+    ledger = None if folder is None else campaign.ledger(folder)
     known = {} if ledger is None else dict(ledger.outcomes)
     if known:
         yield list(known.values())
@@ -387,6 +335,10 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
     )
     if logs is None:
         return nothing
+
+    def millimetres(value: Any) -> float | None:
+        return round(float(value), 3) if math.isfinite(value) else None
+
     log = {name: values[place] for name, values in logs.items()}
     found = int(log["planning_iterations"]) - int(log["failed_plans"])
     margins = Counter(log["margin"][np.isfinite(log["margin"])].tolist())
@@ -395,170 +347,15 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
         status=Status(int(log["status"])).name,
         start=drawn["start"][row].tolist(),
         goal=drawn["goal"][row].tolist(),
-        distance=_millimetres(math.dist(drawn["start"][row], drawn["goal"][row])),
-        flown_length=_millimetres(log["flown_length"]),
-        duration=_millimetres(log["duration"]),
-        clearance=_millimetres(log["clearance"]),
+        distance=millimetres(math.dist(drawn["start"][row], drawn["goal"][row])),
+        flown_length=millimetres(log["flown_length"]),
+        duration=millimetres(log["duration"]),
+        clearance=millimetres(log["clearance"]),
         planning_iterations=int(log["planning_iterations"]),
         failed_plans=int(log["failed_plans"]),
         margins={f"{margin:g}": count for margin, count in sorted(margins.items(), reverse=True)},
         certified=round(float(log["certified"]) / found, 4) if found else None,
     )
-
-
-def _millimetres(value: Any) -> float | None:
-    return round(float(value), 3) if math.isfinite(value) else None
-
-
-def summarise(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The figures of a campaign. Means and standard deviations (of the sample as it is) are over arrivals.
-
-    `detour` is the flown length over the straight distance, which the shortest way around the buildings exceeds.
-    """
-    ordered = sorted(outcomes, key=lambda outcome: outcome.trial)
-    flown = [outcome for outcome in ordered if outcome.flown]
-    arrived = [outcome for outcome in flown if outcome.arrived]
-    detour = [float(o.flown_length) / float(o.distance) for o in arrived if o.flown_length and o.distance]
-    return {
-        "trials": len(ordered),
-        "flown": len(flown),
-        "invalid_draws": len(ordered) - len(flown),
-        "successes": len(arrived),
-        "success_rate": len(arrived) / len(flown) if flown else None,
-        "collisions": sum(outcome.status == Status.IN_CONTACT.name for outcome in flown),
-        "statuses": dict(sorted(Counter(outcome.status for outcome in ordered).items())),
-        "flown_length": _mean([float(o.flown_length) for o in arrived if o.flown_length is not None]),
-        "planning_iterations": _mean([float(o.planning_iterations) for o in arrived]),
-        "failed_plans": sum(outcome.failed_plans for outcome in flown),
-        "detour": {**_mean(detour), "p95": round(float(np.percentile(detour, 95)), 4) if detour else None},
-        "clearance": {"least": min((o.clearance for o in flown if o.clearance is not None), default=None)},
-        "failures": [
-            {"index": outcome.trial, "status": outcome.status, "command": outcome.command}
-            for outcome in flown
-            if not outcome.arrived
-        ],
-        "configuration": campaign.configuration(),
-    }
-
-
-def _mean(values: list[float]) -> dict[str, float | None]:
-    if not values:
-        return {"mean": None, "std": None}
-    return {"mean": round(statistics.fmean(values), 4), "std": round(statistics.pstdev(values), 4)}
-
-
-class Ledger:
-    """The folder of a campaign: what it is, the outcomes so far, positions, times.
-
-    Attributes:
-        folder: where.
-        outcomes: by trial.
-        batch: flights at a time when it was last flown; None for a new folder.
-    """
-
-    def __init__(self, folder: Path, campaign: Campaign, outcomes: dict[int, Outcome], batch: int | None) -> None:
-        self.folder, self.campaign, self.outcomes, self.batch = folder, campaign, outcomes, batch
-
-    @classmethod
-    def open(cls, folder: Path, campaign: Campaign) -> Ledger:
-        """Make the folder, or check that it holds this campaign and read what it has.
-
-        Raises:
-            ValueError: if it holds another campaign, or a damaged one.
-            OSError: if it cannot be written.
-        """
-        (folder / POSITIONS).mkdir(parents=True, exist_ok=True)
-        config, rows = folder / CONFIG, folder / ROWS
-        if not config.exists():
-            if rows.exists():
-                raise ValueError(f"{folder}: holds {ROWS} but no {CONFIG}; choose another folder")
-            ledger = cls(folder, campaign, {}, None)
-            ledger._write_config()
-            return ledger
-        try:
-            written = json.loads(config.read_text())
-            before, batch = dict(written["campaign"]), written["batch"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{config}: expected the configuration of a campaign; choose another folder") from error
-        now = campaign.configuration()
-        differing = [name for name in {**before, **now} if before.get(name) != now.get(name)]
-        if differing:
-            name = differing[0]
-            raise ValueError(
-                f"{folder}: holds another campaign: {name} was {before.get(name)} there, is {now.get(name)} here; "
-                "choose another folder"
-            )
-        return cls(folder, campaign, _read(rows, campaign), batch)
-
-    def append(self, outcomes: Sequence[Outcome]) -> None:
-        """Add whole lines, on the disk when this returns."""
-        if not outcomes:
-            return
-        lines = "".join(json.dumps(dataclasses.asdict(o), allow_nan=False) + "\n" for o in outcomes)
-        with open(self.folder / ROWS, "ab") as file:
-            file.write(lines.encode())
-            file.flush()
-            os.fsync(file.fileno())
-        self.outcomes.update({outcome.trial: outcome for outcome in outcomes})
-
-    def keep_positions(self, trials: Sequence[int], position: Float[np.ndarray, "b t 3"]) -> None:
-        """One file a batch; NaN after the end of a flight."""
-        longest = int(np.isfinite(position).all(axis=-1).sum(axis=1).max())
-        content = io.BytesIO()
-        np.savez_compressed(content, trial=np.asarray(trials), position=position[:, :longest])
-        atomic_write(self.folder / POSITIONS / f"{trials[0]:06d}.npz", content.getvalue())
-
-    def positions(self) -> dict[int, Float[np.ndarray, "t 3"]]:
-        """Positions every 0.1 s [m] of the trials that have an outcome."""
-        found = {}
-        for file in sorted((self.folder / POSITIONS).glob("*.npz")):
-            arrays = read_npz(file)
-            for trial, position in zip(arrays["trial"].tolist(), arrays["position"], strict=True):
-                if trial in self.outcomes:
-                    found[trial] = position[np.isfinite(position).all(axis=-1)]
-        return found
-
-    def note_batch(self, size: int) -> None:
-        """Remember the size of the batches, with which a campaign goes on."""
-        if size != self.batch:
-            self.batch = size
-            self._write_config()
-
-    def note_time(self, trials: Sequence[int], seconds: float) -> None:
-        """Add the time that a batch took; the first one of a process compiles."""
-        path = self.folder / TIMES
-        try:
-            times = json.loads(path.read_text())["batches"]
-        except (OSError, ValueError, KeyError):
-            times = []
-        times.append({"first": trials[0], "trials": len(trials), "seconds": round(seconds, 3)})
-        atomic_write(path, json.dumps({"batches": times}) + "\n")
-
-    def _write_config(self) -> None:
-        content = {"campaign": self.campaign.configuration(), "batch": self.batch}
-        atomic_write(self.folder / CONFIG, json.dumps(content, indent=2) + "\n")
-
-
-def _read(path: Path, campaign: Campaign) -> dict[int, Outcome]:
-    """Outcomes of a file of lines; a last one that was not written to its end is taken off."""
-    if not path.exists():
-        return {}
-    content = path.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        os.truncate(path, whole)
-    outcomes = {}
-    for number, line in enumerate(content[:whole].splitlines(), 1):
-        try:
-            outcome = Outcome(**json.loads(line))
-        except (ValueError, TypeError) as error:
-            raise ValueError(
-                f"{path}: line {number} is no outcome; remove the file or choose another folder"
-            ) from error
-        if outcome.trial not in campaign.trials:
-            raise ValueError(f"{path}: line {number} is about trial {outcome.trial}, which is not of this campaign")
-        outcomes[outcome.trial] = outcome
-    return outcomes
 
 
 def _first_batch(

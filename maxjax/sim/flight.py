@@ -356,56 +356,41 @@ def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
 def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """A verified path and the reference along it; without one the vehicle brakes, then looks from elsewhere."""
-    grid, window = config.grid, flight.window
-    at = _believed(world, flight)
+    at, gap = _believed(world, flight), _gap(flight, config)
     late = jnp.asarray(world.disturbances.latency) > 0
-    ground = mapping.ground(window)
-    occupied = mapping.occupied(window) | ground
-    awaited = _refer(flight, flight.waiting, flight.waits, occupied & ~ground, at, config)
+    awaited = _refer(flight, flight.waiting, flight.waits, gap, at, config)
     start = jnp.where(late, evaluate(awaited, jnp.float32(config.period)).position, at)
-
-    # Where the vehicle is, nothing else can be, whatever a false return says.
-    here = ~cell(config.shape, grid.index_of(_local(flight, config, start)))
-    ends = _local(flight, config, start), _local(flight, config, world.goal)
-    problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
-    found, status, certified = config.find(problem, grid)
-    path = _world(flight, config, grid.to_world(found))
-    bits = blocks(problem.blocked)
-    on_grid = grid.fractional_index(_local(flight, config, path))
-    passed = jnp.all(jax.vmap(lambda a, b: clear(bits, a, b))(on_grid[:-1], on_grid[1:]))
-    status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
+    path, status, certified, problem = _seek(world, flight, start, config)
     ok = status == Status.OK
+    direct = _refer(flight, path, ok, gap, at, config)
+    reference = _choose(late, awaited, direct)
 
-    directly = _refer(flight, path, ok, occupied & ~ground, at, config)
-    reference = _choose(late, awaited, directly)
     ahead = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
     stuck = jnp.linalg.norm(ahead) < _STUCK
-    wanted = directly.course.points[min(round(_AHEAD / config.limits.spacing), config.limits.samples - 1)]
+    wanted = direct.course.points[min(round(_AHEAD / config.limits.spacing), config.limits.samples - 1)]
     wanted = jnp.where(ok, wanted, start + jnp.array([0.0, 0.0, _AHEAD]))
     aside, exists = _step_aside(flight, problem, start, wanted, config)
     steps = exists & (stuck | ~ok)
-    fresh, valid = jnp.where(steps, aside, path), ok | steps
-    beside = _refer(flight, aside, steps, occupied & ~ground, at, config)
-    reference = _choose(late | ~steps, reference, beside)
-    flown = jnp.where(late, flight.waiting, fresh)
-    blind = flight.hits == 0
+    reference = _choose(steps & ~late, _refer(flight, aside, steps, gap, at, config), reference)
+    fresh = jnp.where(steps, aside, path)
+
+    blind, iteration = flight.hits == 0, flight.log.planning_iterations
     failures = jnp.where(ok & ~blind, 0, flight.failures + 1)
-    log = flight.log
     gives_up = failures >= _FAILURES
-    iteration = log.planning_iterations
+    reason = jnp.where(blind, Status.EMPTY_SCAN, status)
     log = dataclasses.replace(
-        log,
-        status=jnp.where(gives_up, jnp.where(blind, Status.EMPTY_SCAN, status), log.status).astype(jnp.int32),
+        flight.log,
+        status=jnp.where(gives_up, reason, flight.log.status).astype(jnp.int32),
         planning_iterations=iteration + 1,
-        failed_plans=log.failed_plans + ~ok,
-        margin=log.margin.at[iteration].set(jnp.where(ok, problem.margin, jnp.nan)),
-        certified=log.certified + (ok & certified),
+        failed_plans=flight.log.failed_plans + ~ok,
+        margin=flight.log.margin.at[iteration].set(jnp.where(ok, problem.margin, jnp.nan)),
+        certified=flight.log.certified + (ok & certified),
     )
     return dataclasses.replace(
         flight,
-        path=flown,
+        path=jnp.where(late, flight.waiting, fresh),
         waiting=fresh,
-        waits=valid,
+        waits=ok | steps,
         reference=reference,
         since=jnp.float32(0.0),
         yaw=flight.yaw + jnp.where(stuck, 0.5 * math.pi, 0.0),
@@ -413,6 +398,33 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         done=flight.done | gives_up,
         log=log,
     )
+
+
+def _seek(
+    world: World, flight: Flight, start: Float[Array, "3"], config: FlightConfig
+) -> tuple[Path, Int32[Array, ""], Bool[Array, ""], Problem]:
+    """A path from `start` to the goal, its status after verification, whether its field was certified; the problem."""
+    grid, ground = config.grid, mapping.ground(flight.window)
+    # Where the vehicle is, nothing else can be, whatever a false return says.
+    here = ~cell(config.shape, grid.index_of(_local(flight, config, start)))
+    ends = _local(flight, config, start), _local(flight, config, world.goal)
+    occupied = mapping.occupied(flight.window) | ground
+    problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
+    found, status, certified = config.find(problem, grid)
+    path = _world(flight, config, grid.to_world(found))
+    bits = blocks(problem.blocked)
+    # What is verified is the path as it will be flown, after its way through world coordinates.
+    on_grid = grid.fractional_index(_local(flight, config, path))
+    passed = jnp.all(jax.vmap(lambda a, b: clear(bits, a, b))(on_grid[:-1], on_grid[1:]))
+    status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
+    return path, status, certified, problem
+
+
+def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
+    """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin's reach [m]."""
+    obstacles = mapping.occupied(flight.window) & ~mapping.ground(flight.window)
+    squared = squared_distance(obstacles, reach_of(config.margin, config.grid))
+    return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
 
 
 def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
@@ -454,7 +466,7 @@ def _refer(
     flight: Flight,
     path: Path,
     valid: Bool[Array, ""],
-    obstacles: Bool[Array, "nx ny nz"],
+    gap: Float[Array, "nx ny nz"],
     at: Float[Array, "3"],
     config: FlightConfig,
 ) -> Reference:
@@ -469,9 +481,7 @@ def _refer(
     course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, _rest_of(flight.reference, flight.since))
     voxel = config.grid.index_of(_local(flight, config, course.points))
     i, j, k = jnp.clip(voxel, 0, jnp.asarray(config.shape) - 1).T
-    squared = squared_distance(obstacles, reach_of(config.margin, config.grid))[i, j, k]
-    gap = config.spacing * jnp.sqrt(squared.astype(jnp.float32))
-    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (gap - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
+    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (gap[i, j, k] - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
     # The voxel that the vehicle is in is known without looking.
     here = jnp.all(voxel == config.grid.index_of(_local(flight, config, at)), axis=1)

@@ -26,12 +26,14 @@ from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import pose
 from maxjax.sim import campaign as module
 from maxjax.sim import flight
+from maxjax.sim import ledger as bookkeeping
 from maxjax.sim.astar_finder import POINTS, corners_of, search
-from maxjax.sim.campaign import INVALID_DRAW, Campaign, Ledger, Outcome, fly_trials, summarise, watch
+from maxjax.sim.campaign import Campaign, fly_trials, watch
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World
 from maxjax.sim.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Lidar
+from maxjax.sim.outcomes import INVALID_DRAW, Outcome, summarise
 from maxjax.sim.solids import upright_boxes
 from maxjax.sim.trials import Trial
 
@@ -118,19 +120,19 @@ def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
     assert outcomes[BAD_DRAW].status == INVALID_DRAW
     assert outcomes[BAD_DRAW].start is None
     assert outcomes[BAD_DRAW].excluded == 1
-    summary = summarise(campaign, list(outcomes.values()))
+    summary = summarise(list(outcomes.values()))
     assert (summary["trials"], summary["flown"], summary["invalid_draws"]) == (7, 6, 1)
     assert BAD_DRAW not in [failure["index"] for failure in summary["failures"]]
     (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1)))
     assert only == outcomes[BAD_DRAW]
-    assert summarise(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1)), [only])["success_rate"] is None
+    assert summarise([only])["success_rate"] is None
 
 
 @pytest.mark.usefixtures("quick")
 def test_the_summary_is_that_of_its_outcomes() -> None:
     campaign = Campaign("suburb", 0, range(30))
     outcomes = flown(campaign, batch=8)
-    found = summarise(campaign, outcomes[::-1])
+    found = summarise(outcomes[::-1])
     arrived = [outcome for outcome in outcomes if outcome.status == "OK"]
     bad = [outcome for outcome in outcomes if outcome.status not in ("OK", INVALID_DRAW)]
     assert len(bad) > 2
@@ -156,11 +158,11 @@ def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, to
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     expected = flown(campaign, batch=4, folder=whole)
     shutil.copytree(whole, broken)
-    rows = (broken / module.ROWS).read_bytes().splitlines(keepends=True)
-    (broken / module.ROWS).write_bytes(b"".join(rows[:lines]) + torn)
+    rows = (broken / bookkeeping.ROWS).read_bytes().splitlines(keepends=True)
+    (broken / bookkeeping.ROWS).write_bytes(b"".join(rows[:lines]) + torn)
     again = flown(campaign, folder=broken)
     assert files(broken) == files(whole)
-    assert summarise(campaign, again) == summarise(campaign, expected)
+    assert summarise(again) == summarise(expected)
 
 
 @pytest.mark.usefixtures("quick")
@@ -169,7 +171,7 @@ def test_each_batch_is_on_the_disk_when_it_is_told(tmp_path: Path) -> None:
     run = fly_trials(campaign, batch=3, folder=tmp_path)
     told = [*next(run), *next(run)]
     run.close()
-    kept = Ledger.open(tmp_path, campaign)
+    kept = campaign.ledger(tmp_path)
     assert list(kept.outcomes.values()) == told
     assert sorted(kept.positions()) == sorted(outcome.trial for outcome in told if outcome.flown)
     np.testing.assert_allclose(kept.positions()[0][0], told[1].start, atol=0.5)
@@ -185,11 +187,11 @@ def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
     windy = FlightConfig(Disturbances(wind=1.0))
     with pytest.raises(ValueError, match=r"disturbances was .*choose another folder"):
         flown(Campaign("suburb", 0, range(2), config=windy), folder=tmp_path)
-    rows = tmp_path / module.ROWS
+    rows = tmp_path / bookkeeping.ROWS
     rows.write_text("nonsense\n" + rows.read_text())
     with pytest.raises(ValueError, match="line 1 is no outcome"):
         flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
-    (tmp_path / module.CONFIG).unlink()
+    (tmp_path / bookkeeping.CONFIG).unlink()
     with pytest.raises(ValueError, match=r"no config\.json"):
         flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
 
@@ -209,7 +211,7 @@ def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monke
     assert flown(campaign, batch=8, folder=tmp_path, warn=warnings.append) == expected
     assert [("8 flights" in one, "with 4" in one) for one in warnings] == [(True, True), (False, False)]
     assert all("does not fit" in one and "\n" not in one for one in warnings)
-    assert Ledger.open(tmp_path, campaign).batch == 2
+    assert campaign.ledger(tmp_path).batch == 2
     most = 0
     with pytest.raises(MemoryError, match="one flight does not fit"):
         flown(campaign, batch=8)

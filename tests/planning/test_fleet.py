@@ -13,7 +13,7 @@ from references import random_blocks, random_free, serpentine
 from maxjax import Grid, PlanBatch, Potential, Status, dilate, plan, plan_fleet, solve_potential, verify
 from maxjax.planning import planner
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import plan_swarm
+from maxjax.planning.fleet import plan_swarm
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 MARGIN = 4.0

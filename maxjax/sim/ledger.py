@@ -1,0 +1,146 @@
+"""The folder of a campaign, from which it goes on after it was killed.
+
+    config.json     what is flown              trials.jsonl    an outcome a line, appended a batch at a time
+    positions/      every 0.1 s, by batch      times.json      what the batches took
+
+Lines are whole and on the disk before they count; other files are written beside and renamed. Nothing but `times.json`
+depends on the clock, so an interrupted campaign leaves the same files as one that was not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.core.serialize import atomic_write, read_npz
+from maxjax.sim.outcomes import Outcome
+
+CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
+
+
+class Ledger:
+    """The folder of a campaign: what it is, the outcomes so far, positions, times.
+
+    Attributes:
+        folder: where.
+        outcomes: by trial.
+        batch: flights at a time when it was last flown; None for a new folder.
+    """
+
+    def __init__(
+        self, folder: Path, configuration: dict[str, Any], outcomes: dict[int, Outcome], batch: int | None
+    ) -> None:
+        self.folder, self._configuration, self.outcomes, self.batch = folder, configuration, outcomes, batch
+
+    @classmethod
+    def open(cls, folder: Path, configuration: dict[str, Any], trials: range) -> Ledger:
+        """Make the folder, or check that it holds this campaign and read what it has.
+
+        Args:
+            folder: where; made if missing.
+            configuration: all that the outcomes depend on, as JSON holds it.
+            trials: that are flown.
+
+        Raises:
+            ValueError: if it holds another campaign, or a damaged one.
+            OSError: if it cannot be written.
+        """
+        (folder / POSITIONS).mkdir(parents=True, exist_ok=True)
+        config, rows = folder / CONFIG, folder / ROWS
+        if not config.exists():
+            if rows.exists():
+                raise ValueError(f"{folder}: holds {ROWS} but no {CONFIG}; choose another folder")
+            ledger = cls(folder, configuration, {}, None)
+            ledger._write_config()
+            return ledger
+        try:
+            written = json.loads(config.read_text())
+            before, batch = dict(written["campaign"]), written["batch"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{config}: expected the configuration of a campaign; choose another folder") from error
+        differing = [name for name in {**before, **configuration} if before.get(name) != configuration.get(name)]
+        if differing:
+            name = differing[0]
+            raise ValueError(
+                f"{folder}: holds another campaign: {name} was {before.get(name)} there, is {configuration.get(name)} "
+                "here; choose another folder"
+            )
+        return cls(folder, configuration, _read(rows, trials), batch)
+
+    def append(self, outcomes: Sequence[Outcome]) -> None:
+        """Add whole lines, on the disk when this returns."""
+        if not outcomes:
+            return
+        lines = "".join(json.dumps(dataclasses.asdict(o), allow_nan=False) + "\n" for o in outcomes)
+        with open(self.folder / ROWS, "ab") as file:
+            file.write(lines.encode())
+            file.flush()
+            os.fsync(file.fileno())
+        self.outcomes.update({outcome.trial: outcome for outcome in outcomes})
+
+    def keep_positions(self, trials: Sequence[int], position: Float[np.ndarray, "b t 3"]) -> None:
+        """One file a batch; NaN after the end of a flight."""
+        longest = int(np.isfinite(position).all(axis=-1).sum(axis=1).max())
+        content = io.BytesIO()
+        np.savez_compressed(content, trial=np.asarray(trials), position=position[:, :longest])
+        atomic_write(self.folder / POSITIONS / f"{trials[0]:06d}.npz", content.getvalue())
+
+    def positions(self) -> dict[int, Float[np.ndarray, "t 3"]]:
+        """Positions every 0.1 s [m] of the trials that have an outcome."""
+        found = {}
+        for file in sorted((self.folder / POSITIONS).glob("*.npz")):
+            arrays = read_npz(file)
+            for trial, position in zip(arrays["trial"].tolist(), arrays["position"], strict=True):
+                if trial in self.outcomes:
+                    found[trial] = position[np.isfinite(position).all(axis=-1)]
+        return found
+
+    def note_batch(self, size: int) -> None:
+        """Remember the size of the batches, with which a campaign goes on."""
+        if size != self.batch:
+            self.batch = size
+            self._write_config()
+
+    def note_time(self, trials: Sequence[int], seconds: float) -> None:
+        """Add the time that a batch took; the first one of a process compiles."""
+        path = self.folder / TIMES
+        try:
+            times = json.loads(path.read_text())["batches"]
+        except (OSError, ValueError, KeyError):
+            times = []
+        times.append({"first": trials[0], "trials": len(trials), "seconds": round(seconds, 3)})
+        atomic_write(path, json.dumps({"batches": times}) + "\n")
+
+    def _write_config(self) -> None:
+        content = {"campaign": self._configuration, "batch": self.batch}
+        atomic_write(self.folder / CONFIG, json.dumps(content, indent=2) + "\n")
+
+
+def _read(path: Path, trials: range) -> dict[int, Outcome]:
+    """Outcomes of a file of lines; a last one that was not written to its end is taken off."""
+    if not path.exists():
+        return {}
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        os.truncate(path, whole)
+    outcomes = {}
+    for number, line in enumerate(content[:whole].splitlines(), 1):
+        try:
+            outcome = Outcome(**json.loads(line))
+        except (ValueError, TypeError) as error:
+            raise ValueError(
+                f"{path}: line {number} is no outcome; remove the file or choose another folder"
+            ) from error
+        if outcome.trial not in trials:
+            raise ValueError(f"{path}: line {number} is about trial {outcome.trial}, which is not of this campaign")
+        outcomes[outcome.trial] = outcome
+    return outcomes
