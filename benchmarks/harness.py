@@ -108,7 +108,7 @@ def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
     atomic_write(path, text)
-    _print(name, rows)
+    show(name, rows)
     return path
 
 
@@ -137,7 +137,8 @@ def _git(*arguments: str) -> str | None:
         return None
 
 
-def _print(name: str, rows: Sequence[Row]) -> None:
+def show(name: str, rows: Sequence[Row]) -> None:
+    """Print rows as a table, on its side where that is narrower."""
     table = Table(title=name)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     if len(columns) > _WIDEST > len(rows):  # on its side

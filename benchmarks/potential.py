@@ -45,7 +45,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -55,28 +55,32 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Float, Int32
 from scipy import ndimage
 from scipy.sparse import csr_matrix, dia_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, Timing, _print, measure, save
-from benchmarks.plan import _reference, _system
+from benchmarks.harness import RESULTS, Row, Timing, measure, save, show
+from benchmarks.screened_system import (
+    Angles,
+    Mask,
+    Volume,
+    angles_of,
+    blas_threads,
+    reference_of,
+    system,
+    unit_diagonal,
+)
 from experiments.random_problems import problems
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
-from maxjax.fields.gradient import gradient, log_potential
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import Route, Stopwatch, climb, judge
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.tighten import tighten
 from maxjax.sim.scenes import MAPS, make_scene, occupancy
 
-Volume = Float[np.ndarray, "nx ny nz"]
-Mask = Bool[np.ndarray, "nx ny nz"]
-# φ ↦ shares of the component within 1° and within 5°.
-Angles = Callable[[Volume], tuple[float, float]]
 # A preconditioner set up anew, or none.
 Prepare = Callable[[], LinearOperator | None]
 
@@ -185,7 +189,7 @@ def main(config: Config) -> list[Row]:
     # Tables and progress must not mix with the document.
     with contextlib.redirect_stdout(sys.stderr) if config.json else contextlib.nullcontext():
         bandwidth, rows = _copy(config)
-        for scene in _scenes(config):
+        for scene in scenes_of(config):
             print(scene.name, file=sys.stderr, flush=True)
             rows += _solve_rows(scene, bandwidth, config)
         rows += _size_rows(bandwidth, config)
@@ -194,7 +198,7 @@ def main(config: Config) -> list[Row]:
         with contextlib.redirect_stdout(io.StringIO()):
             path = save("potential", config, rows, config.out)
         for subject, group in itertools.groupby(rows, lambda row: str(row["what"]).split(":")[0]):
-            _print(subject, list(group))
+            show(subject, list(group))
     if config.json:
         print(path.read_text(), end="")
     return rows
@@ -250,7 +254,8 @@ def _peer(name: str) -> ModuleType | None:
 # Scenes
 
 
-def _scenes(config: Config) -> list[Scene]:
+def scenes_of(config: Config) -> list[Scene]:
+    """The scenes of the `solve` rows."""
     scenes = []
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     for name in config.maps:
@@ -297,40 +302,13 @@ def _scene(
 # Linear solvers
 
 
-def _angles(reference: Volume, component: Mask) -> Angles:
-    """Shares of the component whose gradient of log φ lies within 1° and 5° of the reference's."""
-
-    def slope(phi: Array, free: Array) -> Array:
-        g = gradient(log_potential(jnp.maximum(phi, 0)), free)
-        size = jnp.linalg.norm(g, axis=-1, keepdims=True)
-        return g * jnp.where(size > 1e-6, 1 / jnp.where(size > 0, size, 1), 0)
-
-    @jax.jit
-    def shares(phi: Array, exact: Array, free: Array) -> Array:
-        known = free & jnp.any(exact != 0, axis=-1)
-        cosine = jnp.sum(slope(phi, free) * exact, axis=-1)
-        counts = [jnp.sum(known & (cosine >= np.cos(np.radians(degrees)))) for degrees in (1, 5)]
-        return jnp.stack([*counts, jnp.sum(known)])
-
-    free = jnp.asarray(component)
-    with jax.enable_x64(True):
-        exact = jax.jit(slope)(jnp.asarray(reference, jnp.float64), free)
-
-    def angles(phi: Volume) -> tuple[float, float]:
-        with jax.enable_x64(True):
-            one, five, all_known = map(int, shares(jnp.asarray(phi, jnp.float64), exact, free))
-        return one / max(all_known, 1), five / max(all_known, 1)
-
-    return angles
-
-
 def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     timing = measure(functools.partial(_solve, sigma, goal), config.repeats)
     ours = _solve(sigma, goal)
     print(f"  maxjax: {timing.median_s:.3f} s", file=sys.stderr, flush=True)
     length = float(ours.screening_length)
-    system = functools.partial(_system, np.asarray(sigma), np.asarray(goal), length)
+    assembled = functools.partial(system, np.asarray(sigma), np.asarray(goal), length)
 
     def volume(phi: Float[np.ndarray, " n"], voxels: Mask) -> Volume:
         full = np.zeros(voxels.shape)
@@ -338,11 +316,11 @@ def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
         full[tuple(np.asarray(goal))] = 1.0
         return full
 
-    matrix, source, component = system()
-    scale, scaled, right = _scaled(matrix, source)
-    with _threads(1):
-        exact = scale @ _reference(scaled, right)
-    angles = _angles(volume(exact, component), component)
+    matrix, source, component = assembled()
+    scale, scaled, right = unit_diagonal(matrix, source)
+    with blas_threads(1):
+        exact = scale @ reference_of(scaled, right)
+    angles = angles_of(volume(exact, component), component)
     enough = angles(np.asarray(ours.phi))
 
     rows: list[Row] = []
@@ -364,8 +342,8 @@ def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
         add(peer, spent, count, found, **more)
 
     scipy("SciPy CG, Jacobi, component", scaled, right, scale, component)
-    whole, whole_source, everywhere = system(whole=True)
-    whole_scale, whole_scaled, whole_right = _scaled(whole, whole_source)
+    whole, whole_source, everywhere = assembled(whole=True)
+    whole_scale, whole_scaled, whole_right = unit_diagonal(whole, whole_source)
     scipy("SciPy CG, Jacobi, whole grid", whole_scaled, whole_right, whole_scale, everywhere)
     scipy("SciPy CG, whole grid", whole, whole_source, diags_array(np.ones(len(whole_source))), everywhere)
     if pyamg := _peer("pyamg"):
@@ -395,14 +373,6 @@ def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
     return [first, *rows, *rivals]
 
 
-@contextlib.contextmanager
-def _threads(count: int | None) -> Iterator[None]:
-    """Threads of NumPy's BLAS; None leaves them as they are."""
-    control = _peer("threadpoolctl")
-    with contextlib.nullcontext() if control is None else control.threadpool_limits(count):
-        yield
-
-
 class _EnoughError(Exception):
     """Ends SciPy's iteration."""
 
@@ -430,7 +400,7 @@ def _hindsight(
                 raise _EnoughError
 
     # A stalled iteration may divide by what has underflowed.
-    with contextlib.suppress(_EnoughError), np.errstate(all="ignore"), _threads(1):
+    with contextlib.suppress(_EnoughError), np.errstate(all="ignore"), blas_threads(1):
         cg(a, b, rtol=1e-300, atol=0.0, maxiter=_MOST_ITERATIONS, M=preconditioner, callback=look)
     return best, found
 
@@ -445,7 +415,7 @@ def _conjugate_gradients(
     tried: list[tuple[Timing, dict[str, Any]]] = []
     for threads in (1, None):
         setups, solves = [], []
-        with _threads(threads):
+        with blas_threads(threads):
             for _ in range(repeats):
                 begun = time.perf_counter()
                 preconditioner = prepare()
@@ -459,12 +429,6 @@ def _conjugate_gradients(
             more["solve_ms"] = round(1e3 * statistics.median(solves), 1)
         tried.append((_timing([x + y for x, y in zip(setups, solves, strict=True)]), more))
     return min(tried, key=lambda found: found[0].median_s)
-
-
-def _scaled(a: csr_matrix, b: np.ndarray) -> tuple[dia_array, csr_matrix, np.ndarray]:
-    """Jacobi's preconditioning done once: (S, S A S, S b) with S = D^-1/2; the solution of A is S times its own."""
-    scale = diags_array(1 / np.sqrt(a.diagonal()))
-    return scale, csr_matrix(scale @ a @ scale), scale @ b
 
 
 def _reached(found: tuple[float, float], enough: tuple[float, float]) -> dict[str, Any]:
@@ -698,7 +662,7 @@ def _size_rows(bandwidth: float, config: Config) -> list[Row]:
     medians = []
     for edge in config.sizes:
         print(f"size {edge}", file=sys.stderr, flush=True)
-        sigma, goal = _city(edge, config)
+        sigma, goal = city_at(edge, config)
         timing = measure(functools.partial(_solve, sigma, goal), config.repeats)
         medians.append(timing.median_s)
         row = _ours(f"size: downtown, {edge}³", timing, sigma.shape, bandwidth) | _verdict(_solve(sigma, goal))
@@ -709,7 +673,7 @@ def _size_rows(bandwidth: float, config: Config) -> list[Row]:
     return rows
 
 
-def _city(edge: int, config: Config) -> tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]:
+def city_at(edge: int, config: Config) -> tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]:
     """Sigma of downtown on edge³ voxels; the goal is the voxel of the largest component nearest to (40, 40, 9) m."""
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), (edge, edge, edge), _WIDTH / (edge - 1))
     occupied, ground = occupancy(make_scene("downtown", config.seed).geoms, grid)

@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Float, Int32
 import maxjax
 from benchmarks import potential
 from benchmarks.harness import RESULTS, Row, measure, save
-from benchmarks.plan import _reference, _system
+from benchmarks.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.fields.connectivity import geodesic
 from maxjax.sim.scenes import MAPS
 from maxjax.solvers import walk
@@ -84,7 +84,7 @@ def main(config: Config) -> list[Row]:
     )  # fmt: skip
     # Timings first: they suffer from whatever else the process has left behind.
     cost = [_cost(edge, same, config) for edge in config.sizes]
-    convergence = [row for scene in potential._scenes(same) for row in _convergence(scene, config)]
+    convergence = [row for scene in potential.scenes_of(same) for row in _convergence(scene, config)]
     rows = [*convergence, *cost]
     config.docs.mkdir(parents=True, exist_ok=True)
     save("solver_figures", config, rows, config.out)
@@ -121,13 +121,13 @@ def _convergence(scene: potential.Scene, config: Config) -> list[Row]:
     print(f"convergence, {scene.name}", file=sys.stderr, flush=True)
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     length, component, phi = _start(sigma, goal)
-    matrix, source, joined = _system(np.asarray(sigma), np.asarray(goal), float(length))
-    scale, scaled, right = potential._scaled(matrix, source)
+    matrix, source, joined = system(np.asarray(sigma), np.asarray(goal), float(length))
+    scale, scaled, right = unit_diagonal(matrix, source)
     exact = np.zeros(joined.shape)
-    with potential._threads(1):
-        exact[joined] = scale @ _reference(scaled, right)
+    with blas_threads(1):
+        exact[joined] = scale @ reference_of(scaled, right)
     exact[tuple(np.asarray(goal))] = 1.0
-    angles = potential._angles(exact, joined)
+    angles = angles_of(exact, joined)
     inside = tuple(slice(n) for n in sigma.shape)
     rows: list[Row] = []
     residual = None
@@ -148,7 +148,7 @@ def _convergence(scene: potential.Scene, config: Config) -> list[Row]:
 
 def _cost(edge: int, same: potential.Config, config: Config) -> Row:
     print(f"size {edge}", file=sys.stderr, flush=True)
-    sigma, goal = potential._city(edge, same)
+    sigma, goal = potential.city_at(edge, same)
     solve = functools.partial(jax.jit(maxjax.solve_potential), sigma, goal)
     timing = measure(solve, config.repeats)
     found = solve()

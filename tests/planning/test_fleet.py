@@ -11,7 +11,7 @@ import pytest
 from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, PlanBatch, Potential, Status, dilate, plan, plan_fleet, solve_potential, verify
-from maxjax.planning import planner
+from maxjax.planning import fleet as fleet_module
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.fleet import plan_swarm
 
@@ -94,7 +94,7 @@ def test_a_wrong_goal_fails_all(occupied: np.ndarray, starts: np.ndarray) -> Non
         (np.argwhere(occupied)[0], Status.GOAL_OCCUPIED),
         ((2, 2, 2), Status.NO_VALID_PATH),
     ):
-        with patch("maxjax.planning.planner.potential_field", side_effect=AssertionError):  # nothing is solved
+        with patch("maxjax.planning.fleet.potential_field", side_effect=AssertionError):  # nothing is solved
             found = plan_fleet(occupied, starts[len(WRONG) :], world(goal), GRID, margin=MARGIN)
         assert set(found.status) == {status}
     unknown = plan_fleet(occupied, starts, [0.0, math.nan, 0.0], GRID, margin=MARGIN)
@@ -107,7 +107,7 @@ def test_a_thousand_starts_in_one_call_cost_one_solve() -> None:
     rng = np.random.default_rng(7)
     clear = np.asarray(dilate(occupied, MARGIN, GRID))
     starts = world(rng.choice(np.argwhere(~clear), 1000) + rng.uniform(-0.4, 0.4, (1000, 3)))
-    with patch.object(planner, "potential_field", wraps=planner.potential_field) as solves:
+    with patch.object(fleet_module, "potential_field", wraps=fleet_module.potential_field) as solves:
         found = plan_fleet(occupied, starts, world(GOAL_INDEX), GRID, margin=MARGIN)
     assert solves.call_count == 1
     assert found.status.tolist() == [Status.OK] * 1000
