@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test lint clean
+.PHONY: setup demo test results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
@@ -23,6 +23,10 @@ demo: setup
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+results: setup
+	$(BIN)/python -m experiments.report
+	$(BIN)/python -m benchmarks.readme
 
 lint: setup
 	$(BIN)/ruff check .

@@ -541,7 +541,7 @@ def _cupy_row(
 # Travel-time fields
 
 
-def _marching(scene: Scene, component: Mask) -> dict[str, Callable[[], np.ndarray] | None]:
+def marching(scene: Scene, component: Mask) -> dict[str, Callable[[], np.ndarray] | None]:
     """Travel times from the goal at unit speed [voxels], by name; None for a package that is not there."""
     free = component.copy()
     free[tuple(np.asarray(scene.problems[0].goal_index))] = True
@@ -574,7 +574,7 @@ def _marching(scene: Scene, component: Mask) -> dict[str, Callable[[], np.ndarra
     }
 
 
-def _as_potential(travel: np.ndarray, component: Mask, goal: tuple[int, ...]) -> Float[Array, "nx ny nz"]:
+def as_potential(travel: np.ndarray, component: Mask, goal: tuple[int, ...]) -> Float[Array, "nx ny nz"]:
     """exp(−T / scale), within float32; 1 at the goal, 0 outside its component."""
     known = component & np.isfinite(travel)
     scale = max(float(travel[known].max()), 1.0) / (_DECADES * np.log(10))
@@ -591,7 +591,7 @@ def _field_rows(
     fields = {"": ours.phi}
     times: dict[str, Timing] = {}
     rows: list[Row] = []
-    for name, run in _marching(scene, component).items():
+    for name, run in marching(scene, component).items():
         if run is None:
             rows.append(_left_out(f"field, {scene.name}: {name}", "not installed"))
             continue
@@ -601,7 +601,7 @@ def _field_rows(
             travel = run()
             seconds.append(time.perf_counter() - begun)
         times[name] = _timing(seconds)
-        fields[name] = _as_potential(travel, component, goal)
+        fields[name] = as_potential(travel, component, goal)
         print(f"  {name}: {times[name].median_s:.2f} s", file=sys.stderr, flush=True)
     paths = _paths(scene, fields)
     for name, spent in times.items():

@@ -9,9 +9,11 @@ can differ from the run that it names.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
+
+from benchmarks.markdown import device, number, sources, table
+from experiments import random_problems, warframe_crops
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -51,8 +53,13 @@ def block(root: Path = ROOT) -> str:
             raise FileNotFoundError(f"{name} is missing; run: {command}")
         found[name] = json.loads((root / name).read_text(encoding="utf-8"))
     plan, plan_gpu, potential, potential_gpu, lidar, lidar_gpu, problems, crops = found.values()
-    parts = [_plans(plan, plan_gpu), _solves(potential, potential_gpu), _problems(problems), _crops(crops)]
-    return "\n".join([*parts, _lidar(lidar, lidar_gpu), _sources(found)])
+    parts = [
+        _plans(plan, plan_gpu),
+        _solves(potential, potential_gpu),
+        random_problems.section(problems),
+        warframe_crops.section(crops),
+    ]
+    return "\n".join([*parts, _lidar(lidar, lidar_gpu), "### Where these figures come from\n\n" + sources(found)])
 
 
 def rewritten(text: str, measured: str) -> str:
@@ -68,34 +75,13 @@ def rewritten(text: str, measured: str) -> str:
     return before + BEGIN + measured + END + after
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table whose first `left` columns are words, the others numbers."""
-    rule = ["---" if k < left else "--:" for k in range(len(heads))]
-    return "".join(f"| {' | '.join(line)} |\n" for line in (heads, rule, *rows))
-
-
-def _device(document: Row) -> str:
-    """The accelerator, else the processor's cores."""
-    device = str(document["provenance"]["device"])
-    return f"{document['provenance']['cpus']} CPU cores" if _is_cpu(document) else device.removeprefix("1 x ")
-
-
-def _is_cpu(document: Row) -> bool:
-    return str(document["provenance"]["device"]).lower().endswith("cpu")
-
-
-def _number(value: float) -> str:
-    """Three digits or more, no exponent."""
-    return f"{value:,.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"
-
-
 def _pick(document: Row, key: str, value: str) -> Row | None:
     return next((row for row in document["rows"] if row[key] == value), None)
 
 
 def _cell(document: Row, what: str, key: str = "median") -> str:
     row = _pick(document, "what", what)
-    return "" if row is None else _number(row[key])
+    return "" if row is None else number(row[key])
 
 
 def _plans(*documents: Row) -> str:
@@ -113,7 +99,7 @@ def _plans(*documents: Row) -> str:
     totals = [row for d in documents if (row := _pick(d, "what", "plan, solver: total"))]
     solved = " and ".join(f"{row['solved']} of {row['n']}" for row in totals)
     batches = [
-        f"{row['what'].removesuffix(': a plan').capitalize()}, {_device(document)}: "
+        f"{row['what'].removesuffix(': a plan').capitalize()}, {device(document)}: "
         f"{row['plans_per_second']:,.0f} plans a second."
         for document in documents
         for row in document["rows"]
@@ -124,7 +110,7 @@ def _plans(*documents: Row) -> str:
         "### A plan, stage by stage\n\n"
         "Random problems on the three maps, 101³ voxels, margin asked 8 m: median [ms], compilation apart. Each stage\n"
         f"has its own median. Solved: {solved} problems. A process that plans once peaks at {memory} MB.\n\n"
-        + _table(["", *map(_device, documents)], lines)
+        + table(["", *map(device, documents)], lines)
         + "".join(f"\n{batch}\n" for batch in batches)
     )
 
@@ -147,7 +133,7 @@ def _solves(*documents: Row) -> str:
             if ours is not None:
                 peers = [_peer(_pick(document, "what", f"solve, {name}: {peer}"), ours) for peer in _PEERS]
                 angle = f"{100 * ours['within_1deg']:.2f} %"
-                lines.append([name, _device(document), _number(ours["median"]), *peers, angle])
+                lines.append([name, device(document), number(ours["median"]), *peers, angle])
     heads = ["map", "maxjax on", "maxjax", *_PEERS.values(), "within 1°"]
     return (
         "### The solve beside its peers\n\n"
@@ -156,80 +142,14 @@ def _solves(*documents: Row) -> str:
         "CuPy, and PyAMG's smoothed aggregation, set-up included; in brackets how many times ours. They are handed\n"
         "the assembled matrix and stopped, with hindsight, as soon as their gradient directions are as good as ours.\n"
         "Last column: voxels whose gradient of log φ from maxjax lies within 1° of a float64 reference.\n\n"
-        + _table(heads, lines, left=2)
+        + table(heads, lines, left=2)
     )
 
 
 def _peer(row: Row | None, ours: Row) -> str:
     if row is None or "median" not in row:
         return ""
-    return f"{_number(row['median'])} ({_number(row['times_ours'])})" + ("" if row["as_good"] else ", not as good")
-
-
-def _problems(document: Row) -> str:
-    *maps, sealed = document["rows"]
-    config = document["config"]
-    lines = [
-        [
-            row["map"],
-            *(str(row[key]) for key in ("problems", "solvable", "solved", "certified", "unsafe")),
-            f"{row['length_over_geodesic_mean']:.3f} ({row['length_over_geodesic_max']:.3f})",
-            f"{row['astar_over_ours_mean']:.3f}",
-            f"{_number(row['plan_ms_median'])} / {_number(row['astar_ms_median'])}",
-        ]
-        for row in maps
-    ]
-    heads = ["map", "problems", "solvable", "solved", "certified", "unsafe", "length / geodesic", "A\\* / ours", "ms"]
-    used = [dict(entry.split(": ") for entry in row["margins_m"].split(", ")) for row in maps]
-    rungs = sorted({rung for counts in used for rung in counts}, key=float, reverse=True)
-    kept = [
-        [
-            row["map"],
-            str(row["largest_margin"]),
-            f"{row['clearance_m']:.1f}",
-            f"{row['clearance_least_m']:.1f}",
-            *(counts.get(rung, "0") for rung in rungs),
-        ]
-        for row, counts in zip(maps, used, strict=True)
-    ]
-    below = ["map", "largest margin", "mean clearance", "least", *(f"at {rung} m" for rung in rungs)]
-    return (
-        f"### Random problems ({_device(document)})\n\n"
-        f"Start and goal 20 to 50 voxels apart, 3 to 15 m above ground, margin asked {config['margin']:g} m. Judged\n"
-        "by SciPy's labels and distance transform, dense sampling, and the eikonal geodesic of scikit-fmm on the\n"
-        "dilated grid: mean and, in brackets, largest length over it. A\\* / ours: length of A\\* over that of the\n"
-        "field, mean. ms: median of a whole plan, field / A\\*.\n\n" + _table(heads, lines) + "\n"
-        "How many were solved at the largest margin that joins start and goal; clearance of the paths to the cubes of\n"
-        "occupied voxels, ground left out [m]; and how many flights had which margin. A start or goal beside a wall\n"
-        "lowers it.\n\n" + _table(below, kept) + "\n"
-        f"Of {sealed['problems']} problems with a sealed start or goal, {sealed['proved_unsolvable']} were proved"
-        f" unsolvable and {sealed['certified']} certified.\n"
-    )
-
-
-def _crops(document: Row) -> str:
-    methods = {"solver": "field", "astar": "A\\*"}
-    lines = [
-        [
-            row["crop"],
-            methods[row["method"]],
-            *(str(row[key]) for key in ("scenarios", "ok", "verified")),
-            str(row["certified"]) if row["method"] == "solver" else "",
-            f"{row['over_optimum_mean']:.3f}",
-            f"{row['over_optimum_worst']:.3f}",
-            _number(row["ms_median"]),
-        ]
-        for row in document["rows"]
-    ]
-    rivals = [row for row in document["rows"] if row["method"] == "astar"]
-    exact, total = sum(row["scenarios"] - row["off_optimum"] for row in rivals), sum(row["scenarios"] for row in rivals)
-    heads = ["crop", "method", "scenarios", "OK", "verified", "certified", "mean", "worst", "ms"]
-    return (
-        f"### Warframe crops of the Moving AI benchmark ({_device(document)})\n\n"
-        "Margin 0. Length over the optimum that the benchmark states for 26-neighbour grid paths, mean and worst, and\n"
-        "the median time of a whole plan. Below 1 is possible, since paths at any angle need not follow the grid.\n"
-        f"A\\* meets the stated optimum in {exact} of {total} scenarios.\n\n" + _table(heads, lines, left=2)
-    )
+    return f"{number(row['median'])} ({number(row['times_ours'])})" + ("" if row["as_good"] else ", not as good")
 
 
 def _lidar(*documents: Row) -> str:
@@ -239,8 +159,8 @@ def _lidar(*documents: Row) -> str:
         for name in document["config"]["maps"]:
             rows = {row["method"]: row for row in document["rows"] if row["map"] == name}
             off = " / ".join(str(rows[method]["rays_off_by_1mm"]) for method in (methods[0], methods[2]))
-            times = [_number(rows[method]["median_ms"]) for method in methods]
-            lines.append([name, _device(document), str(rows[methods[0]]["geoms"]), *times, off])
+            times = [number(rows[method]["median_ms"]) for method in methods]
+            lines.append([name, device(document), str(rows[methods[0]]["geoms"]), *times, off])
     rays = documents[0]["config"]["rays"]
     heads = ["map", "on", "geoms", "fused kernel", "with noise", "`mjx.ray`", "C `mj_multiRay`", "off"]
     return (
@@ -248,31 +168,8 @@ def _lidar(*documents: Row) -> str:
         f"One scan of {rays:,} rays: median [ms]. With noise: the fused kernel with range noise and dropout.\n"
         "`mjx.ray` runs under `vmap`, C MuJoCo on one thread of the machine's CPU. Off: rays of the fused kernel / of\n"
         "`mjx.ray` that differ from C `mj_ray` by more than a millimetre within range.\n\n"
-        + _table(heads, lines, left=2)
+        + table(heads, lines, left=2)
     )
-
-
-def _sources(found: dict[str, Row]) -> str:
-    lines = []
-    for name, document in found.items():
-        origin = document["provenance"]
-        commit = f"`{(origin['commit'] or 'unknown')[:7]}`" + " with changes" * bool(origin["dirty"])
-        device = _device(document)
-        if not _is_cpu(document):
-            device += f", {origin['cpus']} CPU cores"
-        versions = origin["versions"]
-        lines.append(
-            [
-                f"[{Path(name).name}]({name})",
-                f"`{origin['command']}`",
-                device,
-                commit,
-                f"{versions['python']} / {versions['jax']}",
-                origin["date"][:10],
-            ]
-        )
-    heads = ["file", "command", "device", "commit", "Python / JAX", "date"]
-    return "### Where these figures come from\n\n" + _table(heads, lines, left=len(heads))
 
 
 def main() -> None:

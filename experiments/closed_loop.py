@@ -24,6 +24,7 @@ from typing import Any
 import tyro
 
 from benchmarks.harness import Row, save
+from benchmarks.markdown import Document, device, table
 from maxjax.sim.campaign import Campaign, fly_trials
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig
@@ -103,6 +104,69 @@ def _row(outcomes: list[Outcome]) -> dict[str, Any]:
         "failed_plans": found["failed_plans"],
         "failures": "; ".join(worst) or None,
     }
+
+
+# The paper, Table I, bottom: 50 trials a map in its own cities; flown length [m], plans.
+_PAPER = {
+    "downtown": {"3DMaxConvNet": ("109.0 ± 60.2", "31.0 ± 20.5"), "A\\*": ("81.7 ± 68.4", "25.2 ± 25.9")},
+    "suburb": {"3DMaxConvNet": ("74.1 ± 10.6", "19.9 ± 2.8"), "A\\*": ("73.4 ± 8.1", "20.6 ± 3.3")},
+}
+_NAMES = {"solver": "field", "network": "network", "astar": "A\\*"}
+
+
+def section(document: Document) -> str:
+    """RESULTS.md: who arrived, how far and after how many plans; every failure."""
+    rows = document["rows"]
+
+    def spread(row: Row, name: str, std: str) -> str:
+        return "–" if row[name] is None else f"{row[name]:.1f} ± {row[std]:.1f}"
+
+    lines = [
+        [
+            str(row["map"]),
+            f"{_NAMES[str(row['method'])]}, {row['condition']}",
+            f"{row['arrived']} of {row['trials']}",
+            str(row["contacts"]),
+            spread(row, "flown_m", "flown_std_m"),
+            spread(row, "plans", "plans_std"),
+            "–" if row["detour_p95"] is None else f"{row['detour_mean']:.3f} ({row['detour_p95']:.3f})",
+            "–" if row["clearance_least_m"] is None else f"{row['clearance_least_m']:.2f}",
+        ]
+        for row in rows
+    ]
+    if document["name"] == "closed_loop":
+        lines += [
+            [name, f"{method}, the paper", "50 of 50", "0", *figures, "", ""]
+            for name, methods in _PAPER.items()
+            for method, figures in methods.items()
+        ]
+    heads = [
+        "map",
+        "method",
+        "arrived",
+        "contacts",
+        "flown [m]",
+        "plans",
+        "/ straight (95 %)",
+        "least clearance [m]",
+    ]
+    flown = {(row["map"], row["method"], row["condition"]): row["flown_m"] for row in rows if row["flown_m"]}
+    ratios = [
+        f"{name} {flown[name, 'solver', condition] / flown[name, 'astar', condition]:.3f}"
+        for name, method, condition in flown
+        if method == "solver" and (name, "astar", condition) in flown
+    ]
+    text = (
+        f"### Closed loop ({device(document)})\n\n"
+        "Arrived: within 2 m of the goal, nothing ever within 0.5 m of the vehicle's centre. Flown length and\n"
+        "plans are means ± standard deviations over arrivals; / straight: flown length over the straight line, mean\n"
+        "and 95th percentile; clearance is from the centre of the vehicle. The paper's cities are others than ours;\n"
+        "its figures stand beside for scale.\n\n" + table(heads, lines, left=2)
+    )
+    if ratios:
+        text += f"\nFlown by the field over flown by A\\* on the same trials: {', '.join(ratios)}.\n"
+    failures = [f"- {row['map']}, {row['condition']}: {row['failures']}\n" for row in rows if row["failures"]]
+    return text + ("\nDid not arrive, and the command that flies it again:\n\n" + "".join(failures) if failures else "")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
 """Planning by name: which planner a method means, inputs checked once.
 
-`solver` climbs the exact conduction potential, `astar` searches the same dilated grid.
+solver     climbs the exact conduction potential          astar      searches the dilated grid
+network    climbs a predicted one, improved until it      rrtstar    samples it (OMPL's, extra `bench`)
+is certified                                   apf        descends an artificial potential field
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import overload
 
 import jax
@@ -16,9 +18,21 @@ from jaxtyping import Array, Bool, Float, Real
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import rungs, voxelize
+from maxjax.nn.model import network_potential
+from maxjax.planning.baselines.apf import apf
 from maxjax.planning.baselines.astar import astar
+from maxjax.planning.baselines.rrt_star import rrt_star
 from maxjax.planning.fleet import plan_swarm
-from maxjax.planning.planner import PathFinder, Plan, Route, Stopwatch, field_path, plan_path, plan_paths
+from maxjax.planning.planner import (
+    PathFinder,
+    Plan,
+    PotentialFn,
+    Route,
+    Stopwatch,
+    field_path,
+    plan_path,
+    plan_paths,
+)
 from maxjax.planning.problem import Problem
 from maxjax.solvers.potential import solve_potential
 
@@ -35,13 +49,21 @@ def _astar_path(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
     return Route(path, found.status, certified=False)
 
 
-PLANNERS: dict[str, PathFinder] = {"solver": field_path(solve_potential), "astar": _astar_path}
+# Methods that climb a potential, which takes `vmap`, and methods that search.
+_POTENTIALS: dict[str, Callable[[], PotentialFn]] = {"solver": lambda: solve_potential, "network": network_potential}
+_SEARCHES: dict[str, PathFinder] = {"astar": _astar_path, "rrtstar": rrt_star(), "apf": apf}
+METHODS = (*_POTENTIALS, *_SEARCHES)
 
 
-def _finder(method: str) -> PathFinder:
-    if method not in PLANNERS:
-        raise ValueError(f"method: expected one of {', '.join(PLANNERS)}, given {method!r}")
-    return PLANNERS[method]
+def path_finder(method: str) -> PathFinder:
+    """The path finder that a method means.
+
+    Raises:
+        ValueError: for an unknown method, or a network whose weights are missing.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, given {method!r}")
+    return _SEARCHES[method] if method in _SEARCHES else field_path(_POTENTIALS[method]())
 
 
 def _volume(name: str, array: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "..."]:
@@ -76,7 +98,7 @@ def plan(
         occupied: occupied voxels, ground included, not dilated.
         start, goal: [m], ENU.
         grid: the grid of `occupied`.
-        method: `solver` or `astar`.
+        method: `solver`, `network`, `astar`, `rrtstar` (ImportError without the extra `bench`) or `apf`.
         margin: distance to keep from obstacles [m], voxel centre to voxel centre; lowered by one voxel at a time where
             it seals start or goal in. `Plan.margin` tells the one that was used.
         ground: the voxels of `occupied` that are ground; they are dilated by one voxel at most. None: no voxel is.
@@ -87,7 +109,7 @@ def plan(
     Raises:
         ValueError: for a wrong shape or dtype, an unknown method or a negative margin.
     """
-    find = _finder(method)
+    find = path_finder(method)
     rungs(margin, grid)
     occupied = _volume("occupied", occupied, grid.shape)
     ground = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
@@ -172,7 +194,7 @@ def plan_batch(
     Raises:
         ValueError: as `plan`, and for an empty batch.
     """
-    find = _finder(method)
+    find = path_finder(method)
     rungs(margin, grid)
     starts = np.asarray(start)
     count = starts.shape[0] if starts.ndim == 2 else 0
@@ -187,14 +209,14 @@ def plan_batch(
 
     below = volumes("ground", np.zeros(grid.shape, bool) if ground is None else ground)
     filled = volumes("occupied", occupied) | below
-    if method == "astar":
+    if method in _SEARCHES:
         plans = [
             plan_path(find, o, a, b, grid, margin=float(margin), ground=g, method=method)
             for o, g, a, b in zip(filled, below, starts, goals, strict=True)
         ]
     else:
         plans = plan_paths(
-            solve_potential, filled, starts, goals, grid, margin=float(margin), ground=below, method=method
+            _POTENTIALS[method](), filled, starts, goals, grid, margin=float(margin), ground=below, method=method
         )
     return PlanBatch(tuple(plans))
 
@@ -274,7 +296,7 @@ def plan_scan(
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.number):
         raise ValueError(f"points: expected numbers of shape (n, 3) [m], given {array.dtype} {array.shape}")
-    _finder(method)
+    path_finder(method)
     rungs(margin, grid)
     start, goal = _points("start", start, (3,)), _points("goal", goal, (3,))
     watch = Stopwatch()

@@ -174,7 +174,7 @@ POINT = np.zeros(3)
             r"points: expected .*\(n, 3\) \[m\], given float64 \(5, 2\)",
         ),
         (lambda: _scan(np.array(["a"]), POINT, POINT, GRID), r"points: expected numbers .*given <U1 \(1,\)"),
-        (lambda: _scan(np.zeros((5, 3)), POINT, POINT, GRID, method="apf"), "method: expected one of"),
+        (lambda: _scan(np.zeros((5, 3)), POINT, POINT, GRID, method="dijkstra"), "method: expected one of"),
     ],
 )
 def test_wrong_arguments_are_told_with_what_was_given(call: Callable[[], object], message: str) -> None:

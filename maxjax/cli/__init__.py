@@ -41,7 +41,7 @@ def _plan(
     start: _Xyz,
     goal: _Xyz,
     center: _OptionalXyz = None,
-    method: Literal["solver", "astar"] = "solver",
+    method: Literal["solver", "network", "astar", "rrtstar", "apf"] = "solver",
     margin: _Metres = 8.0,
     ground: _OptionalMetres = None,
     out: _OptionalFolder = None,
@@ -57,7 +57,8 @@ def _plan(
         start: Start of the path [m].
         goal: End of the path [m].
         center: Middle of the grid [m]; by default half-way between start and goal.
-        method: solver: climb the conduction potential, with a certificate. astar: search the same grid.
+        method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         margin: Distance to keep from obstacles [m]; lowered by one voxel at a time where it seals start or goal in.
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         out: Folder for plan.json, path.csv and plan.png.
@@ -87,7 +88,7 @@ def _fly(
     /,
     trials: _Count = None,
     seed: _Seed = 0,
-    method: Literal["solver", "astar"] = "solver",
+    method: Literal["solver", "network", "astar"] = "solver",
     batch: _Count = None,
     wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0,
     noise: _Metres = 0.0,
@@ -111,7 +112,7 @@ def _fly(
         map: A simulated map: midtown, downtown, suburb.
         trials: Number of trials, from trial 0 on; 1 by default.
         seed: Seed of the first city.
-        method: solver: climb the conduction potential. astar: search the same grid.
+        method: solver: climb the conduction potential. network: one that a network predicts. astar: search the grid.
         batch: Flights at a time; by default what suits the device.
         wind: Mean speed of the wind [m/s], with gusts in proportion.
         noise: Standard deviation of measured distances [m].

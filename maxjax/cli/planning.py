@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
-NAMES = {"solver": "maxjax", "astar": "A*"}
+NAMES = {"solver": "maxjax", "network": "maxjax, network", "astar": "A*", "rrtstar": "RRT*", "apf": "APF"}
+_FIELDS = ("solver", "network")
 
 
 def run(
@@ -69,7 +70,7 @@ def run(
         figure = None
         if plan.status == Status.OK:
             with report.progress("Drawing"):
-                if method == "solver":
+                if method in _FIELDS:
                     plans["astar"] = plan_in(world, start, goal, "astar", margin, Stopwatch())
                 figure = draw(world, plans, start, goal, title=Path(map).name, around=_AROUND)
         files = report.write_plan(out, content, figure)
@@ -145,7 +146,7 @@ def draw(
         {NAMES[name]: world.globalize(plan.path) for name, plan in plans.items() if plan.status == Status.OK},
         start=np.asarray(start),
         goal=np.asarray(goal),
-        log_potential=_log_potential(world, goal, first.margin) if first.method == "solver" else None,
+        log_potential=_log_potential(world, goal, first.margin) if first.method in _FIELDS else None,
         points=points,
         title=title,
         around=around,

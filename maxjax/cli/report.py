@@ -30,7 +30,9 @@ from maxjax.core.status import Status
 from maxjax.planning.planner import Plan
 
 # In the order in which they run, so that plans by different methods share the rows of a table.
-_STAGES = ("voxelise", "dilate", "solve", "ascend", "tighten", "search", "verify", "total")
+_STAGES = (
+    "voxelise", "dilate", "solve", "ascend", "tighten", "search", "distance", "descend", "verify", "total",
+)  # fmt: skip
 FIRST_RUN = "the first run compiles, about 20 s on a CPU"
 FIRST_FLIGHT = "the first flight compiles, a minute or two"
 # Lines of progress in a file of them are this far apart [s].
@@ -209,7 +211,7 @@ def describe(plan: Plan, asked: float, start: Point3, goal: Point3) -> dict[str,
     """A plan as the rows of a table."""
     rows = {
         "status": plan.status.name,
-        "certified": "yes" if plan.certified else "no" if plan.method == "solver" else "-",
+        "certified": "yes" if plan.certified else "no" if plan.method in ("solver", "network") else "-",
         "margin": f"{plan.margin:g} m" + (f" (asked {asked:g} m)" if plan.margin != asked else ""),
     }
     if plan.status == Status.OK:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,9 @@ from maxjax.nn.layers import Formulation
 from maxjax.solvers.potential import Potential, screening_length_for, solve_potential
 
 WEIGHTS = Path(__file__).parent / "weights"
-# Positive sweeps between two looks at the certificate.
+# Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
+MAX_SWEEPS = 64
+# Sweeps between two looks at the certificate.
 _LOOK = 4
 
 
@@ -143,6 +145,19 @@ def predict_potential(
 
     field: Potential = lax.cond(usable & ~predicted.certified, solved, lambda: predicted)
     return field
+
+
+@functools.cache
+def network_potential(name: str = "maxjax", max_sweeps: int = MAX_SWEEPS) -> Callable[[Array, Array], Potential]:
+    """(sigma, goal_index) ↦ Potential by a trained network; the same function each time, as a planner's cache wants.
+
+    Args:
+        name, max_sweeps: as of `load_model` and `predict_potential`.
+
+    Raises:
+        ValueError: as `load_model`.
+    """
+    return functools.partial(predict_potential, load_model(name), max_sweeps=max_sweeps)
 
 
 def save_model(

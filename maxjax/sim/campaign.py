@@ -32,7 +32,18 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 from maxjax.core.status import Status
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import Finder, Flight, FlightConfig, FlightLog, World, climb_field, fly, stages_of, take_off
+from maxjax.sim.flight import (
+    Finder,
+    Flight,
+    FlightConfig,
+    FlightLog,
+    World,
+    climb_field,
+    climb_prediction,
+    fly,
+    stages_of,
+    take_off,
+)
 from maxjax.sim.geoms import Geoms
 from maxjax.sim.layouts import MAPS
 from maxjax.sim.ledger import Ledger
@@ -40,7 +51,7 @@ from maxjax.sim.outcomes import INVALID_DRAW, Outcome
 from maxjax.sim.scenes import make_scene
 from maxjax.sim.trials import Trial, draw_many
 
-FINDERS: dict[str, Finder] = {"solver": climb_field, "astar": astar_finder.search}
+FINDERS: dict[str, Finder] = {"solver": climb_field, "network": climb_prediction, "astar": astar_finder.search}
 # The arrays of a dataclass, by field, on the host.
 Table = dict[str, np.ndarray]
 

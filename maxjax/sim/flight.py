@@ -37,6 +37,7 @@ from maxjax.core.loops import settle
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
+from maxjax.nn.model import network_potential
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route
 from maxjax.planning.problem import Problem, pose
@@ -75,6 +76,15 @@ _STUCK = 0.5
 def climb_field(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
     """The default path finder: solve the conduction potential, climb it, pull the path taut."""
     return route(problem, grid, solve_potential, Ascent())
+
+
+def climb_prediction(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
+    """`climb_field` with the potential that the network predicts, improved until it is certified.
+
+    Raises:
+        ValueError: if its weights are missing.
+    """
+    return route(problem, grid, network_potential(), Ascent())
 
 
 @jax.tree_util.register_dataclass

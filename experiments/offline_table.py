@@ -1,0 +1,452 @@
+"""Table I of the paper, offline: every planner on the same problems, grids and margins, before the same judge.
+
+    python -m experiments.offline_table                                  # 50 problems a map; two CPU cores: 15 minutes
+    python -m experiments.offline_table --problems 10000 --batch 50      # the solver alone, batched; one H200
+
+Both unseen maps, offline protocol (`experiments.random_problems`): start and goal 20 to 50 voxels apart, 3 to 15 m
+high, margin 8 m or the largest that joins them. Problems that no margin solves are left out (SciPy's labels decide).
+Each problem is planned by one method after the other; what takes time is the plan from map to verified path, after a
+warm-up, compilation apart. `find` is the time between dilation and verification, which all methods share.
+
+Methods: those of `maxjax.plan`; `fast marching`, the travel time from the goal by scikit-fmm (second order), climbed
+and tightened as ours is, so that only the field differs; and networks, where weights are there: `network` (maxjax's,
+with positive sweeps until certified), `network alone`, or a name of `maxjax.nn.autoencoder.CONFIGS`, alone or not.
+
+Lengths are compared over the problems that solver and A* both solve (`shared`), and given over each method's own
+successes too. `turning` is the sum of the absolute angles between consecutive segments, per metre; the paper measures
+no smoothness. With `--batch`, problems that no margin solves stay in, and are to be proved so.
+
+Expected: solver 100 % on both maps and certified, 0.92 to 0.94 of A*'s length, shorter than RRT*; fast marching about
+1 % shorter still, later and without a certificate; on CPU, A* is quicker than the solver; APF stalls in about every
+second problem.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib.util
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from scipy import ndimage
+
+import maxjax
+from benchmarks.harness import Row, save
+from benchmarks.potential import Scene, as_potential, marching
+from experiments.random_problems import Problem, problems
+from maxjax.api import METHODS, path_finder
+from maxjax.nn.autoencoder import CONFIGS
+from maxjax.nn.model import WEIGHTS, load_model, predict_potential
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import NO_PATH, PathFinder, Route, Stage, Stopwatch, climb, field_path, plan_path
+from maxjax.planning.problem import Problem as Posed
+from maxjax.planning.tighten import tighten
+
+RESULTS = Path(__file__).parent / "results"
+# Beyond these the solver takes over.
+_SWEEPS = 64
+_CITIES = 10  # a chunk of the batched run; ten problems a city
+_NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}
+_CITY = {"downtown": "LA Night City", "suburb": "London White City"}
+# The paper, Table I: length [m], its standard deviation, run time [s].
+_PAPER: dict[str, dict[str, tuple[float, float, float]]] = {
+    "downtown": {
+        "astar": (54.6, 17.8, 0.155),
+        "rrtstar": (57.5, 19.6, 17.2),
+        "3DMaxConvNet": (58.5, 17.8, 0.089),
+    },
+    "suburb": {
+        "astar": (57.6, 19.8, 0.17),
+        "rrtstar": (59.8, 21.8, 17.5),
+        "3DMaxConvNet": (59.3, 19.4, 0.087),
+    },
+}
+
+_CLIMB = Stage("ascend", climb, static=("settings",))
+_TIGHTEN = Stage("tighten", tighten)
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        problems: a map.
+        maps: nothing was ever tuned or trained on them.
+        methods: planners; one that is not installed, or has no weights, is left out and named.
+        batch: problems a call, for the solver alone; 0: every method, one plan at a time.
+        shape: of the grid, voxels of 2 m around the origin.
+        margin: [m].
+        seed: of cities and problems.
+        out: where the JSON goes.
+    """
+
+    problems: int = 50
+    maps: tuple[str, ...] = ("downtown", "suburb")
+    methods: tuple[str, ...] = (
+        "solver",
+        "network",
+        "network alone",
+        "paper alone",
+        "paper_difference alone",
+        "astar",
+        "rrtstar",
+        "fast marching",
+        "apf",
+    )
+    batch: int = 0
+    shape: tuple[int, int, int] = (101, 101, 101)
+    margin: float = 8.0
+    seed: int = 0
+    out: Path = RESULTS
+
+
+# RRT* alone would take as long as the rest.
+TINY = Config(
+    problems=2,
+    maps=("suburb",),
+    methods=("solver", "paper alone", "astar", "fast marching", "apf"),
+    shape=(51, 51, 21),
+)
+
+
+def main(config: Config) -> list[Row]:
+    """Plan, judge, save; one row a map and method."""
+    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
+    if config.batch:
+        rows = [_many(name, config, grid) for name in config.maps]
+        save("offline_many", config, rows, config.out)
+        return rows
+    finders: dict[str, PathFinder] = {}
+    rows = []
+    for method in config.methods:
+        found = finder(method)
+        if isinstance(found, str):
+            rows.append({"map": "", "method": method, "left_out": found})
+        else:
+            finders[method] = found
+    for name in config.maps:
+        rows += _rows(name, finders, config, grid)
+    save("offline_table", config, rows, config.out)
+    return rows
+
+
+def finder(method: str) -> PathFinder | str:
+    """The planner that a name means, or why it cannot be had here.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
+    if method == "rrtstar" and importlib.util.find_spec("ompl") is None:
+        return "OMPL is not installed"
+    if method in METHODS and method != "network":
+        return path_finder(method)
+    if method == "fast marching":
+        return fast_marching
+    model, _, alone = method.partition(" ")
+    model = "maxjax" if model == "network" else model
+    if model not in CONFIGS or alone not in ("", "alone"):
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, fast marching or a network, given {method!r}")
+    if not (WEIGHTS / f"{model}.npz").is_file():
+        return "no weights"
+    return field_path(functools.partial(predict_potential, load_model(model), max_sweeps=0 if alone else _SWEEPS))
+
+
+def fast_marching(problem: Posed, grid: maxjax.Grid, watch: Stopwatch) -> Route:
+    """The path finder that descends scikit-fmm's travel time, as `field_path` climbs a potential."""
+    blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
+    scene = Scene("", grid, blocked, blocked, np.asarray(problem.goal), [problem], [])
+    with watch.stage("march"):
+        labels, _ = ndimage.label(~blocked)
+        component = np.asarray(labels == labels[goal])
+        march = marching(scene, component)["scikit-fmm, fast marching"]
+        if march is None:
+            raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
+        phi = as_potential(march(), component, goal)
+    for steps in (512, 2048, 8192):
+        ends = problem.start, problem.goal
+        path, arrived, bits = _CLIMB(watch, phi, problem.blocked, *ends, settings=Ascent(steps=steps))
+        if arrived:
+            return Route(np.asarray(_TIGHTEN(watch, bits, path)), maxjax.Status.OK, certified=False)
+    return Route(NO_PATH, maxjax.Status.PATH_STALLED, certified=False)
+
+
+def solvable(problem: Problem, grid: maxjax.Grid) -> bool:
+    """Whether free voxels join start and goal through faces, by SciPy; margins only take voxels away."""
+    labels, _ = ndimage.label(~problem.occupied)
+    ends = np.stack([problem.start, problem.goal]).astype(np.float64)
+    index = np.floor((ends - np.array(grid.origin)) / grid.spacing + 0.5).astype(int)
+    start, goal = labels[tuple(index.T)]
+    return bool(start == goal != 0)
+
+
+def turning(path: np.ndarray) -> float:
+    """Sum of the absolute angles between consecutive segments over the length [degrees/m]."""
+    moves = np.diff(path.astype(np.float64), axis=0)
+    sizes = np.linalg.norm(moves, axis=1)
+    moves, sizes = moves[sizes > 0], sizes[sizes > 0]
+    along = moves / sizes[:, None]
+    # The angle by its half: exact for small ones, where the arc cosine is not.
+    apart, together = (np.linalg.norm(along[1:] + sign * along[:-1], axis=1) for sign in (-1, 1))
+    return float(np.degrees(2 * np.arctan2(apart, together)).sum() / sizes.sum())
+
+
+def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxjax.Grid) -> list[Row]:
+    posed: list[Problem] = []
+    asked = config.problems
+    while len(posed) < config.problems:
+        posed = [p for p in problems(name, asked, config.seed, grid) if solvable(p, grid)][: config.problems]
+        asked += 10
+
+    def run(problem: Problem, method: str) -> maxjax.Plan:
+        return plan_path(
+            finders[method],
+            problem.occupied | problem.ground,
+            problem.start,
+            problem.goal,
+            grid,
+            margin=config.margin,
+            ground=problem.ground,
+            method=method,
+        )
+
+    compile_s = {method: run(posed[0], method).timings["compile"] for method in finders}
+    plans: dict[str, list[maxjax.Plan]] = {method: [] for method in finders}
+    for k, problem in enumerate(posed):
+        for method in finders:
+            plans[method].append(run(problem, method))
+        print(f"{name}: {k + 1} of {len(posed)}", file=sys.stderr, flush=True)
+    judges = [plans[method] for method in ("solver", "astar") if method in plans]
+    shared = [all(one[k].status == maxjax.Status.OK for one in judges) for k in range(len(posed))]
+    rows: list[Row] = []
+    for method in finders:
+        row: dict[str, Any] = {"map": name, "method": method, "shared": sum(shared)}
+        row |= _figures(plans[method], shared, plans.get("astar", plans[method]))
+        rows.append(row | {"compile_s": round(compile_s[method], 2)})
+    return rows
+
+
+def _figures(plans: Sequence[maxjax.Plan], shared: Sequence[bool], rivals: Sequence[maxjax.Plan]) -> dict[str, Any]:
+    """What a method's plans say; lengths also beside A*'s, problem by problem."""
+    own = [p for p in plans if p.status == maxjax.Status.OK]
+    both = [p for p, s in zip(plans, shared, strict=True) if s and p.status == maxjax.Status.OK]
+    pairs = [
+        p.length / q.length for p, q in zip(plans, rivals, strict=True) if p.status == q.status == maxjax.Status.OK
+    ]
+    total = np.array([p.timings["total"] for p in plans])
+    apart = np.array([p.timings.get("dilate", 0.0) + p.timings.get("verify", 0.0) for p in plans])
+    return {
+        "problems": len(plans),
+        "ok": len(own),
+        "certified": sum(p.certified for p in plans),
+        "failures": _failures(plans),
+        "shared_solved": len(both),
+        "length_m": _rounded(np.mean, [p.length for p in both], 2),
+        "length_std_m": _rounded(np.std, [p.length for p in both], 2),
+        "over_astar": _rounded(np.mean, pairs, 4),
+        "own_length_m": _rounded(np.mean, [p.length for p in own], 2),
+        "own_length_std_m": _rounded(np.std, [p.length for p in own], 2),
+        "clearance_m": _rounded(np.mean, [p.clearance for p in own], 2),
+        "clearance_least_m": _rounded(np.min, [p.clearance for p in own], 3),
+        "turning_deg_m": _rounded(np.mean, [turning(p.path) for p in own], 2),
+        "ms_median": _rounded(np.median, 1e3 * total, 1),
+        "ms_min": _rounded(np.min, 1e3 * total, 1),
+        "ms_max": _rounded(np.max, 1e3 * total, 1),
+        "find_ms_median": _rounded(np.median, 1e3 * (total - apart), 1),
+    }
+
+
+def _failures(plans: Sequence[maxjax.Plan]) -> str:
+    counts = Counter(p.status.name for p in plans if p.status != maxjax.Status.OK)
+    return ", ".join(f"{status}: {count}" for status, count in sorted(counts.items()))
+
+
+def _rounded(statistic: Any, values: Sequence[float] | np.ndarray, digits: int) -> float | None:
+    return round(float(statistic(values)), digits) if len(values) else None
+
+
+def _many(name: str, config: Config, grid: maxjax.Grid) -> Row:
+    """The solver on many problems, batched: (map, counts, figures)."""
+    plans: list[maxjax.Plan] = []
+    reachable = 0
+    compile_s = 0.0
+    for chunk in _chunks(name, config, grid):
+        for first in range(0, len(chunk), config.batch):
+            some = chunk[first : first + config.batch]
+            occupied, ground, start, goal = (
+                np.stack([getattr(p, field) for p in some]) for field in ("occupied", "ground", "start", "goal")
+            )
+            found = maxjax.plan_batch(occupied, start, goal, grid, margin=config.margin, ground=ground)
+            compile_s += len(found) * found[0].timings["compile"]
+            reachable += sum(solvable(p, grid) for p in some)
+            # Paths of ten thousand plans are not needed.
+            plans += [dataclasses.replace(p, path=p.path[:0]) for p in found]
+        print(f"{name}: {len(plans)} of {config.problems}", file=sys.stderr, flush=True)
+    own = [p for p in plans if p.status == maxjax.Status.OK]
+    return {
+        "map": name,
+        "method": "solver",
+        "problems": len(plans),
+        "solvable": reachable,
+        "ok": len(own),
+        "certified": sum(p.certified for p in own),
+        "proved_unsolvable": sum(p.status == maxjax.Status.NO_VALID_PATH for p in plans),
+        "failures": _failures(plans),
+        "length_m": _rounded(np.mean, [p.length for p in own], 2),
+        "length_std_m": _rounded(np.std, [p.length for p in own], 2),
+        "clearance_m": _rounded(np.mean, [p.clearance for p in own], 2),
+        "clearance_least_m": _rounded(np.min, [p.clearance for p in own], 3),
+        "ms_a_plan": _rounded(np.mean, [1e3 * p.timings["total"] for p in plans], 2),
+        "compile_s": round(compile_s, 1),
+    }
+
+
+def _chunks(name: str, config: Config, grid: maxjax.Grid) -> Iterator[list[Problem]]:
+    """The problems, few cities at a time: a thousand would fill the memory. The first ten are those of the table."""
+    for city in range(0, config.problems, 10 * _CITIES):
+        count = min(10 * _CITIES, config.problems - city)
+        yield problems(name, count, config.seed + city // 10, grid)
+
+
+def section(document: dict[str, Any]) -> str:
+    """RESULTS.md: the table and what it says; of the batched run, its counts."""
+    if document["name"] == "offline_many":
+        return _section_many(document)
+    rows = [row for row in document["rows"] if row["map"]]
+    config, device = document["config"], document["provenance"]["device"]
+    lines = [
+        "### Table I, offline",
+        "",
+        f"{config['problems']} solvable problems a map, run on {device} ({document['provenance']['cpus']} CPU cores). "
+        "Every path passed the same verification; run times are from map to verified path, compilation apart (what "
+        "methods share is compiled with the first). Lengths "
+        "are means over the problems that solver and A* both solve (their number in brackets where a method solves "
+        "fewer of them), clearance and turning over a method's own successes. The paper has other cities; its figures "
+        "stand beside ours for scale, not as the same problems.",
+        "",
+        "| map | method | OK | length [m] | / A* | own length [m] | clearance [m] | least [m] | turning [°/m] "
+        "| run time [ms] | min to max | find | compile [s] | paper: length [m] | paper: time [s] |",
+        "|---" * 15 + "|",
+    ]
+    for name in config["maps"]:
+        here = [row for row in rows if row["map"] == name]
+        lines += [_line(row, _PAPER.get(name, {}).get(row["method"])) for row in here]
+        if name in _PAPER:
+            theirs = _theirs(_PAPER[name]["3DMaxConvNet"])
+            lines.append(f"| {name} | 3DMaxConvNet (the paper, {_CITY[name]}) |{' – |' * 11}{theirs}")
+    lines += [""] + [_said(name, [row for row in rows if row["map"] == name]) for name in config["maps"]]
+    left = [f"{_NAMES.get(r['method'], r['method'])} ({r['left_out']})" for r in document["rows"] if not r["map"]]
+    if left:
+        lines += ["", f"Not measured: {', '.join(left)}."]
+    return "\n".join([*lines, ""])
+
+
+def _theirs(figures: tuple[float, float, float] | None) -> str:
+    return " – | – |" if figures is None else f" {figures[0]} ± {figures[1]} | {figures[2]:g} |"
+
+
+def _line(row: dict[str, Any], paper: tuple[float, float, float] | None) -> str:
+    def number(key: str, digits: int) -> str:
+        return "–" if row[key] is None else f"{row[key]:.{digits}f}"
+
+    def mean(prefix: str) -> str:
+        known = row[f"{prefix}length_m"] is not None
+        return f"{number(f'{prefix}length_m', 1)} ± {number(f'{prefix}length_std_m', 1)}" if known else "–"
+
+    fewer = "" if row["shared_solved"] == row["shared"] else f" ({row['shared_solved']} of {row['shared']})"
+    cells = [
+        row["map"],
+        _NAMES.get(row["method"], row["method"]),
+        f"{row['ok']}/{row['problems']}",
+        mean("") + fewer,
+        number("over_astar", 3),
+        mean("own_"),
+        number("clearance_m", 2),
+        number("clearance_least_m", 2),
+        number("turning_deg_m", 2),
+        number("ms_median", 0),
+        f"{number('ms_min', 0)} to {number('ms_max', 0)}",
+        number("find_ms_median", 0),
+        number("compile_s", 0),
+    ]
+    return f"| {' | '.join(cells)} |{_theirs(paper)}"
+
+
+def _said(name: str, rows: list[dict[str, Any]]) -> str:
+    """Who beats the solver on a map, in what, and how ours stands to the paper's figures."""
+    by = {row["method"]: row for row in rows}
+    if "solver" not in by:
+        return ""
+    ours = by.pop("solver")
+    text = f"**{name}**: the solver arrives in {ours['ok']} of {ours['problems']}, {ours['certified']} certified"
+    if "astar" in by and ours["length_m"] is not None:
+        text += f", at {ours['over_astar']:.3f} of A*'s length"
+    text += "."
+    measures = (
+        ("Shorter where both solve", "length_m", 1, "{:.1f} m against {:.1f} m"),
+        ("Quicker (median)", "ms_median", 1, "{:.0f} ms against {:.0f} ms"),
+        ("More clearance on average", "clearance_m", -1, "{:.2f} m against {:.2f} m"),
+        ("Straighter", "turning_deg_m", 1, "{:.2f} °/m against {:.2f} °/m"),
+        ("More successes", "ok", -1, "{:.0f} against {:.0f}"),
+    )
+    for claim, key, sign, form in measures:
+        better = [
+            f"{_NAMES.get(method, method)} ({form.format(row[key], ours[key])})"
+            for method, row in by.items()
+            if None not in (row[key], ours[key])
+            and sign * row[key] < sign * ours[key]
+            # A mean over fewer, easier problems is no comparison.
+            and (key in ("ms_median", "ok") or row["shared_solved"] == ours["shared_solved"])
+        ]
+        if better:
+            text += f" {claim} than ours: {', '.join(better)}."
+    fewer = [
+        f"{_NAMES.get(method, method)} solves {row['ok']} of {row['problems']} ({row['failures']})"
+        for method, row in by.items()
+        if row["ok"] < row["problems"]
+    ]
+    if fewer:
+        text += f" {'; '.join(fewer)}."
+    if name in _PAPER:
+        length, _, seconds = _PAPER[name]["3DMaxConvNet"]
+        text += (
+            f" The paper's planner needs {1e3 * seconds:.0f} ms for {length} m in {_CITY[name]}: "
+            f"{1e3 * seconds / ours['ms_median']:.2g} times the solver's run time here."
+        )
+    return text + "\n"
+
+
+def _section_many(document: dict[str, Any]) -> str:
+    lines = [
+        "### Offline, by the thousand",
+        "",
+        "| map | problems | solvable | OK | certified | proved unsolvable | length [m] | clearance [m] | least [m] "
+        "| a plan, batched [ms] |",
+        "|---" * 10 + "|",
+    ]
+    for row in document["rows"]:
+        lines.append(
+            f"| {row['map']} | {row['problems']:,} | {row['solvable']:,} | {row['ok']:,} | {row['certified']:,} "
+            f"| {row['proved_unsolvable']:,} | {row['length_m']:.1f} ± {row['length_std_m']:.1f} "
+            f"| {row['clearance_m']:.2f} | {row['clearance_least_m']:.3f} | {row['ms_a_plan']:.1f} |"
+        )
+    solved, reachable, sure = (sum(row[key] for row in document["rows"]) for key in ("ok", "solvable", "certified"))
+    lines += [
+        "",
+        f"{solved:,} of {reachable:,} solvable problems (by SciPy's labels) end in a verified path, {sure:,} of them "
+        f"on a certified field; {document['config']['batch']} problems a call on {document['provenance']['device']}.",
+    ]
+    failures = [f"{row['map']}, {row['failures']}" for row in document["rows"] if row["failures"]]
+    if failures:
+        lines += ["", f"Without a path: {'; '.join(failures)}."]
+    return "\n".join([*lines, ""])
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,74 @@
+"""RESULTS.md, written from the result files and from nothing else.
+
+    python -m experiments.report          (or: make results)
+
+Every experiment turns its own JSON into its section; this page orders them, and says where each figure comes from. A
+test compares page and files, so that no figure there can differ from the run that it names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from benchmarks.markdown import Document, sources
+
+HERE = Path(__file__).parent
+PAGE = HERE / "RESULTS.md"
+
+# Chapter: result file and module of each section, in order.
+CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
+    "The paper's table": (
+        ("offline_table", "offline_table"),
+        ("offline_many", "offline_table"),
+        ("closed_loop", "closed_loop"),
+        ("closed_loop_many", "closed_loop"),
+        ("closed_loop_disturbed", "closed_loop"),
+    ),
+    "Problems and maps that judge": (
+        ("random_problems", "random_problems"),
+        ("warframe_crops", "warframe_crops"),
+        ("warframe_full", "warframe_full"),
+        ("real_cities", "real_cities"),
+    ),
+    "What can be differentiated": (
+        ("differentiable_inverse", "differentiable.inverse"),
+        ("differentiable_design", "differentiable.design"),
+        ("differentiable_learning", "differentiable.learning"),
+        ("differentiable_sensitivity", "differentiable.sensitivity"),
+    ),
+    "Ablations": (("ablations", "ablations"),),
+}
+
+_HEAD = """# Results
+
+Written by `make results` from the files in [results/](results); a test compares them. The last table says which command
+made which file, on what device and at which commit. The paper is Bong and Beltrame,
+[arXiv:2605.10880](https://arxiv.org/abs/2605.10880).
+"""
+
+
+def page(folder: Path = HERE / "results") -> str:
+    """The text of RESULTS.md; sections whose file is not there yet are left out."""
+    parts, found = [_HEAD], {}
+    for chapter, sections in CHAPTERS.items():
+        there = [(name, module) for name, module in sections if (folder / f"{name}.json").is_file()]
+        if there:
+            parts.append(f"## {chapter}\n")
+        for name, module in there:
+            document: Document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+            section: Callable[[Document], str] = import_module(f"experiments.{module}").section
+            parts.append(section(document).strip() + "\n")
+            found[f"results/{name}.json"] = document
+    return "\n".join([*parts, "## Where these figures come from\n", sources(found)])
+
+
+def main() -> None:
+    """Rewrite RESULTS.md."""
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
