@@ -22,7 +22,7 @@ demo: setup
 	$(BIN)/maxjax demo --out demo
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 results: setup
 	$(BIN)/python -m experiments.report

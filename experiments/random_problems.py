@@ -70,13 +70,13 @@ def problems(name: str, count: int, seed: int, grid: maxjax.Grid) -> list[Proble
         rng = np.random.default_rng([seed, MAPS.index(name), city])
         occupied, ground = occupancy(make_scene(name, seed + city).geoms, grid)
         for _ in range(10):
-            start, goal = _ends(rng, occupied, grid)
+            start, goal = draw_ends(rng, occupied, grid)
             found.append(Problem(occupied, ground, start, goal))
         city += 1
     return found[:count]
 
 
-def _ends(rng: np.random.Generator, occupied: np.ndarray, grid: maxjax.Grid) -> tuple[np.ndarray, np.ndarray]:
+def draw_ends(rng: np.random.Generator, occupied: np.ndarray, grid: maxjax.Grid) -> tuple[np.ndarray, np.ndarray]:
     """Two free points, 20 to 50 voxels apart, 3 to 15 m high."""
     (west, south, _), (east, north, _) = grid.lower, grid.upper
     low, high = (west + 2, south + 2, 3.0), (east - 2, north - 2, 15.0)
@@ -102,7 +102,9 @@ def seal(problem: Problem, grid: maxjax.Grid, end: str) -> Problem:
     return dataclasses.replace(problem, occupied=shell)
 
 
-def _case(problem: Problem, plan: maxjax.Plan, config: Config, grid: maxjax.Grid) -> Case:
+def case_of(problem: Problem, plan: maxjax.Plan, config: Config, grid: maxjax.Grid) -> Case:
+    """What the judges need of a problem and its plan."""
+
     def to_index(x: np.ndarray) -> np.ndarray:
         return np.asarray((x.astype(np.float64) - np.array(grid.origin)) / grid.spacing)
 
@@ -118,9 +120,17 @@ def _case(problem: Problem, plan: maxjax.Plan, config: Config, grid: maxjax.Grid
     )
 
 
-def _row(
+def row_of(
     name: str, plans: list[maxjax.Plan], rivals: list[maxjax.Plan], verdicts: list[Verdict], grid: maxjax.Grid
 ) -> Row:
+    """The figures of one map.
+
+    Args:
+        name: of the map.
+        plans, rivals: by the field and by A*.
+        verdicts: of the judges.
+        grid: of all problems.
+    """
     solvable = [v.margin is not None for v in verdicts]
     solved = [p.status == maxjax.Status.OK for p in plans]
     solutions = [(p, q, v) for p, q, v, ok in zip(plans, rivals, verdicts, solved, strict=True) if ok]
@@ -169,15 +179,15 @@ def main(config: Config) -> list[Row]:
         for name in MAPS:
             posed = problems(name, config.problems, config.seed, grid)
             plans = [solve(p, "solver") for p in posed]
-            judged = pool.map_async(judge, [_case(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
+            judged = pool.map_async(judge, [case_of(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
             rivals = [solve(p, "astar") for p in posed]
-            rows.append(_row(name, plans, rivals, judged.get(), grid))
+            rows.append(row_of(name, plans, rivals, judged.get(), grid))
             print(rows[-1], file=sys.stderr, flush=True)
         share = -(-config.sealed // len(MAPS))
         open_ones = [problem for name in MAPS for problem in problems(name, share, config.seed, grid)][: config.sealed]
         posed = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
         plans = [solve(p, "solver") for p in posed]
-        verdicts = pool.map(judge, [_case(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
+        verdicts = pool.map(judge, [case_of(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
         rows.append(
             {
                 "map": "sealed",

@@ -1,6 +1,6 @@
-"""Buildings as footprints with heights, and their reader for CityJSON (0.8, 0.9, 1.0, 1.1, 2.0).
+"""Footprints from CityJSON (0.8, 0.9, 1.0, 1.1, 2.0).
 
-    x_local = scale · x_file + translate − origin          inside a footprint: even-odd rule over all its rings
+    x_local = scale · x_file + translate − origin
 
 A CityJSON file is one list of vertices and objects whose faces are lists of rings of indices into it. `transform`
 (scale, translate) undoes the quantisation of the vertices; without it they are metres as they stand (1.0 and before).
@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.model import MAX_FILE_BYTES, MapError
+from maxjax.maps.footprints import Footprint, Footprints, chain, localised
+from maxjax.maps.model import MapError, read_bytes
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
 # How a geometry's boundaries are nested: levels of lists above a face.
@@ -31,45 +31,7 @@ _NESTING = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 
 _LEVEL = 0.5  # a level face belongs to the floor up to so far above the lowest vertex [m]
 _SLOPE = 0.7  # a face is level if its normal's vertical share exceeds this
 
-Ring = Float[np.ndarray, "_ 2"]
 Face = list[list[int]]
-
-
-@dataclasses.dataclass(frozen=True)
-class Footprint:
-    """One building, or part of one, as an upright prism.
-
-    Attributes:
-        rings: outlines and holes, last point not repeated [m]; inside is where an odd number of them surround.
-        base: height of the floor [m].
-        top: height of the highest point of the roof [m].
-        name: the file's.
-    """
-
-    rings: tuple[Ring, ...]
-    base: float
-    top: float
-    name: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Footprints:
-    """The buildings of a file in a local ENU frame, metres.
-
-    Attributes:
-        buildings: at least one.
-        terrain: triangles of the terrain [m]; none in OpenStreetMap.
-        origin: of the local frame. CityJSON: file coordinates [m], the middle of the buildings to the metre, height
-            0. OpenStreetMap: longitude, latitude [degrees] and 0. Heights are not shifted.
-        skipped: buildings left out, because they have no height or no closed outline.
-        source: the file's name.
-    """
-
-    buildings: tuple[Footprint, ...]
-    terrain: Float[np.ndarray, "t 3 3"]
-    origin: Float[np.ndarray, "3"]
-    skipped: int
-    source: str
 
 
 def load_cityjson(path: Path) -> Footprints:
@@ -89,22 +51,6 @@ def load_cityjson(path: Path) -> Footprints:
         raise
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise MapError(f"{path}: malformed CityJSON: {type(error).__name__}: {error}") from error
-
-
-def read_bytes(path: Path) -> bytes:
-    """A file whole.
-
-    Raises:
-        MapError: if it cannot be read or is too large.
-    """
-    try:
-        if (size := path.stat().st_size) > MAX_FILE_BYTES:
-            raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop it")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        if isinstance(error, MapError):
-            raise
-        raise MapError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def _parse(path: Path) -> Mapping[str, Any]:
@@ -130,6 +76,7 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
     elif str(document["version"])[:3] in ("1.1", "2.0"):
         raise MapError(f"{path}: expected a transform, which CityJSON {document['version']} requires, found none")
     found: list[Footprint] = []
+    owners: list[str] = []
     triangles: list[list[int]] = []
     skipped = 0
     for name, thing in document["CityObjects"].items():
@@ -138,27 +85,18 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
         # A building without a geometry of its own is the sum of its parts.
         elif thing["type"] in ("Building", "BuildingPart") and thing.get("geometry"):
             footprint = _footprint(name, thing["geometry"], vertices)
-            found += [] if footprint is None else [footprint]
-            skipped += footprint is None
+            if footprint is None:
+                skipped += 1
+                continue
+            found.append(footprint)
+            # One parent by name until 0.9, a list of them since.
+            owners.append(thing.get("parent") or (thing.get("parents") or [name])[0])
     terrain = vertices[np.array(triangles, int).reshape(-1, 3)]
+    lowest: dict[str, float] = {}
+    for footprint, owner in zip(found, owners, strict=True):
+        lowest[owner] = min(footprint.base, lowest.get(owner, footprint.base))
+    found = [dataclasses.replace(part, base=lowest[owner]) for part, owner in zip(found, owners, strict=True)]
     return localised(found, terrain, skipped, path)
-
-
-def localised(
-    buildings: Sequence[Footprint], terrain: Float[np.ndarray, "t 3 3"], skipped: int, path: Path
-) -> Footprints:
-    """The same around the middle of the buildings, to the metre.
-
-    Raises:
-        MapError: if there is no building.
-    """
-    if not buildings:
-        raise MapError(f"{path}: expected a building with an outline and a height, found none ({skipped} without)")
-    corners = np.concatenate([ring for building in buildings for ring in building.rings])
-    middle = np.round(0.5 * (corners.min(0) + corners.max(0)))
-    moved = [dataclasses.replace(b, rings=tuple(ring - middle for ring in b.rings)) for b in buildings]
-    origin = np.array([*middle, 0.0])
-    return Footprints(tuple(moved), terrain - origin, origin, skipped, path.name)
 
 
 def _footprint(name: str, geometries: list[dict[str, Any]], vertices: np.ndarray) -> Footprint | None:
@@ -209,35 +147,3 @@ def _uprightness(corners: Float[np.ndarray, "n 3"]) -> float:
     normal = np.cross(local, np.roll(local, -1, axis=0)).sum(0)
     length = float(np.linalg.norm(normal))
     return abs(float(normal[2])) / length if length else 0.0
-
-
-def chain[T: Hashable](edges: Iterable[tuple[T, T]]) -> list[list[T]] | None:
-    """Edges to closed rings, edges that occur an even number of times left out.
-
-    Where more than two edges meet, the rings may be paired either way: under the even-odd rule they enclose the same.
-
-    Returns:
-        The rings, first point not repeated; None if there is none, or some edges do not close.
-    """
-    odd: dict[frozenset[T], tuple[T, T]] = {}
-    for a, b in edges:
-        key = frozenset((a, b))
-        if len(key) == 2 and odd.pop(key, None) is None:
-            odd[key] = (a, b)
-    around: dict[T, list[T]] = defaultdict(list)
-    for a, b in odd.values():
-        around[a].append(b)
-        around[b].append(a)
-    if not around or any(len(ends) % 2 for ends in around.values()):
-        return None
-    rings = []
-    for first in list(around):
-        while around[first]:
-            ring, at = [first], first
-            while (ahead := around[at].pop()) != first:
-                around[ahead].remove(at)
-                ring.append(ahead)
-                at = ahead
-            around[first].remove(at)
-            rings.append(ring)
-    return rings

@@ -107,3 +107,19 @@ def _round_middle(coordinates: Shaped[np.ndarray, " n"]) -> float:
     if max(abs(low), abs(high)) < _FAR:
         return 0.0
     return _ROUND * round((0.5 * low + 0.5 * high) / _ROUND)
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file whole.
+
+    Raises:
+        MapError: if it cannot be read or is too large.
+    """
+    try:
+        if (size := path.stat().st_size) > MAX_FILE_BYTES:
+            raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop it")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        if isinstance(error, MapError):
+            raise
+        raise MapError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error

@@ -2,13 +2,14 @@
 
     east = N(φ₀) cos φ₀ (λ − λ₀)        north = M(φ₀) (φ − φ₀)
 
-the plane that touches the WGS 84 ellipsoid at the origin (λ₀, φ₀), the middle of the buildings: N and M are its radii of
-curvature along the parallel and the meridian. Meridians converge, so at 1 km from the origin a point is off by up to
-some 0.1 m at the latitude of Venice Beach; within a window of 200 m by less than a centimetre.
+the plane that touches the WGS 84 ellipsoid at the origin (λ₀, φ₀), the middle of the buildings: N and M are its radii
+of curvature along the parallel and the meridian. Meridians converge: at Los Angeles a point 1 km from the origin is off
+by up to 0.1 m, and a window of 200 m that near to it is distorted by two centimetres at most.
 
 Taken are closed ways and multipolygon relations tagged `building` or `building:part`. Height: `height` [m], else
-3 m for each of `building:levels`. Floor: `ele`, or `elevation` as imports in the United States write it, else 0. What
-hangs in the air (`min_height`) is taken as solid to the floor.
+3 m for each of `building:levels`. Floor: `ele`; else, where Los Angeles County's import gives an `elevation`, that less
+the height, for there it is the roof's (over the blocks of Venice it rises with the height, one to one); else 0. What
+hangs in the air (`min_height`) is taken as solid down to the floor.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.cityjson import Footprint, Footprints, chain, localised, read_bytes
-from maxjax.maps.model import MapError
+from maxjax.maps.footprints import Footprint, Footprints, chain, localised
+from maxjax.maps.model import MapError, read_bytes
 
 _LEVEL = 3.0  # height of a storey [m]
 _NUMBER = re.compile(r"\s*([-+]?\d+(?:\.\d*)?)\s*m?\s*")
@@ -74,16 +75,15 @@ def _read(root: ElementTree.Element, path: Path) -> Footprints:
         if rings is None or height is None or not all(node in nodes for ring in rings for node in ring):
             skipped += 1
             continue
-        base = next((number for key in ("ele", "elevation") if (number := _number(tags, key)) is not None), 0.0)
+        floor, roof = _number(tags, "ele"), _number(tags, "elevation")
+        base = floor if floor is not None else 0.0 if roof is None else roof - height
         degrees = tuple(np.array([nodes[node] for node in ring]) for ring in rings)
         found.append(Footprint(degrees, base, base + height, f"{element.tag} {element.attrib['id']}"))
     if not found:
         return localised(found, np.zeros((0, 3, 3)), skipped, path)  # raises
     corners = np.concatenate([ring for building in found for ring in building.rings])
     middle = 0.5 * (corners.min(0) + corners.max(0))
-    metres = tuple(
-        Footprint(tuple(project(ring, middle) for ring in b.rings), b.base, b.top, b.name) for b in found
-    )
+    metres = tuple(Footprint(tuple(project(ring, middle) for ring in b.rings), b.base, b.top, b.name) for b in found)
     return Footprints(metres, np.zeros((0, 3, 3)), np.array([*middle, 0.0]), skipped, path.name)
 
 

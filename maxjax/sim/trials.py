@@ -101,8 +101,8 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
     blocks, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
     key = jax.random.fold_in(jax.random.key(seed), zlib.crc32(f"trials {name}".encode()))
     tables = [
-        _of_city(geoms, open_air, key, jnp.int32(CITY_TRIALS * block))
-        for block, (geoms, open_air) in zip(blocks, _truths(name, [int(seed + b) for b in blocks]), strict=True)
+        draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * block))
+        for block, (geoms, air) in zip(blocks, _truths(name, [int(seed + b) for b in blocks]), strict=True)
     ]
     rows = jnp.asarray(CITY_TRIALS * place + wanted % CITY_TRIALS)
     start, goal, valid, excluded = (jnp.concatenate(column)[rows] for column in zip(*tables, strict=True))
@@ -118,11 +118,11 @@ def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "
     with ThreadPoolExecutor() as pool:
         geoms = [make_scene(name, city).geoms for city in cities]
         for solids, (occupied, ground) in zip(geoms, pool.map(voxels, geoms), strict=True):
-            yield solids, _open_air(jnp.asarray(occupied), jnp.asarray(ground))
+            yield solids, open_air(jnp.asarray(occupied), jnp.asarray(ground))
 
 
 @jax.jit
-def _open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
+def open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
     """The component of free voxels that holds the top layer, which no roof reaches.
 
     Two points in it are joined. Two points outside it could be joined with each other only under a roof; but above a
@@ -133,17 +133,15 @@ def _open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"]
 
 
 @jax.jit
-def _of_city(
-    geoms: Geoms, open_air: Bool[Array, "nx ny nz"], key: PRNGKeyArray, first: Int32[Array, ""]
+def draw_in(
+    geoms: Geoms, air: Bool[Array, "nx ny nz"], key: PRNGKeyArray, first: Int32[Array, ""]
 ) -> tuple[Array, Array, Array, Array]:
     """Start, goal, valid and excluded of the 50 trials from `first` on."""
     keys = jax.vmap(functools.partial(jax.random.fold_in, key))(first + jnp.arange(CITY_TRIALS))
-    return jax.vmap(functools.partial(_first_pair, geoms, open_air))(keys)
+    return jax.vmap(functools.partial(_first_pair, geoms, air))(keys)
 
 
-def _first_pair(
-    geoms: Geoms, open_air: Bool[Array, "nx ny nz"], key: PRNGKeyArray
-) -> tuple[Array, Array, Array, Array]:
+def _first_pair(geoms: Geoms, air: Bool[Array, "nx ny nz"], key: PRNGKeyArray) -> tuple[Array, Array, Array, Array]:
     low = np.round(np.array([-HALF_AREA, -HALF_AREA, HEIGHT[0]]) * _TICKS).astype(np.int32)
     high = np.round(np.array([HALF_AREA, HALF_AREA, HEIGHT[1]]) * _TICKS).astype(np.int32)
     # Whole ticks, the bounds included: 16 random bits times their number, less 16 bits.
@@ -168,7 +166,7 @@ def _first_pair(
     candidate = clear[i] & clear[j] & (squared >= near) & (squared <= far)
 
     voxel = TRUTH.index_of(points)
-    joined = open_air[voxel[:, 0], voxel[:, 1], voxel[:, 2]]
+    joined = air[voxel[:, 0], voxel[:, 1], voxel[:, 2]]
     solvable = candidate & joined[i] & joined[j]
     chosen = jnp.argmax(solvable)
     valid = solvable[chosen]

@@ -75,11 +75,11 @@ def test_sealed_pairs_are_passed_over_and_counted() -> None:
     geoms = make_scene("suburb", 0).geoms
     key = jax.random.key(3)
     everywhere = jnp.ones(TRUTH.shape, bool)
-    start, goal, valid, excluded = trials._of_city(geoms, everywhere, key, jnp.int32(0))
+    start, goal, valid, excluded = trials.draw_in(geoms, everywhere, key, jnp.int32(0))
     assert np.all(valid)
     assert not np.any(excluded)
     west = everywhere & (jnp.arange(TRUTH.shape[0]) < TRUTH.shape[0] // 2)[:, None, None]
-    west_start, west_goal, west_valid, west_excluded = trials._of_city(geoms, west, key, jnp.int32(0))
+    west_start, west_goal, west_valid, west_excluded = trials.draw_in(geoms, west, key, jnp.int32(0))
     west_valid = np.asarray(west_valid)
     assert np.all(np.asarray(west_start)[west_valid, 0] < 1.0)
     assert np.all(np.asarray(west_goal)[west_valid, 0] < 1.0)
@@ -89,7 +89,7 @@ def test_sealed_pairs_are_passed_over_and_counted() -> None:
     moved = ~kept & (np.asarray(start)[:, 0] > 2.0)
     assert moved.any()
     assert np.all(np.asarray(west_excluded)[moved] > 0)
-    nowhere = trials._of_city(geoms, ~everywhere, key, jnp.int32(0))
+    nowhere = trials.draw_in(geoms, ~everywhere, key, jnp.int32(0))
     assert not np.any(nowhere[2])
     assert np.all(np.isnan(nowhere[0]))
     assert np.all(np.asarray(nowhere[3]) > 0)
@@ -102,7 +102,7 @@ def test_the_open_air_ends_at_sealed_rooms() -> None:
     occupied[61:71, 61:71, 6:16] = False
     ground = np.zeros(TRUTH.shape, bool)
     ground[:, :, :2] = True
-    air = np.asarray(trials._open_air(jnp.asarray(occupied | ground), jnp.asarray(ground)))
+    air = np.asarray(trials.open_air(jnp.asarray(occupied | ground), jnp.asarray(ground)))
     assert not air[62:70, 62:70, 7:15].any()
     assert not air[59, 65, 10]
     assert air[58, 65, 10]
