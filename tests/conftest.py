@@ -8,6 +8,8 @@ from pathlib import Path
 # Compiling is most of what the tests cost: a program is compiled once for all workers, child processes and later runs.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+# What XLA reads back from there it announces at length, on the same machine too.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 import pytest
 from jaxtyping import install_import_hook

@@ -56,7 +56,7 @@ def gradient_at(
     Reads a block of 4 x 4 x 4 voxels only, so a path costs nothing that depends on the size of the grid.
     """
     base = jnp.floor(position).astype(jnp.int32)
-    corner = jnp.clip(base - 1, 0, jnp.asarray(log_phi.shape) - 4)
+    corner = jnp.clip(base - 1, 0, jnp.asarray(log_phi.shape, jnp.int32) - 4)
     block = gradient(lax.dynamic_slice(log_phi, corner, (4, 4, 4)), lax.dynamic_slice(free, corner, (4, 4, 4)))
     # At the edge of the grid the block was moved inwards, and the cell is not its middle.
     cell = jnp.clip(base - corner, 0, 2)

@@ -1,0 +1,1 @@
+"""What only a differentiable, certified planner can do: inverse problems, design, learning, sensitivity."""
