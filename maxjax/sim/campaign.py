@@ -30,6 +30,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from maxjax.core.status import Status
+from maxjax.nn.model import network_potential
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import (
@@ -97,6 +98,8 @@ class Campaign:
             raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {self.map!r}")
         if self.method not in FINDERS:
             raise ValueError(f"method: expected one of {', '.join(FINDERS)}, given {self.method!r}")
+        if self.method == "network":
+            network_potential()  # whose weights may be missing
         if len(self.trials) < 1 or self.trials.step != 1 or self.trials.start < 0:
             raise ValueError(f"trials: expected at least one, from 0 on, given {self.trials}")
         if not 0 <= self.seed < 2**31:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -12,10 +14,12 @@ import numpy as np
 import pytest
 from nn.scenes import GRID, MINI, Boxes
 
-from maxjax import Status, conductivity, solve_potential
+from maxjax import Status, conductivity, plan, plan_batch, solve_potential
+from maxjax.nn import model as module
 from maxjax.nn.autoencoder import CONFIGS, init
-from maxjax.nn.model import Model, load_model, predict_potential, save_model
+from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
 from maxjax.planning.planner import PotentialLike
+from maxjax.sim.campaign import Campaign
 
 
 @pytest.fixture(autouse=True)
@@ -126,3 +130,38 @@ def test_a_batch_is_its_scenes(model: Model) -> None:
     batch = jax.jit(jax.vmap(run))(sigmas, goals)
     for i in range(3):
         np.testing.assert_allclose(batch.phi[i], jax.jit(run)(sigmas[i], goals[i]).phi, rtol=1e-4)
+
+
+@pytest.fixture
+def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder in the place of the shipped weights, and a small network in that of the default one."""
+    monkeypatch.setattr(module, "WEIGHTS", tmp_path)
+    monkeypatch.setitem(CONFIGS, "maxjax", MINI)
+    network_potential.cache_clear()
+    yield tmp_path
+    network_potential.cache_clear()
+    load_model.cache_clear()
+
+
+def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(shipped: Path) -> None:
+    save_model(shipped / "maxjax.npz", "maxjax", init(jax.random.key(0), MINI))
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[5:7, :9] = True
+    start, goal = [2.0, 2.0, 10.0], [20.0, 3.0, 8.0]
+    ours = plan(occupied, start, goal, GRID, method="network", margin=0.0)
+    assert ours.status is Status.OK
+    assert ours.method == "network"
+    assert ours.certified
+    # Around two edges of the wall, at (9, 17) and (13, 17) m.
+    shortest = math.hypot(7, 15) + 4 + math.hypot(7, 14)
+    assert shortest < ours.length < 1.1 * shortest
+    (batched,) = plan_batch(occupied, np.array([start]), np.array([goal]), GRID, method="network", margin=0.0)
+    assert batched.status is Status.OK
+    assert batched.certified
+
+
+def test_a_plan_by_network_without_weights_says_what_is_missing(shipped: Path) -> None:
+    with pytest.raises(ValueError, match="no weights of 'maxjax'"):
+        plan(np.zeros(GRID.shape, bool), [1.0, 1.0, 1.0], [9.0, 9.0, 9.0], GRID, method="network")
+    with pytest.raises(ValueError, match="no weights of 'maxjax'"):
+        Campaign("suburb", method="network")
