@@ -39,7 +39,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("differentiable_learning", "differentiable.learning"),
         ("differentiable_sensitivity", "differentiable.sensitivity"),
     ),
-    "Ablations": (("ablations", "ablations"),),
+    "Ablations": (("ablations", "ablations"), ("ablations_closed_loop", "ablations")),
 }
 
 _HEAD = """# Results

@@ -29,7 +29,7 @@ def test_the_example_runs_word_for_word() -> None:
         capture_output=True,
         text=True,
         cwd=readme.ROOT,
-        env={**os.environ, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"},
+        env={**os.environ, "XLA_FLAGS": "", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"},
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
