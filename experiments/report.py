@@ -9,6 +9,7 @@ test compares page and files, so that no figure there can differ from the run th
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -60,7 +61,8 @@ def page(folder: Path = HERE / "results") -> str:
         for name, module in there:
             document: Document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
             section: Callable[[Document], str] = import_module(f"experiments.{module}").section
-            parts.append(section(document).strip() + "\n")
+            # A section's heading stands below its chapter's, whatever it is by itself.
+            parts.append(re.sub(r"^#+ ", "### ", section(document).strip(), flags=re.MULTILINE) + "\n")
             found[f"results/{name}.json"] = document
     return "\n".join([*parts, "## Where these figures come from\n", sources(found)])
 
