@@ -26,6 +26,7 @@ class Case:
     rungs: tuple[float, ...]  # margins tried, largest first [voxels]
     margin: float  # the one reported [voxels]
     path: np.ndarray  # (t, 3) index coordinates, empty if none
+    measured: bool = True  # whether its length is judged too, which takes longest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Verdict:
 
     margin: float | None  # the largest rung at which start and goal share a component; None if none
     unsafe: bool  # some sample of the path lies in a voxel within the margin
-    geodesic: float  # eikonal distance on the dilated grid [voxels]; NaN where there is none
+    geodesic: float  # eikonal distance on the dilated grid [voxels]; NaN where there is none or it was not asked for
 
 
 def distances(case: Case) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +72,7 @@ def judge(case: Case) -> Verdict:
     if len(case.path) == 0:
         return Verdict(margin, False, np.nan)
     blocked = blocked_at(near, low, case.margin)
-    return Verdict(margin, _unsafe(case.path, blocked), _geodesic(case, blocked))
+    return Verdict(margin, _unsafe(case.path, blocked), _geodesic(case, blocked) if case.measured else np.nan)
 
 
 def _unsafe(path: np.ndarray, blocked: np.ndarray) -> bool:

@@ -25,7 +25,7 @@ def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
     from experiments import random_problems
 
-    *maps, sealed = random_problems.main(random_problems.Config(problems=50, sealed=20, out=tmp_path))
+    *maps, sealed = random_problems.main(random_problems.Config(problems=50, sealed=20, measured=3, out=tmp_path))
     assert [row["map"] for row in maps] == ["midtown", "downtown", "suburb"]
     for row in maps:
         assert row["solved"] == row["certified"] == row["largest_margin"] == row["solvable"]

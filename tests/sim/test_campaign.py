@@ -229,7 +229,7 @@ def test_a_batch_beyond_the_computers_memory_is_split_before_it_flies(monkeypatc
     ("changes", "sentence"),
     [
         ({"map": "venice"}, "midtown, downtown, suburb, given 'venice'"),
-        ({"method": "magic"}, "solver, astar"),
+        ({"method": "magic"}, "solver, network, astar"),
         ({"trials": range(0)}, "at least one"),
         ({"seed": -1}, "seed"),
         ({"config": FlightConfig(Disturbances(dropout=1.5))}, "dropout: expected a number from 0 to 1"),

@@ -23,7 +23,6 @@ import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy import ndimage
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -61,6 +60,8 @@ def apf(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
 
 def distance_field(blocked: Bool[np.ndarray, "nx ny nz"]) -> Volume:
     """Distance from each voxel's centre to the nearest blocked centre, less half a voxel; negative where blocked."""
+    from scipy import ndimage  # for this rival alone; the command line answers without
+
     if not blocked.any():
         return np.full(blocked.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(~blocked)) - 0.5
