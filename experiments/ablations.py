@@ -47,12 +47,12 @@ from scipy import ndimage
 import maxjax
 from benchmarks.harness import Row, save
 from benchmarks.markdown import Document, device, table
-from experiments.oracle import Case, judge
-from experiments.random_problems import Problem, problems
+from experiments.closed_loop import figures_of
+from experiments.oracle import judge
+from experiments.random_problems import Problem, case_of, problems
 from maxjax.fields import gradient as slope
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
-from maxjax.fields.occupancy import rungs
 from maxjax.nn.model import WEIGHTS, load_model, predict_potential
 from maxjax.planning import planner
 from maxjax.planning.ascent import Ascent
@@ -217,7 +217,7 @@ def main(config: Config) -> list[Row]:
             found = run(problem, chosen, config.margin, grid)
             for variant, result in found.items():
                 results[variant].append(result)
-            case = _case(problem, found[DEFAULT].plan, config.margin, grid)
+            case = case_of(problem, found[DEFAULT].plan, config.margin, grid)
             geodesics.append(grid.spacing * judge(case).geodesic)
             print(f"{name}: {k + 1} of {config.problems}", file=sys.stderr, flush=True)
         rows += [
@@ -412,24 +412,6 @@ def bare(
     return path, jnp.asarray([int(status) for status in statuses], jnp.int32)[done]
 
 
-def _case(problem: Problem, plan: Plan, margin: float, grid: maxjax.Grid) -> Case:
-    """The default's plan for the oracle, which then knows the geodesic at its margin."""
-
-    def to_index(x: np.ndarray) -> np.ndarray:
-        return np.asarray((x.astype(np.float64) - np.array(grid.origin)) / grid.spacing)
-
-    return Case(
-        np.packbits(problem.occupied),
-        np.packbits(problem.ground),
-        grid.shape,
-        to_index(problem.start),
-        to_index(problem.goal),
-        tuple(m / grid.spacing for m in rungs(margin, grid)),
-        plan.margin / grid.spacing,
-        to_index(plan.path),
-    )
-
-
 def _figures(results: Sequence[Result], defaults: Sequence[Result], geodesics: Sequence[float]) -> dict[str, Any]:
     solved = [k for k, result in enumerate(results) if result.plan.status == maxjax.Status.OK]
     # Ratios where both have a path; the geodesic is that at the margin of the default.
@@ -468,23 +450,15 @@ def _fly(config: Config) -> list[Row]:
             campaign = Campaign(name, config.seed, range(config.trials), "solver", flight)
             kept = f"{name}-{'snapshot' if snapshot else 'fused'}{'-reactive' * bool(gain)}"
             folder = None if config.keep is None else config.keep / kept
-            found = summarise([o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some])
+            outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]
+            statuses = summarise(outcomes)["statuses"]
             rows.append(
                 {
                     "map": name,
                     "condition": condition,
                     "reactive_gain": gain,
-                    "trials": found["flown"],
-                    "arrived": found["successes"],
-                    "contacts": found["collisions"],
-                    "statuses": ", ".join(f"{status}: {count}" for status, count in found["statuses"].items()),
-                    "flown_m": found["flown_length"]["mean"],
-                    "flown_std_m": found["flown_length"]["std"],
-                    "plans": found["planning_iterations"]["mean"],
-                    "detour_mean": found["detour"]["mean"],
-                    "detour_p95": found["detour"]["p95"],
-                    "clearance_least_m": found["clearance"]["least"],
-                    "failed_plans": found["failed_plans"],
+                    **figures_of(outcomes),
+                    "statuses": ", ".join(f"{status}: {count}" for status, count in statuses.items()),
                 }
             )
             print(rows[-1], file=sys.stderr, flush=True)

@@ -80,13 +80,14 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
                 begun = time.perf_counter()
                 outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]
                 seconds = time.perf_counter() - begun
-                rows.append({"map": name, "method": method, "condition": condition, **_row(outcomes)})
+                rows.append({"map": name, "method": method, "condition": condition, **figures_of(outcomes)})
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
     save(config.name, config, rows, config.out)
     return rows
 
 
-def _row(outcomes: list[Outcome]) -> dict[str, Any]:
+def figures_of(outcomes: list[Outcome]) -> dict[str, Any]:
+    """The figures of a campaign's flights, as a row holds them."""
     found = summarise(outcomes)
     worst = [f"{failure['status']}: {failure['command']}" for failure in found["failures"]]
     return {

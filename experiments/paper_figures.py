@@ -34,6 +34,7 @@ from jaxtyping import Bool, Float
 import maxjax
 from experiments.differentiable.field import COLORS, FIGURES, city, draw_city, figure
 from experiments.random_problems import Problem, problems
+from maxjax.nn import layers
 from maxjax.nn.autoencoder import CONFIGS, Autoencoder, init
 from maxjax.planning.planner import Stopwatch, potential_field
 from maxjax.sim.ledger import ROWS, Ledger
@@ -428,7 +429,7 @@ def volumes_of(network: Autoencoder, voxels: int = 101) -> list[Volume]:
 def weights_of(network: Autoencoder) -> int:
     """Number of weights, without drawing them."""
     shapes = jax.eval_shape(functools.partial(init, config=network), jax.random.key(0))
-    return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(shapes))
+    return layers.count(shapes)
 
 
 def draw_architecture(config: Config) -> Path:

@@ -104,7 +104,7 @@ def seal(problem: Problem, grid: maxjax.Grid, end: str) -> Problem:
     return dataclasses.replace(problem, occupied=shell)
 
 
-def case_of(problem: Problem, plan: maxjax.Plan, config: Config, grid: maxjax.Grid) -> Case:
+def case_of(problem: Problem, plan: maxjax.Plan, margin: float, grid: maxjax.Grid) -> Case:
     """What the judges need of a problem and its plan."""
 
     def to_index(x: np.ndarray) -> np.ndarray:
@@ -116,7 +116,7 @@ def case_of(problem: Problem, plan: maxjax.Plan, config: Config, grid: maxjax.Gr
         grid.shape,
         to_index(problem.start),
         to_index(problem.goal),
-        tuple(m / grid.spacing for m in rungs(config.margin, grid)),
+        tuple(m / grid.spacing for m in rungs(margin, grid)),
         plan.margin / grid.spacing,
         to_index(plan.path),
     )
@@ -181,7 +181,7 @@ def main(config: Config) -> list[Row]:
         for name in MAPS:
             posed = problems(name, config.problems, config.seed, grid)
             plans = [solve(p, "solver") for p in posed]
-            cases = [case_of(p, q, config, grid) for p, q in zip(posed, plans, strict=True)]
+            cases = [case_of(p, q, config.margin, grid) for p, q in zip(posed, plans, strict=True)]
             cases = [dataclasses.replace(case, measured=k % config.measured == 0) for k, case in enumerate(cases)]
             judged = pool.map_async(judge, cases)
             rivals = [solve(p, "astar") for p in posed]
@@ -191,7 +191,7 @@ def main(config: Config) -> list[Row]:
         open_ones = [problem for name in MAPS for problem in problems(name, share, config.seed, grid)][: config.sealed]
         posed = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
         plans = [solve(p, "solver") for p in posed]
-        verdicts = pool.map(judge, [case_of(p, q, config, grid) for p, q in zip(posed, plans, strict=True)])
+        verdicts = pool.map(judge, [case_of(p, q, config.margin, grid) for p, q in zip(posed, plans, strict=True)])
         rows.append(
             {
                 "map": "sealed",

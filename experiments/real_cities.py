@@ -234,7 +234,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
         for method in ("solver", "astar")
     )
     settings = offline.Config(margin=config.margin)
-    cases = [offline.case_of(p, q, settings, grid) for p, q in zip(posed, plans, strict=True)]
+    cases = [offline.case_of(p, q, settings.margin, grid) for p, q in zip(posed, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))
     del row["map"]
     solved = [plan.status == maxjax.Status.OK for plan in rivals]

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
+from benchmarks import markdown
 from maxjax.core.serialize import atomic_write
 from maxjax.sim.scenes import make_scene, occupancy
 from maxjax.solvers.potential import TIGHT_TOLERANCE
@@ -173,6 +174,5 @@ def table(columns: Mapping[str, str], rows: Iterable[Mapping[str, object]]) -> s
     def cell(value: object) -> str:
         return "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
-    lines = [list(columns.values()), ["---"] * len(columns)]
-    lines += [[cell(row.get(key)) for key in columns] for row in rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    lines = [[cell(row.get(key)) for key in columns] for row in rows]
+    return markdown.table(list(columns.values()), lines, left=len(columns)).rstrip()
