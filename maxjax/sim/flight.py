@@ -10,7 +10,7 @@ A planning iteration is a tuple of pure stages, each (world, flight) ↦ flight:
    verification against the map as it is now, on the device (`sight.clear`: every voxel that an edge touches). A path
    that fails is not flown: the vehicle brakes and holds on the last one that passed, and looks again. Where it holds,
    or where a path leads into what cannot be seen from here (straight up, say), it turns and steps aside within what it
-   has seen, for another view.
+   has seen, for another view (`sim.lookout`).
 4. `follow`: one planning period of physics along the path, at speeds from which it can stop before the first place that
    it has not seen free, slower near obstacles. At every physics step the exact distance to every solid is taken.
 
@@ -41,7 +41,7 @@ from maxjax.nn.model import network_potential
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route
 from maxjax.planning.problem import Problem, pose
-from maxjax.planning.sight import blocks, clear, stands_free
+from maxjax.planning.sight import blocks, clear
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim import window as mapping
@@ -49,6 +49,7 @@ from maxjax.sim.distance import distance
 from maxjax.sim.disturbances import GUSTS_AT, Disturbances, corrupt, mean_wind, pose_error
 from maxjax.sim.geoms import Geoms
 from maxjax.sim.lidar import Lidar, Scan, scan
+from maxjax.sim.lookout import step_to, still_open
 from maxjax.sim.reactive import push
 from maxjax.sim.reference import Course, Limits, Reference, evaluate, profile, sample
 from maxjax.sim.scenes import Scene
@@ -63,8 +64,11 @@ LOG_PERIOD = 0.1
 _FAILURES = 20
 # The vehicle stops this far before what it has not seen [m].
 _STAND_OFF = 1.5
-# Steps aside lead to a voxel at most so many away along each axis, and this much nearer to a point so far ahead [m].
-_ASIDE, _AHEAD, _NEARER = 3, 6.0, 1.0
+# What counts as the way ahead, from here [m]; straight up, where there is none. Metres of a hidden way to look at.
+_AHEAD, _LOOKED_AT = 6.0, 8
+# Planning periods that a step aside may take, the distance at which it is done [m], and the part of a voxel by which
+# every look that was needed makes the next one more a matter of chance.
+_STEP, _STEPPED, _RESTLESS = 4, 0.5, 0.25
 # Speed allowed at 2 m between the centres of the vehicle's voxel and an obstacle's, and what each metre more adds.
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
 # A path is taken up when the vehicle moves across it no faster than this [m/s]: it drifts off by 0.4 m then.
@@ -196,6 +200,8 @@ class Flight:
         reference: along `path`.
         since: time since the reference began [s].
         yaw: heading that is asked for [rad].
+        looks: steps aside that were begun.
+        stepping: planning periods left for the one under way.
         failures: plans in a row without a path.
         done: whether the flight is over.
         log: so far.
@@ -213,6 +219,8 @@ class Flight:
     reference: Reference
     since: Float[Array, ""]
     yaw: Float[Array, ""]
+    looks: Int32[Array, ""]
+    stepping: Int32[Array, ""]
     failures: Int32[Array, ""]
     done: Bool[Array, ""]
     log: FlightLog
@@ -326,6 +334,8 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         reference=profile(sample(path, config.limits), jnp.zeros(config.limits.samples), zero, config.limits),
         since=zero,
         yaw=zero,
+        looks=none,
+        stepping=none,
         failures=none,
         done=status != Status.OK,
         log=log,
@@ -377,10 +387,9 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
     ahead = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
     stuck = jnp.linalg.norm(ahead) < _STUCK
-    wanted = direct.course.points[min(round(_AHEAD / config.limits.spacing), config.limits.samples - 1)]
-    wanted = jnp.where(ok, wanted, start + jnp.array([0.0, 0.0, _AHEAD]))
-    aside, exists = _step_aside(flight, problem, start, wanted, config)
-    steps = exists & (stuck | ~ok)
+    begins, goes_on, aside = _look_elsewhere(world, flight, path, ok, start, at, problem, config)
+    begins &= (stuck | ~ok) & ~goes_on
+    steps = begins | goes_on
     reference = _choose(steps & ~late, _refer(flight, aside, steps, gap, at, config), reference)
     fresh = jnp.where(steps, aside, path)
 
@@ -403,7 +412,9 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         waits=ok | steps,
         reference=reference,
         since=jnp.float32(0.0),
-        yaw=flight.yaw + jnp.where(stuck, 0.5 * math.pi, 0.0),
+        yaw=flight.yaw + jnp.where(stuck & ~goes_on, 0.5 * math.pi, 0.0),
+        looks=flight.looks + begins,
+        stepping=jnp.where(goes_on, flight.stepping - 1, jnp.where(begins, _STEP, 0)),
         failures=failures,
         done=flight.done | gives_up,
         log=log,
@@ -442,34 +453,49 @@ def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
     return chosen
 
 
-def _step_aside(
-    flight: Flight, problem: Problem, start: Float[Array, "3"], wanted: Float[Array, "3"], config: FlightConfig
-) -> tuple[Path, Bool[Array, ""]]:
-    """A straight way to a voxel nearby, through what has been seen free; and whether there is one.
+def _look_elsewhere(
+    world: World,
+    flight: Flight,
+    path: Path,
+    ok: Bool[Array, ""],
+    start: Float[Array, "3"],
+    at: Float[Array, "3"],
+    problem: Problem,
+    config: FlightConfig,
+) -> tuple[Bool[Array, ""], Bool[Array, ""], Path]:
+    """Whether there is a voxel to step to, whether a step is under way and may go on, and the straight way there.
 
-    To the one nearest to `wanted`, keeping to the margin. From within the margin, where a wall turned up late, to the
-    nearest one out of it.
+    A step is made to its end: half-way, what it is to show would be as hidden as before.
     """
-    grid = config.grid
+    grid, limits = config.grid, config.limits
+    seen, occupied = mapping.seen(flight.window), mapping.occupied(flight.window) | mapping.ground(flight.window)
     here = grid.fractional_index(_local(flight, config, start))
-    voxel = jnp.floor(here + 0.5).astype(jnp.int32)
-    reach = jnp.arange(-_ASIDE, _ASIDE + 1)
-    offsets = jnp.stack(jnp.meshgrid(reach, reach, reach, indexing="ij"), -1).reshape(-1, 3)
-    clear_of_margin = stands_free(problem.blocked, here)
-    room = mapping.seen(flight.window) & (~problem.blocked | ~clear_of_margin) | cell(config.shape, voxel)
-    bits = blocks(~room)
-    ends = voxel + offsets
-    i, j, k = jnp.clip(ends, 0, jnp.asarray(config.shape) - 1).T
-    ends = ends.astype(here.dtype)
-    reachable = jax.vmap(lambda end: clear(bits, here, end, slabs=_ASIDE + 2))(ends) & ~problem.blocked[i, j, k]
-    target = grid.fractional_index(_local(flight, config, wanted))
-    far = jnp.linalg.norm(ends - jnp.where(clear_of_margin, target, here), axis=1)
-    nearer = jnp.linalg.norm(target - here) - _NEARER / config.spacing
-    far = jnp.where(reachable & (~clear_of_margin | (far < nearer)), far, jnp.inf)
-    best = jnp.argmin(far)
-    end = _world(flight, config, grid.to_world(ends[best]))
-    rows = jnp.arange(flight.path.shape[0])[:, None]
-    return jnp.where(rows > 0, end, start), jnp.isfinite(far[best])
+    points = sample(path, limits).points
+    voxels, known = _known(flight, points, at, config)
+    unknown = jnp.where(jnp.all(known), 0, jnp.argmin(known)) + jnp.arange(_LOOKED_AT) * round(1.0 / limits.spacing)
+    above = start + jnp.array([0.0, 0.0, _AHEAD])
+    ahead = jnp.where(ok, points[min(round(_AHEAD / limits.spacing), limits.samples - 1)], above)
+    ahead = grid.fractional_index(_local(flight, config, ahead))
+    hidden = jnp.where(ok, voxels[jnp.minimum(unknown, len(voxels) - 1)], jnp.floor(ahead + 0.5).astype(jnp.int32))
+    restless = _RESTLESS * flight.looks.astype(jnp.float32)
+    key = jax.random.fold_in(world.key, 10_000 + flight.log.planning_iterations)
+    fresh, exists = step_to(seen, occupied, problem.blocked, here, hidden, ahead, config.lidar, restless, key)
+    before = grid.fractional_index(_local(flight, config, flight.waiting[-1]))
+    goes_on = (flight.stepping > 0) & still_open(seen, problem.blocked, here, before)
+    goes_on &= config.spacing * jnp.linalg.norm(before - here) > _STEPPED
+    end = _world(flight, config, grid.to_world(jnp.where(goes_on, before, fresh)))
+    rows = jnp.arange(path.shape[0])[:, None]
+    return exists, goes_on, jnp.where(rows > 0, end, start)
+
+
+def _known(
+    flight: Flight, points: Float[Array, "n 3"], at: Float[Array, "3"], config: FlightConfig
+) -> tuple[Int32[Array, "n 3"], Bool[Array, " n"]]:
+    """The voxels that points lie in, and whether they were seen free; the vehicle's own is known without looking."""
+    voxels = config.grid.index_of(_local(flight, config, points))
+    i, j, k = jnp.clip(voxels, 0, jnp.asarray(config.shape) - 1).T
+    here = jnp.all(voxels == config.grid.index_of(_local(flight, config, at)), axis=1)
+    return voxels, mapping.seen(flight.window)[i, j, k] | here
 
 
 def _refer(
@@ -489,13 +515,10 @@ def _refer(
     _, across = _along(flight.vehicle.velocity, fresh.tangent[0])
     valid = valid & (across <= _SIDEWAYS)
     course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, _rest_of(flight.reference, flight.since))
-    voxel = config.grid.index_of(_local(flight, config, course.points))
-    i, j, k = jnp.clip(voxel, 0, jnp.asarray(config.shape) - 1).T
+    voxels, known = _known(flight, course.points, at, config)
+    i, j, k = jnp.clip(voxels, 0, jnp.asarray(config.shape) - 1).T
     caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (gap[i, j, k] - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
-    # The voxel that the vehicle is in is known without looking.
-    here = jnp.all(voxel == config.grid.index_of(_local(flight, config, at)), axis=1)
-    known = mapping.seen(flight.window)[i, j, k] | here
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
     caps = jnp.where(valid & (s < ends), caps, 0.0)
     speed, _ = _along(flight.vehicle.velocity, course.tangent[0])
