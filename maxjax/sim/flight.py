@@ -412,7 +412,7 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         waits=ok | steps,
         reference=reference,
         since=jnp.float32(0.0),
-        yaw=flight.yaw + jnp.where(stuck & ~goes_on, 0.5 * math.pi, 0.0),
+        yaw=jnp.where(stuck & ~goes_on, _heading(flight) + 0.5 * math.pi, flight.yaw),
         looks=flight.looks + begins,
         stepping=jnp.where(goes_on, flight.stepping - 1, jnp.where(begins, _STEP, 0)),
         failures=failures,
@@ -451,6 +451,11 @@ def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
 def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
     chosen: Reference = jax.tree.map(lambda x, y: jnp.where(first, x, y), a, b)
     return chosen
+
+
+def _heading(flight: Flight) -> Float[Array, ""]:
+    """Which way the vehicle's x points [rad]; a turn asked for from here is begun at once, however slow it is."""
+    return jnp.arctan2(flight.vehicle.rotation[1, 0], flight.vehicle.rotation[0, 0])
 
 
 def _look_elsewhere(
