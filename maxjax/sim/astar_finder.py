@@ -5,6 +5,10 @@
 A flight differs in nothing else: same scans, map, margin, verification and controller. The path is A*'s polyline
 through voxel centres, joined to the exact ends; points inside its straight runs are left out, which changes no point of
 the line, and the last point is repeated until the array has the length of an ascent.
+
+The centre of the voxel that the vehicle is in is left out as well: it may lie behind the vehicle, which would have to
+brake and turn back for it at every plan. From the exact start the path leads to the end of the first straight run where
+that is clear, and else to the run's second voxel, which a legal step of A* guarantees.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import Problem
+from maxjax.planning.sight import blocks, clear
 
 # Paths of both planners have one length, so that a flight's arrays do.
 POINTS = Ascent().steps + 1
@@ -38,7 +43,8 @@ def search(problem: Problem, grid: Grid) -> tuple[Float[Array, "n 3"], Int32[Arr
     shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
     inputs = (problem.blocked, problem.start, problem.goal, problem.status)
     path, status = jax.pure_callback(_on_host, shapes, *inputs, vmap_method="sequential")
-    return path, status, jnp.array(False)
+    straight = clear(blocks(problem.blocked), path[0], path[2])
+    return path.at[1].set(jnp.where(straight, path[0], path[1])), status, jnp.array(False)
 
 
 def _on_host(*arrays: Array | np.ndarray) -> tuple[Float[np.ndarray, "n 3"], Int32[np.ndarray, ""]]:
@@ -53,7 +59,7 @@ def _on_host(*arrays: Array | np.ndarray) -> tuple[Float[np.ndarray, "n 3"], Int
         return stay, np.asarray(found.status, np.int32)
     if len(corners) + 2 > POINTS:
         return stay, np.asarray(Status.PATH_STALLED, np.int32)
-    path = np.concatenate([start[None], corners, goal[None]]).astype(np.float32)
+    path = np.concatenate([start[None], found.path[1:2], corners[1:], goal[None]]).astype(np.float32)
     return np.pad(path, ((0, POINTS - len(path)), (0, 0)), mode="edge"), np.asarray(Status.OK, np.int32)
 
 
