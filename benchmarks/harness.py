@@ -97,7 +97,7 @@ def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     Raises:
         ValueError: for a number that is not finite.
     """
-    settings = {key: value for key, value in dataclasses.asdict(config).items() if not isinstance(value, Path)}
+    settings = {key: value for key, value in dataclasses.asdict(config).items() if not _holds_paths(value)}
     document = {
         "name": name,
         "config": settings,
@@ -110,6 +110,10 @@ def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     atomic_write(path, text)
     show(name, rows)
     return path
+
+
+def _holds_paths(value: Any) -> bool:
+    return isinstance(value, Path) or (isinstance(value, tuple) and any(isinstance(item, Path) for item in value))
 
 
 def _command() -> str:

@@ -28,6 +28,10 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop_many", "closed_loop"),
         ("closed_loop_disturbed", "closed_loop"),
     ),
+    "The networks": (
+        ("network_training", "network_training"),
+        ("network_accuracy", "network_accuracy"),
+    ),
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
         ("warframe_crops", "warframe_crops"),

@@ -113,7 +113,7 @@ def _in_the_open(geoms: Geoms, points: Float[Array, "n 3"]) -> Bool[Array, " n"]
 
 _VALIDATION = 64
 _CHUNK = 16
-_TINY = Grid((33, 33, 33), 4.0, (-64.0, -64.0, -64.0))
+TINY_GRID = Grid((33, 33, 33), 4.0, (-64.0, -64.0, -64.0))
 
 
 def run(
@@ -140,7 +140,7 @@ def run(
     out.mkdir(parents=True, exist_ok=True)
     grid, checks, chunk = Grid(), _VALIDATION, _CHUNK
     if tiny:
-        grid, scenes, checks, chunk = _TINY, 8, 4, 4
+        grid, scenes, checks, chunk = TINY_GRID, 8, 4, 4
     sets = []
     for number, (name, count) in enumerate((("scenes", scenes), ("validation", checks)), start=1):
         begun = time.perf_counter()

@@ -13,7 +13,7 @@ import functools
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -68,8 +68,22 @@ class Model:
         return base + UNIT[self.network.start] * apply_folded(self.params, x[None], self.network, by=self.by)[0]
 
 
+@runtime_checkable
+class Predictor(Protocol):
+    """What says a log-potential: a `Model`, or anything else that is called alike."""
+
+    def log_potential(
+        self,
+        sigma: Float[Array, "nx ny nz"],
+        goal_index: Int32[Array, " 3"],
+        steps: Int32[Array, "nx ny nz"],
+        length: Float[Array, ""],
+    ) -> Float[Array, "nx ny nz"]:
+        """−ℓ log φ [voxels]."""
+
+
 def predict_potential(
-    model: Model, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
+    model: Predictor, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 

@@ -1,0 +1,182 @@
+"""The networks: how long they take, and what a field gains from them before it is certified.
+
+    python -m benchmarks.network                                 # two CPU cores: 6 minutes
+    python -m benchmarks.network --batches 1 16 --repeats 20     # one H200
+
+`forward` rows: one pass over a grid of 101³ voxels, in batches. `plain` is the definition, each convolution by XLA as
+it stands, in float32; `folded` what `load_model` uses on this device (kernels folded, bfloat16 on a GPU).
+
+`certificate` rows: from a start to a field that is certified, over problems of the offline protocol: positive sweeps,
+64 at most, before the solver takes over. `nothing` holds φ at the goal and next to nothing elsewhere; `analytic` is the
+closed law of free space; then the networks; `solver` is the multigrid solver by itself. `by_sweeps` counts the problems
+certified without it. Time is the whole potential, from conductivity to certificate, after compilation.
+
+Expected: a few sweeps certify what the network says on both maps, what the closed law says in the suburb; on two CPU
+cores the solver by itself is two to four times quicker than the network.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from jaxtyping import Array, Float, Int32
+
+from benchmarks.harness import RESULTS, Row, measure, save
+from experiments.random_problems import problems
+from maxjax.core.grid import Grid
+from maxjax.fields.conductivity import conductivity
+from maxjax.nn.autoencoder import CONFIGS, Params, apply, apply_folded, init
+from maxjax.nn.encoding import encode
+from maxjax.nn.layers import count
+from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, Model, Predictor, load_model, predict_potential
+from maxjax.planning.problem import pose
+from maxjax.solvers.potential import Potential, solve_potential
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        models: networks; None: all whose weights come with maxjax.
+        batches: scenes at a time in a forward pass.
+        repeats: timed passes.
+        maps: of the problems to certify.
+        problems: to certify, a map.
+        shape: of the grid, voxels of 2 m.
+        seed: of the problems.
+        out: where the JSON goes.
+    """
+
+    models: tuple[str, ...] | None = None
+    batches: tuple[int, ...] = (1,)
+    repeats: int = 3
+    maps: tuple[str, ...] = ("downtown", "suburb")
+    problems: int = 10
+    shape: tuple[int, int, int] = (101, 101, 101)
+    seed: int = 0
+    out: Path = RESULTS
+
+
+class Nothing:
+    """A start that knows the goal and nothing else."""
+
+    def log_potential(
+        self,
+        sigma: Float[Array, "nx ny nz"],
+        goal_index: Int32[Array, " 3"],
+        steps: Int32[Array, "nx ny nz"],
+        length: Float[Array, ""],
+    ) -> Float[Array, "nx ny nz"]:
+        """As far away as float32 can say, everywhere."""
+        del goal_index, steps, length
+        return jnp.full(sigma.shape, jnp.inf)
+
+
+class Analytic:
+    """The closed law of free space, walls ignored."""
+
+    def log_potential(
+        self,
+        sigma: Float[Array, "nx ny nz"],
+        goal_index: Int32[Array, " 3"],
+        steps: Int32[Array, "nx ny nz"],
+        length: Float[Array, ""],
+    ) -> Float[Array, "nx ny nz"]:
+        """y₀ of `nn.encoding`."""
+        return encode("free", False, sigma, goal_index, steps, length)[1]
+
+
+def main(config: Config) -> list[Row]:
+    """Time passes, then certificates; save and return the rows."""
+    names = sorted(file.stem for file in WEIGHTS.glob("*.npz")) if config.models is None else config.models
+    models = [load_model(name) for name in names]
+    rows = [row for model in models for row in _forward(model, config)]
+    starts: dict[str, Predictor] = {"nothing": Nothing(), "analytic": Analytic(), **{m.name: m for m in models}}
+    by: dict[str, Callable[..., Potential]] = {"solver": solve_potential}
+    by |= {name: functools.partial(predict_potential, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
+    grid = Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
+    posed = [_posed(name, config, grid) for name in config.maps]
+    for method, potential in by.items():
+        solve = jax.jit(potential)
+        for name, given in zip(config.maps, posed, strict=True):
+            rows.append(_certificate(method, name, solve, given, config.repeats))
+            print(rows[-1], file=sys.stderr)
+    save("network", config, rows, config.out)
+    return rows
+
+
+def _forward(model: Model, config: Config) -> list[Row]:
+    network = CONFIGS[model.name]
+    # What time a pass takes does not depend on the weights.
+    plain: Params = init(jax.random.key(0), network)
+    folded = functools.partial(apply_folded, config=network, by=model.by)
+    ways: dict[str, tuple[Callable[..., Array], Params]] = {
+        "plain": (functools.partial(apply, config=network), plain),
+        "folded": (folded, model.params),
+    }
+    rows: list[Row] = []
+    for way, (function, params) in ways.items():
+        run = jax.jit(function)
+        for batch in config.batches:
+            x = jax.random.uniform(jax.random.key(1), (batch, *config.shape, network.inputs), jnp.float32)
+            time = measure(functools.partial(run, params, x), config.repeats)
+            rows.append(
+                {
+                    "what": "forward",
+                    "network": model.name,
+                    "weights": count(plain),
+                    "how": way,
+                    "batch": batch,
+                    "ms_a_scene": round(1e3 * time.median_s / batch, 3),
+                    "compile_s": round(time.compile_s, 1),
+                }
+            )
+            print(rows[-1], file=sys.stderr)
+    return rows
+
+
+Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]
+
+
+def _posed(name: str, config: Config, grid: Grid) -> list[Given]:
+    """Conductivity and goal of each problem, at the margin that the planner takes."""
+    given: list[Given] = []
+    for problem in problems(name, config.problems, config.seed, grid):
+        voxels = jnp.asarray(problem.occupied), jnp.asarray(problem.ground)
+        found = pose(*voxels, jnp.asarray(problem.start), jnp.asarray(problem.goal), 8.0, grid)
+        given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index))
+    return given
+
+
+def _certificate(method: str, name: str, solve: Callable[..., Potential], given: list[Given], repeats: int) -> Row:
+    times, sweeps, certified, by_sweeps = [], [], 0, 0
+    for each in given:
+        found = solve(*each)
+        times.append(measure(functools.partial(solve, *each), repeats).median_s)
+        certified += bool(found.certified)
+        by_sweeps += bool(found.certified) and int(found.iterations) == 0 and method != "solver"
+        sweeps.append(int(found.sweeps))
+    return {
+        "what": "certificate",
+        "from": method,
+        "map": name,
+        "problems": len(given),
+        "certified": certified,
+        "by_sweeps": by_sweeps,
+        "sweeps_median": float(np.median(sweeps)),
+        "ms_median": round(1e3 * float(np.median(times)), 2),
+        "ms_max": round(1e3 * float(np.max(times)), 2),
+    }
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,52 @@
+"""The networks' tables: rows from real weights on small scenes, and pages from rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+from benchmarks import network
+from experiments import network_accuracy, network_training
+from maxjax.nn.training import RECIPES
+
+ERRORS = ("l2", "l2_worst", "l2_normalised", "angle_median_deg", "angle_95_deg")
+
+
+def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) -> None:
+    config = dataclasses.replace(network_accuracy.TINY, models=("maxjax",), out=tmp_path)
+    analytic, ours = network_accuracy.main(config)
+    assert (analytic["network"], ours["network"]) == ("analytic", "maxjax")
+    assert analytic["scenes"] == ours["scenes"] == config.scenes
+    assert all(float(row[name] or 0) > 0 for row in (analytic, ours) for name in ERRORS)
+    # Trained on grids of a finer spacing, it is nearer than where it starts from on this one too.
+    assert float(ours["l2"] or 0) < float(analytic["l2"] or 0)
+    text = network_accuracy.section(json.loads((tmp_path / "network_accuracy.json").read_text()))
+    assert f"{ours['weights']:,}" in text
+    assert "0.153" not in text.split("3DMaxConvNet")[0]
+
+
+def test_times_and_certificates_of_every_start(tmp_path: Path) -> None:
+    config = network.Config(maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
+    rows = network.main(config)
+    forward = [row for row in rows if row["what"] == "forward"]
+    assert {row["how"] for row in forward} == {"plain", "folded"}
+    found = {row["from"]: row for row in rows if row["what"] == "certificate"}
+    assert {"solver", "nothing", "analytic", "maxjax"} <= set(found)
+    assert all(row["certified"] == row["problems"] == 1 for row in found.values())
+    assert found["solver"]["by_sweeps"] == 0
+    assert float(found["nothing"]["sweeps_median"] or 0) >= float(found["maxjax"]["sweeps_median"] or 0)
+
+
+def test_training_is_told_by_its_own_files(tmp_path: Path) -> None:
+    last = {"epoch": 2, "loss": 0.5, "l2": 0.01, "l2_normalised": 0.02, "angle_median": 1.5, "angle_95": 7.0}
+    recipe = dataclasses.asdict(RECIPES["maxjax"])
+    told = {"training": recipe, "scenes": 8, "seconds": 90.0, "device": "1 x cpu", "versions": {"jax": "1.2"}}
+    (tmp_path / "training.json").write_text(json.dumps({**told, "last": last, "epochs": [{"epoch": 1}, last]}))
+    (row,) = network_training.main(network_training.Config((tmp_path,), tmp_path))
+    assert (row["network"], row["l2"], row["device"]) == ("maxjax", 0.01, "1 x cpu")
+    lines = (tmp_path / "network_training_maxjax.jsonl").read_text().splitlines()
+    assert [json.loads(line)["epoch"] for line in lines] == [1, 2]
+    text = network_training.section(json.loads((tmp_path / "network_training.json").read_text()))
+    assert "200 x 8" in text
+    assert "| 1.5 |" in text or "1.5 (7.0)" in text

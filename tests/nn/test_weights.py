@@ -1,0 +1,49 @@
+"""The weights that come with maxjax, at full size, in cities that they never saw."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments.random_problems import problems
+from maxjax import Grid, Status
+from maxjax.fields.conductivity import conductivity
+from maxjax.nn.autoencoder import CONFIGS
+from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential
+from maxjax.planning.problem import pose
+
+GRID = Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
+NAMES = sorted(file.stem for file in WEIGHTS.glob("*.npz"))
+
+
+def test_the_default_network_comes_with_weights_and_all_are_small() -> None:
+    assert "maxjax" in NAMES
+    for name in NAMES:
+        assert (WEIGHTS / f"{name}.npz").stat().st_size <= 9e6
+        model = load_model(name)
+        assert model.network == CONFIGS[name]
+        assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(model.params))
+
+
+@pytest.mark.parametrize("name", ["downtown", "suburb"])
+def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> None:
+    (drawn,) = problems(name, 1, 3, GRID)
+    occupied, ground, start, goal = map(jnp.asarray, (drawn.occupied, drawn.ground, drawn.start, drawn.goal))
+    problem = pose(occupied, ground, start, goal, 8.0, GRID)
+    assert problem.status == Status.OK
+    sigma = conductivity(problem.blocked, problem.goal_index, GRID)
+    field = jax.jit(network_potential())(sigma, problem.goal_index)
+    assert field.certified
+    assert field.iterations == 0  # the solver had nothing to do
+    assert field.sweeps <= MAX_SWEEPS
+    # By the definition, and not by the certificate's own code: every voxel of the component but the goal has a higher
+    # neighbour across a face that conducts.
+    phi = np.pad(np.asarray(field.phi), 1)
+    inner = phi[1:-1, 1:-1, 1:-1]
+    best = np.max([np.roll(phi, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0)
+    component = inner > 0
+    assert component.sum() > 1e5
+    lower = component & (best <= inner)
+    assert np.argwhere(lower).tolist() == [np.asarray(problem.goal_index).tolist()]
