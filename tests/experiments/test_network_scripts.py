@@ -26,16 +26,14 @@ def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) 
     assert "0.153" not in text.split("3DMaxConvNet")[0]
 
 
-def test_times_and_certificates_of_every_start(tmp_path: Path) -> None:
-    config = network.Config(maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
-    rows = network.main(config)
-    forward = [row for row in rows if row["what"] == "forward"]
-    assert {row["how"] for row in forward} == {"plain", "folded"}
-    found = {row["from"]: row for row in rows if row["what"] == "certificate"}
-    assert {"solver", "nothing", "analytic", "maxjax"} <= set(found)
+def test_certificates_of_every_start(tmp_path: Path) -> None:
+    # The networks' own rows are made alike; `tests/nn/test_weights.py` has them certified at full size.
+    config = network.Config((), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
+    found = {row["from"]: row for row in network.main(config)}
+    assert set(found) == {"solver", "nothing", "analytic"}
     assert all(row["certified"] == row["problems"] == 1 for row in found.values())
     assert found["solver"]["by_sweeps"] == 0
-    assert float(found["nothing"]["sweeps_median"] or 0) >= float(found["maxjax"]["sweeps_median"] or 0)
+    assert float(found["nothing"]["sweeps_median"] or 0) > float(found["analytic"]["sweeps_median"] or 0)
 
 
 def test_training_is_told_by_its_own_files(tmp_path: Path) -> None:
