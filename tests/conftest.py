@@ -16,6 +16,7 @@ if version("jaxlib").startswith("0.10."):
 # What XLA reads back from there it announces at length, on the same machine too.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
+import jax
 import pytest
 from jaxtyping import install_import_hook
 
@@ -31,3 +32,8 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real inputs at {DATA}; set MAXJAX_DATA")
     return DATA
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Small grids are compiled without LLVM's optimisations, in a seventh of the time; `full_speed` asks for them."""
+    jax.config.update("jax_disable_most_optimizations", item.get_closest_marker("full_speed") is None)

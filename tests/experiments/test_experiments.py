@@ -9,6 +9,8 @@ import pytest
 from benchmarks import plan as plan_benchmark
 from experiments import warframe_crops
 
+pytestmark = pytest.mark.full_speed
+
 
 def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Path) -> None:
     rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(warframe_crops.Config(data, 20, tmp_path))}

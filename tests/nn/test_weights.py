@@ -14,6 +14,8 @@ from maxjax.nn.autoencoder import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential
 from maxjax.planning.problem import pose
 
+pytestmark = pytest.mark.full_speed
+
 GRID = Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
 NAMES = sorted(file.stem for file in WEIGHTS.glob("*.npz"))
 

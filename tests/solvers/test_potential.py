@@ -124,6 +124,7 @@ def test_a_slab_is_a_hyperbolic_cosine() -> None:
     np.testing.assert_allclose(np.ravel(potential.phi), expected, rtol=1e-2)
 
 
+@pytest.mark.full_speed
 @pytest.mark.parametrize("name", ["Complex", "Simple"])
 def test_real_maps_with_sealed_pockets_are_certified(name: str, data: Path) -> None:
     with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:

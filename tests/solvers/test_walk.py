@@ -225,6 +225,7 @@ def snake(edge: int, pitch: int) -> tuple[np.ndarray, int]:
     return blocked, int((~blocked).sum())
 
 
+@pytest.mark.full_speed
 @pytest.mark.parametrize("pitch", [25])
 def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
     """Three thousand voxels from end to end."""
