@@ -31,6 +31,8 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "The networks": (
         ("network_training", "network_training"),
         ("network_accuracy", "network_accuracy"),
+        ("network_cost", "network_cost"),
+        ("network_cost_h200", "network_cost"),
     ),
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),

@@ -6,8 +6,7 @@ import dataclasses
 import json
 from pathlib import Path
 
-from benchmarks import network
-from experiments import network_accuracy, network_training
+from experiments import network_accuracy, network_cost, network_training
 from maxjax.nn.training import RECIPES
 
 ERRORS = ("l2", "l2_worst", "l2_normalised", "angle_median_deg", "angle_95_deg")
@@ -28,12 +27,14 @@ def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) 
 
 def test_certificates_of_every_start(tmp_path: Path) -> None:
     # The networks' own rows are made alike; `tests/nn/test_weights.py` has them certified at full size.
-    config = network.Config((), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
-    found = {row["from"]: row for row in network.main(config)}
+    config = network_cost.Config((), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
+    found = {row["from"]: row for row in network_cost.main(config)}
     assert set(found) == {"solver", "nothing", "analytic"}
     assert all(row["certified"] == row["problems"] == 1 for row in found.values())
     assert found["solver"]["by_sweeps"] == 0
     assert float(found["nothing"]["sweeps_median"] or 0) > float(found["analytic"]["sweeps_median"] or 0)
+    text = network_cost.section(json.loads((tmp_path / "network_cost.json").read_text()))
+    assert text.count("| suburb |") == 3
 
 
 def test_training_is_told_by_its_own_files(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
-"""The networks: how long they take, and what a field gains from them before it is certified.
+"""What the networks cost, and what a field gains from them before it is certified.
 
-    python -m benchmarks.network                                 # two CPU cores: 6 minutes
-    python -m benchmarks.network --batches 1 16 --repeats 20     # one H200
+    python -m experiments.network_cost                                                       # two CPU cores: 6 minutes
+    python -m experiments.network_cost --batches 1 16 --repeats 20 --name network_cost_h200  # one H200: 1 minute
 
 `forward` rows: one pass over a grid of 101³ voxels, in batches. `plain` is the definition, each convolution by XLA as
 it stands, in float32; `folded` what `load_model` uses on this device (kernels folded, bfloat16 on a GPU).
@@ -29,7 +29,8 @@ import numpy as np
 import tyro
 from jaxtyping import Array, Float, Int32
 
-from benchmarks.harness import RESULTS, Row, measure, save
+from benchmarks.harness import Row, measure, save
+from benchmarks.markdown import Document, device, number, table
 from experiments.random_problems import problems
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
@@ -39,6 +40,8 @@ from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, Model, Predictor, load_model, predict_potential
 from maxjax.planning.problem import pose
 from maxjax.solvers.potential import Potential, solve_potential
+
+RESULTS = Path(__file__).parent / "results"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Config:
         problems: to certify, a map.
         shape: of the grid, voxels of 2 m.
         seed: of the problems.
+        name: of the result file.
         out: where the JSON goes.
     """
 
@@ -63,6 +67,7 @@ class Config:
     problems: int = 10
     shape: tuple[int, int, int] = (101, 101, 101)
     seed: int = 0
+    name: str = "network_cost"
     out: Path = RESULTS
 
 
@@ -110,7 +115,7 @@ def main(config: Config) -> list[Row]:
         for name, given in zip(config.maps, posed, strict=True):
             rows.append(_certificate(method, name, solve, given, config.repeats))
             print(rows[-1], file=sys.stderr)
-    save("network", config, rows, config.out)
+    save(config.name, config, rows, config.out)
     return rows
 
 
@@ -176,6 +181,47 @@ def _certificate(method: str, name: str, solve: Callable[..., Potential], given:
         "ms_median": round(1e3 * float(np.median(times)), 2),
         "ms_max": round(1e3 * float(np.max(times)), 2),
     }
+
+
+# The paper, section IV: a forward pass of its network [ms].
+_PAPER = 95.0
+
+
+def section(document: Document) -> str:
+    """RESULTS.md: forward passes, then the way to the certificate from every start."""
+    rows = document["rows"]
+    passes = [
+        [
+            str(row["network"]),
+            f"{row['weights']:,}",
+            str(row["how"]),
+            str(row["batch"]),
+            number(row["ms_a_scene"]),
+        ]
+        for row in rows
+        if row["what"] == "forward"
+    ]
+    ways = [
+        [
+            str(row["map"]),
+            str(row["from"]),
+            f"{row['certified']} of {row['problems']}",
+            "" if row["from"] == "solver" else f"{row['by_sweeps']} of {row['problems']}",
+            "" if row["from"] == "solver" else f"{row['sweeps_median']:g}",
+            f"{number(row['ms_median'])} ({number(row['ms_max'])})",
+        ]
+        for row in sorted(rows, key=lambda row: str(row.get("map")))
+        if row["what"] == "certificate"
+    ]
+    return (
+        f"### What the networks cost and add ({device(document)})\n\n"
+        "A forward pass over 101³ voxels; plain: convolutions as they are defined, by XLA; folded: what maxjax uses.\n"
+        f"The paper states {_PAPER:.0f} ms for its network on its machine.\n\n"
+        + table(["network", "weights", "how", "batch", "ms a scene"], passes)
+        + "\nTo a certified field: positive sweeps, 64 at most, before the solver takes over; `solver` is\n"
+        "the solver by itself. Time of the whole potential, median (largest), after compilation.\n\n"
+        + table(["map", "start", "certified", "by sweeps alone", "sweeps, median", "ms"], ways, left=2)
+    )
 
 
 if __name__ == "__main__":
