@@ -53,7 +53,7 @@ from experiments.random_problems import Problem, case_of, problems
 from maxjax.fields import gradient as slope
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
-from maxjax.nn.model import WEIGHTS, load_model, predict_potential
+from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning import planner
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import NO_PATH, Plan, Route, Stopwatch, climb
@@ -203,7 +203,7 @@ def main(config: Config) -> list[Row]:
         raise ValueError(f"groups: expected some of {', '.join(GROUPS)}, given {unknown[0]!r}")
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     asked = [(group, setting, v) for group in config.groups for setting, v in GROUPS[group].items()]
-    missing = {v for *_, v in asked if v.source.network and not (WEIGHTS / f"{v.source.network}.npz").is_file()}
+    missing = {v for *_, v in asked if v.source.network and v.source.network not in shipped()}
     chosen = list(dict.fromkeys([DEFAULT, *(v for *_, v in asked if v not in missing)]))
     rows: list[Row] = [
         {"group": group, "setting": setting, "map": "", "left_out": "no weights are shipped"}

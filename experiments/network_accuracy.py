@@ -31,7 +31,7 @@ from maxjax.nn.dataset import Scenes, generate, usable
 from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
 from maxjax.nn.layers import count
-from maxjax.nn.model import WEIGHTS, load_model
+from maxjax.nn.model import load_model, shipped
 
 RESULTS = Path(__file__).parent / "results"
 # The paper, section IV: relative L2 in its dense and its open city.
@@ -66,7 +66,7 @@ TINY = Config(scenes=4, maps=("midtown",), grid=TINY_GRID)
 
 def main(config: Config) -> list[Row]:
     """Label scenes, judge every network on them; save one row a map and network."""
-    names = sorted(file.stem for file in WEIGHTS.glob("*.npz")) if config.models is None else config.models
+    models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
     grid = config.grid
     rows: list[Row] = []
     for number, name in enumerate(config.maps):
@@ -76,7 +76,7 @@ def main(config: Config) -> list[Row]:
         found = usable(generate(ScannedCity(name, grid), key, drawn, grid, chunk=config.chunk))
         scenes = jax.tree.map(lambda leaf: leaf[: config.scenes], found)
         judged = {"analytic": (0, _analytic(scenes, grid))}
-        for model in map(load_model, names):
+        for model in models:
             weights = count(jax.eval_shape(lambda key, of=model.network: init(key, of), jax.random.key(0)))
             judged[model.name] = (weights, evaluate(model.params, scenes, model.network, grid, model.by))
         for method, (weights, each) in judged.items():

@@ -37,7 +37,7 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.nn.autoencoder import CONFIGS, Params, apply, apply_folded, init
 from maxjax.nn.encoding import encode
 from maxjax.nn.layers import count
-from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, Model, Predictor, load_model, predict_potential
+from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
 from maxjax.planning.problem import pose
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -71,43 +71,29 @@ class Config:
     out: Path = RESULTS
 
 
-class Nothing:
-    """A start that knows the goal and nothing else."""
-
-    def log_potential(
-        self,
-        sigma: Float[Array, "nx ny nz"],
-        goal_index: Int32[Array, " 3"],
-        steps: Int32[Array, "nx ny nz"],
-        length: Float[Array, ""],
-    ) -> Float[Array, "nx ny nz"]:
-        """As far away as float32 can say, everywhere."""
-        del goal_index, steps, length
-        return jnp.full(sigma.shape, jnp.inf)
+def nothing(
+    sigma: Float[Array, "nx ny nz"], goal_index: Array, steps: Array, length: Array
+) -> Float[Array, "nx ny nz"]:
+    """A start that knows the goal alone: everything else as far away as float32 can say."""
+    del goal_index, steps, length
+    return jnp.full(sigma.shape, jnp.inf)
 
 
-class Analytic:
-    """The closed law of free space, walls ignored."""
-
-    def log_potential(
-        self,
-        sigma: Float[Array, "nx ny nz"],
-        goal_index: Int32[Array, " 3"],
-        steps: Int32[Array, "nx ny nz"],
-        length: Float[Array, ""],
-    ) -> Float[Array, "nx ny nz"]:
-        """y₀ of `nn.encoding`."""
-        return encode("free", False, sigma, goal_index, steps, length)[1]
+def analytic(
+    sigma: Float[Array, "nx ny nz"], goal_index: Array, steps: Array, length: Array
+) -> Float[Array, "nx ny nz"]:
+    """The closed law of free space, walls ignored: y₀ of `nn.encoding`."""
+    return encode("free", False, sigma, goal_index, steps, length)[1]
 
 
 def main(config: Config) -> list[Row]:
     """Time passes, then certificates; save and return the rows."""
-    names = sorted(file.stem for file in WEIGHTS.glob("*.npz")) if config.models is None else config.models
-    models = [load_model(name) for name in names]
+    models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
     rows = [row for model in models for row in _forward(model, config)]
-    starts: dict[str, Predictor] = {"nothing": Nothing(), "analytic": Analytic(), **{m.name: m for m in models}}
+    starts: dict[str, LogPotential] = {"nothing": nothing, "analytic": analytic}
+    starts |= {model.name: model.log_potential for model in models}
     by: dict[str, Callable[..., Potential]] = {"solver": solve_potential}
-    by |= {name: functools.partial(predict_potential, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
+    by |= {name: functools.partial(certified_from, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
     grid = Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     posed = [_posed(name, config, grid) for name in config.maps]
     for method, potential in by.items():

@@ -42,7 +42,7 @@ from benchmarks.potential import Scene, as_potential, marching
 from experiments.random_problems import Problem, problems
 from maxjax.api import METHODS, path_finder
 from maxjax.nn.autoencoder import CONFIGS
-from maxjax.nn.model import WEIGHTS, load_model, predict_potential
+from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import NO_PATH, PathFinder, Route, Stage, Stopwatch, climb, field_path, plan_path
 from maxjax.planning.problem import Problem as Posed
@@ -153,7 +153,7 @@ def finder(method: str) -> PathFinder | str:
     model = "maxjax" if model == "network" else model
     if model not in CONFIGS or alone not in ("", "alone"):
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, fast marching or a network, given {method!r}")
-    if not (WEIGHTS / f"{model}.npz").is_file():
+    if model not in shipped():
         return "no weights"
     return field_path(functools.partial(predict_potential, load_model(model), max_sweeps=0 if alone else _SWEEPS))
 

@@ -13,7 +13,7 @@ import functools
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,8 @@ WEIGHTS = Path(__file__).parent / "weights"
 MAX_SWEEPS = 64
 # Sweeps between two looks at the certificate.
 _LOOK = 4
+# (sigma, goal_index, steps, length) ↦ −ℓ log φ [voxels], as `Model.log_potential`.
+LogPotential = Callable[[Array, Array, Array, Array], Array]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,22 +70,8 @@ class Model:
         return base + UNIT[self.network.start] * apply_folded(self.params, x[None], self.network, by=self.by)[0]
 
 
-@runtime_checkable
-class Predictor(Protocol):
-    """What says a log-potential: a `Model`, or anything else that is called alike."""
-
-    def log_potential(
-        self,
-        sigma: Float[Array, "nx ny nz"],
-        goal_index: Int32[Array, " 3"],
-        steps: Int32[Array, "nx ny nz"],
-        length: Float[Array, ""],
-    ) -> Float[Array, "nx ny nz"]:
-        """−ℓ log φ [voxels]."""
-
-
 def predict_potential(
-    model: Predictor, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
+    model: Model, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 
@@ -111,14 +99,25 @@ def predict_potential(
         )
     if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
         raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
-    goal_index = goal_index.astype(jnp.int32)
+    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), max_sweeps)
+
+
+def certified_from(
+    said: LogPotential, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], max_sweeps: int
+) -> Potential:
+    """The potential from whatever says a log-potential, a network or a formula; the rest is `predict_potential`'s.
+
+    Args:
+        said: where the sweeps start from. Static.
+        sigma, goal_index, max_sweeps: as of `predict_potential`.
+    """
     finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0))
     outside = jnp.any((goal_index < 0) | (goal_index >= jnp.asarray(sigma.shape)))
     component, steps = geodesic(sigma > 0, goal_index)
     length = screening_length_for(steps)
     goal = stencil.cell(sigma.shape, goal_index) & component
     # A network turns one NaN into many; with a bad sigma nothing it says is used.
-    y = model.log_potential(jnp.where(finite, sigma, 0), goal_index, steps, length)
+    y = said(jnp.where(finite, sigma, 0), goal_index, steps, length)
     phi = decode(y, component, goal, length)
     operator = stencil.assemble(sigma, 1 / length**2)
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
@@ -197,6 +196,11 @@ def save_model(
     save_pytree(path, half, metadata={**(metadata or {}), "model": name, "network": dataclasses.asdict(network)})
 
 
+def shipped() -> list[str]:
+    """Names of the networks whose weights come with maxjax."""
+    return sorted(file.stem for file in WEIGHTS.glob("*.npz"))
+
+
 @functools.lru_cache(maxsize=8)
 def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     """A trained network.
@@ -211,7 +215,7 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     network = _network(name)
     file = WEIGHTS / f"{name}.npz" if path is None else Path(path)
     if path is None and not file.exists():
-        there = ", ".join(sorted(found.stem for found in WEIGHTS.glob("*.npz"))) or "none"
+        there = ", ".join(shipped()) or "none"
         raise ValueError(
             f"model: no weights of {name!r} come with maxjax (there are: {there}); train it, or give a path"
         )

@@ -11,13 +11,13 @@ from experiments.random_problems import problems
 from maxjax import Grid, Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn.autoencoder import CONFIGS
-from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential
+from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, shipped
 from maxjax.planning.problem import pose
 
 pytestmark = pytest.mark.full_speed
 
 GRID = Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
-NAMES = sorted(file.stem for file in WEIGHTS.glob("*.npz"))
+NAMES = shipped()
 
 
 def test_the_default_network_comes_with_weights_and_all_are_small() -> None:
