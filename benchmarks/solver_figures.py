@@ -35,7 +35,7 @@ from maxjax.fields.connectivity import geodesic
 from maxjax.sim.scenes import MAPS
 from maxjax.solvers import walk
 from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for
-from maxjax.viz.figures import _PATHS, _STYLE, _matplotlib, save_figure
+from maxjax.viz.figures import PATHS, STYLE, load_matplotlib, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,14 +170,14 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]]) -> Figure:
     Raises:
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = _matplotlib()
+    rc_context, new_figure = load_matplotlib()
     names = list(dict.fromkeys(str(row["what"]).removeprefix("convergence: ") for row in rows))
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = new_figure(figsize=(7.0, 3.2), layout="constrained")
         left, right = figure.subplots(1, 2)
         for number, name in enumerate(names):
             mine = [row for row in rows if row["what"] == f"convergence: {name}"]
-            color, dashes = _PATHS[number % len(_PATHS)]
+            color, dashes = PATHS[number % len(PATHS)]
             style: dict[str, Any] = {
                 "color": color, "linestyle": dashes, "linewidth": 1.2, "marker": _MARKERS[number % len(_MARKERS)],
                 "markersize": 3.0,
@@ -215,12 +215,12 @@ def draw_scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
     Raises:
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = _matplotlib()
+    rc_context, new_figure = load_matplotlib()
     voxels, median, low, high = (np.array([row[key] for row in rows]) for key in ("voxels", "median", "min", "max"))
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = new_figure(figsize=(4.8, 3.4), layout="constrained")
         axes = figure.subplots()
-        color, _ = _PATHS[1]
+        color, _ = PATHS[1]
         axes.errorbar(
             voxels, median, yerr=(median - low, high - median), color=color, marker="o", markersize=4.0, linewidth=1.2,
             capsize=2.5, label="solve and certificate: median, least, largest",

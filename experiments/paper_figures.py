@@ -138,7 +138,7 @@ def field_of(name: str, config: Config) -> Field:
         blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(problem.ground)))
         seen = _dense(plan.path.astype(np.float64), 0.5)[:, :2]
         x, y = np.floor((seen - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
-        clear = float(np.mean(~blocked[x, y, style._level(grid, float(problem.goal[2]))]))
+        clear = float(np.mean(~blocked[x, y, style.level_of(grid, float(problem.goal[2]))]))
         rank = (plan.margin, min(clear, 0.95), plan.length / math.dist(problem.start, problem.goal))
         if best is None or rank > best[0]:
             best = rank, problem, plan, blocked
@@ -164,7 +164,7 @@ def draw_path(config: Config) -> Path:
         _draw_solid(view, found, low, high)
         plan = drawn.add_axes((0.62, 0.13, 0.37, 0.82))
         path = found.plan.path.astype(np.float64)
-        style._draw_plan(
+        style.draw_plan(
             plan,
             plan.inset_axes((1.04, 0.0, 0.035, 0.7)),
             found.obstacle,
@@ -172,9 +172,9 @@ def draw_path(config: Config) -> Path:
             (low[:2], high[:2]),
             float(np.median(path[:, 2])),
         )
-        style._draw_field(plan, np.nan_to_num(found.log_potential, nan=-np.inf), found.blocked, found.grid, path)
-        line = style._draw_path(plan, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
-        style._draw_ends(plan, *_ends(found), labelled=True)
+        style.draw_field(plan, np.nan_to_num(found.log_potential, nan=-np.inf), found.blocked, found.grid, path)
+        line = style.draw_path(plan, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
+        style.draw_ends(plan, *_ends(found), labelled=True)
         handles = [line, *(h for h in plan.get_legend_handles_labels()[0] if h is not line)]
         drawn.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=5, borderaxespad=0.0)
         for axes, letter in ((-0.03, "a"), (0.52, "b")):
@@ -294,12 +294,12 @@ def draw_training(config: Config) -> Path:
         lower, upper = (np.array(corner[:2]) for corner in (found.grid.lower, found.grid.upper))
         bar = panels[0].inset_axes((1.03, 0.0, 0.035, 1.0))
         path = found.plan.path.astype(np.float64)
-        style._draw_plan(panels[0], bar, found.obstacle, found.grid, (lower, upper), float(found.problem.goal[2]))
+        style.draw_plan(panels[0], bar, found.obstacle, found.grid, (lower, upper), float(found.problem.goal[2]))
         _draw_slice(panels[1], found, np.log10(np.where(found.sigma > 0, found.sigma, np.nan)), r"$\log_{10}\sigma$")
         _draw_slice(panels[2], found, found.normalised, "normalised log-potential", levels=True)
         for axes, title in zip(panels, ("training map", "conductivity", "field"), strict=True):
-            line = style._draw_path(axes, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
-            style._draw_ends(axes, *_ends(found), labelled=True)
+            line = style.draw_path(axes, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
+            style.draw_ends(axes, *_ends(found), labelled=True)
             axes.set_title(title, fontsize=9)
             if axes is not panels[0]:
                 axes.set_ylabel("")
@@ -324,8 +324,8 @@ def draw_fields(config: Config) -> Path:
             for column, (label, volume, options) in enumerate(panels):
                 axes = drawn.add_axes((0.06 + 0.245 * column, 0.54 - 0.46 * row, 0.185, 0.38))
                 _draw_slice(axes, found, volume, "", **options)
-                line = style._draw_path(axes, path[:, 0], path[:, 1], 0, "path")
-                style._draw_ends(axes, *_ends(found), labelled=True)
+                line = style.draw_path(axes, path[:, 0], path[:, 1], 0, "path")
+                style.draw_ends(axes, *_ends(found), labelled=True)
                 if column:
                     axes.set(ylabel="")
                     axes.tick_params(labelleft=False)
@@ -352,7 +352,7 @@ def _draw_slice(
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
     grid = found.grid
-    level = style._level(grid, float(found.problem.goal[2]))
+    level = style.level_of(grid, float(found.problem.goal[2]))
     extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
     obstacle, blocked = (mask[:, :, level] for mask in (found.obstacle, found.blocked))
     values = np.ma.masked_invalid(np.where(blocked | (found.phi[:, :, level] <= 0), np.nan, volume[:, :, level]))
@@ -567,12 +567,12 @@ def _draw_flight(axes: Axes, flight: Flown, obstacle: np.ndarray, grid: maxjax.G
     assert outcome.goal is not None
     start, goal = np.array(outcome.start), np.array(outcome.goal)
     draw_city(axes, obstacle, grid, float(np.median(line[:, 2])), np.stack([*line, start, goal]))
-    color = flown_style._ARRIVED if outcome.arrived else flown_style._FAILED
+    color = flown_style.ARRIVED if outcome.arrived else flown_style.FAILED
     axes.plot(*np.stack([start, goal])[:, :2].T, color="black", linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=4)
     axes.plot(*line[:, :2].T, color="white", linewidth=3.0, zorder=5, solid_capstyle="round")
     axes.plot(*line[:, :2].T, color=color, linewidth=1.6, zorder=6, solid_capstyle="round")
-    for point, face in ((start, "white"), (goal, flown_style._GOAL)):
-        style._draw_mark(axes, point[0], point[1], "s", _size(point[2]), face, None)
+    for point, face in ((start, "white"), (goal, flown_style.GOAL)):
+        style.draw_mark(axes, point[0], point[1], "s", _size(point[2]), face, None)
     what = f"{flight.detour:.2f} of the straight line" if outcome.arrived else outcome.status
     axes.set_title(f"{flight.map}, trial {outcome.trial}: {what}", fontsize=8)
 
@@ -585,16 +585,16 @@ def _flight_legend(failed: bool) -> list[Any]:
         mark.set(markeredgecolor="black", markeredgewidth=0.8)
         return mark
 
-    lines = [Line2D([], [], color=flown_style._ARRIVED, linewidth=1.6, label="flown")]
+    lines = [Line2D([], [], color=flown_style.ARRIVED, linewidth=1.6, label="flown")]
     if failed:
-        lines.append(Line2D([], [], color=flown_style._FAILED, linewidth=1.6, label="flown, did not arrive"))
+        lines.append(Line2D([], [], color=flown_style.FAILED, linewidth=1.6, label="flown, did not arrive"))
     lines.append(Line2D([], [], color="black", linewidth=0.7, linestyle=(0, (1, 1.5)), label="straight line"))
     low, high = _HEIGHTS
     return [
         *lines,
         square(low, "white", f"start, {low:g} m high"),
         square(high, "white", f"start, {high:g} m high"),
-        square((low + high) / 2, flown_style._GOAL, f"goal, {(low + high) / 2:g} m high"),
+        square((low + high) / 2, flown_style.GOAL, f"goal, {(low + high) / 2:g} m high"),
     ]
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLORS = tuple(color for color, _ in style._PATHS)
+COLORS = tuple(color for color, _ in style.PATHS)
 
 FIGURES = Path(__file__).parents[2] / "docs" / "figures"
 RESULTS = Path(__file__).parents[1] / "results"
@@ -134,8 +134,8 @@ def metres(voxels: np.ndarray, grid: maxjax.Grid) -> Float[np.ndarray, "..."]:
 @contextlib.contextmanager
 def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
     """A figure in the style of `maxjax.viz.figures`, written as a PNG of 150 dots an inch when its block ends."""
-    rc_context, new_figure = style._matplotlib()
-    with rc_context(style._STYLE):
+    rc_context, new_figure = style.load_matplotlib()
+    with rc_context(style.STYLE):
         drawn = new_figure(figsize=(width, height))
         yield drawn
         buffer = io.BytesIO()
@@ -160,12 +160,12 @@ def draw_city(
         middle = np.clip((low + high) / 2, np.minimum(lower + reach, 0), np.maximum(upper - reach, 0))
         lower, upper = np.maximum(lower, middle - reach), np.minimum(upper, middle + reach)
     bar = axes.inset_axes((1.02, 0.0, 0.02, 1.0))
-    style._draw_plan(axes, bar, obstacle, grid, (lower, upper), altitude)
+    style.draw_plan(axes, bar, obstacle, grid, (lower, upper), altitude)
 
 
 def draw_mark(axes: Axes, point: np.ndarray, marker: str, color: str, label: str | None, size: float = 8.0) -> None:
     """A mark with a black edge."""
-    style._draw_mark(axes, float(point[0]), float(point[1]), marker, size, color, label)
+    style.draw_mark(axes, float(point[0]), float(point[1]), marker, size, color, label)
 
 
 def table(columns: Mapping[str, str], rows: Iterable[Mapping[str, object]]) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-_PATHS: tuple[tuple[str, Any], ...] = (
+PATHS: tuple[tuple[str, Any], ...] = (
     ("#D55E00", "-"),
     ("#0072B2", (0, (4, 1.5))),
     ("#009E73", (0, (1.2, 1.0))),
@@ -38,11 +38,11 @@ _PATHS: tuple[tuple[str, Any], ...] = (
     ("#E69F00", (0, (8, 2))),
     ("#56B4E9", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
-_HEIGHTS = ("#E4E4E4", "#484848")
+HEIGHTS = ("#E4E4E4", "#484848")
 _FIELD = "#6FA3CC"
-_RETURN = "#222222"
+RETURN = "#222222"
 _EARTH, _BESIDE, _OBSTACLE = "#D3BE94", "#E4E4E4", "#8A8A8A"
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
     "xtick.major.width": 0.6,
@@ -91,7 +91,7 @@ def figure_plan(
             finite.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = _matplotlib()
+    rc_context, new_figure = load_matplotlib()
     for name, volume in (("occupied", occupied), ("ground", ground), ("log_potential", log_potential)):
         if volume is not None:
             grid.check_volume(name, volume)
@@ -115,7 +115,7 @@ def figure_plan(
     left = 0.34 + 0.07 * max(len(f"{y:.0f}") for y in (-100.0, lower[1], upper[1]))
     size = (left + _WIDTH + 0.88, plan_bottom + plan_height + (0.34 if title else 0.1))
 
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = new_figure(figsize=size)
 
         def panel(x: float, y: float, width: float, height: float) -> Axes:
@@ -124,21 +124,21 @@ def figure_plan(
         plan = panel(left, plan_bottom, plan_width, plan_height)
         bar = panel(left + plan_width + 0.12, plan_bottom, 0.1, min(plan_height, 2.4))
         side = panel(left, section_bottom, _WIDTH, section_height)
-        _draw_plan(plan, bar, occupied & ~ground, grid, (lower, upper), float(np.median(main[:, 2])))
+        draw_plan(plan, bar, occupied & ~ground, grid, (lower, upper), float(np.median(main[:, 2])))
         _draw_section(side, section, grid)
-        _draw_ends(plan, ends[:, 0], ends[:, 1], labelled=True)
-        _draw_ends(side, _distance(main)[[0, -1]], main[[0, -1], 2], labelled=False)
+        draw_ends(plan, ends[:, 0], ends[:, 1], labelled=True)
+        draw_ends(side, _distance(main)[[0, -1]], main[[0, -1], 2], labelled=False)
         if log_potential is not None:
-            _draw_field(plan, log_potential, occupied, grid, main)
+            draw_field(plan, log_potential, occupied, grid, main)
         if points is not None:
             x, y, _ = points.T
-            plan.plot(x, y, ",", color=_RETURN, rasterized=True, zorder=4)
-            plan.plot([], [], ".", color=_RETURN, markersize=3.0, label="scan return")
+            plan.plot(x, y, ",", color=RETURN, rasterized=True, zorder=4)
+            plan.plot([], [], ".", color=RETURN, markersize=3.0, label="scan return")
         lines = []
         for number, (name, path) in enumerate(paths.items()):
             length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-            lines += [_draw_path(plan, path[:, 0], path[:, 1], number, f"{name}, {length:.1f} m")]
-        _draw_path(side, _distance(main), main[:, 2], 0, None)
+            lines += [draw_path(plan, path[:, 0], path[:, 1], number, f"{name}, {length:.1f} m")]
+        draw_path(side, _distance(main), main[:, 2], 0, None)
         marks = [handle for handle in plan.get_legend_handles_labels()[0] if handle not in lines]
         areas = side.get_legend_handles_labels()[0]
         strip = (0.3 / size[0], 0.0, 1 - 0.6 / size[0], (0.17 * rows + 0.08) / size[1])
@@ -171,24 +171,24 @@ def figure_scan(
         ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = _matplotlib()
+    rc_context, new_figure = load_matplotlib()
     grid.check_volume("obstacle", obstacle)
     lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = new_figure(figsize=(6.7, 6.1))
         plan, bar = figure.add_axes((0.1, 0.14, 0.75, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
-        _draw_plan(plan, bar, obstacle, grid, (lower, upper), float(position[2]))
+        draw_plan(plan, bar, obstacle, grid, (lower, upper), float(position[2]))
         x, y, _ = points.T
-        plan.plot(x, y, ",", color=_RETURN, rasterized=True, zorder=4)
-        plan.plot([], [], ".", color=_RETURN, markersize=3.0, label=f"scan return ({len(points)})")
-        _draw_mark(plan, position[0], position[1], "^", 7.0, "white", "sensor")
+        plan.plot(x, y, ",", color=RETURN, rasterized=True, zorder=4)
+        plan.plot([], [], ".", color=RETURN, markersize=3.0, label=f"scan return ({len(points)})")
+        draw_mark(plan, position[0], position[1], "^", 7.0, "white", "sensor")
         figure.legend(loc="lower center", ncols=3)
         if title:
             figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
     return figure
 
 
-def _matplotlib() -> tuple[Callable[[Any], contextlib.AbstractContextManager[None]], Callable[..., Figure]]:
+def load_matplotlib() -> tuple[Callable[[Any], contextlib.AbstractContextManager[None]], Callable[..., Figure]]:
     """`rc_context` and the class of figures.
 
     Raises:
@@ -215,7 +215,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     if suffix not in _METADATA:
         raise ValueError(f"{path}: expected a suffix among {', '.join(_METADATA)}, given {suffix or 'none'}")
     buffer = io.BytesIO()
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure.savefig(buffer, format=suffix[1:], dpi=200, metadata=_METADATA[suffix])
     atomic_write(path, buffer.getvalue())
 
@@ -281,7 +281,7 @@ def _view(grid: Grid, points: np.ndarray, around: float) -> tuple[np.ndarray, np
     return np.maximum(lower, grid.lower[:2]), np.minimum(upper, grid.upper[:2])
 
 
-def _draw_plan(
+def draw_plan(
     axes: Axes,
     bar: Axes,
     obstacle: np.ndarray,
@@ -304,14 +304,14 @@ def _draw_plan(
         top.T,
         origin="lower",
         extent=(x0, x1, y0, y1),
-        cmap=LinearSegmentedColormap.from_list("heights", _HEIGHTS),
+        cmap=LinearSegmentedColormap.from_list("heights", HEIGHTS),
         vmin=limits[0],
         vmax=limits[1],
         interpolation="nearest",
     )
     axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]")
     outline = LineCollection(
-        list(_edges(obstacle[:, :, _level(grid, altitude)], grid)),
+        list(_edges(obstacle[:, :, level_of(grid, altitude)], grid)),
         colors="black",
         linewidths=0.5,
         label=f"obstacle at z = {altitude:.0f} m",
@@ -323,12 +323,12 @@ def _draw_plan(
     axes.ticklabel_format(useOffset=False, style="plain")
 
 
-def _draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:
+def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:
     """Level lines of the log-potential at the path's median altitude, evenly spaced over what is in view."""
     from matplotlib.lines import Line2D
 
     altitude = float(np.median(path[:, 2]))
-    level = _level(grid, altitude)
+    level = level_of(grid, altitude)
     values = np.asarray(log_potential[:, :, level], np.float64)
     values = np.ma.masked_where(occupied[:, :, level] | ~np.isfinite(values), values)
     x, y = (grid.origin[axis] + grid.spacing * np.arange(grid.shape[axis]) for axis in (0, 1))
@@ -370,23 +370,25 @@ def _draw_section(axes: Axes, section: _Section, grid: Grid) -> None:
         axes.add_patch(Rectangle((0.0, section.low), 0.0, 0.0, facecolor=colors[kind], label=labels[kind]))
 
 
-def _draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, number: int, label: str | None) -> Line2D:
+def draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, number: int, label: str | None) -> Line2D:
     """A line with a white halo, so that it stands out against dark roofs; the first path lies on top."""
-    color, dashes = _PATHS[number % len(_PATHS)]
+    color, dashes = PATHS[number % len(PATHS)]
     width = 1.8 if number == 0 else 1.5
     axes.plot(x, y, color="white", linewidth=width + 1.4, zorder=5, solid_capstyle="round")
     (line,) = axes.plot(x, y, color=color, linewidth=width, linestyle=dashes, zorder=7 - 0.1 * number, label=label)
     return line
 
 
-def _draw_ends(axes: Axes, x: np.ndarray, y: np.ndarray, *, labelled: bool) -> None:
+def draw_ends(axes: Axes, x: np.ndarray, y: np.ndarray, *, labelled: bool) -> None:
+    """Marks at a start and a goal, in this order, as the legend of every figure has them."""
     for number, (marker, size, color, label) in enumerate(
         (("o", 5.5, "white", "start"), ("*", 10.0, "#F0E442", "goal"))
     ):
-        _draw_mark(axes, x[number], y[number], marker, size, color, label if labelled else None)
+        draw_mark(axes, x[number], y[number], marker, size, color, label if labelled else None)
 
 
-def _draw_mark(axes: Axes, x: float, y: float, marker: str, size: float, color: str, label: str | None) -> None:
+def draw_mark(axes: Axes, x: float, y: float, marker: str, size: float, color: str, label: str | None) -> None:
+    """One mark with a black edge, above all lines."""
     axes.plot(
         x,
         y,
@@ -402,7 +404,7 @@ def _draw_mark(axes: Axes, x: float, y: float, marker: str, size: float, color: 
     )
 
 
-def _level(grid: Grid, altitude: float) -> int:
+def level_of(grid: Grid, altitude: float) -> int:
     """Index along z of the voxels at an altitude."""
     return int(np.clip(math.floor((altitude - grid.lower[2]) / grid.spacing), 0, grid.shape[2] - 1))
 

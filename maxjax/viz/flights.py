@@ -18,15 +18,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
-from maxjax.viz.figures import _HEIGHTS, _RETURN, _STYLE, _draw_mark, _draw_plan, _matplotlib
+from maxjax.viz.figures import HEIGHTS, RETURN, STYLE, draw_mark, draw_plan, load_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-_ARRIVED, _FAILED, _PLANNED, _KNOWN, _GOAL = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#F0E442"
-_MEANT = (_ARRIVED, _FAILED, _PLANNED, _GOAL)
+ARRIVED, FAILED, _PLANNED, _KNOWN, GOAL = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#F0E442"
+_MEANT = (ARRIVED, FAILED, _PLANNED, GOAL)
 _AROUND = 15.0  # map shown around the flights [m]
 _RATE = 10  # frames a second in a film
 _STEP = 0.1  # between two positions [s]
@@ -83,28 +83,28 @@ def figure_flights(
         ValueError: if the city does not fit the grid, or there is no flight.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = _matplotlib()
+    rc_context, new_figure = load_matplotlib()
     grid.check_volume("obstacle", obstacle)
     if not flown:
         raise ValueError("flown: expected at least one flight, given none")
     points = np.concatenate([*flown.values(), *(goals[trial][None] for trial in flown)])
     lower, upper = _square(points, grid)
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = new_figure(figsize=(7.2, 7.0))
         plan, bar = figure.add_axes((0.09, 0.17, 0.76, 0.78)), figure.add_axes((0.875, 0.17, 0.018, 0.4))
-        _draw_plan(plan, bar, obstacle, grid, (lower, upper), float(np.median(points[:, 2])))
+        draw_plan(plan, bar, obstacle, grid, (lower, upper), float(np.median(points[:, 2])))
         wide = 1.6 if len(flown) < 5 else 1.0
         for trial, exact in flown.items():
             line = exact.astype(np.float64)
             goal = goals[trial].astype(np.float64)
             bad = trial in failed
-            color, dashes = (_FAILED, (0, (3, 1))) if bad else (_ARRIVED, "-")
+            color, dashes = (FAILED, (0, (3, 1))) if bad else (ARRIVED, "-")
             plan.plot(*line[:, :2].T, color="white", linewidth=wide + 1.2, zorder=5, solid_capstyle="round")
             plan.plot(*line[:, :2].T, color=color, linewidth=wide + 0.3 * bad, linestyle=dashes, zorder=6 + bad)
-            _draw_mark(plan, line[0, 0], line[0, 1], "o", 3.6, "white", None)
-            _draw_mark(plan, goal[0], goal[1], "*", 6.5, _GOAL, None)
+            draw_mark(plan, line[0, 0], line[0, 1], "o", 3.6, "white", None)
+            draw_mark(plan, goal[0], goal[1], "*", 6.5, GOAL, None)
             if bad:
-                _draw_mark(plan, line[-1, 0], line[-1, 1], "X", 5.5, _FAILED, None)
+                draw_mark(plan, line[-1, 0], line[-1, 1], "X", 5.5, FAILED, None)
                 plan.annotate(
                     str(trial),
                     (float(line[-1, 0]), float(line[-1, 1])),
@@ -113,7 +113,7 @@ def figure_flights(
                     color="black",
                     weight="bold",
                     zorder=11,
-                    bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": _FAILED, "linewidth": 0.6},
+                    bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": FAILED, "linewidth": 0.6},
                 )
         figure.legend(
             handles=_legend(len(flown) - len(failed), failed) + plan.get_legend_handles_labels()[0],
@@ -136,13 +136,13 @@ def _legend(arrived: int, failed: Mapping[int, str]) -> list[Line2D]:
         drawn.set(markeredgecolor="black", markeredgewidth=0.8)
         return drawn
 
-    lines = [mark("o", 4.5, "white", "start"), mark("*", 8.0, _GOAL, "goal")]
+    lines = [mark("o", 4.5, "white", "start"), mark("*", 8.0, GOAL, "goal")]
     if arrived:
-        lines.append(Line2D([], [], color=_ARRIVED, linewidth=1.6, label=f"flown, arrived ({arrived})"))
+        lines.append(Line2D([], [], color=ARRIVED, linewidth=1.6, label=f"flown, arrived ({arrived})"))
     if failed:
-        dashed = Line2D([], [], color=_FAILED, linewidth=1.6, linestyle=(0, (3, 1)))
+        dashed = Line2D([], [], color=FAILED, linewidth=1.6, linestyle=(0, (3, 1)))
         dashed.set_label(f"flown, failed ({len(failed)}), with its trial")
-        lines += [dashed, mark("X", 5.5, _FAILED, "end of a failed flight")]
+        lines += [dashed, mark("X", 5.5, FAILED, "end of a failed flight")]
     return lines
 
 
@@ -179,14 +179,14 @@ def film_flight(
         ValueError: without any position.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, _ = _matplotlib()
+    rc_context, _ = load_matplotlib()
     flown = np.concatenate([look.flown for look in looks]) if looks else np.zeros((0, 3))
     if len(flown) == 0 or len(clearance) != len(flown):
         raise ValueError(f"looks: expected positions, each with a clearance, given {len(flown)} and {len(clearance)}")
     flown, goal = flown.astype(np.float64), goal.astype(np.float64)
     stride = max(2, -(-len(flown) // _FRAMES))
     shown = [*range(0, len(flown) - 1, stride), len(flown) - 1]
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         film = _Film(looks, flown, obstacle, grid, goal, clearance, radius, f"{title}, shown {stride} times as fast")
         frames = [film.frame(last) for last in shown]
     while len(content := _gif(frames)) > _LARGEST and len(frames) > 2:
@@ -235,7 +235,7 @@ class _Film:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.colors import ListedColormap
 
-        _, new_figure = _matplotlib()
+        _, new_figure = load_matplotlib()
         self.looks, self.flown = looks, flown
         self.first = np.cumsum([0, *(len(look.flown) for look in looks)])
         self.time = _STEP * np.arange(len(flown))
@@ -250,7 +250,7 @@ class _Film:
         self.plan = plan
         paths = [look.path for look in looks]
         lower, upper = _square(np.concatenate([flown, goal[None], *paths]), grid)
-        _draw_plan(plan, bar, obstacle, grid, (lower, upper), float(np.median(flown[:, 2])))
+        draw_plan(plan, bar, obstacle, grid, (lower, upper), float(np.median(flown[:, 2])))
         self.known = plan.imshow(
             np.zeros((1, 1)),
             cmap=ListedColormap([_KNOWN]),
@@ -260,12 +260,12 @@ class _Film:
             zorder=3,
         )
         self.limits = (lower[0], upper[0]), (lower[1], upper[1])
-        (self.scan,) = plan.plot([], [], ",", color=_RETURN, zorder=4)
+        (self.scan,) = plan.plot([], [], ",", color=RETURN, zorder=4)
         (self.path,) = plan.plot([], [], color=_PLANNED, linewidth=1.6, linestyle=(0, (4, 1.2)), zorder=6)
-        (self.line,) = plan.plot([], [], color=_ARRIVED, linewidth=2.0, zorder=7, solid_capstyle="round")
-        _draw_mark(plan, flown[0, 0], flown[0, 1], "o", 5.5, "white", "start")
-        _draw_mark(plan, goal[0], goal[1], "*", 10.0, _GOAL, "goal")
-        (self.here,) = plan.plot([], [], "o", markersize=6.5, color=_ARRIVED, markeredgecolor="white", zorder=10)
+        (self.line,) = plan.plot([], [], color=ARRIVED, linewidth=2.0, zorder=7, solid_capstyle="round")
+        draw_mark(plan, flown[0, 0], flown[0, 1], "o", 5.5, "white", "start")
+        draw_mark(plan, goal[0], goal[1], "*", 10.0, GOAL, "goal")
+        (self.here,) = plan.plot([], [], "o", markersize=6.5, color=ARRIVED, markeredgecolor="white", zorder=10)
         figure.legend(
             handles=[*self._labels(), *plan.get_legend_handles_labels()[0]],
             loc="upper left",
@@ -283,8 +283,8 @@ class _Film:
         rest = float(np.linalg.norm(goal - flown[-1]))
         height.set(xlim=(0.0, 1.03 * (length + rest)), ylim=(0.0, tallest + 6.0))
         height.set(xlabel="Distance flown [m]", ylabel="Height [m]")
-        _draw_mark(height, 0.0, flown[0, 2], "o", 5.5, "white", None)
-        _draw_mark(height, length + rest, goal[2], "*", 10.0, _GOAL, None)
+        draw_mark(height, 0.0, flown[0, 2], "o", 5.5, "white", None)
+        draw_mark(height, length + rest, goal[2], "*", 10.0, GOAL, None)
         for axes, values, label in ((rate, speed, "Speed [m/s]"), (room, clearance, "Clearance [m]")):
             axes.set(
                 xlim=(0.0, max(float(self.time[-1]), 1.0)), ylim=(0.0, 1.08 * max(float(values.max()), 2 * radius))
@@ -292,12 +292,12 @@ class _Film:
             axes.set_ylabel(label)
         rate.tick_params(labelbottom=False)
         room.set_xlabel("Time [s]")
-        room.axhline(radius, color=_FAILED, linewidth=1.0, linestyle=(0, (3, 1)))
+        room.axhline(radius, color=FAILED, linewidth=1.0, linestyle=(0, (3, 1)))
         room.text(
-            room.get_xlim()[1], radius, f"vehicle, {radius:g} m ", color=_FAILED, ha="right", va="bottom", fontsize=7
+            room.get_xlim()[1], radius, f"vehicle, {radius:g} m ", color=FAILED, ha="right", va="bottom", fontsize=7
         )
         self.curves = [
-            (axes.plot([], [], color=_ARRIVED, linewidth=1.6)[0], x, y)
+            (axes.plot([], [], color=ARRIVED, linewidth=1.6)[0], x, y)
             for axes, x, y in (
                 (height, self.distance, flown[:, 2]),
                 (rate, self.time, speed),
@@ -312,9 +312,9 @@ class _Film:
         from matplotlib.patches import Patch
 
         return [
-            Line2D([], [], color=_ARRIVED, linewidth=2.0, label="flown"),
+            Line2D([], [], color=ARRIVED, linewidth=2.0, label="flown"),
             Line2D([], [], color=_PLANNED, linewidth=1.6, linestyle=(0, (4, 1.2)), label="planned"),
-            Line2D([], [], color=_RETURN, marker=".", markersize=3.0, linestyle="", label="scan return"),
+            Line2D([], [], color=RETURN, marker=".", markersize=3.0, linestyle="", label="scan return"),
             Patch(facecolor=_KNOWN, alpha=0.45, label="known as occupied"),
         ]
 
@@ -325,7 +325,7 @@ class _Film:
         centers = grid.origin[2] + grid.spacing * np.arange(grid.shape[2])
         under = obstacle[i, j] & (centers < self.flown[:, 2:])
         top = np.where(under.any(axis=1), np.max(np.where(under, centers + 0.5 * grid.spacing, 0.0), axis=1), 0.0)
-        axes.fill_between(self.distance, top, color=_HEIGHTS[1], alpha=0.5, step="mid", linewidth=0.0)
+        axes.fill_between(self.distance, top, color=HEIGHTS[1], alpha=0.5, step="mid", linewidth=0.0)
 
     def frame(self, last: int) -> Any:
         """The picture when the vehicle is at a position, as an image of Pillow."""

@@ -121,7 +121,7 @@ def test_a_film_moves_at_ten_frames_a_second() -> None:
         last = np.asarray(opened.convert("RGB"), np.int16)
     assert 0.001 < (np.abs(first - last).sum(axis=2) > 30).mean() < 0.5
     blue, green = (
-        tuple(int(color[at : at + 2], 16) for at in (1, 3, 5)) for color in (module._ARRIVED, module._PLANNED)
+        tuple(int(color[at : at + 2], 16) for at in (1, 3, 5)) for color in (module.ARRIVED, module._PLANNED)
     )
     assert (last == blue).all(axis=2).sum() > (first == blue).all(axis=2).sum() > 0
     assert (first == green).all(axis=2).any()
