@@ -87,7 +87,8 @@ def section(document: Document) -> str:
     return (
         "### Training of the networks\n\n"
         "By `maxjax train --config NAME`, AdamW from a rate of 1e-3 down a cosine; errors on 64 validation scenes of\n"
-        "the training map (the paper's validation error: 0.103). Curves: results/network_training_NAME.jsonl.\n\n"
+        "the training map (the paper's validation error: 0.103). Curves: results/network_training_NAME.jsonl. `paper`\n"
+        "and `paper_difference` shared their GPU with each other and with flights: their minutes are no measure.\n\n"
         + table(heads, lines, left=1)
     )
 
