@@ -112,6 +112,11 @@ _PAPER = {
     "downtown": {"3DMaxConvNet": ("109.0 ± 60.2", "31.0 ± 20.5"), "A\\*": ("81.7 ± 68.4", "25.2 ± 25.9")},
     "suburb": {"3DMaxConvNet": ("74.1 ± 10.6", "19.9 ± 2.8"), "A\\*": ("73.4 ± 8.1", "20.6 ± 3.3")},
 }
+_TITLES = {
+    "closed_loop": "Closed loop, the paper's 50 trials a map",
+    "closed_loop_many": "Closed loop, by the thousand",
+    "closed_loop_disturbed": "Closed loop in bad weather",
+}
 _NAMES = {"solver": "field", "network": "network", "astar": "A\\*"}
 
 
@@ -158,7 +163,7 @@ def section(document: Document) -> str:
         if method == "solver" and (name, "astar", condition) in flown
     ]
     text = (
-        f"### Closed loop ({device(document)})\n\n"
+        f"### {_TITLES.get(document['name'], 'Closed loop')} ({device(document)})\n\n"
         "Arrived: within 2 m of the goal, nothing ever within 0.5 m of the vehicle's centre. Flown length and\n"
         "plans are means ± standard deviations over arrivals; / straight: flown length over the straight line, mean\n"
         "and 95th percentile; clearance is from the centre of the vehicle. The paper's cities are others than ours;\n"
@@ -166,7 +171,12 @@ def section(document: Document) -> str:
     )
     if ratios:
         text += f"\nFlown by the field over flown by A\\* on the same trials: {', '.join(ratios)}.\n"
-    failures = [f"- {row['map']}, {row['condition']}: {row['failures']}\n" for row in rows if row["failures"]]
+    failures = [
+        f"- {status}: `{command}`\n"
+        for row in rows
+        if row["failures"]
+        for status, command in (one.split(": ", 1) for one in str(row["failures"]).split("; "))
+    ]
     return text + ("\nDid not arrive, and the command that flies it again:\n\n" + "".join(failures) if failures else "")
 
 
