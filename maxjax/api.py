@@ -1,8 +1,10 @@
 """Planning by name: which planner a method means, inputs checked once.
 
-solver     climbs the exact conduction potential          astar      searches the dilated grid
-network    climbs a predicted one, improved until it      rrtstar    samples it (OMPL's, extra `bench`)
-is certified                                   apf        descends an artificial potential field
+solver     climbs the exact conduction potential
+network    climbs a predicted one, improved until it is certified
+astar      searches the dilated grid
+rrtstar    samples it (OMPL's, extra `bench`)
+apf        descends an artificial potential field
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from maxjax.nn.model import network_potential
 from maxjax.planning.baselines.apf import apf
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.baselines.rrt_star import rrt_star
+from maxjax.planning.batch import plan_paths
 from maxjax.planning.fleet import plan_swarm
 from maxjax.planning.planner import (
     PathFinder,
@@ -31,7 +34,6 @@ from maxjax.planning.planner import (
     Stopwatch,
     field_path,
     plan_path,
-    plan_paths,
 )
 from maxjax.planning.problem import Problem
 from maxjax.solvers.potential import solve_potential
@@ -175,14 +177,14 @@ class PlanBatch(Sequence[Plan]):
 
 
 def plan_batch(
-    occupied: Bool[Array | np.ndarray, "*b nx ny nz"],
+    occupied: Bool[Array | np.ndarray, "*m nx ny nz"],
     start: Real[Array | np.ndarray, "b 3"],
     goal: Real[Array | np.ndarray, "b 3"],
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
     margin: float = DEFAULT_MARGIN,
-    ground: Bool[Array | np.ndarray, "*b nx ny nz"] | None = None,
+    ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
 ) -> PlanBatch:
     """Plan a batch of problems; with a field method, in one jitted call under `vmap`.
 
@@ -202,17 +204,16 @@ def plan_batch(
         raise ValueError(f"start: expected shape (b, 3) with b >= 1, given {starts.shape}")
     starts, goals = _points("start", start, (count, 3)), _points("goal", goal, (count, 3))
 
-    def volumes(name: str, array: Array | np.ndarray) -> Bool[np.ndarray, "b nx ny nz"]:
-        shared = np.ndim(array) == 3
-        volume = _volume(name, array, grid.shape if shared else (count, *grid.shape))
-        return np.broadcast_to(volume, (count, *grid.shape))
+    def volumes(name: str, array: Array | np.ndarray) -> Bool[np.ndarray, "*b nx ny nz"]:
+        return _volume(name, array, grid.shape if np.ndim(array) == 3 else (count, *grid.shape))
 
     below = volumes("ground", np.zeros(grid.shape, bool) if ground is None else ground)
-    filled = volumes("occupied", occupied) | below
+    filled = volumes("occupied", occupied)
     if method in _SEARCHES:
+        maps = (np.broadcast_to(volume, (count, *grid.shape)) for volume in (filled, below))
         plans = [
-            plan_path(find, o, a, b, grid, margin=float(margin), ground=g, method=method)
-            for o, g, a, b in zip(filled, below, starts, goals, strict=True)
+            plan_path(find, o | g, a, b, grid, margin=float(margin), ground=g, method=method)
+            for o, g, a, b in zip(*maps, starts, goals, strict=True)
         ]
     else:
         plans = plan_paths(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
@@ -115,13 +114,21 @@ class Stage:
 
     def __call__(self, watch: Stopwatch, *arrays: Any, **static: Any) -> Any:
         """Run, blocked until ready."""
+        ready = self._executable(watch, arrays, static)
+        with watch.stage(self.name):
+            return jax.block_until_ready(ready(*arrays))
+
+    def start(self, watch: Stopwatch, *arrays: Any, **static: Any) -> Any:
+        """Run without waiting for the result; only compilation is booked."""
+        return self._executable(watch, arrays, static)(*arrays)
+
+    def _executable(self, watch: Stopwatch, arrays: tuple[Any, ...], static: Mapping[str, Any]) -> Callable[..., Any]:
         leaves, tree = jax.tree.flatten(arrays)
         key = (tree, tuple((x.shape, x.dtype, x.weak_type) for x in leaves), tuple(sorted(static.items())))
         if key not in self._compiled:
             with watch.stage("compile"):
                 self._compiled[key] = self._jit.lower(*arrays, **static).compile()
-        with watch.stage(self.name):
-            return jax.block_until_ready(self._compiled[key](*arrays))
+        return self._compiled[key]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,8 +278,8 @@ def _metres(
     return np.asarray(world[moved].astype(np.float32))
 
 
-# Paths that are verified in one go; NumPy lets several threads work on that many at a time.
-_TOGETHER = 16
+# Paths that are verified in one go, and maps that these may span: so few that they stay in a core's cache.
+_TOGETHER, _MAPS = 16, 4
 
 
 def _verdicts(
@@ -283,14 +290,20 @@ def _verdicts(
     grid: Grid,
 ) -> dict[int, Verification]:
     def some(keys: list[int]) -> list[tuple[int, Verification]]:
-        maps, local = np.unique(which[keys], return_inverse=True)
-        paths = [metres[key] for key in keys]
-        return list(zip(keys, verify_batch(paths, local, blocked[maps], obstacles[maps], grid), strict=True))
+        first, last = which[keys[0]], which[keys[-1]] + 1
+        maps = blocked[first:last], obstacles[first:last]
+        return list(
+            zip(keys, verify_batch([metres[key] for key in keys], which[keys] - first, *maps, grid), strict=True)
+        )
 
-    keys = list(metres)
-    parts = [keys[k : k + _TOGETHER] for k in range(0, len(keys), _TOGETHER)]
+    parts: list[list[int]] = []
+    for key in sorted(metres, key=lambda key: which[key]):
+        if not parts or len(parts[-1]) == _TOGETHER or which[key] - which[parts[-1][0]] >= _MAPS:
+            parts.append([])
+        parts[-1].append(key)
     if len(parts) < 2:
         return dict(verdict for part in parts for verdict in some(part))
+    # NumPy lets several threads work at a time.
     with ThreadPoolExecutor() as pool:
         return dict(verdict for part in pool.map(some, parts) for verdict in part)
 
@@ -315,54 +328,3 @@ def plan_path(
     maps = [float(problem.margin)], np.asarray(problem.blocked)[None], (occupied & ~ground)[None]
     (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *maps, grid, watch, method)
     return plan
-
-
-def _batch(
-    occupied: Bool[Array, "b nx ny nz"],
-    ground: Bool[Array, "b nx ny nz"],
-    start: Float[Array, "b 3"],
-    goal: Float[Array, "b 3"],
-    margin: float,
-    grid: Grid,
-    potential: PotentialFn,
-    settings: Ascent,
-) -> tuple[Problem, tuple[Array, Array, Array]]:
-    def one(o: Array, g: Array, a: Array, b: Array) -> tuple[Problem, tuple[Array, Array, Array]]:
-        problem = pose(o, g, a, b, margin, grid)
-        return problem, route(problem, grid, potential, settings)
-
-    return jax.vmap(one)(occupied, ground, start, goal)
-
-
-_BATCH = Stage("device", _batch, static=("margin", "grid", "potential", "settings"))
-
-
-def plan_paths(
-    potential: PotentialFn,
-    occupied: Bool[np.ndarray, "b nx ny nz"],
-    start: Float[np.ndarray, "b 3"],
-    goal: Float[np.ndarray, "b 3"],
-    grid: Grid,
-    *,
-    margin: float,
-    ground: Bool[np.ndarray, "b nx ny nz"],
-    method: str,
-    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
-) -> list[Plan]:
-    """`plan_path` with a field for a batch: one jitted call for everything but the verification.
-
-    A problem whose ascent needs more steps than the batch takes is planned again by itself.
-    """
-    watch = Stopwatch()
-    arrays = map(jnp.asarray, (occupied, ground, start, goal))
-    problems, (paths, statuses, certified) = _BATCH(
-        watch, *arrays, margin=margin, grid=grid, potential=potential, settings=settings
-    )
-    found, statuses, sure = np.asarray(paths), np.asarray(statuses), np.asarray(certified)
-    routes = [Route(*one) for one in zip(found, map(Status, statuses.tolist()), sure.tolist(), strict=True)]
-    maps = np.asarray(problems.margin).tolist(), np.asarray(problems.blocked), occupied & ~ground
-    plans = judge(routes, start, goal, np.arange(len(start)), *maps, grid, watch, method)
-    alone = functools.partial(plan_path, field_path(potential, settings), margin=margin, method=method)
-    for b in np.flatnonzero(statuses == Status.PATH_STALLED):
-        plans[b] = alone(occupied[b], start[b], goal[b], grid, ground=ground[b])
-    return plans

@@ -14,7 +14,8 @@ from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, plan, solve_potential, verify
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import PathFinder, Route, Stage, Stopwatch, field_path, plan_path, plan_paths
+from maxjax.planning.batch import plan_paths
+from maxjax.planning.planner import PathFinder, Route, Stage, Stopwatch, field_path, plan_path
 from maxjax.planning.problem import Problem
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))

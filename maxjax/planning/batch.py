@@ -1,0 +1,159 @@
+"""Many problems at once: the device plans one chunk of them while the host verifies the last one.
+
+    device   pose → solve → ascend → tighten, under `vmap`      chunk k
+    host     verify, path by path                                chunk k − 1
+
+A chunk is what one device is busy with; a larger one gains nothing and waits longer for its slowest problem. So memory
+is bounded whatever the size of the batch, and all batches of more than one chunk share a program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import Plan, PotentialFn, Route, Stage, Stopwatch, judge, route
+from maxjax.planning.problem import pose
+
+_CHUNK = 64
+_AHEAD = 2  # chunks under way: one on the device, one on the host
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """What the device hands back; a bit a voxel of the dilated map, since the way to the host is narrow."""
+
+    blocked: UInt8[Array | np.ndarray, "*b _"]
+    margin: Float[Array | np.ndarray, "*b"]
+    path: Float[Array | np.ndarray, "*b t 3"]
+    status: Int32[Array | np.ndarray, "*b"]
+    certified: Bool[Array | np.ndarray, "*b"]
+
+
+def _plan_chunk(
+    occupied: Bool[Array, "*m nx ny nz"],
+    ground: Bool[Array, "*g nx ny nz"],
+    start: Float[Array, "b 3"],
+    goal: Float[Array, "b 3"],
+    margin: float,
+    grid: Grid,
+    potential: PotentialFn,
+    settings: Ascent,
+) -> _Found:
+    def one(occupied: Array, ground: Array, start: Array, goal: Array) -> _Found:
+        problem = pose(occupied | ground, ground, start, goal, margin, grid)
+        path, status, certified = route(problem, grid, potential, settings)
+        return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
+
+    # A map that all problems share is not copied.
+    axes = (*(None if volume.ndim == 3 else 0 for volume in (occupied, ground)), 0, 0)
+    found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+    return found
+
+
+_DEVICE = Stage("device", _plan_chunk, static=("margin", "grid", "potential", "settings"))
+
+
+def plan_paths(
+    potential: PotentialFn,
+    occupied: Bool[np.ndarray, "*m nx ny nz"],
+    start: Float[np.ndarray, "b 3"],
+    goal: Float[np.ndarray, "b 3"],
+    grid: Grid,
+    *,
+    margin: float,
+    ground: Bool[np.ndarray, "*g nx ny nz"],
+    method: str,
+    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
+) -> list[Plan]:
+    """`planner.plan_path` with a field, for a batch.
+
+    Arguments as in `maxjax.plan_batch`, already checked; maps and ground are one a problem, or one for all. Problems
+    whose ascent needs more steps than the others go again, by themselves, as in `planner.field_path`.
+
+    Returns:
+        One plan a problem. Of `timings` each has an equal share: `device` until the last chunk was there, `verify` what
+        verification took beyond that.
+    """
+    chosen: dict[int, Plan] = {}
+    waiting = np.arange(len(start))
+    for factor in (1, 4, 16):
+        longer = dataclasses.replace(settings, steps=settings.steps * factor)
+        # The first attempt compiles a program for just this batch; the others are rare, and share a few.
+        most = len(waiting) if factor == 1 else 1 << (len(waiting) - 1).bit_length()
+        size = -(-most // -(-most // _CHUNK))
+        found = _attempt(waiting, size, potential, occupied, start, goal, grid, margin, ground, method, longer)
+        chosen.update(zip(waiting.tolist(), found, strict=True))
+        waiting = np.array([k for k in waiting.tolist() if chosen[k].status == Status.PATH_STALLED], np.int64)
+        if not waiting.size:
+            break
+    return [chosen[k] for k in range(len(start))]
+
+
+def _attempt(
+    which: Int64[np.ndarray, " n"],
+    size: int,
+    potential: PotentialFn,
+    occupied: Bool[np.ndarray, "*m nx ny nz"],
+    start: Float[np.ndarray, "b 3"],
+    goal: Float[np.ndarray, "b 3"],
+    grid: Grid,
+    margin: float,
+    ground: Bool[np.ndarray, "*g nx ny nz"],
+    method: str,
+    settings: Ascent,
+) -> list[Plan]:
+    """Plans of some problems, in chunks of one size; the last one is filled up with copies."""
+    watch, ready = Stopwatch(), []
+
+    def some(volumes: Bool[np.ndarray, "*b nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
+        return volumes if volumes.ndim == 3 else volumes[rows]
+
+    def finish(rows: Any, count: int, found: _Found) -> list[Plan]:
+        jax.block_until_ready(found)
+        ready.append(time.perf_counter())
+        found = jax.tree.map(lambda leaf: np.asarray(leaf[:count]), found)
+        voxels = np.unpackbits(found.blocked, axis=1, count=int(np.prod(grid.shape)))
+        blocked = voxels.view(bool).reshape(count, *grid.shape)
+        # Copies that filled the chunk up stand at its end.
+        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), (size, *grid.shape))[:count]
+        outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
+        routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
+        ends = start[rows][:count], goal[rows][:count]
+        return judge(routes, *ends, np.arange(count), found.margin.tolist(), blocked, seen, grid, Stopwatch(), method)
+
+    begun = time.perf_counter()
+    plans: list[Plan] = []
+    under_way: deque[Future[list[Plan]]] = deque()
+    with ThreadPoolExecutor(_AHEAD) as pool:
+        for first in range(0, len(which), size):
+            chunk = which[first : first + size]
+            whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
+            # A slice is a view; a selection would copy the maps once more.
+            rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
+            arrays = some(occupied, rows), some(ground, rows), start[rows], goal[rows]
+            if len(under_way) == _AHEAD:
+                plans += under_way.popleft().result()
+            found = _DEVICE.start(
+                watch, *map(jnp.asarray, arrays), margin=margin, grid=grid, potential=potential, settings=settings
+            )
+            under_way.append(pool.submit(finish, rows, len(chunk), found))
+        for future in under_way:
+            plans += future.result()
+    compiling = watch.seconds["compile"]
+    watch.seconds["device"] = max(ready) - begun - compiling
+    watch.seconds["verify"] = time.perf_counter() - max(ready)
+    timings = watch.report(len(which))
+    return [dataclasses.replace(plan, timings=timings) for plan in plans]

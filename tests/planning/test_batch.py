@@ -1,0 +1,86 @@
+"""A batch answers each problem as if it were alone, in whatever chunks it goes through the device."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from references import random_blocks, random_free, serpentine
+
+from maxjax import Grid, Plan, Status, solve_potential, verify
+from maxjax.planning import batch
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import field_path, plan_path
+
+GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
+COUNT = 8
+
+
+@pytest.fixture(scope="module")
+def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Maps, ground, starts and goals; problem 2 is a maze, problem 5 has no way."""
+    rng = np.random.default_rng(7)
+    occupied = np.stack([random_blocks(rng, GRID.shape, int(rng.integers(5, 30)), 4) for _ in range(COUNT)])
+    ends = np.stack([random_free(rng, one, 2) for one in occupied]).astype(np.float32)
+    occupied[2] = np.concatenate([np.repeat(serpentine(13, 15, 1), 16, axis=2), np.ones((1, 15, 16), bool)], dtype=bool)
+    ends[2] = [0, 0, 9], [12, 0, 9]
+    occupied[5, 7] = True
+    ends[5] = [2, 2, 9], [12, 12, 9]
+    occupied[5, 2, 2, 9] = occupied[5, 12, 12, 9] = False
+    ground = np.zeros_like(occupied)
+    ground[:, :, :, 0] = True
+    starts, goals = (np.float32(GRID.origin) + 2 * np.maximum(ends[:, k], [0, 0, 1]) for k in (0, 1))
+    return occupied, ground, starts.astype(np.float32), goals.astype(np.float32)
+
+
+def _batch(problems: tuple[np.ndarray, ...], steps: int) -> list[Plan]:
+    occupied, ground, starts, goals = problems
+    return batch.plan_paths(
+        solve_potential, occupied, starts, goals, GRID,
+        margin=2.0, ground=ground, method="solver", settings=Ascent(steps=steps),
+    )  # fmt: skip
+
+
+def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight in one chunk, or in chunks of three, the last one filled up; the maze needs more steps than the others."""
+    whole = _batch(problems, 48)
+    monkeypatch.setattr(batch, "_CHUNK", 3)
+    parts = _batch(problems, 48)
+    assert len(whole) == len(parts) == COUNT
+    for k, (one, other) in enumerate(zip(whole, parts, strict=True)):
+        assert one.status is other.status
+        assert (one.margin, one.certified) == (other.margin, other.certified)
+        np.testing.assert_allclose(one.path, other.path, atol=1e-3)
+        occupied, ground, starts, goals = (array[k] for array in problems)
+        alone = plan_path(
+            field_path(solve_potential), occupied | ground, starts, goals, GRID,
+            margin=2.0, ground=ground, method="solver",
+        )  # fmt: skip
+        assert (alone.status, alone.margin) == (one.status, one.margin)
+        if one.status is Status.OK:
+            assert one.length == pytest.approx(alone.length, rel=1e-3)
+            assert verify(one.path, occupied | ground, occupied & ~ground, GRID).clearance == one.clearance
+    assert whole[5].status is Status.NO_VALID_PATH
+    assert whole[2].status is Status.OK
+    assert sum(plan.status is Status.OK for plan in whole) == COUNT - 1
+
+
+def test_maps_and_ground_may_be_shared(problems: tuple[np.ndarray, ...]) -> None:
+    occupied, ground, starts, goals = problems
+    many = np.broadcast_to(occupied[0], occupied.shape)
+    shared = _batch((occupied[0], ground[0], starts, goals), 64)
+    mixed = _batch((many, ground[0], starts, goals), 64)
+    copies = _batch((many, ground, starts, goals), 64)
+    for one, two, three in zip(shared, mixed, copies, strict=True):
+        assert one.status is two.status is three.status
+        np.testing.assert_array_equal(one.path, two.path)
+        np.testing.assert_array_equal(one.path, three.path)
+
+
+def test_times_are_shares_of_the_wall_clock(problems: tuple[np.ndarray, ...]) -> None:
+    first, second = _batch(problems, 40), _batch(problems, 40)
+    assert first[0].timings["compile"] > 0
+    assert second[0].timings["compile"] == 0
+    for timings in (first[0].timings, second[1].timings):
+        assert timings["device"] > 0
+        assert timings["verify"] >= 0
+        assert timings["total"] == pytest.approx(timings["device"] + timings["verify"])
