@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -24,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from benchmarks.harness import RESULTS, Row, measure, save
+from benchmarks.harness import RESULTS, Row, keep, measure, save
 from maxjax.core.status import Status
 from maxjax.sim.campaign import Campaign, Table, draw_trials, fly_batch, world_of
 from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
@@ -63,13 +64,17 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
         flight: how to fly.
     """
     rows: list[Row] = []
+
+    def add(what: str, batch: int, figures: Row) -> None:
+        rows.append({"what": what, "batch": batch, **figures})
+        print(rows[-1], file=sys.stderr, flush=True)
+        keep("flight", config, rows, config.out)
+
     for name in config.maps:
         campaign = Campaign(name, 0, range(max(config.batches)), config=flight)
         drawn = draw_trials(campaign)
         for size in config.batches:
-            rows.append(
-                {"what": f"flights, {name}", "batch": size, **_flights(campaign, drawn, size, 1, config.repeats)}
-            )
+            add(f"flights, {name}", size, _flights(campaign, drawn, size, 1, config.repeats))
         for count in config.devices:
             if count > jax.device_count():
                 print(f"{count} devices: there are {jax.device_count()}", file=sys.stderr)
@@ -78,12 +83,12 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
             size = count * max(config.batches)
             many = dataclasses.replace(campaign, trials=range(size))
             figures = _flights(many, draw_trials(many), size, count, config.repeats)
-            rows.append({"what": f"devices, {name}", "batch": size, "devices": count, **figures})
-        rows += _stages(campaign, drawn, max(config.batches), config.repeats)
+            add(f"devices, {name}", size, {"devices": count, **figures})
+        for stage, figures in _stages(campaign, drawn, max(config.batches), config.repeats):
+            add(f"stage, {name}: {stage}", max(config.batches), figures)
         if config.astar:
             few = dataclasses.replace(campaign, trials=range(config.astar), method="astar")
-            figures = _flights(few, draw_trials(few), config.astar, 1, 1)
-            rows.append({"what": f"A* in the loop, {name}", "batch": config.astar, **figures})
+            add(f"A* in the loop, {name}", config.astar, _flights(few, draw_trials(few), config.astar, 1, 1))
     save("flight", config, rows, config.out)
     return rows
 
@@ -111,7 +116,7 @@ def _flights(campaign: Campaign, drawn: Table, size: int, devices: int, repeats:
     }
 
 
-def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> list[Row]:
+def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> Iterator[tuple[str, Row]]:
     """Milliseconds a flight of each stage, in a batch under way."""
     valid = np.flatnonzero(drawn["valid"])[:size]
     worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *[world_of(campaign, drawn, int(row)) for row in valid])
@@ -121,21 +126,14 @@ def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> list[R
     for _ in range(_BEFORE):
         for stage in stages:
             flights = stage(worlds, flights)
-    rows: list[Row] = []
     for name, stage in zip(_STAGES, stages, strict=True):
         timing = measure(functools.partial(stage, worlds, flights), max(repeats, 3))
-        rows.append(
-            {
-                "what": f"stage, {campaign.map}: {name}",
-                "batch": len(valid),
-                "ms_per_flight": round(1e3 * timing.median_s / len(valid), 3),
-                "min": round(1e3 * timing.min_s / len(valid), 3),
-                "max": round(1e3 * timing.max_s / len(valid), 3),
-                "n": timing.n,
-            }
-        )
+        milliseconds = {
+            key: round(1e3 * seconds / len(valid), 3)
+            for key, seconds in (("ms_per_flight", timing.median_s), ("min", timing.min_s), ("max", timing.max_s))
+        }
+        yield name, {**milliseconds, "n": timing.n}
         flights = stage(worlds, flights)
-    return rows
 
 
 if __name__ == "__main__":

@@ -86,7 +86,14 @@ def provenance() -> dict[str, Any]:
 
 
 def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) -> Path:
-    """Write FOLDER/NAME.json whole or not at all, and print its rows as a table.
+    """`keep`, and print the rows as a table."""
+    path = keep(name, config, rows, folder)
+    show(name, rows)
+    return path
+
+
+def keep(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) -> Path:
+    """Write FOLDER/NAME.json whole or not at all; a long run does so after each row.
 
     Args:
         name: of the benchmark.
@@ -108,7 +115,6 @@ def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
     atomic_write(path, text)
-    show(name, rows)
     return path
 
 

@@ -29,7 +29,7 @@ import numpy as np
 import tyro
 from jaxtyping import Array, Float, Int32
 
-from benchmarks.harness import Row, measure, save
+from benchmarks.harness import Row, keep, measure, save
 from benchmarks.markdown import Document, device, number, table
 from experiments.random_problems import problems
 from maxjax.core.grid import Grid
@@ -89,7 +89,10 @@ def analytic(
 def main(config: Config) -> list[Row]:
     """Time passes, then certificates; save and return the rows."""
     models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
-    rows = [row for model in models for row in _forward(model, config)]
+    rows: list[Row] = []
+    for model in models:
+        rows += _forward(model, config)
+        keep(config.name, config, rows, config.out)
     starts: dict[str, LogPotential] = {"nothing": nothing, "analytic": analytic}
     starts |= {model.name: model.log_potential for model in models}
     by: dict[str, Callable[..., Potential]] = {"solver": solve_potential}
@@ -101,6 +104,7 @@ def main(config: Config) -> list[Row]:
         for name, given in zip(config.maps, posed, strict=True):
             rows.append(_certificate(method, name, solve, given, config.repeats))
             print(rows[-1], file=sys.stderr)
+            keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
     return rows
 

@@ -1,7 +1,6 @@
 """Table I of the paper, offline: every planner on the same problems, grids and margins, before the same judge.
 
     python -m experiments.offline_table                                  # 50 problems a map; two CPU cores: 15 minutes
-    python -m experiments.offline_table --problems 10000 --batch 50      # the solver alone, batched; one H200
 
 Both unseen maps, offline protocol (`experiments.random_problems`): start and goal 20 to 50 voxels apart, 3 to 15 m
 high, margin 8 m or the largest that joins them. Problems that no margin solves are left out (SciPy's labels decide).
@@ -24,11 +23,10 @@ second problem.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import importlib.util
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,16 +40,23 @@ from benchmarks.potential import Scene, as_potential, marching
 from experiments.random_problems import Problem, problems
 from maxjax.api import METHODS, path_finder
 from maxjax.nn.autoencoder import CONFIGS
-from maxjax.nn.model import load_model, predict_potential, shipped
+from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import NO_PATH, PathFinder, Route, Stage, Stopwatch, climb, field_path, plan_path
+from maxjax.planning.planner import (
+    NO_PATH,
+    PathFinder,
+    PotentialFn,
+    Route,
+    Stage,
+    Stopwatch,
+    climb,
+    field_path,
+    plan_path,
+)
 from maxjax.planning.problem import Problem as Posed
 from maxjax.planning.tighten import tighten
 
 RESULTS = Path(__file__).parent / "results"
-# Beyond these the solver takes over.
-_SWEEPS = 64
-_CITIES = 10  # a chunk of the batched run; ten problems a city
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}
 _CITY = {"downtown": "LA Night City", "suburb": "London White City"}
 # The paper, Table I: length [m], its standard deviation, run time [s].
@@ -80,7 +85,6 @@ class Config:
         problems: a map.
         maps: nothing was ever tuned or trained on them.
         methods: planners; one that is not installed, or has no weights, is left out and named.
-        batch: problems a call, for the solver alone; 0: every method, one plan at a time.
         shape: of the grid, voxels of 2 m around the origin.
         margin: [m].
         seed: of cities and problems.
@@ -100,7 +104,6 @@ class Config:
         "fast marching",
         "apf",
     )
-    batch: int = 0
     shape: tuple[int, int, int] = (101, 101, 101)
     margin: float = 8.0
     seed: int = 0
@@ -112,19 +115,15 @@ TINY = Config(
     problems=2,
     maps=("suburb",),
     methods=("solver", "paper alone", "astar", "fast marching", "apf"),
-    shape=(51, 51, 21),
+    shape=(51, 51, 33),
 )
 
 
 def main(config: Config) -> list[Row]:
     """Plan, judge, save; one row a map and method."""
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
-    if config.batch:
-        rows = [_many(name, config, grid) for name in config.maps]
-        save("offline_many", config, rows, config.out)
-        return rows
     finders: dict[str, PathFinder] = {}
-    rows = []
+    rows: list[Row] = []
     for method in config.methods:
         found = finder(method)
         if isinstance(found, str):
@@ -149,13 +148,23 @@ def finder(method: str) -> PathFinder | str:
         return path_finder(method)
     if method == "fast marching":
         return fast_marching
+    potential = network(method)
+    return potential if isinstance(potential, str) else field_path(potential)
+
+
+def network(method: str) -> PotentialFn | str:
+    """The potential of a network, with sweeps or alone, or why it cannot be had here.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
     model, _, alone = method.partition(" ")
     model = "maxjax" if model == "network" else model
     if model not in CONFIGS or alone not in ("", "alone"):
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, fast marching or a network, given {method!r}")
     if model not in shipped():
         return "no weights"
-    return field_path(functools.partial(predict_potential, load_model(model), max_sweeps=0 if alone else _SWEEPS))
+    return network_potential(model, 0 if alone else MAX_SWEEPS)
 
 
 def fast_marching(problem: Posed, grid: maxjax.Grid, watch: Stopwatch) -> Route:
@@ -245,7 +254,7 @@ def _figures(plans: Sequence[maxjax.Plan], shared: Sequence[bool], rivals: Seque
         "problems": len(plans),
         "ok": len(own),
         "certified": sum(p.certified for p in plans),
-        "failures": _failures(plans),
+        "failures": failures(plans),
         "shared_solved": len(both),
         "length_m": _rounded(np.mean, [p.length for p in both], 2),
         "length_std_m": _rounded(np.std, [p.length for p in both], 2),
@@ -262,7 +271,8 @@ def _figures(plans: Sequence[maxjax.Plan], shared: Sequence[bool], rivals: Seque
     }
 
 
-def _failures(plans: Sequence[maxjax.Plan]) -> str:
+def failures(plans: Sequence[maxjax.Plan]) -> str:
+    """How many plans ended with which status other than OK."""
     counts = Counter(p.status.name for p in plans if p.status != maxjax.Status.OK)
     return ", ".join(f"{status}: {count}" for status, count in sorted(counts.items()))
 
@@ -271,53 +281,8 @@ def _rounded(statistic: Any, values: Sequence[float] | np.ndarray, digits: int) 
     return round(float(statistic(values)), digits) if len(values) else None
 
 
-def _many(name: str, config: Config, grid: maxjax.Grid) -> Row:
-    """The solver on many problems, batched: (map, counts, figures)."""
-    plans: list[maxjax.Plan] = []
-    reachable = 0
-    compile_s = 0.0
-    for chunk in _chunks(name, config, grid):
-        for first in range(0, len(chunk), config.batch):
-            some = chunk[first : first + config.batch]
-            occupied, ground, start, goal = (
-                np.stack([getattr(p, field) for p in some]) for field in ("occupied", "ground", "start", "goal")
-            )
-            found = maxjax.plan_batch(occupied, start, goal, grid, margin=config.margin, ground=ground)
-            compile_s += len(found) * found[0].timings["compile"]
-            reachable += sum(solvable(p, grid) for p in some)
-            # Paths of ten thousand plans are not needed.
-            plans += [dataclasses.replace(p, path=p.path[:0]) for p in found]
-        print(f"{name}: {len(plans)} of {config.problems}", file=sys.stderr, flush=True)
-    own = [p for p in plans if p.status == maxjax.Status.OK]
-    return {
-        "map": name,
-        "method": "solver",
-        "problems": len(plans),
-        "solvable": reachable,
-        "ok": len(own),
-        "certified": sum(p.certified for p in own),
-        "proved_unsolvable": sum(p.status == maxjax.Status.NO_VALID_PATH for p in plans),
-        "failures": _failures(plans),
-        "length_m": _rounded(np.mean, [p.length for p in own], 2),
-        "length_std_m": _rounded(np.std, [p.length for p in own], 2),
-        "clearance_m": _rounded(np.mean, [p.clearance for p in own], 2),
-        "clearance_least_m": _rounded(np.min, [p.clearance for p in own], 3),
-        "ms_a_plan": _rounded(np.mean, [1e3 * p.timings["total"] for p in plans], 2),
-        "compile_s": round(compile_s, 1),
-    }
-
-
-def _chunks(name: str, config: Config, grid: maxjax.Grid) -> Iterator[list[Problem]]:
-    """The problems, few cities at a time: a thousand would fill the memory. The first ten are those of the table."""
-    for city in range(0, config.problems, 10 * _CITIES):
-        count = min(10 * _CITIES, config.problems - city)
-        yield problems(name, count, config.seed + city // 10, grid)
-
-
 def section(document: dict[str, Any]) -> str:
-    """RESULTS.md: the table and what it says; of the batched run, its counts."""
-    if document["name"] == "offline_many":
-        return _section_many(document)
+    """RESULTS.md: the table and what it says."""
     rows = [row for row in document["rows"] if row["map"]]
     config, device = document["config"], document["provenance"]["device"]
     lines = [
@@ -420,32 +385,6 @@ def _said(name: str, rows: list[dict[str, Any]]) -> str:
             f"{1e3 * seconds / ours['ms_median']:.2g} times the solver's run time here."
         )
     return text + "\n"
-
-
-def _section_many(document: dict[str, Any]) -> str:
-    lines = [
-        "### Offline, by the thousand",
-        "",
-        "| map | problems | solvable | OK | certified | proved unsolvable | length [m] | clearance [m] | least [m] "
-        "| a plan, batched [ms] |",
-        "|---" * 10 + "|",
-    ]
-    for row in document["rows"]:
-        lines.append(
-            f"| {row['map']} | {row['problems']:,} | {row['solvable']:,} | {row['ok']:,} | {row['certified']:,} "
-            f"| {row['proved_unsolvable']:,} | {row['length_m']:.1f} ± {row['length_std_m']:.1f} "
-            f"| {row['clearance_m']:.2f} | {row['clearance_least_m']:.3f} | {row['ms_a_plan']:.1f} |"
-        )
-    solved, reachable, sure = (sum(row[key] for row in document["rows"]) for key in ("ok", "solvable", "certified"))
-    lines += [
-        "",
-        f"{solved:,} of {reachable:,} solvable problems (by SciPy's labels) end in a verified path, {sure:,} of them "
-        f"on a certified field; {document['config']['batch']} problems a call on {document['provenance']['device']}.",
-    ]
-    failures = [f"{row['map']}, {row['failures']}" for row in document["rows"] if row["failures"]]
-    if failures:
-        lines += ["", f"Without a path: {'; '.join(failures)}."]
-    return "\n".join([*lines, ""])
 
 
 if __name__ == "__main__":

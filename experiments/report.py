@@ -23,7 +23,7 @@ PAGE = HERE / "RESULTS.md"
 CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "The paper's table": (
         ("offline_table", "offline_table"),
-        ("offline_many", "offline_table"),
+        ("offline_many", "offline_many"),
         ("closed_loop", "closed_loop"),
         ("closed_loop_many", "closed_loop"),
         ("closed_loop_disturbed", "closed_loop"),
@@ -33,6 +33,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("network_accuracy", "network_accuracy"),
         ("network_cost", "network_cost"),
         ("network_cost_h200", "network_cost"),
+        ("offline_networks", "offline_many"),
     ),
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
@@ -67,8 +68,9 @@ def page(folder: Path = HERE / "results") -> str:
         for name, module in there:
             document: Document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
             section: Callable[[Document], str] = import_module(f"experiments.{module}").section
-            # A section's heading stands below its chapter's, whatever it is by itself.
-            parts.append(re.sub(r"^#+ ", "### ", section(document).strip(), flags=re.MULTILINE) + "\n")
+            # A section's heading stands below its chapter's, and others below it, whatever they are by themselves.
+            text = re.sub(r"^#+ ", "#### ", section(document).strip(), flags=re.MULTILINE)
+            parts.append(text.removeprefix("#") + "\n")
             found[f"results/{name}.json"] = document
     return "\n".join([*parts, "## Where these figures come from\n", sources(found)])
 

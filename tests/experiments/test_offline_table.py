@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 pytest.importorskip("skfmm", reason="fast marching needs scikit-fmm: pip install 'maxjax[bench]'")
 
 import maxjax
-from experiments import offline_table
 from experiments.offline_table import TINY, finder, main, section, solvable, turning
 from experiments.random_problems import problems, seal
 
@@ -80,43 +78,6 @@ def test_where_a_peer_wins_the_text_says_so(document: dict[str, Any]) -> None:
     assert "Shorter" not in text
     assert f"(1 of {TINY.problems})" in text
     assert f"A* solves 1 of {TINY.problems} (PATH_STALLED: 1)" in text
-
-
-def test_batched_run_counts_what_is_solved_certified_and_proved(
-    document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # `plan_batch` has tests of its own; here it would only cost a compilation that `plan` has had.
-    def one_by_one(occupied: np.ndarray, start: np.ndarray, goal: np.ndarray, grid: maxjax.Grid, **more: Any) -> Any:
-        ground = more.pop("ground")
-        each = zip(occupied, start, goal, ground, strict=True)
-        return [maxjax.plan(o, a, b, grid, ground=g, **more) for o, a, b, g in each]
-
-    monkeypatch.setattr(maxjax, "plan_batch", one_by_one)
-    sealed = seal(problems("suburb", 1, 0, GRID)[0], GRID, "goal")
-    monkeypatch.setattr(offline_table, "problems", lambda *a: [*problems(*a)[:-1], sealed])
-    (row,) = main(dataclasses.replace(TINY, problems=3, batch=2, out=tmp_path))
-    assert row["problems"] == 3
-    assert row["ok"] == row["certified"] == row["solvable"] == 2
-    assert row["proved_unsolvable"] == 1
-    assert row["failures"] == "NO_VALID_PATH: 1"
-    text = section(json.loads((tmp_path / "offline_many.json").read_text()))
-    assert "2 of 2 solvable problems" in text
-    assert "suburb, NO_VALID_PATH: 1" in text
-
-
-def test_chunks_are_different_cities_and_as_many_problems_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, int]] = []
-
-    def sampled(name: str, count: int, seed: int, grid: maxjax.Grid) -> list[int]:
-        asked.append((count, seed))
-        return [seed] * count
-
-    monkeypatch.setattr(offline_table, "problems", sampled)
-    config = dataclasses.replace(TINY, problems=250)
-    chunks = list(offline_table._chunks("suburb", config, maxjax.Grid()))
-    assert sum(map(len, chunks)) == 250
-    cities = [seed + k for count, seed in asked for k in range(-(-count // 10))]
-    assert len(cities) == len(set(cities)) == 25
 
 
 def test_turning_is_that_of_corners_and_circles() -> None:

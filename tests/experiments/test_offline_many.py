@@ -1,0 +1,87 @@
+"""The thousands at a tiny size: what is solved, certified and proved is counted, and compared with the geodesic."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maxjax
+from experiments import offline_many
+from experiments.offline_many import TINY, draw, main, section
+from experiments.random_problems import problems
+from maxjax.solvers.potential import Potential, solve_potential
+
+GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
+
+
+def doubted(sigma: jax.Array, goal_index: jax.Array) -> Potential:
+    """The solver's field without its certificate, in a network's place."""
+    return dataclasses.replace(solve_potential(sigma, goal_index), certified=jnp.bool_(False))
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    out = tmp_path_factory.mktemp("many")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(offline_many, "_potential", {"solver": solve_potential, "doubted": doubted}.__getitem__)
+        main(dataclasses.replace(TINY, methods=("solver", "doubted"), out=out, workers=1))
+    found: dict[str, Any] = json.loads((out / "offline_many.json").read_text())
+    return found
+
+
+def test_solver_solves_what_scipy_calls_solvable(document: dict[str, Any]) -> None:
+    solver, doubted = document["rows"]
+    assert solver["ok"] == solver["certified"] == solver["solvable"] == TINY.problems - solver["proved_unsolvable"]
+    assert solver["over_first"] == 1.0
+    assert solver["unsafe"] == 0
+    assert solver["measured"] == -(-TINY.problems // TINY.measured)
+    # Fast marching between voxel centres is up to a voxel long at either end.
+    assert 0.9 < solver["over_geodesic"] < 1.05
+    # The same field, the same paths; what counts as certified is what says so.
+    assert (doubted["ok"], doubted["over_first"]) == (solver["ok"], 1.0)
+    assert doubted["certified"] == 0
+
+
+def test_section_names_who_is_without_a_path(document: dict[str, Any]) -> None:
+    text = section(document)
+    assert f"| suburb | solver | {TINY.problems} |" in text
+    failing = [row for row in document["rows"] if row["failures"]]
+    assert text.count("\n- suburb, ") == len(failing)
+
+
+def test_cities_are_those_of_the_offline_protocol_and_labels_tell_what_is_sealed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    city, other = draw(("suburb", 0, GRID)), draw(("suburb", 1, GRID))
+    for k, problem in enumerate(problems("suburb", 10, 0, GRID)):
+        np.testing.assert_array_equal(city.start[k], problem.start)
+        np.testing.assert_array_equal(city.goal[k], problem.goal)
+        np.testing.assert_array_equal(city.occupied, np.packbits(problem.occupied))
+    assert not np.array_equal(city.occupied, other.occupied)
+    assert city.solvable.all()
+
+    def walled(name: str, count: int, seed: int, grid: maxjax.Grid) -> list[Any]:
+        """A wall of voxels between west and east, the same for all."""
+        posed = problems(name, count, seed, grid)
+        wall = posed[0].occupied.copy()
+        wall[25] = True
+        return [dataclasses.replace(problem, occupied=wall) for problem in posed]
+
+    monkeypatch.setattr(offline_many, "problems", walled)
+    sealed = draw(("suburb", 0, GRID))
+    across = (sealed.start[:, 0] < 0) != (sealed.goal[:, 0] < 0)
+    beside = (np.abs(sealed.start[:, 0]) < 2) | (np.abs(sealed.goal[:, 0]) < 2)  # in the wall itself
+    np.testing.assert_array_equal(sealed.solvable[~beside], ~across[~beside])
+    assert across.any()
+
+
+def test_a_network_without_weights_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="paper_large alone: no weights"):
+        main(dataclasses.replace(TINY, methods=("paper_large alone",), out=tmp_path))
