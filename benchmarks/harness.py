@@ -12,6 +12,7 @@ import dataclasses
 import datetime
 import json
 import os
+import shlex
 import statistics
 import subprocess
 import sys
@@ -132,7 +133,7 @@ def _command() -> str:
         if not skip and not argument.startswith("--out="):
             skip = argument == "--out"
             if not skip:
-                arguments.append(Path(argument).name if Path(argument).is_absolute() else argument)
+                arguments.append(shlex.quote(Path(argument).name if Path(argument).is_absolute() else argument))
         else:
             skip = False
     return " ".join(["python", program, *arguments])

@@ -20,7 +20,6 @@ import dataclasses
 import itertools
 import multiprocessing
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -164,13 +163,12 @@ def _rows(
         )
         start, goal = (np.stack([getattr(city, end)[k] for city, k in chunk]) for end in ("start", "goal"))
         for place, (method, potential) in enumerate(potentials.items()):
-            begun = time.perf_counter()
             plans = plan_paths(
                 potential, occupied, start, goal, grid, margin=config.margin, ground=ground, method=method
             )
             tally = tallies[method]
-            tally.compile_s += len(plans) * plans[0].timings["compile"]
-            tally.seconds += time.perf_counter() - begun - len(plans) * plans[0].timings["compile"]
+            tally.compile_s += sum(plan.timings["compile"] for plan in plans)
+            tally.seconds += sum(plan.timings["total"] for plan in plans)
             tally.plans += [dataclasses.replace(plan, path=plan.path[:0]) for plan in plans]
             if place == 0:
                 for k, plan in enumerate(plans):
@@ -235,7 +233,7 @@ def section(document: Document) -> str:
             ratio(row["over_geodesic"]),
             *([] if one else [ratio(row["over_first"])]),
             "–" if row["clearance_m"] is None else f"{row['clearance_m']:.2f}",
-            number(row["ms_a_plan"]),
+            "–" if row["ms_a_plan"] is None else number(row["ms_a_plan"]),
         ]
         for row in rows
     ]

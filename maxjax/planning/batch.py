@@ -10,8 +10,8 @@ is bounded whatever the size of the batch, and all batches of more than one chun
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
-from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -27,7 +27,8 @@ from maxjax.planning.planner import Plan, PotentialFn, Route, Stage, Stopwatch, 
 from maxjax.planning.problem import pose
 
 _CHUNK = 64
-_AHEAD = 2  # chunks under way: one on the device, one on the host
+# Paths that a thread verifies in one go, and threads: more of them would only wait for the interpreter.
+_TOGETHER, _THREADS = 8, 4
 
 
 @jax.tree_util.register_dataclass
@@ -95,7 +96,10 @@ def plan_paths(
         most = len(waiting) if factor == 1 else 1 << (len(waiting) - 1).bit_length()
         size = -(-most // -(-most // _CHUNK))
         found = _attempt(waiting, size, potential, occupied, start, goal, grid, margin, ground, method, longer)
-        chosen.update(zip(waiting.tolist(), found, strict=True))
+        for k, plan in zip(waiting.tolist(), found, strict=True):
+            before = chosen[k].timings if k in chosen else {}
+            spent = {stage: seconds + before.get(stage, 0.0) for stage, seconds in plan.timings.items()}
+            chosen[k] = dataclasses.replace(plan, timings=spent)
         waiting = np.array([k for k in waiting.tolist() if chosen[k].status == Status.PATH_STALLED], np.int64)
         if not waiting.size:
             break
@@ -116,44 +120,49 @@ def _attempt(
     settings: Ascent,
 ) -> list[Plan]:
     """Plans of some problems, in chunks of one size; the last one is filled up with copies."""
-    watch, ready = Stopwatch(), []
+    watch, begun = Stopwatch(), time.perf_counter()
+    futures: list[Future[list[Plan]]] = []
 
-    def some(volumes: Bool[np.ndarray, "*b nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
+    def some(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
         return volumes if volumes.ndim == 3 else volumes[rows]
 
-    def finish(rows: Any, count: int, found: _Found) -> list[Plan]:
-        jax.block_until_ready(found)
-        ready.append(time.perf_counter())
-        found = jax.tree.map(lambda leaf: np.asarray(leaf[:count]), found)
-        voxels = np.unpackbits(found.blocked, axis=1, count=int(np.prod(grid.shape)))
-        blocked = voxels.view(bool).reshape(count, *grid.shape)
-        # Copies that filled the chunk up stand at its end.
-        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), (size, *grid.shape))[:count]
+    def verified(rows: Int64[np.ndarray, " c"], found: _Found) -> list[Plan]:
+        """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
+        shape = (len(rows), *grid.shape)
+        blocked = np.unpackbits(found.blocked, axis=1, count=math.prod(grid.shape)).view(bool).reshape(shape)
+        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
-        ends = start[rows][:count], goal[rows][:count]
-        return judge(routes, *ends, np.arange(count), found.margin.tolist(), blocked, seen, grid, Stopwatch(), method)
+        maps = found.margin.tolist(), blocked, seen
+        return judge(routes, start[rows], goal[rows], np.arange(len(rows)), *maps, grid, Stopwatch(), method)
 
-    begun = time.perf_counter()
-    plans: list[Plan] = []
-    under_way: deque[Future[list[Plan]]] = deque()
-    with ThreadPoolExecutor(_AHEAD) as pool:
+    def hand_over(chunk: Int64[np.ndarray, " c"], found: _Found) -> None:
+        """Wait for the device, then leave a chunk to the threads."""
+        on_host: _Found = jax.device_get(found)
+        for k in range(0, len(chunk), _TOGETHER):
+            few = slice(k, min(k + _TOGETHER, len(chunk)))
+            part = jax.tree.map(lambda leaf, few=few: leaf[few], on_host)
+            futures.append(pool.submit(verified, chunk[few], part))
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        under_way: tuple[Int64[np.ndarray, " c"], _Found] | None = None
         for first in range(0, len(which), size):
             chunk = which[first : first + size]
             whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
             # A slice is a view; a selection would copy the maps once more.
             rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
             arrays = some(occupied, rows), some(ground, rows), start[rows], goal[rows]
-            if len(under_way) == _AHEAD:
-                plans += under_way.popleft().result()
             found = _DEVICE.start(
                 watch, *map(jnp.asarray, arrays), margin=margin, grid=grid, potential=potential, settings=settings
             )
-            under_way.append(pool.submit(finish, rows, len(chunk), found))
-        for future in under_way:
-            plans += future.result()
-    compiling = watch.seconds["compile"]
-    watch.seconds["device"] = max(ready) - begun - compiling
-    watch.seconds["verify"] = time.perf_counter() - max(ready)
+            if under_way is not None:
+                hand_over(*under_way)
+            under_way = chunk, found
+        if under_way is not None:
+            hand_over(*under_way)
+        ready = time.perf_counter()
+        plans = [plan for future in futures for plan in future.result()]
+    watch.seconds["device"] = ready - begun - watch.seconds["compile"]
+    watch.seconds["verify"] = time.perf_counter() - ready
     timings = watch.report(len(which))
     return [dataclasses.replace(plan, timings=timings) for plan in plans]

@@ -279,7 +279,7 @@ def _metres(
 
 
 # Paths that are verified in one go, and maps that these may span: so few that they stay in a core's cache.
-_TOGETHER, _MAPS = 16, 4
+_TOGETHER, _MAPS = 16, 8
 
 
 def _verdicts(

@@ -27,6 +27,7 @@ from jaxtyping import Bool, Float, Float64, Int64, Integer
 
 from maxjax.core.grid import Grid, Index3
 
+_REACH = 8  # voxels around a path that are searched first
 _PIECE = 4.0  # longest piece [voxels] that one bounding box stands for in the search for the nearest voxel
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _NEIGHBORS = np.stack(np.meshgrid(*[range(3)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
@@ -240,13 +241,58 @@ def _clearance(
 ) -> Float64[np.ndarray, " p"]:
     """Least distance [voxels] from each path's segments to the cube of an occupied voxel; infinite without any.
 
+    A window around the path is searched first. What lies outside it is at least `_REACH` away: if the nearest voxel
+    inside is nearer, it is the nearest of all; if not, the whole map is searched.
+    """
+    squared = np.full(len(which), math.inf)
+    for reach in (_REACH, max(occupied.shape[1:])):
+        here = (squared > reach**2)[path_of]
+        paths, place = np.unique(path_of[here], return_inverse=True)
+        if not paths.size:
+            break
+        corner, windows = _windows(a[here], b[here], place, which[paths], occupied, reach)
+        squared[paths] = _nearest(a[here], b[here], place, windows, corner)
+    least: Float64[np.ndarray, " p"] = np.sqrt(squared)
+    return least
+
+
+def _windows(
+    a: Float64[np.ndarray, "s 3"],
+    b: Float64[np.ndarray, "s 3"],
+    path_of: Int64[np.ndarray, " s"],
+    which: Integer[np.ndarray, " p"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    reach: int,
+) -> tuple[Int64[np.ndarray, "p 3"], Bool[np.ndarray, "p wx wy wz"]]:
+    """What is occupied around each path, `reach` voxels and more in every direction, and where each window begins."""
+    low, high = np.full((2, len(which), 3), [[[math.inf]], [[-math.inf]]])
+    for end in (a, b):
+        np.minimum.at(low, path_of, end)
+        np.maximum.at(high, path_of, end)
+    shape = np.array(occupied.shape[1:])
+    corner = np.clip(np.floor(low) - reach, 0, shape).astype(np.int64)
+    size = np.minimum((np.ceil(high).astype(np.int64) + reach - corner).max(axis=0), shape)
+    corner = np.minimum(corner, shape - size)
+    boxes = [tuple(slice(k, k + n) for k, n in zip(start, size, strict=True)) for start in corner.tolist()]
+    return corner, np.stack([occupied[(m, *box)] for m, box in zip(which.tolist(), boxes, strict=True)])
+
+
+def _nearest(
+    a: Float64[np.ndarray, "s 3"],
+    b: Float64[np.ndarray, "s 3"],
+    path_of: Int64[np.ndarray, " s"],
+    occupied: Bool[np.ndarray, "p wx wy wz"],
+    corner: Int64[np.ndarray, "p 3"],
+) -> Float64[np.ndarray, " p"]:
+    """Least squared distance [voxels²] from each path's segments to an occupied voxel of its own window.
+
     Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. A plain descent to the
     nearest child finds an occupied voxel near every piece of the path, hence an upper bound; then every box
     that might hold a nearer one is opened.
     """
     pyramid = _pyramid(occupied)
-    squared = np.full(len(which), math.inf)
-    inhabited = pyramid[-1].reshape(-1)[which[path_of]]
+    squared = np.full(len(occupied), math.inf)
+    inhabited = pyramid[-1].reshape(-1)[path_of]
     a, b, path_of = a[inhabited], b[inhabited], path_of[inhabited]
     count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
@@ -255,32 +301,32 @@ def _clearance(
     start = a[segment] + k[:, None] * step
     lower, upper = np.minimum(start, start + step), np.maximum(start, start + step)
     path = path_of[segment]
+    first = corner[path]
 
     piece = np.arange(len(start))
     box = np.zeros((len(start), 3), np.int64)
     for level in reversed(range(len(pyramid) - 1)):
         children = 2 * box[:, None] + _CORNERS
-        gap = _squared_gap(children, 2**level, lower[:, None], upper[:, None])
-        there = pyramid[level][(which[path][:, None], *np.moveaxis(children, -1, 0))]
+        gap = _squared_gap(first[:, None] + 2**level * children, 2**level, lower[:, None], upper[:, None])
+        there = pyramid[level][(path[:, None], *np.moveaxis(children, -1, 0))]
         box = children[piece, np.where(there, gap, np.inf).argmin(axis=1)]
-    np.minimum.at(squared, path, _squared_distance(start, step, box))
+    np.minimum.at(squared, path, _squared_distance(start, step, first + box))
     bound = squared[path]
 
     box = np.zeros((len(start), 3), np.int64)
     for level in reversed(range(len(pyramid) - 1)):
         children = (2 * box[:, None] + _CORNERS).reshape(-1, 3)
         piece = np.repeat(piece, 8)
-        there = pyramid[level][(which[path[piece]], *children.T)]
+        there = pyramid[level][(path[piece], *children.T)]
         piece, box = piece[there], children[there]
-        nearer = _squared_gap(box, 2**level, lower[piece], upper[piece]) < bound[piece]
+        nearer = _squared_gap(first[piece] + 2**level * box, 2**level, lower[piece], upper[piece]) < bound[piece]
         piece, box = piece[nearer], box[nearer]
-    np.minimum.at(squared, path[piece], _squared_distance(start[piece], step[piece], box))
-    least: Float64[np.ndarray, " p"] = np.sqrt(squared)
-    return least
+    np.minimum.at(squared, path[piece], _squared_distance(start[piece], step[piece], first[piece] + box))
+    return squared
 
 
-def _pyramid(occupied: Bool[np.ndarray, "m nx ny nz"]) -> list[Bool[np.ndarray, "m _ _ _"]]:
-    """Volumes that halve in size, each box True if one of its eight is; the last is one box a map."""
+def _pyramid(occupied: Bool[np.ndarray, "p wx wy wz"]) -> list[Bool[np.ndarray, "p _ _ _"]]:
+    """Volumes that halve in size, each box True if one of its eight is; the last is one box a window."""
     levels = max(max(occupied.shape[1:]) - 1, 0).bit_length()
     # Each level is padded to twice the size of the next, so that every box has eight children.
     top = [[-(-n // 2**level) for n in occupied.shape[1:]] for level in range(levels + 1)]
@@ -302,8 +348,8 @@ def _squared_gap(
     lower: Float64[np.ndarray, "*#k 3"],
     upper: Float64[np.ndarray, "*#k 3"],
 ) -> Float64[np.ndarray, "*k"]:
-    """Squared distance from boxes of the pyramid (`size` voxels wide) to those from `lower` to `upper`."""
-    gap = np.maximum(np.maximum(box * size - upper, lower - (box + 1) * size), 0.0)
+    """Squared distance from boxes that begin at a voxel and are `size` voxels wide to those from `lower` to `upper`."""
+    gap = np.maximum(np.maximum(box - upper, lower - (box + size)), 0.0)
     squared: Float64[np.ndarray, "*k"] = np.einsum("...i,...i->...", gap, gap)
     return squared
 

@@ -109,11 +109,15 @@ def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray) -> float:
     count=st.integers(1, 12),
     lattice=st.booleans(),
     spacing=st.sampled_from([1.0, 0.3, 2.0]),
+    widest=st.sampled_from([14, 60]),
 )
-def test_clearance_is_the_least_distance(seed: int, length: int, count: int, lattice: bool, spacing: float) -> None:
+def test_clearance_is_the_least_distance(
+    seed: int, length: int, count: int, lattice: bool, spacing: float, widest: int
+) -> None:
+    """Also where the nearest voxel is farther away than the window that is searched first."""
     rng = np.random.default_rng(seed)
-    grid = Grid(tuple(rng.integers(1, 14, 3).tolist()), spacing)
-    path = rng.random((length, 3)) * grid.shape
+    grid = Grid(tuple(rng.integers(1, widest, 3).tolist()), spacing)
+    path = rng.random((length, 3)) * np.minimum(grid.shape, 14)
     path = np.round(path) if lattice else path
     voxels = rng.integers(0, grid.shape, (count, 3))
     occupied = np.zeros(grid.shape, bool)
