@@ -34,18 +34,28 @@ _TOGETHER, _THREADS = 8, 4
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Found:
-    """What the device hands back; a bit a voxel of the dilated map, since the way to the host is narrow."""
+    """What the device hands back."""
 
-    blocked: UInt8[Array | np.ndarray, "*b _"]
+    blocked: UInt8[Array | np.ndarray, "*b bytes"]
     margin: Float[Array | np.ndarray, "*b"]
     path: Float[Array | np.ndarray, "*b t 3"]
     status: Int32[Array | np.ndarray, "*b"]
     certified: Bool[Array | np.ndarray, "*b"]
 
 
+# Maps cross to the device and back as bits: the way is narrow.
+def _packed(volumes: Bool[np.ndarray, "*b nx ny nz"]) -> UInt8[np.ndarray, "*b bytes"]:
+    return np.packbits(volumes.reshape(*volumes.shape[:-3], -1), axis=-1)
+
+
+def _unpacked(bits: UInt8[np.ndarray, "*b bytes"], grid: Grid) -> Bool[np.ndarray, "*b nx ny nz"]:
+    voxels = np.unpackbits(bits, axis=-1, count=math.prod(grid.shape)).view(bool)
+    return voxels.reshape(*bits.shape[:-1], *grid.shape)
+
+
 def _plan_chunk(
-    occupied: Bool[Array, "*m nx ny nz"],
-    ground: Bool[Array, "*g nx ny nz"],
+    occupied: UInt8[Array, "*m bytes"],
+    ground: UInt8[Array, "*g bytes"],
     start: Float[Array, "b 3"],
     goal: Float[Array, "b 3"],
     margin: float,
@@ -53,13 +63,17 @@ def _plan_chunk(
     potential: PotentialFn,
     settings: Ascent,
 ) -> _Found:
-    def one(occupied: Array, ground: Array, start: Array, goal: Array) -> _Found:
-        problem = pose(occupied | ground, ground, start, goal, margin, grid)
+    def voxels(bits: UInt8[Array, " bytes"]) -> Bool[Array, "nx ny nz"]:
+        return jnp.unpackbits(bits, count=math.prod(grid.shape)).reshape(grid.shape) > 0
+
+    def one(filled: Array, bare: Array, start: Array, goal: Array) -> _Found:
+        below = voxels(bare)
+        problem = pose(voxels(filled) | below, below, start, goal, margin, grid)
         path, status, certified = route(problem, grid, potential, settings)
         return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
 
     # A map that all problems share is not copied.
-    axes = (*(None if volume.ndim == 3 else 0 for volume in (occupied, ground)), 0, 0)
+    axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
     found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
     return found
 
@@ -128,9 +142,8 @@ def _attempt(
 
     def verified(rows: Int64[np.ndarray, " c"], found: _Found) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        shape = (len(rows), *grid.shape)
-        blocked = np.unpackbits(found.blocked, axis=1, count=math.prod(grid.shape)).view(bool).reshape(shape)
-        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), shape)
+        blocked = _unpacked(np.asarray(found.blocked), grid)
+        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         maps = found.margin.tolist(), blocked, seen
@@ -151,7 +164,7 @@ def _attempt(
             whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
             # A slice is a view; a selection would copy the maps once more.
             rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
-            arrays = some(occupied, rows), some(ground, rows), start[rows], goal[rows]
+            arrays = _packed(some(occupied, rows)), _packed(some(ground, rows)), start[rows], goal[rows]
             found = _DEVICE.start(
                 watch, *map(jnp.asarray, arrays), margin=margin, grid=grid, potential=potential, settings=settings
             )
