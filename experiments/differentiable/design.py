@@ -12,10 +12,10 @@ street times a window function of (y, z), and −ℓ log φ is differentiable in
 
 Where to begin is told by the same derivative. With the wall closed but for a hair (σ = 10⁻⁶ of free space), every voxel
 of the wall carries its share of the way from the starts: −∂ mean log φ / ∂ log σ, summed over what a gate would open,
-ranks all positions of the gate at once. A second search begins in the middle of the wall.
+ranks all positions of the gate at once. A second search begins at the north end of the wall, seventy metres off.
 
 The judge is `plan_fleet` on the voxel map with the gate cut out: its mean length before and after, and brute force over
-gates on a lattice. Expected: the search ends within a per cent of the best gate of the lattice.
+gates on a lattice. Expected: both searches end within two per cent of the best gate of the lattice.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class Config:
     margin: float = 4.0
     half: int = 3
     length: float = 3.0
-    steps: int = 20
-    rate: float = 4.0
+    steps: int = 24
+    rate: float = 5.0
     lattice: tuple[int, int, int] = (8, 8, 2)
     out: Path = RESULTS
     figures: Path = FIGURES
@@ -202,8 +202,8 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
     edge = config.half + 1
     opened = np.lib.stride_tricks.sliding_window_view(share, (2 * config.half + 1,) * 2).sum(axis=(2, 3))
     first = np.array(np.unravel_index(int(np.argmax(opened)), opened.shape), np.float64) + config.half
-    naive = np.array([ny / 2, edge + nz / 4])
-    tracks = {name: search(gate, works, config) for name, gate in (("ranked", first), ("middle", naive))}
+    naive = np.array([7 * ny / 8, edge + nz / 4])
+    tracks = {name: search(gate, works, config) for name, gate in (("ranked", first), ("north end", naive))}
 
     def flights(gate: Float[np.ndarray, " 2"]) -> tuple[list[np.ndarray], float]:
         plans = maxjax.plan_fleet(
@@ -215,7 +215,7 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
 
     rows: list[Row] = []
     best = {name: track[np.argmin(track[:, 2])] for name, track in tracks.items()}
-    gates = {"middle of the wall": naive, "from the middle, optimised": best["middle"][:2]}
+    gates = {"north end of the wall": naive, "from the north end, optimised": best["north end"][:2]}
     gates |= {"ranked first": first, "from there, optimised": best["ranked"][:2]}
     paths: dict[str, list[np.ndarray]] = {}
     for name, gate in gates.items():
@@ -256,12 +256,14 @@ def figures(outcome: Outcome, folder: Path) -> None:
 
     grid, slab = outcome.grid, outcome.slab
     x = grid.origin[0] + grid.spacing * slab
-    names = ("middle of the wall", "from there, optimised")
+    names = ("north end of the wall", "from there, optimised")
     with figure(folder / f"{NAME}.png", 7.2, 3.7) as drawn:
         plan = drawn.add_axes((0.08, 0.14, 0.42, 0.8))
         draw_city(plan, outcome.occupied & ~outcome.ground, grid, 10.0)
         plan.axvline(x, color="black", linewidth=2.0, zorder=5)
-        for name, color, label in zip(names, (COLORS[1], COLORS[0]), ("gate in the middle", "gate found"), strict=True):
+        for name, color, label in zip(
+            names, (COLORS[1], COLORS[0]), ("gate at the north end", "gate found"), strict=True
+        ):
             for k, path in enumerate(path for path in outcome.paths[name][::4] if len(path)):
                 plan.plot(*path[:, :2].T, color=color, linewidth=0.6, zorder=6, label=label if k == 0 else None)
         draw_mark(plan, metres(outcome.goal, grid), "*", "#F0E442", "goal", 9.0)
@@ -293,7 +295,7 @@ def figures(outcome: Outcome, folder: Path) -> None:
         found = metres(np.array([0, *best["ranked"][:2]]), grid)[1]
         side.axvline(float(found), color=COLORS[0], linewidth=1.0, label="gate found")
         side.set(xlabel="gate, y [m]", ylabel="mean flight [m]")
-        side.legend(fontsize=6.0)
+        side.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=6.0, columnspacing=1.0)
 
 
 def main(config: Config) -> list[Row]:
@@ -310,7 +312,7 @@ def section(document: dict[str, Any]) -> str:
     *gates, work = document["rows"]
     found, best = rows["from there, optimised"], rows["brute force, best"]
     over = found["mean_length_m"] / best["mean_length_m"] - 1
-    first = rows["middle of the wall"]
+    first = rows["north end of the wall"]
     return f"""## Design: one gate for {document["config"]["starts"]} flights
 
 A wall cuts a city; where does its one gate make the mean flight shortest? Lengths are those of verified plans.
@@ -328,9 +330,13 @@ A wall cuts a city; where does its one gate make the mean flight shortest? Lengt
         )
     }
 
-The gate that is ranked first and then optimised takes the mean flight from {first["mean_length_m"]:g} m, with the gate
-in the middle, to {found["mean_length_m"]:g} m: {100 * over:+.2f} % beside the best of the {work["gates_tried"]} gates
-that brute force planned for. Ranking took {work["ranking"]} solves and the search {work["search"]}, adjoints counted.
+A gate at the north end of the wall makes the mean flight {first["mean_length_m"]:g} m; the one that is ranked first and
+then optimised makes it {found["mean_length_m"]:g} m: {100 * over:+.2f} % beside the best of the {
+        work["gates_tried"]
+    } gates
+that brute force planned for. What is minimised is the mean of −ℓ log φ, which is not quite a length. Ranking took {
+        work["ranking"]
+    } solves and the search {work["search"]}, adjoints counted.
 
 ![Design](../docs/figures/{NAME}.png)
 """
