@@ -15,7 +15,8 @@ of the wall carries its share of the way from the starts: −∂ mean log φ / �
 ranks all positions of the gate at once. A second search begins at the north end of the wall, seventy metres off.
 
 The judge is `plan_fleet` on the voxel map with the gate cut out: its mean length before and after, and brute force over
-gates on a lattice. Expected: both searches end within two per cent of the best gate of the lattice.
+gates on a lattice. Expected: the search from the gate ranked first ends within two per cent of the best gate of the
+lattice; the other one gets most of the way, and stops over a roof.
 """
 
 from __future__ import annotations
@@ -312,7 +313,7 @@ def section(document: dict[str, Any]) -> str:
     *gates, work = document["rows"]
     found, best = rows["from there, optimised"], rows["brute force, best"]
     over = found["mean_length_m"] / best["mean_length_m"] - 1
-    first = rows["north end of the wall"]
+    first, far = rows["north end of the wall"], rows["from the north end, optimised"]
     return f"""## Design: one gate for {document["config"]["starts"]} flights
 
 A wall cuts a city; where does its one gate make the mean flight shortest? Lengths are those of verified plans.
@@ -334,7 +335,9 @@ A gate at the north end of the wall makes the mean flight {first["mean_length_m"
 then optimised makes it {found["mean_length_m"]:g} m: {100 * over:+.2f} % beside the best of the {
         work["gates_tried"]
     } gates
-that brute force planned for. What is minimised is the mean of −ℓ log φ, which is not quite a length. Ranking took {
+that brute force planned for. What is minimised is the mean of −ℓ log φ, which is not quite a length. A search from the
+north end comes to {
+        far["mean_length_m"]:g} m and stops there: descent finds a valley, the ranking finds the valley. Ranking took {
         work["ranking"]
     } solves and the search {work["search"]}, adjoints counted.
 
