@@ -3,8 +3,8 @@
     device   pose → solve → ascend → tighten, under `vmap`      chunk k
     host     verify, path by path                                chunk k − 1
 
-A chunk is what one device is busy with; a larger one gains nothing and waits longer for its slowest problem. So memory
-is bounded whatever the size of the batch, and all batches of more than one chunk share a program.
+A chunk is what a device is busy with: a larger one gains nothing, and waits longer for its slowest problem. So memory
+is bounded whatever the size of the batch.
 """
 
 from __future__ import annotations
@@ -72,10 +72,19 @@ def _plan_chunk(
         path, status, certified = route(problem, grid, potential, settings)
         return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
 
-    # A map that all problems share is not copied.
-    axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
-    found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+    if len(start) == 1:
+        only = one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])
+        found: _Found = jax.tree.map(lambda leaf: leaf[None], only)
+    else:
+        # A map that all problems share is not copied.
+        axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
+        found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
     return found
+
+
+def _chunk() -> int:
+    """Problems that are planned at a time: on a CPU one, which is busy with it, and quicker with two by themselves."""
+    return 1 if jax.default_backend() == "cpu" else _CHUNK
 
 
 _DEVICE = Stage("device", _plan_chunk, static=("margin", "grid", "potential", "settings"))
@@ -108,7 +117,7 @@ def plan_paths(
         longer = dataclasses.replace(settings, steps=settings.steps * factor)
         # The first attempt compiles a program for just this batch; the others are rare, and share a few.
         most = len(waiting) if factor == 1 else 1 << (len(waiting) - 1).bit_length()
-        size = -(-most // -(-most // _CHUNK))
+        size = -(-most // -(-most // _chunk()))
         found = _attempt(waiting, size, potential, occupied, start, goal, grid, margin, ground, method, longer)
         for k, plan in zip(waiting.tolist(), found, strict=True):
             before = chosen[k].timings if k in chosen else {}
