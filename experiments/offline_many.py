@@ -87,6 +87,11 @@ class _City:
     solvable: np.ndarray
 
 
+def cities_of(name: str, config: Config, grid: maxjax.Grid) -> list[tuple[str, int, maxjax.Grid]]:
+    """What to ask `draw` for: as many cities as the problems take."""
+    return [(name, config.seed + city, grid) for city in range(-(-config.problems // _EACH))]
+
+
 def draw(asked: tuple[str, int, maxjax.Grid]) -> _City:
     """The problems of a city (map, seed)."""
     name, seed, grid = asked
@@ -120,8 +125,7 @@ def main(config: Config) -> list[Row]:
     rows: list[Row] = []
     with multiprocessing.get_context("spawn").Pool(config.workers, _without_accelerator) as pool:
         for name in config.maps:
-            asked = [(name, config.seed + city, grid) for city in range(-(-config.problems // _EACH))]
-            cities = pool.imap(draw, asked)
+            cities = pool.imap(draw, cities_of(name, config, grid))
             for row in _rows(name, itertools.chain.from_iterable(map(_unpack, cities)), potentials, config, grid, pool):
                 rows.append(row)
                 print(row, file=sys.stderr, flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import pytest
 
 import maxjax
 from experiments import offline_many
-from experiments.offline_many import TINY, draw, main, section
-from experiments.random_problems import problems
+from experiments.offline_many import TINY, cities_of, draw, main, section
+from experiments.random_problems import problems, seal
 from maxjax.solvers.potential import Potential, solve_potential
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
@@ -49,11 +50,27 @@ def test_solver_solves_what_scipy_calls_solvable(document: dict[str, Any]) -> No
     assert doubted["certified"] == 0
 
 
-def test_section_names_who_is_without_a_path(document: dict[str, Any]) -> None:
-    text = section(document)
-    assert f"| suburb | solver | {TINY.problems} |" in text
-    failing = [row for row in document["rows"] if row["failures"]]
-    assert text.count("\n- suburb, ") == len(failing)
+def test_a_sealed_problem_is_proved_unsolvable_and_named(document: dict[str, Any]) -> None:
+    """Two open problems and a sealed one, over two batches."""
+    city = draw(("suburb", 0, GRID))
+    shut = seal(problems("suburb", 1, 0, GRID)[0], GRID, "goal")
+    sealed = dataclasses.replace(city, occupied=np.packbits(shut.occupied), solvable=np.zeros(10, bool))
+    posed = iter([(city, 0), (city, 1), (sealed, 0)])
+    with ThreadPool(1) as pool:
+        (row,) = offline_many._rows("suburb", posed, {"solver": solve_potential}, TINY, GRID, pool)
+    assert row["problems"] == 3
+    assert row["ok"] == row["certified"] == row["solvable"] == 2
+    assert row["proved_unsolvable"] == 1
+    assert row["failures"] == "NO_VALID_PATH: 1"
+    text = section({**document, "rows": [row]})
+    assert "| suburb | solver | 3 | 2 | 2 | 2 | 1 |" in text
+    assert "\n- suburb, solver: NO_VALID_PATH: 1\n" in text
+    assert "Without a path" not in section(document)
+
+
+def test_as_many_problems_as_asked_lie_in_different_cities() -> None:
+    seeds = [seed for _, seed, _ in cities_of("suburb", dataclasses.replace(TINY, problems=250), GRID)]
+    assert len(seeds) == len(set(seeds)) == 25
 
 
 def test_cities_are_those_of_the_offline_protocol_and_labels_tell_what_is_sealed(
