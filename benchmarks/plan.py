@@ -6,8 +6,8 @@
 Random problems of the three maps (offline protocol, margin 8 m), after a warm-up; compilation apart.
 
 `plan` rows: stage by stage, and A* on the same problems in the same run. `batch` rows: `plan_batch`, wall-clock time a
-plan from arrays on the host to verified plans on the host; `device` and `verify` are the shares of its stages, what is
-left is moving maps to the device and paths back. Each batch is planned twice before it is timed.
+plan from arrays on the host to verified plans on the host, and the stages' shares of it (means over the batch). Each
+batch is planned twice before it is timed.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _batch_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list
     def run() -> maxjax.PlanBatch:
         return maxjax.plan_batch(occupied, start, goal, grid, margin=config.margin, ground=ground)
 
-    compile_s = run()[0].timings["compile"] * len(posed)
+    compile_s = sum(plan.timings["compile"] for plan in run())
     run()
     walls, plans = [], []
     for _ in range(config.repeats):
@@ -123,7 +123,11 @@ def _batch_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list
         plans.append(run())
         walls.append((time.perf_counter() - begun) / len(posed))
     what = f"batch of {len(posed)}"
-    stages = [_milliseconds(f"{what}: {stage}", [p[0].timings[stage] for p in plans]) for stage in ("device", "verify")]
+    stages = [
+        _milliseconds(f"{what}: {stage}", [statistics.fmean(plan.timings[stage] for plan in batch) for batch in plans])
+        for stage in plans[0][0].timings
+        if stage not in ("compile", "total")
+    ]
     total = _milliseconds(f"{what}: a plan", walls) | {"compile_s": round(compile_s, 2)}
     rate = round(1 / statistics.median(walls), 1)
     return [*stages, total | {"solved": int(sum(plans[-1].status == maxjax.Status.OK)), "plans_per_second": rate}]

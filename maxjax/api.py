@@ -186,7 +186,7 @@ def plan_batch(
     margin: float = DEFAULT_MARGIN,
     ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
 ) -> PlanBatch:
-    """Plan a batch of problems; with a field method, in jitted chunks (`planning.batch`).
+    """Plan a batch of problems; with a field method on an accelerator, in chunks under `vmap` (`planning.batch`).
 
     Args:
         occupied: (b, nx, ny, nz), or (nx, ny, nz) for one map that all problems share.

@@ -2,12 +2,14 @@
 
     R ← R ∪ (free ∩ {6-neighbours of R})   until nothing changes
 
-The sets are packed 32 voxels to a word along z, so that one step over a million voxels costs some ten thousand word
+The sets are packed 32 voxels to a word along x, so that one step over a million voxels costs some ten thousand word
 operations. Faces are what the field conducts through; a legal diagonal move needs every voxel that it touches to be
 free, hence joins nothing that faces do not.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax.numpy as jnp
 from jax import lax
@@ -19,43 +21,43 @@ from maxjax.fields.stencil import cell
 _WORD = 32
 
 
-def _pack(mask: Bool[Array, "nx ny nz"]) -> UInt32[Array, "nx ny words"]:
+def _pack(mask: Bool[Array, "nx ny nz"]) -> UInt32[Array, "words ny nz"]:
     nx, ny, nz = mask.shape
-    padded = jnp.pad(mask, ((0, 0), (0, 0), (0, -nz % _WORD)))
-    bits = padded.reshape(nx, ny, -1, _WORD).astype(jnp.uint32) << jnp.arange(_WORD, dtype=jnp.uint32)
-    return jnp.sum(bits, axis=-1, dtype=jnp.uint32)
+    padded = jnp.pad(mask, ((0, -nx % _WORD), (0, 0), (0, 0)))
+    bits = padded.reshape(-1, _WORD, ny, nz).astype(jnp.uint32) << jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]
+    return jnp.sum(bits, axis=1, dtype=jnp.uint32)
 
 
-def _unpack(words: UInt32[Array, "nx ny words"], nz: int) -> Bool[Array, "nx ny nz"]:
-    bits = (words[..., None] >> jnp.arange(_WORD, dtype=jnp.uint32)) & 1
-    return bits.reshape(*words.shape[:2], -1)[..., :nz].astype(bool)
+def _unpack(words: UInt32[Array, "words ny nz"], nx: int) -> Bool[Array, "nx ny nz"]:
+    bits = (words[:, None] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
+    return bits.reshape(-1, *words.shape[1:])[:nx].astype(bool)
 
 
-def _spread(words: UInt32[Array, "nx ny words"]) -> UInt32[Array, "nx ny words"]:
+def _spread(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]:
     """The set with its 6 neighbours."""
-    return _spread_up_down(words) | _spread_across(words, 0) | _spread_across(words, 1)
+    return _spread_along_words(words) | _spread_across(words, 1) | _spread_across(words, 2)
 
 
-def _spread_cube(words: UInt32[Array, "nx ny words"], passable: UInt32[Array, "nx ny words"]) -> Array:
-    """The set with those of its 26 neighbours that face steps along z, then y, then x lead to.
+def _spread_cube(words: UInt32[Array, "words ny nz"], passable: UInt32[Array, "words ny nz"]) -> Array:
+    """The set with those of its 26 neighbours that face steps along x, then y, then z lead to.
 
     Free voxels that only touch at an edge or corner stay apart.
     """
-    words = _spread_up_down(words) & passable
+    words = _spread_along_words(words) & passable
     words = _spread_across(words, 1) & passable
-    return _spread_across(words, 0) & passable
+    return _spread_across(words, 2) & passable
 
 
-def _spread_up_down(words: UInt32[Array, "nx ny words"]) -> UInt32[Array, "nx ny words"]:
-    """Along z, the axis inside the words: shift by one bit, and carry the end bits into the next word."""
+def _spread_along_words(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]:
+    """Along x, the axis inside the words: shift by one bit, and carry the end bits into the next word."""
     zero = jnp.uint32(0)
-    up = (words << 1) | lax.pad(words >> (_WORD - 1), zero, ((0, 0, 0), (0, 0, 0), (1, -1, 0)))
-    down = (words >> 1) | lax.pad(words << (_WORD - 1), zero, ((0, 0, 0), (0, 0, 0), (-1, 1, 0)))
+    up = (words << 1) | lax.pad(words >> (_WORD - 1), zero, ((1, -1, 0), (0, 0, 0), (0, 0, 0)))
+    down = (words >> 1) | lax.pad(words << (_WORD - 1), zero, ((-1, 1, 0), (0, 0, 0), (0, 0, 0)))
     return words | up | down
 
 
-def _spread_across(words: UInt32[Array, "nx ny words"], axis: int) -> UInt32[Array, "nx ny words"]:
-    """Along x or y."""
+def _spread_across(words: UInt32[Array, "words ny nz"], axis: int) -> UInt32[Array, "words ny nz"]:
+    """Along y or z."""
     config = [(0, 0, 0)] * 3
     spread = words
     for step in (1, -1):
@@ -71,17 +73,40 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         free: free voxels.
         seed: voxel index.
     """
+    return _unpack(_grown(free, seed, lambda words: jnp.array(False)), free.shape[0])
+
+
+def joined(free: Bool[Array, "nx ny nz"], a: Int32[Array, " 3"], b: Int32[Array, " 3"]) -> Bool[Array, ""]:
+    """Whether `flood` from one voxel reaches the other; it ends as soon as it does.
+
+    Args:
+        free: free voxels.
+        a, b: voxel indices; nothing joins a voxel outside the grid.
+    """
+    inside = jnp.all((b >= 0) & (b < jnp.asarray(free.shape)))
+    x, y, z = jnp.clip(b, 0, jnp.asarray(free.shape) - 1)
+
+    def reached(words: UInt32[Array, "words ny nz"]) -> Bool[Array, ""]:
+        return jnp.asarray(words[x // _WORD, y, z] >> (x % _WORD).astype(jnp.uint32) & 1, bool)
+
+    return inside & reached(_grown(free, a, reached))
+
+
+def _grown(
+    free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"], enough: Callable[[Array], Bool[Array, ""]]
+) -> UInt32[Array, "words ny nz"]:
+    """The component of `seed`, packed, or the part of it that was `enough`."""
     passable = _pack(free)
     start = _pack(cell(free.shape, seed) & free)
 
-    def grow(state: tuple[UInt32[Array, "nx ny words"], Bool[Array, ""]]) -> tuple[Array, Array]:
+    def grow(state: tuple[UInt32[Array, "words ny nz"], Bool[Array, ""]]) -> tuple[Array, Array]:
         before = state[0]
         # Several steps between two looks at the result: each look waits for the device.
         (words,) = repeat(8, lambda last: (_spread(last[0]) & passable,), (before,))
-        return words, jnp.any(words != before)
+        return words, jnp.any(words != before) & ~enough(words)
 
     words, _ = lax.while_loop(lambda state: state[1], grow, (start, jnp.array(True)))
-    return _unpack(words, free.shape[2])
+    return words
 
 
 # Digits of the number of rounds: enough for 12,288 steps.
@@ -136,8 +161,8 @@ def geodesic(
     first: Arrays = (start, nothing, nothing, gray, jnp.int32(0))
     (words, second, third, gray, _), _ = lax.while_loop(going, some_rounds, (first, jnp.array(True)))
 
-    def unpacked(words: UInt32[Array, "nx ny words"]) -> Int32[Array, "nx ny nz"]:
-        return _unpack(words, free.shape[2]).astype(jnp.int32)
+    def unpacked(words: UInt32[Array, "words ny nz"]) -> Int32[Array, "nx ny nz"]:
+        return _unpack(words, free.shape[0]).astype(jnp.int32)
 
     rounds = jnp.zeros(free.shape, jnp.int32)
     digit = jnp.zeros_like(start)
@@ -145,5 +170,5 @@ def geodesic(
         digit = digit ^ gray[position]
         rounds = 2 * rounds + unpacked(digit)
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
-    component = _unpack(words, free.shape[2])
+    component = _unpack(words, free.shape[0])
     return component, jnp.where(component & ~cell(free.shape, seed), steps, 0)

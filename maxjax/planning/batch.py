@@ -1,10 +1,12 @@
-"""Many problems at once: the device plans one chunk of them while the host verifies the last one.
+"""Many problems at once.
+
+On an accelerator it plans one chunk of them while the host verifies the last one:
 
     device   pose → solve → ascend → tighten, under `vmap`      chunk k
     host     verify, path by path                                chunk k − 1
 
 A chunk is what a device is busy with: a larger one gains nothing, and waits longer for its slowest problem. So memory
-is bounded whatever the size of the batch.
+is bounded whatever the size of the batch. A CPU is busy with a single problem, and plans one after the other.
 """
 
 from __future__ import annotations
@@ -23,12 +25,37 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import Plan, PotentialFn, Route, Stage, Stopwatch, judge, route
+from maxjax.planning.planner import (
+    Plan,
+    PotentialFn,
+    Route,
+    Stage,
+    Stopwatch,
+    field_path,
+    judge,
+    plan_path,
+    route,
+)
 from maxjax.planning.problem import pose
 
 _CHUNK = 64
 # Paths that a thread verifies in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 8, 4
+
+
+@dataclasses.dataclass(frozen=True)
+class _Problems:
+    """Problems as in `maxjax.plan_batch`, and how to answer them."""
+
+    potential: PotentialFn
+    occupied: Bool[np.ndarray, "*m nx ny nz"]
+    ground: Bool[np.ndarray, "*g nx ny nz"]
+    start: Float[np.ndarray, "b 3"]
+    goal: Float[np.ndarray, "b 3"]
+    margin: float
+    grid: Grid
+    method: str
+    settings: Ascent
 
 
 @jax.tree_util.register_dataclass
@@ -72,19 +99,10 @@ def _plan_chunk(
         path, status, certified = route(problem, grid, potential, settings)
         return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
 
-    if len(start) == 1:
-        only = one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])
-        found: _Found = jax.tree.map(lambda leaf: leaf[None], only)
-    else:
-        # A map that all problems share is not copied.
-        axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
-        found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+    # A map that all problems share is not copied.
+    axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
+    found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
     return found
-
-
-def _chunk() -> int:
-    """Problems that are planned at a time: on a CPU one, which is busy with it, and quicker with two by themselves."""
-    return 1 if jax.default_backend() == "cpu" else _CHUNK
 
 
 _DEVICE = Stage("device", _plan_chunk, static=("margin", "grid", "potential", "settings"))
@@ -101,24 +119,49 @@ def plan_paths(
     ground: Bool[np.ndarray, "*g nx ny nz"],
     method: str,
     settings: Ascent = Ascent(),  # noqa: B008 (frozen)
+    chunk: int | None = None,
 ) -> list[Plan]:
     """`planner.plan_path` with a field, for a batch.
 
-    Arguments as in `maxjax.plan_batch`, already checked; maps and ground are one a problem, or one for all. Problems
-    whose ascent needs more steps than the others go again, by themselves, as in `planner.field_path`.
+    Arguments as in `maxjax.plan_batch`, already checked; maps and ground are one a problem, or one for all.
+
+    Args:
+        chunk: problems that the device plans at a time. None: what suits it; on a CPU one after the other, each stage
+            by itself.
 
     Returns:
-        One plan a problem. Of `timings` each has an equal share: `device` until the last chunk was there, `verify` what
-        verification took beyond that.
+        One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was there,
+        `verify` what verification took beyond that.
     """
+    problems = _Problems(potential, occupied, ground, start, goal, margin, grid, method, settings)
+    if chunk is None and jax.default_backend() == "cpu":
+        return _one_by_one(problems)
+    return _in_chunks(problems, chunk or _CHUNK)
+
+
+def _one_by_one(problems: _Problems) -> list[Plan]:
+    find = field_path(problems.potential, problems.settings)
+    each = problems.start.shape[0], *problems.grid.shape
+    maps = (np.broadcast_to(volume, each) for volume in (problems.occupied, problems.ground))
+    return [
+        plan_path(
+            find, filled | bare, start, goal, problems.grid,
+            margin=problems.margin, ground=bare, method=problems.method,
+        )
+        for filled, bare, start, goal in zip(*maps, problems.start, problems.goal, strict=True)
+    ]  # fmt: skip
+
+
+def _in_chunks(problems: _Problems, chunk: int) -> list[Plan]:
+    """Problems whose ascent needs more steps than the others go again, by themselves, as in `planner.field_path`."""
     chosen: dict[int, Plan] = {}
-    waiting = np.arange(len(start))
+    waiting = np.arange(len(problems.start))
     for factor in (1, 4, 16):
-        longer = dataclasses.replace(settings, steps=settings.steps * factor)
+        longer = dataclasses.replace(problems.settings, steps=problems.settings.steps * factor)
         # The first attempt compiles a program for just this batch; the others are rare, and share a few.
         most = len(waiting) if factor == 1 else 1 << (len(waiting) - 1).bit_length()
-        size = -(-most // -(-most // _chunk()))
-        found = _attempt(waiting, size, potential, occupied, start, goal, grid, margin, ground, method, longer)
+        size = -(-most // -(-most // chunk))
+        found = _attempt(dataclasses.replace(problems, settings=longer), waiting, size)
         for k, plan in zip(waiting.tolist(), found, strict=True):
             before = chosen[k].timings if k in chosen else {}
             spent = {stage: seconds + before.get(stage, 0.0) for stage, seconds in plan.timings.items()}
@@ -126,37 +169,28 @@ def plan_paths(
         waiting = np.array([k for k in waiting.tolist() if chosen[k].status == Status.PATH_STALLED], np.int64)
         if not waiting.size:
             break
-    return [chosen[k] for k in range(len(start))]
+    return [chosen[k] for k in range(len(problems.start))]
 
 
-def _attempt(
-    which: Int64[np.ndarray, " n"],
-    size: int,
-    potential: PotentialFn,
-    occupied: Bool[np.ndarray, "*m nx ny nz"],
-    start: Float[np.ndarray, "b 3"],
-    goal: Float[np.ndarray, "b 3"],
-    grid: Grid,
-    margin: float,
-    ground: Bool[np.ndarray, "*g nx ny nz"],
-    method: str,
-    settings: Ascent,
-) -> list[Plan]:
-    """Plans of some problems, in chunks of one size; the last one is filled up with copies."""
+def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> list[Plan]:
+    """Plans of some of the problems, in chunks of one size; the last one is filled up with copies."""
     watch, begun = Stopwatch(), time.perf_counter()
     futures: list[Future[list[Plan]]] = []
+    static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
 
-    def some(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
-        return volumes if volumes.ndim == 3 else volumes[rows]
+    def packed(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> UInt8[Array, "*c bytes"]:
+        return jnp.asarray(_packed(_some(volumes, rows)))
 
     def verified(rows: Int64[np.ndarray, " c"], found: _Found) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        blocked = _unpacked(np.asarray(found.blocked), grid)
-        seen = np.broadcast_to(some(occupied, rows) & ~some(ground, rows), blocked.shape)
+        blocked = _unpacked(np.asarray(found.blocked), problems.grid)
+        seen = np.broadcast_to(_some(problems.occupied, rows) & ~_some(problems.ground, rows), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
-        maps = found.margin.tolist(), blocked, seen
-        return judge(routes, start[rows], goal[rows], np.arange(len(rows)), *maps, grid, Stopwatch(), method)
+        return judge(
+            routes, problems.start[rows], problems.goal[rows], np.arange(len(rows)),
+            found.margin.tolist(), blocked, seen, problems.grid, Stopwatch(), problems.method,
+        )  # fmt: skip
 
     def hand_over(chunk: Int64[np.ndarray, " c"], found: _Found) -> None:
         """Wait for the device, then leave a chunk to the threads."""
@@ -173,10 +207,9 @@ def _attempt(
             whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
             # A slice is a view; a selection would copy the maps once more.
             rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
-            arrays = _packed(some(occupied, rows)), _packed(some(ground, rows)), start[rows], goal[rows]
-            found = _DEVICE.start(
-                watch, *map(jnp.asarray, arrays), margin=margin, grid=grid, potential=potential, settings=settings
-            )
+            maps = packed(problems.occupied, rows), packed(problems.ground, rows)
+            ends = jnp.asarray(problems.start[rows]), jnp.asarray(problems.goal[rows])
+            found = _DEVICE.start(watch, *maps, *ends, settings=problems.settings, **static)
             if under_way is not None:
                 hand_over(*under_way)
             under_way = chunk, found
@@ -188,3 +221,8 @@ def _attempt(
     watch.seconds["verify"] = time.perf_counter() - ready
     timings = watch.report(len(which))
     return [dataclasses.replace(plan, timings=timings) for plan in plans]
+
+
+def _some(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
+    """Of maps those of some problems; of a shared one, itself."""
+    return volumes if volumes.ndim == 3 else volumes[rows]

@@ -16,9 +16,9 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.connectivity import flood
+from maxjax.fields.connectivity import joined
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
-from maxjax.planning.sight import TOUCH, stands_free
+from maxjax.planning.sight import TOUCH, stands_free, touched
 
 
 @jax.tree_util.register_dataclass
@@ -139,29 +139,29 @@ def pose(
     def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
         return blocked_within(squared, ground, below, ladder[rung], grid)
 
-    def joined(rung: Int32[Array, ""]) -> Bool[Array, ""]:
-        blocked = blocked_at(rung)
-        component = flood(~blocked, b.index)
-        inside = jnp.clip(a.index, 0, jnp.asarray(grid.shape) - 1)
-        reached = component[inside[0], inside[1], inside[2]]
-        return reached & stand(blocked)
+    inside_a, at_a = touched(grid.shape, a.off)
+    inside_b, at_b = touched(grid.shape, b.off)
 
-    def stand(blocked: Bool[Array, "nx ny nz"]) -> Bool[Array, ""]:
-        return stands_free(blocked, a.off) & stands_free(blocked, b.off)
+    def stand(rung: Int32[Array, ""]) -> Bool[Array, ""]:
+        """Whether both ends are outside the margin; only the voxels that they touch are looked at."""
+        near = [blocked_within(squared[at], ground[at], below[at], ladder[rung], grid) for at in (at_a, at_b)]
+        return inside_a & inside_b & ~jnp.any(jnp.stack(near))
 
-    nowhere = jnp.zeros(grid.shape, bool)
-    outside_a, outside_b = ~stands_free(nowhere, a.off), ~stands_free(nowhere, b.off)
-    in_a, in_b = ~stands_free(occupied, a.off), ~stands_free(occupied, b.off)
-    bad = ~finite | outside_a | outside_b | in_a | in_b
+    def solvable(rung: Int32[Array, ""]) -> Bool[Array, ""]:
+        return stand(rung) & joined(~blocked_at(rung), b.index, a.index)
+
+    in_a, in_b = ~inside_a | jnp.any(occupied[at_a]), ~inside_b | jnp.any(occupied[at_b])
+    bad = ~finite | in_a | in_b
     last = len(ladder) - 1
     # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
-    standing = lax.map(lambda rung: stand(blocked_at(rung)), jnp.arange(last + 1, dtype=jnp.int32))
+    standing = jax.vmap(stand)(jnp.arange(last + 1, dtype=jnp.int32))
     first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
     rung, ok = lax.while_loop(
         lambda state: ~state[1] & (state[0] < last) & ~bad,
-        lambda state: (state[0] + 1, joined(state[0] + 1)),
-        (first, joined(first)),
+        lambda state: (state[0] + 1, solvable(state[0] + 1)),
+        (first - 1, jnp.array(False)),
     )
-    status = verdict(~finite, outside_a, outside_b, jnp.all(start == goal), in_a, in_b, ~ok)
+    rung = jnp.maximum(rung, first)
+    status = verdict(~finite, ~inside_a, ~inside_b, jnp.all(start == goal), in_a, in_b, ~ok)
     blocked = blocked_at(rung)
     return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)

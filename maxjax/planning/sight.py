@@ -15,7 +15,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, UInt16
+from jaxtyping import Array, Bool, Float, Int32, UInt16
 
 # A segment closer than this to a voxel's face touches the voxel on the other side as well [voxels]: far above the
 # rounding of float32 coordinates of a few hundred, far below anything that matters in flight.
@@ -42,14 +42,25 @@ def blocks(blocked: Bool[Array, "nx ny nz"]) -> UInt16[Array, "nx ny nz"]:
     return bits
 
 
-def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Bool[Array, ""]:
-    """Whether every voxel that the point touches is inside the grid and free."""
-    shape = jnp.asarray(blocked.shape)
+def touched(
+    shape: tuple[int, ...], x: Float[Array, " 3"]
+) -> tuple[Bool[Array, ""], tuple[Int32[Array, "..."], Int32[Array, "..."], Int32[Array, "..."]]]:
+    """The voxels that a point touches: whether all are inside the grid, and an index to a (2, 2, 2) block of them.
+
+    Where the point touches one voxel along an axis, the block holds it twice.
+    """
+    limits = jnp.asarray(shape)
     low = jnp.floor(x + 0.5 - TOUCH).astype(jnp.int32)
     high = jnp.floor(x + 0.5 + TOUCH).astype(jnp.int32)
-    inside = jnp.all(jnp.isfinite(x) & (low >= 0) & (high < shape))
-    i, j, k = (jnp.stack(pair) for pair in zip(jnp.clip(low, 0, shape - 1), jnp.clip(high, 0, shape - 1), strict=True))
-    return inside & ~jnp.any(blocked[i[:, None, None], j[None, :, None], k[None, None, :]])
+    inside = jnp.all(jnp.isfinite(x) & (low >= 0) & (high < limits))
+    i, j, k = jnp.clip(jnp.stack([low, high], axis=1), 0, limits[:, None] - 1)
+    return inside, (i[:, None, None], j[None, :, None], k[None, None, :])
+
+
+def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Bool[Array, ""]:
+    """Whether every voxel that the point touches is inside the grid and free."""
+    inside, at = touched(blocked.shape, x)
+    return inside & ~jnp.any(blocked[at])
 
 
 def clear(

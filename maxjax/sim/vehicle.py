@@ -173,11 +173,12 @@ def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
 
 
 @functools.lru_cache(maxsize=8)
-def _device_model(vehicle: Vehicle) -> tuple[mjx.Model, mjx.Data]:
-    """Model and data to fill in, as constants: also when first asked for while a function is being traced."""
+def _model_and_data(vehicle: Vehicle) -> tuple[mjx.Model, mjx.Data]:
+    """Model and data to fill in, on the host: an array of a device would belong to the mesh it was first traced in."""
     model = mujoco_model(vehicle)
     with jax.ensure_compile_time_eval():
-        return mjx.put_model(model), mjx.make_data(model)
+        pair: tuple[mjx.Model, mjx.Data] = jax.tree.map(np.asarray, (mjx.put_model(model), mjx.make_data(model)))
+        return pair
 
 
 def step(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float[Array, "3"]) -> State:
@@ -203,7 +204,7 @@ def step(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float
             f"step: expected position (3,), command (4,), wind (3,), given {state.position.shape}, {command.shape}, "
             f"{wind.shape}; use vmap for batches"
         )
-    model, data = _device_model(vehicle)
+    model, data = jax.tree.map(jnp.asarray, _model_and_data(vehicle))
     data = data.replace(
         qpos=jnp.concatenate([state.position, state.quaternion]),
         qvel=jnp.concatenate([state.velocity, state.rate]),

@@ -9,9 +9,9 @@ import pytest
 from references import component_of, serpentine
 from scipy import ndimage
 
-from maxjax.fields.connectivity import flood, geodesic
+from maxjax.fields.connectivity import flood, geodesic, joined
 
-fill, measure = jax.jit(flood), jax.jit(geodesic)
+fill, measure, reach = jax.jit(flood), jax.jit(geodesic), jax.jit(joined)
 
 
 @pytest.mark.parametrize(
@@ -24,11 +24,16 @@ def test_equals_label(shape: tuple[int, int, int]) -> None:
         for seed in rng.integers(0, shape, (4, 3)):
             given = fill(free, jnp.asarray(seed, jnp.int32))
             np.testing.assert_array_equal(given, component_of(free, tuple(seed)))
+            for other in rng.integers(-1, np.add(shape, 1), (4, 3)):
+                inside = np.all((other >= 0) & (other < shape))
+                meets = reach(free, jnp.asarray(seed, jnp.int32), jnp.asarray(other, jnp.int32))
+                assert bool(meets) == (inside and bool(given[tuple(other)]))
 
 
 def test_follows_a_long_corridor_to_its_end() -> None:
     blocked = serpentine(23, 24, 2)
     assert fill(jnp.asarray(~blocked), jnp.asarray([0, 0, 0], jnp.int32)).sum() == (~blocked).sum()
+    assert reach(jnp.asarray(~blocked), jnp.asarray([0, 0, 0], jnp.int32), jnp.asarray([22, 5, 1], jnp.int32))
     blocked[11, :, :] = True
     expected = component_of(~blocked, (22, 5, 1))
     np.testing.assert_array_equal(fill(jnp.asarray(~blocked), jnp.asarray([22, 5, 1], jnp.int32)), expected)

@@ -7,8 +7,8 @@ import pytest
 from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, solve_potential, verify
-from maxjax.planning import batch
 from maxjax.planning.ascent import Ascent
+from maxjax.planning.batch import plan_paths
 from maxjax.planning.planner import field_path, plan_path
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
@@ -32,19 +32,17 @@ def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return occupied, ground, starts.astype(np.float32), goals.astype(np.float32)
 
 
-def _batch(problems: tuple[np.ndarray, ...]) -> list[Plan]:
+def _batch(problems: tuple[np.ndarray, ...], chunk: int | None = 3) -> list[Plan]:
     occupied, ground, starts, goals = problems
-    return batch.plan_paths(
+    return plan_paths(
         solve_potential, occupied, starts, goals, GRID,
-        margin=2.0, ground=ground, method="solver", settings=Ascent(steps=48),
+        margin=2.0, ground=ground, method="solver", settings=Ascent(steps=48), chunk=chunk,
     )  # fmt: skip
 
 
-def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> None:
     """One by one, or in chunks of three, the last one filled up; the maze needs more steps than the others."""
-    whole = _batch(problems)
-    monkeypatch.setattr(batch, "_chunk", lambda: 3)
-    parts = _batch(problems)
+    whole, parts = _batch(problems, None), _batch(problems)
     assert len(whole) == len(parts) == COUNT
     for k, (one, other) in enumerate(zip(whole, parts, strict=True)):
         assert one.status is other.status
@@ -64,8 +62,7 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...], monkey
     assert sum(plan.status is Status.OK for plan in whole) == COUNT - 1
 
 
-def test_a_shared_map_equals_its_copies(problems: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "_chunk", lambda: 3)
+def test_a_shared_map_equals_its_copies(problems: tuple[np.ndarray, ...]) -> None:
     occupied, ground, starts, goals = problems
     shared = _batch((occupied[0], ground[0], starts, goals))
     copies = _batch((np.broadcast_to(occupied[0], occupied.shape), ground, starts, goals))

@@ -102,7 +102,7 @@ def test_a_maze_gets_more_steps_alone_and_in_a_batch() -> None:
     )
     batch = plan_paths(
         solve_potential, maze[None], start[None], goal[None], GRID,
-        margin=0.0, ground=EMPTY[None], method="solver", settings=settings,
+        margin=0.0, ground=EMPTY[None], method="solver", settings=settings, chunk=1,
     )  # fmt: skip
     assert alone.status is Status.OK
     assert verify(alone.path, maze, maze, GRID).ok
