@@ -1,15 +1,17 @@
 """Closed-loop flights: how long one takes, how many a second, and on what the time goes.
 
-    python -m benchmarks.flight                                                      # two CPU cores: 5 minutes
-    python -m benchmarks.flight --batches 1 16 64 256 --astar 64 --devices 1 2       # GPUs of one host
+    python -m benchmarks.flight                                              # two CPU cores: 5 minutes
+    python -m benchmarks.flight --batches 50 500                             # one H200: 10 minutes, mostly compiling
+    python -m benchmarks.flight --batches 500 --maps suburb --devices 1 2 4  # GPUs of one host: 8 minutes
 
 `flights` rows: the first trials of a map and seed 0, whole flights in batches of each size (fewer trials than the batch
-are repeated), after compilation; `seconds` from the batch's worlds to its logs on the host. `devices` rows: the largest
-batch for each device, split over several. `stage` rows: the four stages of a planning iteration in the largest batch,
-each by itself, after the first iterations of those flights; milliseconds a flight. `A* in the loop`: the same trials,
-sensing, map, controller and safety with A* as planner, which runs on the host, one flight after the other.
+are repeated), after compilation; `seconds` from the batch's worlds to its logs on the host. `stage` rows: the four
+stages of a planning iteration in the largest batch, each by itself, after the first iterations of those flights;
+milliseconds a flight. `A* in the loop`: the same trials, sensing, map, controller and safety with A* as planner, which
+runs on the host, one flight after the other. With `--devices` there are only `devices` rows, in a file of their own:
+the largest batch on each of so many devices, all in one call (weak scaling).
 
-Expected: the H200 flies 100 trials in 6 s; on two CPU cores one flight takes 10 to 20 s.
+Expected: the H200 flies 100 trials in 2.2 s; on two CPU cores one flight takes 10 to 20 s.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class Config:
     Attributes:
         maps: maps to fly in.
         batches: flights at a time, a row each.
-        devices: numbers of devices, a row each.
+        devices: numbers of devices, a row each, and no other rows.
         astar: trials to fly with A* as well.
         repeats: timed runs.
         out: where the JSON goes.
@@ -64,33 +66,42 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
         flight: how to fly.
     """
     rows: list[Row] = []
+    file = "flight_devices" if config.devices else "flight"
 
     def add(what: str, batch: int, figures: Row) -> None:
         rows.append({"what": what, "batch": batch, **figures})
         print(rows[-1], file=sys.stderr, flush=True)
-        keep("flight", config, rows, config.out)
+        keep(file, config, rows, config.out)
 
     for name in config.maps:
         campaign = Campaign(name, 0, range(max(config.batches)), config=flight)
+        if config.devices:
+            for count, size, figures in _scaling(campaign, config):
+                add(f"devices, {name}", size, {"devices": count, **figures})
+            continue
         drawn = draw_trials(campaign)
         for size in config.batches:
             add(f"flights, {name}", size, _flights(campaign, drawn, size, 1, config.repeats))
-        for count in config.devices:
-            if count > jax.device_count():
-                print(f"{count} devices: there are {jax.device_count()}", file=sys.stderr)
-                continue
-            # As many trials a device as the largest batch has: their own draws, so that all devices have to do.
-            size = count * max(config.batches)
-            many = dataclasses.replace(campaign, trials=range(size))
-            figures = _flights(many, draw_trials(many), size, count, config.repeats)
-            add(f"devices, {name}", size, {"devices": count, **figures})
         for stage, figures in _stages(campaign, drawn, max(config.batches), config.repeats):
             add(f"stage, {name}: {stage}", max(config.batches), figures)
         if config.astar:
             few = dataclasses.replace(campaign, trials=range(config.astar), method="astar")
             add(f"A* in the loop, {name}", config.astar, _flights(few, draw_trials(few), config.astar, 1, 1))
-    save("flight", config, rows, config.out)
+    save(file, config, rows, config.out)
     return rows
+
+
+def _scaling(campaign: Campaign, config: Config) -> Iterator[tuple[int, int, Row]]:
+    """Devices, flights and their figures, for each number of devices that there is."""
+    for count in config.devices:
+        if count > jax.device_count():
+            print(f"{count} devices: there are {jax.device_count()}", file=sys.stderr)
+            continue
+        # The same flights on every device, so that all have as much to do.
+        size = len(campaign.trials)
+        drawn = {name: np.concatenate([values] * count) for name, values in draw_trials(campaign).items()}
+        many = dataclasses.replace(campaign, trials=range(size * count))
+        yield count, size * count, _flights(many, drawn, size * count, count, config.repeats)
 
 
 def _flights(campaign: Campaign, drawn: Table, size: int, devices: int, repeats: int) -> Row:

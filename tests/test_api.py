@@ -94,7 +94,7 @@ def test_a_second_plan_of_the_same_shape_compiles_nothing(
         found = plan(problems[0][k], problems[1][k], problems[2][k], GRID, margin=4.0)
     assert found.status is Status.OK
     assert found.timings["compile"] == 0
-    stages = {"dilate", "solve", "ascend", "tighten", "verify"}
+    stages = {"transfer", "dilate", "solve", "ascend", "tighten", "verify"}
     assert stages <= set(found.timings)
     assert found.timings["total"] == pytest.approx(sum(found.timings[s] for s in stages))
     assert batch.status.shape == (COUNT,)

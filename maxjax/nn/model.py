@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int32
 
 from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
+from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.connectivity import geodesic
@@ -34,6 +35,9 @@ from maxjax.solvers.potential import Potential, screening_length_for, solve_pote
 WEIGHTS = Path(__file__).parent / "weights"
 # Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
 MAX_SWEEPS = 64
+# Standard deviation of the smoothing of log φ where a network's field is climbed as it is [voxels]: local maxima of one
+# or two voxels would hold up the ascent. The paper smooths too, by 5.
+_SMOOTHING = 1.0
 # Sweeps between two looks at the certificate.
 _LOOK = 4
 # (sigma, goal_index, steps, length) ↦ −ℓ log φ [voxels], as `Model.log_potential`.
@@ -76,8 +80,8 @@ def predict_potential(
     """The potential that a network predicts, in the slot of `solve_potential`.
 
     With sweeps, it is improved by positive sweeps φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not
-    suffice, the solver takes over. Without, it is what the network says: `certified` tells whether an ascent is known
-    to arrive, and a status of OK only that there is a field to climb.
+    suffice, the solver takes over. Without, it is what the network says, smoothed within the walls: `certified` tells
+    whether an ascent is known to arrive, and a status of OK only that there is a field to climb.
 
     Args:
         model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
@@ -119,6 +123,9 @@ def certified_from(
     # A network turns one NaN into many; with a bad sigma nothing it says is used.
     y = said(jnp.where(finite, sigma, 0), goal_index, steps, length)
     phi = decode(y, component, goal, length)
+    if max_sweeps == 0:
+        smoothed = slope.smooth(slope.log_potential(phi), component, _SMOOTHING)
+        phi = decode(-length * smoothed, component, goal, length)
     operator = stencil.assemble(sigma, 1 / length**2)
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
 

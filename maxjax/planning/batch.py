@@ -12,7 +12,6 @@ is bounded whatever the size of the batch. A CPU is busy with a single problem, 
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -22,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8
 
+from maxjax.core import bits
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
@@ -35,6 +35,7 @@ from maxjax.planning.planner import (
     judge,
     plan_path,
     route,
+    unpacked,
 )
 from maxjax.planning.problem import pose
 
@@ -70,16 +71,6 @@ class _Found:
     certified: Bool[Array | np.ndarray, "*b"]
 
 
-# Maps cross to the device and back as bits: the way is narrow.
-def _packed(volumes: Bool[np.ndarray, "*b nx ny nz"]) -> UInt8[np.ndarray, "*b bytes"]:
-    return np.packbits(volumes.reshape(*volumes.shape[:-3], -1), axis=-1)
-
-
-def _unpacked(bits: UInt8[np.ndarray, "*b bytes"], grid: Grid) -> Bool[np.ndarray, "*b nx ny nz"]:
-    voxels = np.unpackbits(bits, axis=-1, count=math.prod(grid.shape)).view(bool)
-    return voxels.reshape(*bits.shape[:-1], *grid.shape)
-
-
 def _plan_chunk(
     occupied: UInt8[Array, "*m bytes"],
     ground: UInt8[Array, "*g bytes"],
@@ -90,17 +81,13 @@ def _plan_chunk(
     potential: PotentialFn,
     settings: Ascent,
 ) -> _Found:
-    def voxels(bits: UInt8[Array, " bytes"]) -> Bool[Array, "nx ny nz"]:
-        return jnp.unpackbits(bits, count=math.prod(grid.shape)).reshape(grid.shape) > 0
-
     def one(filled: Array, bare: Array, start: Array, goal: Array) -> _Found:
-        below = voxels(bare)
-        problem = pose(voxels(filled) | below, below, start, goal, margin, grid)
+        problem = pose(*unpacked(filled, bare, grid), start, goal, margin, grid)
         path, status, certified = route(problem, grid, potential, settings)
         return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
 
     # A map that all problems share is not copied.
-    axes = (*(None if bits.ndim == 1 else 0 for bits in (occupied, ground)), 0, 0)
+    axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)
     found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
     return found
 
@@ -179,11 +166,11 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
 
     def packed(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> UInt8[Array, "*c bytes"]:
-        return jnp.asarray(_packed(_some(volumes, rows)))
+        return jnp.asarray(bits.pack(_some(volumes, rows)))
 
     def verified(rows: Int64[np.ndarray, " c"], found: _Found) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        blocked = _unpacked(np.asarray(found.blocked), problems.grid)
+        blocked = bits.unpack(np.asarray(found.blocked), problems.grid.shape)
         seen = np.broadcast_to(_some(problems.occupied, rows) & ~_some(problems.ground, rows), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]

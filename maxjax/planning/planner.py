@@ -19,8 +19,9 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, Int64, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8, UInt16
 
+from maxjax.core import bits
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
@@ -66,8 +67,8 @@ class Plan:
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         margin: dilation that was used [m].
-        timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …), `compile` apart, and `total`
-            without it.
+        timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
+            device and back), `compile` apart, and `total` without it.
         method: name of the planner.
     """
 
@@ -158,9 +159,9 @@ def climb(
     settings: Ascent,
 ) -> tuple[Float[Array, "t 3"], Bool[Array, ""], UInt16[Array, "nx ny nz"]]:
     """Ascend the field; returns the path, whether it arrived, and the line-of-sight blocks."""
-    bits = blocks(blocked)
-    path, arrived = ascend(phi, bits, ~blocked, start, goal, settings)
-    return path, arrived, bits
+    sight = blocks(blocked)
+    path, arrived = ascend(phi, sight, ~blocked, start, goal, settings)
+    return path, arrived, sight
 
 
 def route(
@@ -168,14 +169,25 @@ def route(
 ) -> tuple[Float[Array, "t 3"], Int32[Array, ""], Bool[Array, ""]]:
     """Field, ascent and tightening as one pure function, for `jit` and `vmap`: (path, status, certified)."""
     field = solve(problem.blocked, problem.goal_index, grid, potential)
-    path, arrived, bits = climb(field.phi, problem.blocked, problem.start, problem.goal, settings)
-    path = tighten(bits, path)
+    path, arrived, sight = climb(field.phi, problem.blocked, problem.start, problem.goal, settings)
+    path = tighten(sight, path)
     status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
     status = jnp.where(field.status != Status.OK, field.status, status)
     status = jnp.where(problem.status != Status.OK, problem.status, status)
     return path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK)
 
 
+def unpacked(
+    occupied: UInt8[Array, " bytes"], ground: UInt8[Array, " bytes"], grid: Grid
+) -> tuple[Bool[Array, "nx ny nz"], Bool[Array, "nx ny nz"]]:
+    """Occupied voxels, ground included, and ground, from their bits."""
+    below = bits.volume(ground, grid.shape)
+    return bits.volume(occupied, grid.shape) | below, below
+
+
+# By themselves: within a larger program XLA would unpack anew for everyone who reads a voxel.
+_UNPACK = Stage("transfer", unpacked, static=("grid",))
+_PACK = Stage("transfer", jnp.packbits)
 _POSE = Stage("dilate", pose, static=("margin", "grid"))
 _SOLVE = Stage("solve", solve, static=("grid", "potential"))
 _CLIMB = Stage("ascend", climb, static=("settings",))
@@ -204,16 +216,19 @@ def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinde
 
     def find(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
         field = potential_field(problem.blocked, problem.goal_index, grid, potential, watch)
-        status, certified = Status(int(field.status)), bool(field.certified)
+        with watch.stage("transfer"):
+            status, certified = Status(int(field.status)), bool(field.certified)
         if status != Status.OK:
             return Route(NO_PATH, status, certified)
         # A maze can need more steps than a city; each attempt gives the ascent four times as many.
         for factor in (1, 4, 16):
             longer = dataclasses.replace(settings, steps=settings.steps * factor)
             ends = problem.start, problem.goal
-            path, arrived, bits = _CLIMB(watch, field.phi, problem.blocked, *ends, settings=longer)
+            path, arrived, sight = _CLIMB(watch, field.phi, problem.blocked, *ends, settings=longer)
             if arrived:
-                return Route(np.asarray(_TIGHTEN(watch, bits, path)), Status.OK, certified)
+                taut = _TIGHTEN(watch, sight, path)
+                with watch.stage("transfer"):
+                    return Route(np.asarray(taut), Status.OK, certified)
         return Route(NO_PATH, Status.PATH_STALLED, certified)
 
     return find
@@ -321,10 +336,16 @@ def plan_path(
 ) -> Plan:
     """Pose the problem, find a path, verify it. Arguments as in `maxjax.plan`, already checked."""
     watch = Stopwatch()
-    problem = _POSE(watch, *map(jnp.asarray, (occupied, ground, start, goal)), margin=margin, grid=grid)
-    found = Route(NO_PATH, Status(int(problem.status)), certified=False)
+    with watch.stage("transfer"):
+        *maps, from_, to = jax.block_until_ready(jax.device_put((bits.pack(occupied), bits.pack(ground), start, goal)))
+    problem = _POSE(watch, *_UNPACK(watch, *maps, grid=grid), from_, to, margin=margin, grid=grid)
+    with watch.stage("transfer"):
+        found = Route(NO_PATH, Status(int(problem.status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
-    maps = [float(problem.margin)], np.asarray(problem.blocked)[None], (occupied & ~ground)[None]
-    (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *maps, grid, watch, method)
+    packed = _PACK(watch, problem.blocked)
+    with watch.stage("transfer"):
+        blocked = bits.unpack(np.asarray(packed), grid.shape)
+    here = [float(problem.margin)], blocked[None], (occupied & ~ground)[None]
+    (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *here, grid, watch, method)
     return plan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -45,4 +46,16 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     batch = rows["batch of 2: a plan"]
     assert batch["solved"] == 2
     assert batch["plans_per_second"] == pytest.approx(1e3 / batch["median"], rel=0.1)
-    assert rows["batch of 2: device"]["median"] + rows["batch of 2: verify"]["median"] <= batch["median"]
+    stages = [row["median"] for what, row in rows.items() if what.startswith("batch of 2: ") and row is not batch]
+    assert 0 < sum(stages) <= batch["median"]
+
+
+def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(tmp_path: Path) -> None:
+    from benchmarks import training
+
+    rows = training.main(
+        training.Config(recipes=("tiny",), devices=(1, 99), scenes=4, shape=(51, 51, 17), repeats=1, out=tmp_path)
+    )
+    assert [(row["devices"], row["speed_up"]) for row in rows] == [(1, 1.0)]
+    assert rows[0]["seconds_an_epoch"] > 0
+    assert json.loads((tmp_path / "training.json").read_text())["rows"] == rows

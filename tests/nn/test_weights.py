@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments.random_problems import problems
-from maxjax import Grid, Status
+from maxjax import Grid, Potential, Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.nn import model as model_module
 from maxjax.nn.autoencoder import CONFIGS
-from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, shipped
+from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
 from maxjax.planning.problem import pose
 
 pytestmark = pytest.mark.full_speed
@@ -49,3 +52,21 @@ def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> Non
     assert component.sum() > 1e5
     lower = component & (best <= inner)
     assert np.argwhere(lower).tolist() == [np.asarray(problem.goal_index).tolist()]
+
+
+def test_alone_its_field_is_smoothed_so_that_less_of_it_holds_up_the_ascent(monkeypatch: pytest.MonkeyPatch) -> None:
+    (drawn,) = problems("downtown", 1, 3, GRID)
+    ends = jnp.asarray(drawn.start), jnp.asarray(drawn.goal)
+    problem = pose(jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground), *ends, 8.0, GRID)
+    sigma = conductivity(problem.blocked, problem.goal_index, GRID)
+
+    def alone() -> Potential:
+        return jax.jit(functools.partial(predict_potential, load_model("maxjax")))(sigma, problem.goal_index)
+
+    smoothed = alone()
+    monkeypatch.setattr(model_module, "_SMOOTHING", 0.0)
+    as_it_is = alone()
+    assert 0 < smoothed.uncertified < as_it_is.uncertified
+    np.testing.assert_array_equal(smoothed.phi > 0, as_it_is.phi > 0)
+    y, z = (-np.log(np.asarray(field.phi)[np.asarray(field.phi) > 0]) for field in (smoothed, as_it_is))
+    assert np.abs(y - z).mean() < 0.05 * z.mean()
