@@ -2,9 +2,10 @@
 
     campaign = (map, seed, trials, method, config)          outcome of trial i = f(map, seed, i, method, config)
 
-The key of a trial's flight is folded from map, seed and index, so that it depends on no other trial. Batches are one
-compiled program, `fly` under `vmap` and split over the devices; the last one is filled up with copies. With a folder,
-each batch's outcomes are in its ledger before the next one flies, and a campaign that was killed goes on from there.
+The key of a trial's flight is folded from map, seed and index, so that it depends on no other trial. A batch is
+`fly` under `vmap`, one compiled program, each device with an equal part; the last one is filled up with copies. With a
+folder, each batch's outcomes are in its ledger before the next one flies, and a campaign that was killed goes on from
+there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.errors import JaxRuntimeError
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from maxjax.core.status import Status
@@ -60,7 +61,6 @@ Table = dict[str, np.ndarray]
 _FLIGHT, _PROGRAM = 70e6 / 101**3, 1e9
 # Larger batches are no quicker there.
 _MOST = 256
-_AXIS = "flights"
 # What `maxjax fly` calls them, in its order; latency is a switch.
 _OPTIONS = {
     "wind": "--wind",
@@ -247,35 +247,44 @@ def fly_batch(
     each = [_city(campaign.map, int(city)) for city in cities]
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
-    mesh = Mesh(np.asarray(devices), (_AXIS,))
-    world = (geoms, drawn["start"][filled], drawn["goal"][filled], keys)
-    placed = jax.device_put(world, NamedSharding(mesh, PartitionSpec(_AXIS)))
-    logs = on_host(_flyer(mesh)(*placed, campaign.flight))
+    world = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
+    logs = _fly_split(world, campaign.flight, devices)
     return {name: values[: len(rows)] for name, values in logs.items()}
 
 
-@functools.cache
-def _flyer(mesh: Mesh) -> Callable[..., FlightLog]:
-    """`fly` for a batch, each device its own part: no device waits for the flights of another."""
-    split, whole = PartitionSpec(_AXIS), PartitionSpec()
+# Geoms, start, goal and key of each flight.
+_Batch = tuple[Geoms, Float[Array, "b 3"], Float[Array, "b 3"], Key[Array, " b"]]
 
-    def part(
-        geoms: Geoms,
-        start: Float[Array, "b 3"],
-        goal: Float[Array, "b 3"],
-        key: Key[Array, " b"],
-        config: FlightConfig,
-    ) -> FlightLog:
-        if len(start) == 1:
-            # Under `vmap` there would be twice as much to compile.
-            only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
-            logs: FlightLog = jax.tree.map(lambda x: x[None], fly(*only, config))
-        else:
-            logs = jax.vmap(fly, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
-        return logs
 
-    specs = (split, split, split, split, whole)
-    return jax.jit(jax.shard_map(part, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False))
+def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device]) -> Table:
+    """Fly a batch, an equal part on each device: the same program everywhere, and none waits for another.
+
+    A program that spans the devices would do the same work, but XLA crashes when it compiles this one for several GPUs.
+    """
+    share = len(batch[1]) // len(devices)
+
+    def part(place: int) -> Table:
+        mine = jax.tree.map(lambda x: x[place * share : (place + 1) * share], batch)
+        return on_host(_fly_part(*jax.device_put(mine, devices[place]), config))
+
+    # In threads, so that the devices' programs are compiled at a time as well.
+    with ThreadPoolExecutor(len(devices)) as pool:
+        parts = list(pool.map(part, range(len(devices))))
+    return {name: np.concatenate([logs[name] for logs in parts]) for name in parts[0]}
+
+
+@jax.jit
+def _fly_part(
+    geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
+) -> FlightLog:
+    """`fly` for a part of a batch."""
+    if len(start) == 1:
+        # Under `vmap` there would be twice as much to compile.
+        only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
+        logs: FlightLog = jax.tree.map(lambda x: x[None], fly(*only, config))
+    else:
+        logs = jax.vmap(fly, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
+    return logs
 
 
 @functools.lru_cache(maxsize=256)

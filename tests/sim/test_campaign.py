@@ -4,7 +4,7 @@ of their own: this file is also the program that it runs."""
 from __future__ import annotations
 
 import dataclasses
-import functools
+import inspect
 import itertools
 import json
 import os
@@ -76,13 +76,13 @@ def fake_draw(name: str, seed: int, indices: range) -> Trial:
     )
 
 
-# Compiled once for all tests, apart from the flyer of real flights.
-fake_flyer = functools.cache(module._flyer.__wrapped__)
+# Compiled once for all tests, apart from the program of real flights.
+fake_part = jax.jit(inspect.unwrap(module._fly_part))
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_flyer", fake_flyer)
+    monkeypatch.setattr(module, "_fly_part", fake_part)
     monkeypatch.setattr(module, "fly", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
@@ -356,16 +356,15 @@ def _program(out: Path) -> None:
     """All cases on two devices, with and without a NaN, and one flight watched from the host."""
     flight.settle = settle
     config = dataclasses.replace(TINY, find=search)
-    flyer = module._flyer(jax.sharding.Mesh(np.asarray(jax.devices()), (module._AXIS,)))
     nan = float("nan")
     logs = {
-        name: module.on_host(flyer(*cases(start), config))
+        name: module._fly_split(cases(start), config, jax.devices())
         for name, start in (("nan", (-22.0, nan, 8.0)), ("fine", (-22.0, 3.0, 8.0)))
     }
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
     watched = list(watch(World(*world, config.disturbances), config))
     module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
-    module._flyer.cache_clear()
+    module._fly_part = fake_part
     campaign = Campaign("suburb", 0, range(9))
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
     np.savez(
