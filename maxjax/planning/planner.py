@@ -144,6 +144,13 @@ class Route:
 PathFinder = Callable[[Problem, Grid, Stopwatch], Route]
 
 
+def fetch(watch: Stopwatch, *arrays: Array) -> tuple[np.ndarray, ...]:
+    """Arrays on the host, all at once: on an accelerator every fetch costs as much as a short stage."""
+    with watch.stage("transfer"):
+        there: tuple[np.ndarray, ...] = jax.device_get(arrays)
+    return there
+
+
 def solve(
     blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
 ) -> PotentialLike:
@@ -216,19 +223,18 @@ def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinde
 
     def find(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
         field = potential_field(problem.blocked, problem.goal_index, grid, potential, watch)
-        with watch.stage("transfer"):
-            status, certified = Status(int(field.status)), bool(field.certified)
-        if status != Status.OK:
-            return Route(NO_PATH, status, certified)
         # A maze can need more steps than a city; each attempt gives the ascent four times as many.
         for factor in (1, 4, 16):
             longer = dataclasses.replace(settings, steps=settings.steps * factor)
             ends = problem.start, problem.goal
             path, arrived, sight = _CLIMB(watch, field.phi, problem.blocked, *ends, settings=longer)
-            if arrived:
-                taut = _TIGHTEN(watch, sight, path)
-                with watch.stage("transfer"):
-                    return Route(np.asarray(taut), Status.OK, certified)
+            taut = _TIGHTEN(watch, sight, path)
+            found = fetch(watch, field.status, field.certified, arrived, taut)
+            status, certified = Status(int(found[0])), bool(found[1])
+            if status != Status.OK:
+                return Route(NO_PATH, status, certified)
+            if found[2]:
+                return Route(found[3], Status.OK, certified)
         return Route(NO_PATH, Status.PATH_STALLED, certified)
 
     return find
@@ -339,13 +345,10 @@ def plan_path(
     with watch.stage("transfer"):
         *maps, from_, to = jax.block_until_ready(jax.device_put((bits.pack(occupied), bits.pack(ground), start, goal)))
     problem = _POSE(watch, *_UNPACK(watch, *maps, grid=grid), from_, to, margin=margin, grid=grid)
-    with watch.stage("transfer"):
-        found = Route(NO_PATH, Status(int(problem.status)), certified=False)
+    status, used, packed = fetch(watch, problem.status, problem.margin, _PACK(watch, problem.blocked))
+    found = Route(NO_PATH, Status(int(status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
-    packed = _PACK(watch, problem.blocked)
-    with watch.stage("transfer"):
-        blocked = bits.unpack(np.asarray(packed), grid.shape)
-    here = [float(problem.margin)], blocked[None], (occupied & ~ground)[None]
+    here = [float(used)], bits.unpack(packed, grid.shape)[None], (occupied & ~ground)[None]
     (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *here, grid, watch, method)
     return plan
