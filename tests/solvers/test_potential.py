@@ -159,6 +159,27 @@ def test_statuses() -> None:
     assert outcome(sigma, goal, screening_length=0.15) is Status.NOT_CERTIFIED
 
 
+@pytest.mark.parametrize("setting", ["screened", "paper"])
+@pytest.mark.parametrize("decades", [0, 3, 6, 9, 12])
+def test_contrast_of_up_to_twelve_decades_is_solved_or_has_a_status(setting: str, decades: int) -> None:
+    """Layers, as of walls that leak, and conductivities drawn anew for every voxel."""
+    sigma, goal = scene(3)
+    rng = np.random.default_rng(decades)
+    layers = np.where(np.arange(sigma.shape[0]) // 4 % 2, 10.0**-decades, 1.0)[:, None, None]
+    drawn = 10.0 ** -rng.integers(0, decades + 1, sigma.shape)
+    for factor in (layers, drawn):
+        given = (sigma * factor).astype(np.float32)
+        potential = solve(given, goal, setting=setting)
+        assert np.isfinite(potential.phi).all()
+        assert np.isfinite(potential.residual)
+        if potential.status == Status.OK:
+            check_certificate(potential, given, goal)
+        else:
+            assert potential.status == Status.NOT_CERTIFIED
+            assert potential.uncertified > 0
+            assert decades > 6
+
+
 def test_a_goal_alone_in_its_voxel_is_certified() -> None:
     sigma = np.zeros(GRID.shape, np.float32)
     sigma[4, 5, 6] = 1e6
