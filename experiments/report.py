@@ -14,9 +14,11 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from benchmarks import tables
 from benchmarks.markdown import Document, sources
 
 HERE = Path(__file__).parent
+BENCHMARKS = HERE.parent / "benchmarks" / "results"
 PAGE = HERE / "RESULTS.md"
 
 # Chapter: result file and module of each section, in order.
@@ -50,6 +52,15 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "Ablations": (("ablations", "ablations"), ("ablations_closed_loop", "ablations")),
 }
 
+# Table and the result files that it takes, of the chapter on speed.
+SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
+    (tables.plans, ("plan", "plan_h200")),
+    (tables.solves, ("potential", "potential_h200")),
+    (tables.flights, ("flight",)),
+    (tables.scaling, ("flight_devices", "training", "city_scale_h200")),
+    (tables.lidar, ("lidar", "lidar_h200")),
+)
+
 _HEAD = """# Results
 
 Written by `make results` from the files in [results/](results); a test compares them. The last table says which command
@@ -58,21 +69,36 @@ made which file, on what device and at which commit. The paper is Bong and Beltr
 """
 
 
-def page(folder: Path = HERE / "results") -> str:
+def page(folder: Path = HERE / "results", benchmarks: Path = BENCHMARKS) -> str:
     """The text of RESULTS.md; sections whose file is not there yet are left out."""
-    parts, found = [_HEAD], {}
+    parts = [_HEAD]
+    found: dict[str, Document] = {}
+
+    def load(path: Path, link: str) -> Document:
+        document: Document = json.loads(path.read_text(encoding="utf-8"))
+        found[f"{link}/{path.name}"] = document
+        return document
+
     for chapter, sections in CHAPTERS.items():
-        there = [(name, module) for name, module in sections if (folder / f"{name}.json").is_file()]
-        if there:
-            parts.append(f"## {chapter}\n")
-        for name, module in there:
-            document: Document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-            section: Callable[[Document], str] = import_module(f"experiments.{module}").section
-            # A section's heading stands below its chapter's, and others below it, whatever they are by themselves.
-            text = re.sub(r"^#+ ", "#### ", section(document).strip(), flags=re.MULTILINE)
-            parts.append(text.removeprefix("#") + "\n")
-            found[f"results/{name}.json"] = document
+        texts = []
+        for name, module in sections:
+            if (folder / f"{name}.json").is_file():
+                section: Callable[[Document], str] = import_module(f"experiments.{module}").section
+                texts.append(section(load(folder / f"{name}.json", "results")))
+        parts += _chapter(chapter, texts)
+    speed = []
+    for write, names in SPEED:
+        files = [benchmarks / f"{name}.json" for name in names if (benchmarks / f"{name}.json").is_file()]
+        if files:
+            speed.append(write(*[load(file, "../benchmarks/results") for file in files]))
+    parts += _chapter("Speed", speed)
     return "\n".join([*parts, "## Where these figures come from\n", sources(found)])
+
+
+def _chapter(title: str, texts: list[str]) -> list[str]:
+    """A chapter of sections; a section's heading stands below its chapter's, and others below it."""
+    levelled = [re.sub(r"^#+ ", "#### ", text.strip(), flags=re.MULTILINE).removeprefix("#") + "\n" for text in texts]
+    return [f"## {title}\n", *levelled] if levelled else []
 
 
 def main() -> None:

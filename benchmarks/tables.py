@@ -1,0 +1,173 @@
+"""Tables of the benchmarks' result files, for the README and RESULTS.md.
+
+Each function takes the documents of one table, those that there are: CPU first, then GPU.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.markdown import Document, device, number, table
+
+Row = dict[str, Any]
+_STAGES = {
+    "transfer": "to the device and back",
+    "dilate": "dilate, choose the margin",
+    "solve": "solve, certify",
+    "ascend": "ascend",
+    "tighten": "tighten",
+    "verify": "verify",
+}
+
+
+def _pick(document: Document, key: str, value: str) -> Row | None:
+    return next((row for row in document["rows"] if row[key] == value), None)
+
+
+def _cell(document: Document, what: str, key: str = "median") -> str:
+    row = _pick(document, "what", what)
+    return "" if row is None else number(row[key])
+
+
+def plans(*documents: Document) -> str:
+    """Of `benchmarks.plan`."""
+
+    def line(label: str, what: str, key: str = "median") -> list[str]:
+        return [label, *(_cell(document, what, key) for document in documents)]
+
+    lines = [line(label, f"plan, solver: {stage}") for stage, label in _STAGES.items()]
+    lines += [
+        line("**whole plan**", "plan, solver: total"),
+        line("whole plan, slowest", "plan, solver: total", "max"),
+        line("compilation, once [s]", "plan, solver: total", "compile_s"),
+        line("A\\*: search", "plan, astar: search"),
+        line("**A\\*: whole plan**", "plan, astar: total"),
+    ]
+    totals = [row for d in documents if (row := _pick(d, "what", "plan, solver: total"))]
+    solved = " and ".join(f"{row['solved']} of {row['n']}" for row in totals)
+    batches = [
+        f"{row['what'].removesuffix(': a plan').capitalize()}, {device(document)}: "
+        f"{row['plans_per_second']:,.0f} plans a second."
+        for document in documents
+        for row in document["rows"]
+        if "plans_per_second" in row
+    ]
+    memory = _cell(documents[0], "peak memory of a process that plans once")
+    return (
+        "### A plan, stage by stage\n\n"
+        "Random problems on the three maps, 101³ voxels, margin asked 8 m: median [ms], compilation apart. Each stage\n"
+        f"has its own median. Solved: {solved} problems. A process that plans once peaks at {memory} MB.\n\n"
+        + table(["", *map(device, documents)], lines)
+        + "".join(f"\n{batch}\n" for batch in batches)
+    )
+
+
+# Rows of `solve, MAP: …`, and their heads.
+_PEERS = {
+    "SciPy CG, Jacobi, component": "SciPy",
+    "SciPy CG, Jacobi, whole grid": "SciPy, whole grid",
+    "PyAMG smoothed aggregation + CG, component": "PyAMG",
+    "JAX, Jacobi-PCG, whole grid": "JAX",
+    "CuPy CG, Jacobi, component": "CuPy",
+}
+
+
+def solves(*documents: Document) -> str:
+    """Of `benchmarks.potential`."""
+    lines = []
+    for document in documents:
+        for name in [*document["config"]["maps"], document["config"]["crop"]]:
+            ours = _pick(document, "what", f"solve, {name}: maxjax")
+            if ours is not None:
+                peers = [_peer(_pick(document, "what", f"solve, {name}: {peer}"), ours) for peer in _PEERS]
+                angle = f"{100 * ours['within_1deg']:.2f} %"
+                lines.append([name, device(document), number(ours["median"]), *peers, angle])
+    heads = ["map", "maxjax on", "maxjax", *_PEERS.values(), "within 1°"]
+    return (
+        "### The solve beside its peers\n\n"
+        "From conductivity to certified potential, 101³ voxels: median [ms]. Peers: conjugate gradients with\n"
+        "Jacobi's preconditioner by SciPy (on the free voxels of the goal's component, or on the whole grid), JAX and\n"
+        "CuPy, and PyAMG's smoothed aggregation, set-up included; in brackets how many times ours. They are handed\n"
+        "the assembled matrix and stopped, with hindsight, as soon as their gradient directions are as good as ours.\n"
+        "Last column: voxels whose gradient of log φ from maxjax lies within 1° of a float64 reference.\n\n"
+        + table(heads, lines, left=2)
+    )
+
+
+def _peer(row: Row | None, ours: Row) -> str:
+    if row is None or "median" not in row:
+        return ""
+    return f"{number(row['median'])} ({number(row['times_ours'])})" + ("" if row["as_good"] else ", not as good")
+
+
+def lidar(*documents: Document) -> str:
+    """Of `benchmarks.lidar`."""
+    methods = ("fused kernel", "scan: fused kernel, noise, dropout", "vmapped mjx.ray", "C mj_multiRay")
+    lines = []
+    for document in documents:
+        for name in document["config"]["maps"]:
+            rows = {row["method"]: row for row in document["rows"] if row["map"] == name}
+            off = " / ".join(str(rows[method]["rays_off_by_1mm"]) for method in (methods[0], methods[2]))
+            times = [number(rows[method]["median_ms"]) for method in methods]
+            lines.append([name, device(document), str(rows[methods[0]]["geoms"]), *times, off])
+    rays = documents[0]["config"]["rays"]
+    heads = ["map", "on", "geoms", "fused kernel", "with noise", "`mjx.ray`", "C `mj_multiRay`", "off"]
+    return (
+        "### LiDAR\n\n"
+        f"One scan of {rays:,} rays: median [ms]. With noise: the fused kernel with range noise and dropout.\n"
+        "`mjx.ray` runs under `vmap`, C MuJoCo on one thread of the machine's CPU. Off: rays of the fused kernel / of\n"
+        "`mjx.ray` that differ from C `mj_ray` by more than a millimetre within range.\n\n"
+        + table(heads, lines, left=2)
+    )
+
+
+def flights(*documents: Document) -> str:
+    """Of `benchmarks.flight`."""
+    lines, stages = [], []
+    for document in documents:
+        for row in document["rows"]:
+            what, name = row["what"].split(", ")
+            if what == "flights":
+                figures = [number(row[key]) for key in ("seconds", "flights_per_s")]
+                lines.append([name, device(document), str(row["batch"]), *figures, str(row["arrived"])])
+        for name in document["config"]["maps"]:
+            found = [row for row in document["rows"] if row["what"].startswith(f"stage, {name}: ")]
+            if found:
+                shares = [f"{row['ms_per_flight']:.3f}" for row in found]
+                stages.append([name, device(document), str(found[0]["batch"]), *shares])
+    heads = ["map", "on", "flights", "seconds", "flights a second", "arrived"]
+    return (
+        "### Flights in batches\n\n"
+        "Whole flights, 50 to 80 m, from drawn worlds to logs on the host, all of a batch in one call; compilation\n"
+        "apart.\n\n"
+        + table(heads, lines, left=2)
+        + "\nOne planning iteration by stage, in a batch under way [ms a flight]:\n\n"
+        + table(["map", "on", "flights", "sense", "fuse", "plan", "follow"], stages, left=2)
+    )
+
+
+def scaling(*documents: Document) -> str:
+    """Of `benchmarks.flight --devices`, `benchmarks.training` and `benchmarks.city_scale`."""
+    lines = []
+    for document in documents:
+        single: dict[str, float] = {}
+        for row in document["rows"]:
+            if "flights_per_s" in row:
+                what = f"{row['batch'] // row['devices']} flights a device, {row['what'].removeprefix('devices, ')}"
+                figure, rate = f"{row['flights_per_s']:.1f} a second", row["flights_per_s"]
+            elif "seconds_an_epoch" in row:
+                what = f"{row['what']}, batch of {row['batch']}"
+                figure, rate = f"{row['seconds_an_epoch']:.2f} s an epoch", 1 / row["seconds_an_epoch"]
+            elif "median" in row:
+                what = f"potential of a city, {' × '.join(map(str, document['config']['shape']))}"
+                figure, rate = f"{row['median']:.0f} ms", 1 / row["median"]
+            else:
+                continue
+            times = rate / single.setdefault(what, rate / row["devices"])
+            lines.append([what, str(row["devices"]), figure, f"{times:.2f}", f"{times / row['devices']:.2f}"])
+    kinds = ", ".join(dict.fromkeys(str(d["provenance"]["device"]).split(" x ")[-1] for d in documents))
+    return (
+        f"### Several devices ({kinds})\n\n"
+        "Flights: as many on each device (weak scaling). Training and city: the same work, split (strong scaling).\n\n"
+        + table(["what", "devices", "", "times one device", "of linear"], lines)
+    )
