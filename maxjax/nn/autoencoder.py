@@ -21,6 +21,7 @@ volume is upsampled, and the paper's finest level too works on blocks.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -29,9 +30,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from maxjax.fields.gradient import smooth
 from maxjax.nn import layers
-from maxjax.nn.encoding import FLOOD_CHANNELS, Start
+from maxjax.nn.encoding import FLOOD_CHANNELS, JOINED, Start
 from maxjax.nn.layers import Formulation, Volumes
+
+# Standard deviation of the smoothing behind a coarse output [voxels].
+_SPREAD = 1.0
 
 # Layers of `{"kernel", "bias"}`: lists of levels in "encoder" and "decoder", one in "head".
 Params = dict[str, Any]
@@ -52,6 +57,8 @@ class Autoencoder:
         flood: whether the inputs tell how a flood from the goal spreads.
         skips: whether encoder features are kept for the decoder.
         block: edge of the blocks that enter and leave as channels [voxels], 1 or 2.
+        coarse: whether one number is said for each block. Its voxels repeat it, smoothed along free ways only: this
+            upsampling does not reach through walls, which the inputs must tell.
         dropout: share of the bottleneck's features that training drops.
 
     Raises:
@@ -66,6 +73,7 @@ class Autoencoder:
     flood: bool = False
     skips: bool = False
     block: int = 1
+    coarse: bool = False
     dropout: float = 0.1
 
     def __post_init__(self) -> None:
@@ -79,6 +87,11 @@ class Autoencoder:
                 "Autoencoder: expected blocks of 1 or 2, odd kernels and a dropout below 1, given "
                 f"{self.block}, {self.kernels} and {self.dropout}"
             )
+        if self.coarse and not (self.block == 2 and self.flood and self.dimensions == 3):
+            raise ValueError(
+                "Autoencoder: expected blocks of 2 in three dimensions, and the flood among the inputs, for a coarse "
+                f"output, given {self.block}, {self.dimensions} and {self.flood}"
+            )
 
     @property
     def inputs(self) -> int:
@@ -87,8 +100,13 @@ class Autoencoder:
 
     @property
     def channels(self) -> int:
-        """Channels that enter and, for each input, leave with a block."""
+        """Channels that enter with a block for each input: its voxels."""
         return int(self.block**self.dimensions)
+
+    @property
+    def outputs(self) -> int:
+        """Channels that leave with a block."""
+        return 1 if self.coarse else self.channels
 
     def spaces(self, space: tuple[int, ...]) -> list[tuple[int, ...]]:
         """The grid of each level, finest first, and of the bottleneck.
@@ -156,7 +174,7 @@ def init(key: PRNGKeyArray, config: Autoencoder) -> Params:
     if config.skips:
         width += config.inputs * config.channels
     # An output near zero to begin with: for a difference, the start itself.
-    return {"encoder": encoder, "decoder": decoder, "head": layer(3, width, config.channels, gain=1e-4)}
+    return {"encoder": encoder, "decoder": decoder, "head": layer(3, width, config.outputs, gain=1e-4)}
 
 
 def fold(params: Params, config: Autoencoder) -> Params:
@@ -218,7 +236,7 @@ def apply(
         ValueError: for inputs or grids that do not fit the architecture.
     """
     spaces = _checked(x, config)
-    given = space = x.shape[1:-1]
+    given, space = x, x.shape[1:-1]
     inputs = x = _enter(x, config)
     kept = []
     for level in params["encoder"]:
@@ -257,7 +275,7 @@ def apply_folded(
         by: see `layers.convolve`; static.
     """
     spaces = _checked(x, config)
-    given = x.shape[1:-1]
+    given = x
     inputs = x = _enter(x, config)
     whole, dtype = _in_blocks(config), params["decoder"][0][0]["kernel"].dtype
     kept = []
@@ -330,11 +348,16 @@ def _enter(x: Volumes, config: Autoencoder) -> Volumes:
     return layers.blocks(layers.pad(x, [(0, -n % 2) for n in x.shape[1:-1]]))
 
 
-def _leave(x: Volumes, head: Layer, space: tuple[int, ...], config: Autoencoder) -> Float[Array, " n *space"]:
+def _leave(x: Volumes, head: Layer, given: Volumes, config: Autoencoder) -> Float[Array, " n *space"]:
     y = x.astype(jnp.float32) + head["bias"].astype(jnp.float32)
+    if config.coarse:
+        y = jnp.tile(y, config.channels)
     if config.block == 2:
-        y = layers.crop(layers.unblock(y), space)
-    return y[..., 0]
+        y = layers.crop(layers.unblock(y), given.shape[1:-1])
+    y = y[..., 0]
+    if config.coarse:
+        y = jax.vmap(functools.partial(smooth, sigma=_SPREAD))(y, given[..., JOINED] > 0)
+    return y
 
 
 def _leave_in_blocks(x: Volumes, head: Layer, space: tuple[int, ...], by: Formulation) -> Float[Array, " n *space"]:
@@ -349,6 +372,13 @@ def _leave_in_blocks(x: Volumes, head: Layer, space: tuple[int, ...], by: Formul
 
 
 MAXJAX_BLIND = dataclasses.replace(MAXJAX, flood=False)
+# Compressed: half the channels; and, besides, one number a block of 2³ voxels.
+MAXJAX_SLIM = dataclasses.replace(
+    MAXJAX,
+    encoder=((16,), (24, 24), (48, 48), (64, 64)),
+    decoder=((64, 64), (48, 48), (24, 24), (16,)),
+)
+MAXJAX_HALF = dataclasses.replace(MAXJAX_SLIM, coarse=True)
 
 # Trains in seconds, for trying things out.
 TINY = dataclasses.replace(MAXJAX, encoder=((4,), (8,)), decoder=((8,), (4,)), kernels=(3, 3))
@@ -359,6 +389,8 @@ CONFIGS: dict[str, Autoencoder] = {
     "paper2d": PAPER_2D,
     "paper_large": PAPER_LARGE,
     "maxjax": MAXJAX,
+    "maxjax_slim": MAXJAX_SLIM,
+    "maxjax_half": MAXJAX_HALF,
     "maxjax_blind": MAXJAX_BLIND,
     "tiny": TINY,
 }

@@ -35,8 +35,9 @@ Volume = Float[Array, "nx ny nz"]
 
 # What an output of 1 means [voxels].
 UNIT: dict[Start, float] = {"nothing": 100.0, "free": 10.0}
-# Channels that the flood adds.
+# Channels that the flood adds; the first of them tells the goal's component.
 FLOOD_CHANNELS = 3
+JOINED = 1
 # Beyond, φ leaves float32's normal numbers [nats].
 _NATS = 87.0
 

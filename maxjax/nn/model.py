@@ -38,6 +38,8 @@ MAX_SWEEPS = 64
 # Standard deviation of the smoothing of log φ where a network's field is climbed as it is [voxels]: local maxima of one
 # or two voxels would hold up the ascent. The paper smooths too, by 5.
 _SMOOTHING = 1.0
+# Fields of `Autoencoder` that older files lack, and what they mean by it.
+_LATER = {"coarse": False}
 # Sweeps between two looks at the certificate.
 _LOOK = 4
 # (sigma, goal_index, steps, length) ↦ −ℓ log φ [voxels], as `Model.log_potential`.
@@ -229,6 +231,8 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     metadata = load_metadata(file)
     # Through JSON, which turns tuples into lists.
     given, expected = metadata.get("network"), _as_json(dataclasses.asdict(network))
+    if isinstance(given, dict):
+        given = _LATER | given
     if metadata.get("model") != name or given != expected:
         raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
     shapes = jax.eval_shape(lambda: init(jax.random.key(0), network))

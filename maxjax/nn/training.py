@@ -94,6 +94,8 @@ RECIPES: dict[str, Training] = {
     "paper_difference": Training("paper_difference"),
     "maxjax": Training("maxjax", warmup=200, slope=1.0, turned=True),
     "tiny": Training("tiny", epochs=8, batch=4, slope=1.0, turned=True),
+    "maxjax_slim": Training("maxjax_slim", warmup=200, slope=1.0, turned=True),
+    "maxjax_half": Training("maxjax_half", warmup=200, slope=1.0, turned=True),
     "maxjax_blind": Training("maxjax_blind", warmup=200, slope=1.0, turned=True),
 }
 
