@@ -35,8 +35,8 @@ from maxjax.solvers.potential import Potential, screening_length_for, solve_pote
 WEIGHTS = Path(__file__).parent / "weights"
 # Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
 MAX_SWEEPS = 64
-# Standard deviation of the smoothing of log φ where a network's field is climbed as it is [voxels]: local maxima of one
-# or two voxels would hold up the ascent. The paper smooths too, by 5.
+# Standard deviation of the smoothing of what a network says [voxels]: local maxima of a voxel or two would hold up the
+# ascent, and cost the sweeps more than all the rest. The paper smooths too, by 5.
 _SMOOTHING = 1.0
 # Fields of `Autoencoder` that older files lack, and what they mean by it.
 _LATER = {"coarse": False}
@@ -81,9 +81,9 @@ def predict_potential(
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 
-    With sweeps, it is improved by positive sweeps φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not
-    suffice, the solver takes over. Without, it is what the network says, smoothed within the walls: `certified` tells
-    whether an ascent is known to arrive, and a status of OK only that there is a field to climb.
+    What the network says is smoothed within the walls. With sweeps, it is then improved by positive sweeps
+    φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not suffice, the solver takes over. Without sweeps,
+    `certified` tells whether an ascent is known to arrive, and a status of OK only that there is a field to climb.
 
     Args:
         model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
@@ -124,10 +124,8 @@ def certified_from(
     goal = stencil.cell(sigma.shape, goal_index) & component
     # A network turns one NaN into many; with a bad sigma nothing it says is used.
     y = said(jnp.where(finite, sigma, 0), goal_index, steps, length)
-    phi = decode(y, component, goal, length)
-    if max_sweeps == 0:
-        smoothed = slope.smooth(slope.log_potential(phi), component, _SMOOTHING)
-        phi = decode(-length * smoothed, component, goal, length)
+    log_phi = slope.log_potential(decode(y, component, goal, length))
+    phi = decode(-length * slope.smooth(log_phi, component, _SMOOTHING), component, goal, length)
     operator = stencil.assemble(sigma, 1 / length**2)
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
 
