@@ -34,10 +34,9 @@ from maxjax.planning.planner import (
     field_path,
     judge,
     plan_path,
+    posed,
     route,
-    unpacked,
 )
-from maxjax.planning.problem import pose
 
 _CHUNK = 64
 # Paths that a thread verifies in one go, and threads: more of them would only wait for the interpreter.
@@ -82,9 +81,9 @@ def _plan_chunk(
     settings: Ascent,
 ) -> _Found:
     def one(filled: Array, bare: Array, start: Array, goal: Array) -> _Found:
-        problem = pose(*unpacked(filled, bare, grid), start, goal, margin, grid)
+        problem, blocked = posed(filled, bare, start, goal, margin, grid)
         path, status, certified = route(problem, grid, potential, settings)
-        return _Found(jnp.packbits(problem.blocked), problem.margin, path, status, certified)
+        return _Found(blocked, problem.margin, path, status, certified)
 
     # A map that all problems share is not copied.
     axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)

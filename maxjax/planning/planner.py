@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8, UInt16
 
 from maxjax.core import bits
 from maxjax.core.grid import Grid
+from maxjax.core.loops import computed_once
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent, ascend
@@ -155,7 +156,7 @@ def solve(
     blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
 ) -> PotentialLike:
     """The potential of a dilated map."""
-    return potential(conductivity(blocked, goal_index, grid), goal_index)
+    return potential(computed_once(conductivity(blocked, goal_index, grid)), goal_index)
 
 
 def climb(
@@ -184,18 +185,21 @@ def route(
     return path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK)
 
 
-def unpacked(
-    occupied: UInt8[Array, " bytes"], ground: UInt8[Array, " bytes"], grid: Grid
-) -> tuple[Bool[Array, "nx ny nz"], Bool[Array, "nx ny nz"]]:
-    """Occupied voxels, ground included, and ground, from their bits."""
+def posed(
+    occupied: UInt8[Array, " bytes"],
+    ground: UInt8[Array, " bytes"],
+    start: Float[Array, " 3"],
+    goal: Float[Array, " 3"],
+    margin: float,
+    grid: Grid,
+) -> tuple[Problem, UInt8[Array, " bytes"]]:
+    """`pose` for maps that come as bits, and its dilated map as bits, for the way back to the host."""
     below = bits.volume(ground, grid.shape)
-    return bits.volume(occupied, grid.shape) | below, below
+    problem = pose(bits.volume(occupied, grid.shape) | below, below, start, goal, margin, grid)
+    return problem, jnp.packbits(problem.blocked)
 
 
-# By themselves: within a larger program XLA would unpack anew for everyone who reads a voxel.
-_UNPACK = Stage("transfer", unpacked, static=("grid",))
-_PACK = Stage("transfer", jnp.packbits)
-_POSE = Stage("dilate", pose, static=("margin", "grid"))
+_POSE = Stage("dilate", posed, static=("margin", "grid"))
 _SOLVE = Stage("solve", solve, static=("grid", "potential"))
 _CLIMB = Stage("ascend", climb, static=("settings",))
 _TIGHTEN = Stage("tighten", tighten)
@@ -343,9 +347,9 @@ def plan_path(
     """Pose the problem, find a path, verify it. Arguments as in `maxjax.plan`, already checked."""
     watch = Stopwatch()
     with watch.stage("transfer"):
-        *maps, from_, to = jax.block_until_ready(jax.device_put((bits.pack(occupied), bits.pack(ground), start, goal)))
-    problem = _POSE(watch, *_UNPACK(watch, *maps, grid=grid), from_, to, margin=margin, grid=grid)
-    status, used, packed = fetch(watch, problem.status, problem.margin, _PACK(watch, problem.blocked))
+        arrays = jax.block_until_ready(jax.device_put((bits.pack(occupied), bits.pack(ground), start, goal)))
+    problem, blocked = _POSE(watch, *arrays, margin=margin, grid=grid)
+    status, used, packed = fetch(watch, problem.status, problem.margin, blocked)
     found = Route(NO_PATH, Status(int(status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)

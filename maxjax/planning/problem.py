@@ -15,6 +15,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
+from maxjax.core.loops import computed_once
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import joined
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
@@ -131,8 +132,9 @@ def pose(
         least: the margin below which rather no path is planned [m]. Static.
     """
     ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
-    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
-    below = squared_distance(ground, 1)
+    occupied, ground = computed_once(occupied), computed_once(ground)
+    squared = computed_once(squared_distance(occupied & ~ground, reach_of(margin, grid)))
+    below = computed_once(squared_distance(ground, 1))
     a, b = locate(start, grid), locate(goal, grid)
     finite = a.finite & b.finite
 
@@ -163,5 +165,5 @@ def pose(
     )
     rung = jnp.maximum(rung, first)
     status = verdict(~finite, ~inside_a, ~inside_b, jnp.all(start == goal), in_a, in_b, ~ok)
-    blocked = blocked_at(rung)
+    blocked = computed_once(blocked_at(rung))
     return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)

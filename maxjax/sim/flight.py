@@ -33,7 +33,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid, Index3
-from maxjax.core.loops import settle
+from maxjax.core.loops import computed_once, settle
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
@@ -433,7 +433,7 @@ def _seek(
     problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
     found, status, certified = config.find(problem, grid)
     path = _world(flight, config, grid.to_world(found))
-    bits = blocks(problem.blocked)
+    bits = computed_once(blocks(problem.blocked))
     # What is verified is the path as it will be flown, after its way through world coordinates.
     on_grid = grid.fractional_index(_local(flight, config, path))
     passed = jnp.all(jax.vmap(lambda a, b: clear(bits, a, b))(on_grid[:-1], on_grid[1:]))
@@ -444,7 +444,7 @@ def _seek(
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
     """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin's reach [m]."""
     obstacles = mapping.occupied(flight.window) & ~mapping.ground(flight.window)
-    squared = squared_distance(obstacles, reach_of(config.margin, config.grid))
+    squared = computed_once(squared_distance(computed_once(obstacles), reach_of(config.margin, config.grid)))
     return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
 
 
