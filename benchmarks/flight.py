@@ -130,10 +130,14 @@ def _flights(campaign: Campaign, drawn: Table, size: int, devices: int, repeats:
 def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> Iterator[tuple[str, Row]]:
     """Milliseconds a flight of each stage, in a batch under way."""
     valid = np.flatnonzero(drawn["valid"])[:size]
-    worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *[world_of(campaign, drawn, int(row)) for row in valid])
+    each: list[World] = [world_of(campaign, drawn, int(row)) for row in valid]
     config = campaign.flight
-    flights: Flight = jax.jit(jax.vmap(functools.partial(take_off, config=config)))(worlds)
-    stages = [jax.jit(jax.vmap(stage)) for stage in stages_of(config)]
+    begin = functools.partial(take_off, config=config)
+    # A single flight runs by itself, as `fly_batch` has it.
+    many = len(each) > 1
+    worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *each) if many else each[0]
+    flights: Flight = jax.jit(jax.vmap(begin) if many else begin)(worlds)
+    stages = [jax.jit(jax.vmap(stage) if many else stage) for stage in stages_of(config)]
     for _ in range(_BEFORE):
         for stage in stages:
             flights = stage(worlds, flights)
