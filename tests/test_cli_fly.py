@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
+import inspect
 import json
 import os
 import shlex
@@ -84,7 +84,7 @@ def fake_watch(world: Any, config: FlightConfig) -> Iterator[Flight]:
 
 
 # Compiled once, apart from that of real flights.
-fake_flyer = functools.cache(module._flyer.__wrapped__)
+fake_part = jax.jit(inspect.unwrap(module._fly_part))
 
 
 class Terminal:
@@ -107,7 +107,7 @@ class Terminal:
 
 @pytest.fixture
 def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    monkeypatch.setattr(module, "_flyer", fake_flyer)
+    monkeypatch.setattr(module, "_fly_part", fake_part)
     monkeypatch.setattr(module, "fly", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: town())

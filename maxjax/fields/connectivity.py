@@ -39,13 +39,13 @@ def _spread(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]
 
 
 def _spread_cube(words: UInt32[Array, "words ny nz"], passable: UInt32[Array, "words ny nz"]) -> Array:
-    """The set with those of its 26 neighbours that face steps along x, then y, then z lead to.
+    """The set with those of its 26 neighbours that face steps along z, then y, then x lead to.
 
     Free voxels that only touch at an edge or corner stay apart.
     """
-    words = _spread_along_words(words) & passable
+    words = _spread_across(words, 2) & passable
     words = _spread_across(words, 1) & passable
-    return _spread_across(words, 2) & passable
+    return _spread_along_words(words) & passable
 
 
 def _spread_along_words(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]:
