@@ -24,7 +24,7 @@ from maxjax.nn.model import network_potential
 from maxjax.planning.baselines.apf import apf
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.baselines.rrt_star import rrt_star
-from maxjax.planning.batch import plan_paths
+from maxjax.planning.batch import one_by_one, plan_paths
 from maxjax.planning.fleet import plan_swarm
 from maxjax.planning.planner import (
     PathFinder,
@@ -210,11 +210,7 @@ def plan_batch(
     below = volumes("ground", np.zeros(grid.shape, bool) if ground is None else ground)
     filled = volumes("occupied", occupied)
     if method in _SEARCHES:
-        maps = (np.broadcast_to(volume, (count, *grid.shape)) for volume in (filled, below))
-        plans = [
-            plan_path(find, o | g, a, b, grid, margin=float(margin), ground=g, method=method)
-            for o, g, a, b in zip(*maps, starts, goals, strict=True)
-        ]
+        plans = one_by_one(find, filled, starts, goals, grid, margin=float(margin), ground=below, method=method)
     else:
         plans = plan_paths(
             _POTENTIALS[method](), filled, starts, goals, grid, margin=float(margin), ground=below, method=method

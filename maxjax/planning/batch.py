@@ -26,6 +26,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import (
+    PathFinder,
     Plan,
     PotentialFn,
     Route,
@@ -119,23 +120,30 @@ def plan_paths(
         One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was there,
         `verify` what verification took beyond that.
     """
-    problems = _Problems(potential, occupied, ground, start, goal, margin, grid, method, settings)
     if chunk is None and jax.default_backend() == "cpu":
-        return _one_by_one(problems)
+        find = field_path(potential, settings)
+        return one_by_one(find, occupied, start, goal, grid, margin=margin, ground=ground, method=method)
+    problems = _Problems(potential, occupied, ground, start, goal, margin, grid, method, settings)
     return _in_chunks(problems, chunk or _CHUNK)
 
 
-def _one_by_one(problems: _Problems) -> list[Plan]:
-    find = field_path(problems.potential, problems.settings)
-    each = problems.start.shape[0], *problems.grid.shape
-    maps = (np.broadcast_to(volume, each) for volume in (problems.occupied, problems.ground))
+def one_by_one(
+    find: PathFinder,
+    occupied: Bool[np.ndarray, "*m nx ny nz"],
+    start: Float[np.ndarray, "b 3"],
+    goal: Float[np.ndarray, "b 3"],
+    grid: Grid,
+    *,
+    margin: float,
+    ground: Bool[np.ndarray, "*g nx ny nz"],
+    method: str,
+) -> list[Plan]:
+    """`planner.plan_path` by any path finder, for a batch; arguments as of `plan_paths`."""
+    maps = (np.broadcast_to(volume, (len(start), *grid.shape)) for volume in (occupied, ground))
     return [
-        plan_path(
-            find, filled | bare, start, goal, problems.grid,
-            margin=problems.margin, ground=bare, method=problems.method,
-        )
-        for filled, bare, start, goal in zip(*maps, problems.start, problems.goal, strict=True)
-    ]  # fmt: skip
+        plan_path(find, filled | bare, a, b, grid, margin=margin, ground=bare, method=method)
+        for filled, bare, a, b in zip(*maps, start, goal, strict=True)
+    ]
 
 
 def _in_chunks(problems: _Problems, chunk: int) -> list[Plan]:

@@ -233,13 +233,12 @@ def field_path(potential: PotentialFn, settings: Ascent = Ascent()) -> PathFinde
             ends = problem.start, problem.goal
             path, arrived, sight = _CLIMB(watch, field.phi, problem.blocked, *ends, settings=longer)
             taut = _TIGHTEN(watch, sight, path)
-            found = fetch(watch, field.status, field.certified, arrived, taut)
-            status, certified = Status(int(found[0])), bool(found[1])
+            status, certified, there, points = fetch(watch, field.status, field.certified, arrived, taut)
             if status != Status.OK:
-                return Route(NO_PATH, status, certified)
-            if found[2]:
-                return Route(found[3], Status.OK, certified)
-        return Route(NO_PATH, Status.PATH_STALLED, certified)
+                return Route(NO_PATH, Status(int(status)), bool(certified))
+            if there:
+                return Route(points, Status.OK, bool(certified))
+        return Route(NO_PATH, Status.PATH_STALLED, bool(certified))
 
     return find
 

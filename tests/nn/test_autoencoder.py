@@ -127,7 +127,7 @@ def test_what_does_not_fit_is_refused_with_both_shapes() -> None:
 
 def test_a_coarse_output_is_spread_within_its_block_and_along_free_ways_only() -> None:
     """Two rooms behind a wall of one voxel: what is said in one of them does not reach the other."""
-    config = dataclasses.replace(SMALL["coarse"], coarse=True)
+    config = SMALL["coarse"]
     params = jax.tree.map(jnp.zeros_like, init(jax.random.key(0), config))
     # The head passes the brightness of a block's first voxel on.
     kernel = params["head"]["kernel"].at[1, 1, 1, -config.inputs * config.channels, 0].set(1.0)

@@ -102,7 +102,6 @@ def test_a_wrong_goal_fails_all(occupied: np.ndarray, starts: np.ndarray) -> Non
 
 
 @pytest.mark.full_speed
-@pytest.mark.full_speed
 def test_a_thousand_starts_in_one_call_cost_one_solve() -> None:
     occupied = np.zeros(GRID.shape, bool)
     occupied[7, :, :12] = True
