@@ -133,8 +133,8 @@ def pose(
     """
     ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
     occupied, ground = computed_once(occupied), computed_once(ground)
-    squared = computed_once(squared_distance(occupied & ~ground, reach_of(margin, grid)))
-    below = computed_once(squared_distance(ground, 1))
+    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
+    below = squared_distance(ground, 1)
     a, b = locate(start, grid), locate(goal, grid)
     finite = a.finite & b.finite
 

@@ -444,7 +444,7 @@ def _seek(
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
     """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin's reach [m]."""
     obstacles = mapping.occupied(flight.window) & ~mapping.ground(flight.window)
-    squared = computed_once(squared_distance(computed_once(obstacles), reach_of(config.margin, config.grid)))
+    squared = squared_distance(obstacles, reach_of(config.margin, config.grid))
     return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
 
 
