@@ -29,6 +29,7 @@ from maxjax.core.grid import Grid, Index3
 
 _REACH = 8  # voxels around a path that are searched first
 _PIECE = 4.0  # longest piece [voxels] that one bounding box stands for in the search for the nearest voxel
+_TOP = 512  # boxes of a window's top level, at most
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _NEIGHBORS = np.stack(np.meshgrid(*[range(3)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
 
@@ -286,13 +287,15 @@ def _nearest(
 ) -> Float64[np.ndarray, " p"]:
     """Least squared distance [voxels²] from each path's segments to an occupied voxel of its own window.
 
-    Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. A plain descent to the
-    nearest child finds an occupied voxel near every piece of the path, hence an upper bound; then every box
-    that might hold a nearer one is opened.
+    Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. The gaps between every piece of
+    a path and every box of the top are known at once. A plain descent from the nearest one, to the nearest child,
+    finds an occupied voxel near every piece, hence an upper bound; then every box that might hold a nearer one is
+    opened.
     """
     pyramid = _pyramid(occupied)
+    top = len(pyramid) - 1
     squared = np.full(len(occupied), math.inf)
-    inhabited = pyramid[-1].reshape(-1)[path_of]
+    inhabited = np.any(pyramid[top], axis=(1, 2, 3))[path_of]
     a, b, path_of = a[inhabited], b[inhabited], path_of[inhabited]
     count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
@@ -303,18 +306,22 @@ def _nearest(
     path = path_of[segment]
     first = corner[path]
 
+    gap = _squared_gaps(first, 2**top, pyramid[top].shape[1:], lower, upper)
+    gap[~pyramid[top][path]] = math.inf
     piece = np.arange(len(start))
-    box = np.zeros((len(start), 3), np.int64)
-    for level in reversed(range(len(pyramid) - 1)):
+    nearest = gap.reshape(len(piece), math.prod(gap.shape[1:])).argmin(axis=1)
+    box = np.stack(np.unravel_index(nearest, gap.shape[1:]), axis=-1)
+    for level in reversed(range(top)):
         children = 2 * box[:, None] + _CORNERS
-        gap = _squared_gap(first[:, None] + 2**level * children, 2**level, lower[:, None], upper[:, None])
+        nearby = _squared_gap(first[:, None] + 2**level * children, 2**level, lower[:, None], upper[:, None])
         there = pyramid[level][(path[:, None], *np.moveaxis(children, -1, 0))]
-        box = children[piece, np.where(there, gap, np.inf).argmin(axis=1)]
+        box = children[piece, np.where(there, nearby, np.inf).argmin(axis=1)]
     np.minimum.at(squared, path, _squared_distance(start, step, first + box))
     bound = squared[path]
 
-    box = np.zeros((len(start), 3), np.int64)
-    for level in reversed(range(len(pyramid) - 1)):
+    piece, *at = np.nonzero(gap < bound[:, None, None, None])
+    box = np.stack(at, axis=-1)
+    for level in reversed(range(top)):
         children = (2 * box[:, None] + _CORNERS).reshape(-1, 3)
         piece = np.repeat(piece, 8)
         there = pyramid[level][(path[piece], *children.T)]
@@ -326,8 +333,10 @@ def _nearest(
 
 
 def _pyramid(occupied: Bool[np.ndarray, "p wx wy wz"]) -> list[Bool[np.ndarray, "p _ _ _"]]:
-    """Volumes that halve in size, each box True if one of its eight is; the last is one box a window."""
-    levels = max(max(occupied.shape[1:]) - 1, 0).bit_length()
+    """Volumes that halve in size, each box True if one of its eight is; the last has few boxes a window."""
+    levels = 0
+    while math.prod(-(-n // 2**levels) for n in occupied.shape[1:]) > _TOP:
+        levels += 1
     # Each level is padded to twice the size of the next, so that every box has eight children.
     top = [[-(-n // 2**level) for n in occupied.shape[1:]] for level in range(levels + 1)]
     pyramid, fine = [], occupied
@@ -342,11 +351,32 @@ def _pyramid(occupied: Bool[np.ndarray, "p wx wy wz"]) -> list[Bool[np.ndarray, 
     return [*pyramid, fine]
 
 
-def _squared_gap(
-    box: Int64[np.ndarray, "*k 3"],
+def _squared_gaps(
+    first: Int64[np.ndarray, "k 3"],
     size: int,
-    lower: Float64[np.ndarray, "*#k 3"],
-    upper: Float64[np.ndarray, "*#k 3"],
+    shape: tuple[int, ...],
+    lower: Float64[np.ndarray, "k 3"],
+    upper: Float64[np.ndarray, "k 3"],
+) -> Float64[np.ndarray, "k bx by bz"]:
+    """`_squared_gap` of every box of a lattice that begins at `first`."""
+    x, y, z = (
+        _squared_gap(
+            (first[:, None, axis] + size * np.arange(n))[..., None],
+            size,
+            lower[:, None, [axis]],
+            upper[:, None, [axis]],
+        )
+        for axis, n in enumerate(shape)
+    )
+    gaps: Float64[np.ndarray, "k bx by bz"] = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
+    return gaps
+
+
+def _squared_gap(
+    box: Int64[np.ndarray, "*k axes"],
+    size: int,
+    lower: Float64[np.ndarray, "*#k axes"],
+    upper: Float64[np.ndarray, "*#k axes"],
 ) -> Float64[np.ndarray, "*k"]:
     """Squared distance from boxes that begin at a voxel and are `size` voxels wide to those from `lower` to `upper`."""
     gap = np.maximum(np.maximum(box - upper, lower - (box + size)), 0.0)
