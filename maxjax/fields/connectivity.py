@@ -111,8 +111,8 @@ def _grown(
 
 # Digits of the number of rounds: enough for 12,288 steps.
 _DIGITS = 12
-# Rounds between two looks.
-_ROUNDS = 4
+# Rounds between two looks, and the digits that they count.
+_ROUNDS, _LOW = 4, 2
 
 
 def geodesic(
@@ -124,7 +124,8 @@ def geodesic(
     and of 1.1 n at its corners: Euclidean distance inside the component [voxels], about.
 
     The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
-    yet reached.
+    yet reached. Of four rounds the first and the third flip the lowest digit, the second the next one, the fourth one
+    that has to be looked up.
 
     Args:
         free: free voxels.
@@ -140,34 +141,39 @@ def geodesic(
         return last[1], _spread(last[1]) & passable
 
     def round_(state: Arrays) -> Arrays:
-        before, second, third, gray, rounds = state
-        after_one, after_two = repeat(2, step, (before, before))
+        # What the last rounds reached stays at hand: here, 1, 2 and 3 rounds ago.
+        here, ago_1, ago_2, _, second, third = state
+        after_one, after_two = repeat(2, step, (here, here))
         words = _spread_cube(after_two, passable)
-        digit = lax.population_count(rounds ^ (rounds + 1)) - 1
-        gray = gray.at[digit].set(gray[digit] ^ ~words)
-        return words, second | (after_two & ~after_one), third | (words & ~after_two), gray, rounds + 1
+        return words, here, ago_1, ago_2, second | (after_two & ~after_one), third | (words & ~after_two)
 
-    def some_rounds(state: tuple[Arrays, Bool[Array, ""]]) -> tuple[Arrays, Bool[Array, ""]]:
+    def some_rounds(state: Arrays) -> Arrays:
         # Each look at the result waits for the device.
-        before = state[0]
-        after = repeat(_ROUNDS, round_, before)
-        return after, jnp.any(after[0] != before[0])
+        before, second, third, lowest, low, high, turns, _ = state
+        fourth, after_third, after_second, after_first, second, third = repeat(
+            _ROUNDS, round_, (before, before, before, before, second, third)
+        )
+        digit = lax.population_count(turns ^ (turns + 1)) - 1
+        high = high.at[digit].set(high[digit] ^ ~fourth)
+        lowest, low = lowest ^ after_first ^ after_third, low ^ ~after_second
+        return fourth, second, third, lowest, low, high, turns + 1, jnp.any(fourth != before)
 
-    def going(state: tuple[Arrays, Bool[Array, ""]]) -> Bool[Array, ""]:
-        return state[1] & jnp.asarray(state[0][4] < 2**_DIGITS - _ROUNDS)
+    def going(state: Arrays) -> Bool[Array, ""]:
+        *_, turns, grown = state
+        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - 1))
 
     nothing = jnp.zeros_like(start)
-    gray = jnp.zeros((_DIGITS, *start.shape), jnp.uint32)
-    first: Arrays = (start, nothing, nothing, gray, jnp.int32(0))
-    (words, second, third, gray, _), _ = lax.while_loop(going, some_rounds, (first, jnp.array(True)))
+    high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
+    first: Arrays = (start, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
+    words, second, third, lowest, low, high, _, _ = lax.while_loop(going, some_rounds, first)
 
     def unpacked(words: UInt32[Array, "words ny nz"]) -> Int32[Array, "nx ny nz"]:
         return _unpack(words, free.shape[0]).astype(jnp.int32)
 
     rounds = jnp.zeros(free.shape, jnp.int32)
     digit = jnp.zeros_like(start)
-    for position in reversed(range(_DIGITS)):
-        digit = digit ^ gray[position]
+    for gray in (*reversed(high), low, lowest):
+        digit = digit ^ gray
         rounds = 2 * rounds + unpacked(digit)
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
     component = _unpack(words, free.shape[0])
