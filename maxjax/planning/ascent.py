@@ -32,7 +32,7 @@ from maxjax.planning.sight import clear
 _PATIENCE = 12
 _ADAM_BETA2 = 0.999
 # Steps of one scan.
-_STRIDE = 64
+_STRIDE = 16
 # Which components of a step survive: all, then two, then one.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
