@@ -5,7 +5,8 @@
 
 Random problems of the three maps (offline protocol, margin 8 m), after a warm-up; compilation apart.
 
-`plan` rows: stage by stage, and A* on the same problems in the same run. `batch` rows: `plan_batch`, wall-clock time a
+`plan` rows: `maxjax.plan`, and A* on the same problems in the same run; where an accelerator answers in one program,
+`stages` rows say what each stage takes when it is waited for. `batch` rows: `plan_batch`, wall-clock time a
 plan from arrays on the host to verified plans on the host, and the stages' shares of it (means over the batch). Each
 batch is planned twice before it is timed.
 """
@@ -21,12 +22,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import jax
 import numpy as np
 import tyro
 
 import maxjax
 from benchmarks.harness import RESULTS, Row, save
 from experiments.random_problems import Problem, problems
+from maxjax.api import path_finder
+from maxjax.planning.planner import plan_path
 from maxjax.sim.scenes import MAPS
 
 _PROBE = """
@@ -94,12 +98,21 @@ def _plan_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list[
             margin=config.margin, ground=problem.ground, method=method,
         )  # fmt: skip
 
+    def run_in_stages(problem: Problem, method: str) -> maxjax.Plan:
+        return plan_path(
+            path_finder(method), problem.occupied, problem.start, problem.goal, grid,
+            margin=config.margin, ground=problem.ground, method=method,
+        )  # fmt: skip
+
     rows: list[Row] = []
-    for method in ("solver", "astar"):
-        compile_s = run(posed[0], method).timings["compile"]
-        plans = [run(problem, method) for problem in posed]
+    ways = [("plan, solver", "solver", run), ("plan, astar", "astar", run)]
+    if jax.default_backend() != "cpu":
+        ways.insert(1, ("stages, solver", "solver", run_in_stages))
+    for what, method, way in ways:
+        compile_s = way(posed[0], method).timings["compile"]
+        plans = [way(problem, method) for problem in posed]
         for stage in [name for name in plans[0].timings if name != "compile"]:
-            row = _milliseconds(f"plan, {method}: {stage}", [plan.timings[stage] for plan in plans])
+            row = _milliseconds(f"{what}: {stage}", [plan.timings[stage] for plan in plans])
             if stage == "total":
                 row["compile_s"] = round(compile_s, 2)
                 row["solved"] = sum(plan.status == maxjax.Status.OK for plan in plans)

@@ -33,7 +33,6 @@ from maxjax.planning.planner import (
     Route,
     Stopwatch,
     field_path,
-    plan_path,
 )
 from maxjax.planning.problem import Problem
 from maxjax.solvers.potential import solve_potential
@@ -66,6 +65,29 @@ def path_finder(method: str) -> PathFinder:
     if method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, given {method!r}")
     return _SEARCHES[method] if method in _SEARCHES else field_path(_POTENTIALS[method]())
+
+
+def _check(method: str, margin: float, grid: Grid) -> None:
+    """Raise a `ValueError` for what `path_finder` does not know, or a margin that `rungs` refuses."""
+    path_finder(method)
+    rungs(margin, grid)
+
+
+def _plans(
+    method: str,
+    occupied: Bool[np.ndarray, "*m nx ny nz"],
+    ground: Bool[np.ndarray, "*g nx ny nz"],
+    starts: Float[np.ndarray, "b 3"],
+    goals: Float[np.ndarray, "b 3"],
+    grid: Grid,
+    margin: float,
+) -> list[Plan]:
+    """Plans of problems that were checked: fields in chunks, searches one by one."""
+    if method in _SEARCHES:
+        find = _SEARCHES[method]
+        return one_by_one(find, occupied, starts, goals, grid, margin=float(margin), ground=ground, method=method)
+    potential = _POTENTIALS[method]()
+    return plan_paths(potential, occupied, starts, goals, grid, margin=float(margin), ground=ground, method=method)
 
 
 def _volume(name: str, array: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "..."]:
@@ -111,20 +133,11 @@ def plan(
     Raises:
         ValueError: for a wrong shape or dtype, an unknown method or a negative margin.
     """
-    find = path_finder(method)
-    rungs(margin, grid)
-    occupied = _volume("occupied", occupied, grid.shape)
-    ground = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
-    return plan_path(
-        find,
-        occupied | ground,
-        _points("start", start, (3,)),
-        _points("goal", goal, (3,)),
-        grid,
-        margin=float(margin),
-        ground=ground,
-        method=method,
-    )
+    _check(method, margin, grid)
+    filled = _volume("occupied", occupied, grid.shape)
+    below = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
+    ends = _points("start", start, (3,)), _points("goal", goal, (3,))
+    return _plans(method, filled, below, ends[0][None], ends[1][None], grid, margin)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -196,8 +209,7 @@ def plan_batch(
     Raises:
         ValueError: as `plan`, and for an empty batch.
     """
-    find = path_finder(method)
-    rungs(margin, grid)
+    _check(method, margin, grid)
     starts = np.asarray(start)
     count = starts.shape[0] if starts.ndim == 2 else 0
     if count == 0:
@@ -209,13 +221,7 @@ def plan_batch(
 
     below = volumes("ground", np.zeros(grid.shape, bool) if ground is None else ground)
     filled = volumes("occupied", occupied)
-    if method in _SEARCHES:
-        plans = one_by_one(find, filled, starts, goals, grid, margin=float(margin), ground=below, method=method)
-    else:
-        plans = plan_paths(
-            _POTENTIALS[method](), filled, starts, goals, grid, margin=float(margin), ground=below, method=method
-        )
-    return PlanBatch(tuple(plans))
+    return PlanBatch(tuple(_plans(method, filled, below, starts, goals, grid, margin)))
 
 
 def plan_fleet(
@@ -293,8 +299,7 @@ def plan_scan(
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.number):
         raise ValueError(f"points: expected numbers of shape (n, 3) [m], given {array.dtype} {array.shape}")
-    path_finder(method)
-    rungs(margin, grid)
+    _check(method, margin, grid)
     start, goal = _points("start", start, (3,)), _points("goal", goal, (3,))
     watch = Stopwatch()
     with watch.stage("voxelise"):

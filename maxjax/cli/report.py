@@ -31,7 +31,8 @@ from maxjax.planning.planner import Plan
 
 # In the order in which they run, so that plans by different methods share the rows of a table.
 _STAGES = (
-    "voxelise", "transfer", "dilate", "solve", "ascend", "tighten", "search", "distance", "descend", "verify", "total",
+    "voxelise", "transfer", "device", "dilate", "solve", "ascend", "tighten", "search", "distance", "descend",
+    "verify", "total",
 )  # fmt: skip
 FIRST_RUN = "the first run compiles, about 20 s on a CPU"
 FIRST_FLIGHT = "the first flight compiles, a minute or two"

@@ -1,24 +1,28 @@
-"""Many problems at once.
+"""One problem or many, each chunk of them as a single program.
 
-On an accelerator it plans one chunk of them while the host verifies the last one:
+On an accelerator it plans one chunk while the host verifies the last one:
 
     device   pose → solve → ascend → tighten, under `vmap`      chunk k
     host     verify, path by path                                chunk k − 1
 
 A chunk is what a device is busy with: a larger one gains nothing, and waits longer for its slowest problem. So memory
-is bounded whatever the size of the batch. A CPU is busy with a single problem, and plans one after the other.
+is bounded whatever the size of the batch. A chunk comes back as one array of bytes, since each array that is fetched
+costs as much as a short stage. A CPU is busy with a single problem, and plans one after the other, stage by stage.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8
 
 from maxjax.core import bits
@@ -59,16 +63,39 @@ class _Problems:
     settings: Ascent
 
 
-@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Found:
-    """What the device hands back."""
+    """What the device found out about c problems."""
 
-    blocked: UInt8[Array | np.ndarray, "*b bytes"]
-    margin: Float[Array | np.ndarray, "*b"]
-    path: Float[Array | np.ndarray, "*b t 3"]
-    status: Int32[Array | np.ndarray, "*b"]
-    certified: Bool[Array | np.ndarray, "*b"]
+    path: Float[np.ndarray, "c t 3"]
+    margin: Float[np.ndarray, " c"]
+    status: Int32[np.ndarray, " c"]
+    certified: Bool[np.ndarray, " c"]
+    blocked: UInt8[np.ndarray, "c bytes"]
+
+
+def _written(
+    path: Float[Array, "t 3"],
+    margin: Float[Array, ""],
+    status: Int32[Array, ""],
+    certified: Bool[Array, ""],
+    blocked: UInt8[Array, " bytes"],
+) -> UInt8[Array, " written"]:
+    """What was found out about one problem, in a row."""
+    numbers = (lax.bitcast_convert_type(x, jnp.uint8).reshape(-1) for x in (path, margin, status))
+    return jnp.concatenate([*numbers, certified.astype(jnp.uint8)[None], blocked])
+
+
+def _read(message: UInt8[np.ndarray, "c written"], points: int) -> _Found:
+    """`_written` for paths of so many points, on the host."""
+    path, margin, status, certified, blocked = np.split(message, np.cumsum([12 * points, 4, 4, 1]), axis=1)
+    return _Found(
+        np.ascontiguousarray(path).view(np.float32).reshape(-1, points, 3),
+        np.ascontiguousarray(margin).view(np.float32)[:, 0],
+        np.ascontiguousarray(status).view(np.int32)[:, 0],
+        certified[:, 0] > 0,
+        blocked,
+    )
 
 
 def _plan_chunk(
@@ -80,15 +107,17 @@ def _plan_chunk(
     grid: Grid,
     potential: PotentialFn,
     settings: Ascent,
-) -> _Found:
-    def one(filled: Array, bare: Array, start: Array, goal: Array) -> _Found:
+) -> UInt8[Array, "b written"]:
+    def one(filled: Array, bare: Array, start: Array, goal: Array) -> UInt8[Array, " written"]:
         problem, blocked = posed(filled, bare, start, goal, margin, grid)
         path, status, certified = route(problem, grid, potential, settings)
-        return _Found(blocked, problem.margin, path, status, certified)
+        return _written(path, problem.margin, status, certified, blocked)
 
+    if start.shape[0] == 1:  # what `vmap` adds is not free
+        return one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])[None]
     # A map that all problems share is not copied.
     axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)
-    found: _Found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+    found: UInt8[Array, "b written"] = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
     return found
 
 
@@ -169,15 +198,16 @@ def _in_chunks(problems: _Problems, chunk: int) -> list[Plan]:
 def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> list[Plan]:
     """Plans of some of the problems, in chunks of one size; the last one is filled up with copies."""
     watch, begun = Stopwatch(), time.perf_counter()
-    futures: list[Future[list[Plan]]] = []
+    results: list[Callable[[], list[Plan]]] = []
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
 
-    def packed(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> UInt8[Array, "*c bytes"]:
-        return jnp.asarray(bits.pack(_some(volumes, rows)))
+    def packed(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> UInt8[np.ndarray, "*c bytes"]:
+        return bits.pack(_some(volumes, rows))
 
-    def verified(rows: Int64[np.ndarray, " c"], found: _Found) -> list[Plan]:
+    def verified(rows: Int64[np.ndarray, " c"], message: UInt8[np.ndarray, "c written"]) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        blocked = bits.unpack(np.asarray(found.blocked), problems.grid.shape)
+        found = _read(message, problems.settings.steps + 1)
+        blocked = bits.unpack(found.blocked, problems.grid.shape)
         seen = np.broadcast_to(_some(problems.occupied, rows) & ~_some(problems.ground, rows), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
@@ -186,31 +216,31 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
             found.margin.tolist(), blocked, seen, problems.grid, Stopwatch(), problems.method,
         )  # fmt: skip
 
-    def hand_over(chunk: Int64[np.ndarray, " c"], found: _Found) -> None:
-        """Wait for the device, then leave a chunk to the threads."""
-        on_host: _Found = jax.device_get(found)
+    def hand_over(chunk: Int64[np.ndarray, " c"], found: UInt8[Array, "s written"]) -> None:
+        """Wait for the device, then leave a chunk to the threads; a single problem is not worth one."""
+        messages = np.asarray(found)
         for k in range(0, len(chunk), _TOGETHER):
             few = slice(k, min(k + _TOGETHER, len(chunk)))
-            part = jax.tree.map(lambda leaf, few=few: leaf[few], on_host)
-            futures.append(pool.submit(verified, chunk[few], part))
+            work = functools.partial(verified, chunk[few], messages[few])
+            results.append(work if len(which) == 1 else pool.submit(work).result)
 
     with ThreadPoolExecutor(_THREADS) as pool:
-        under_way: tuple[Int64[np.ndarray, " c"], _Found] | None = None
+        under_way: tuple[Int64[np.ndarray, " c"], UInt8[Array, "s written"]] | None = None
         for first in range(0, len(which), size):
             chunk = which[first : first + size]
             whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
             # A slice is a view; a selection would copy the maps once more.
             rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
             maps = packed(problems.occupied, rows), packed(problems.ground, rows)
-            ends = jnp.asarray(problems.start[rows]), jnp.asarray(problems.goal[rows])
-            found = _DEVICE.start(watch, *maps, *ends, settings=problems.settings, **static)
+            there = jax.device_put((*maps, problems.start[rows], problems.goal[rows]))
+            found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
             if under_way is not None:
                 hand_over(*under_way)
             under_way = chunk, found
         if under_way is not None:
             hand_over(*under_way)
         ready = time.perf_counter()
-        plans = [plan for future in futures for plan in future.result()]
+        plans = [plan for result in results for plan in result()]
     watch.seconds["device"] = ready - begun - watch.seconds["compile"]
     watch.seconds["verify"] = time.perf_counter() - ready
     timings = watch.report(len(which))

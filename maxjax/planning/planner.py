@@ -69,7 +69,7 @@ class Plan:
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         margin: dilation that was used [m].
         timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
-            device and back), `compile` apart, and `total` without it.
+            device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
         method: name of the planner.
     """
 

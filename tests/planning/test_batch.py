@@ -62,6 +62,18 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
     assert sum(plan.status is Status.OK for plan in whole) == COUNT - 1
 
 
+def test_one_program_answers_one_problem_as_its_stages_do(problems: tuple[np.ndarray, ...]) -> None:
+    """What an accelerator does for `plan`, on a map without a batch axis."""
+    occupied, ground, starts, goals = problems
+    for k in (0, 5):
+        (one,) = _batch((occupied[k], ground[k], starts[[k]], goals[[k]]), 1)
+        (other,) = _batch((occupied[k], ground[k], starts[[k]], goals[[k]]), None)
+        assert "device" in one.timings
+        assert "solve" in other.timings or k == 5
+        assert (one.status, one.margin, one.certified) == (other.status, other.margin, other.certified)
+        np.testing.assert_allclose(one.path, other.path, atol=1e-3)
+
+
 def test_a_shared_map_equals_its_copies(problems: tuple[np.ndarray, ...]) -> None:
     occupied, ground, starts, goals = problems
     shared = _batch((occupied[0], ground[0], starts, goals))
