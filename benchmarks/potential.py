@@ -61,7 +61,7 @@ from scipy.sparse import csr_matrix, dia_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, Timing, measure, save, show
+from benchmarks.harness import RESULTS, Row, Timing, keep, measure, save, show
 from benchmarks.screened_system import (
     Angles,
     Mask,
@@ -192,7 +192,9 @@ def main(config: Config) -> list[Row]:
         for scene in scenes_of(config):
             print(scene.name, file=sys.stderr, flush=True)
             rows += _solve_rows(scene, bandwidth, config)
+            keep("potential", config, rows, config.out)
         rows += _size_rows(bandwidth, config)
+        keep("potential", config, rows, config.out)
         rows += _batch_rows(bandwidth, config)
         # One table of everything would be wider than any terminal.
         with contextlib.redirect_stdout(io.StringIO()):

@@ -57,6 +57,7 @@ class Config:
         shape: of the grid, voxels of 2 m.
         seed: of the problems.
         name: of the result file.
+        remark: what else a reader should know of the run.
         out: where the JSON goes.
     """
 
@@ -68,6 +69,7 @@ class Config:
     shape: tuple[int, int, int] = (101, 101, 101)
     seed: int = 0
     name: str = "network_cost"
+    remark: str = ""
     out: Path = RESULTS
 
 
@@ -209,7 +211,8 @@ def section(document: Document) -> str:
         f"The paper states {_PAPER:.0f} ms for its network on its machine.\n\n"
         + table(["network", "weights", "how", "batch", "ms a scene"], passes)
         + "\nTo a certified field: positive sweeps, 64 at most, before the solver takes over; `solver` is\n"
-        "the solver by itself. Time of the whole potential, median (largest), after compilation.\n\n"
+        "the solver by itself. Time of the whole potential, median (largest), after compilation.\n"
+        + (f"{remark}\n\n" if (remark := document["config"].get("remark")) else "\n")
         + table(["map", "start", "certified", "by sweeps alone", "sweeps, median", "ms"], ways, left=2)
     )
 
