@@ -66,6 +66,9 @@ def plans(*documents: Document) -> str:
         f"each. Solved: {solved} problems. A process that plans once peaks at {memory} MB.\n\n"
         + table(["", *map(device, documents)], lines)
         + "".join(f"\n{batch}\n" for batch in batches)
+        + "\nOn a GPU a single plan waits, it does not compute: ascent and tightening are many kernels of a few\n"
+        "microseconds, one after the other, and verification is NumPy on one core. In a batch the host verifies\n"
+        "one chunk while the device plans the next; the last chunk, or the only one, is verified by itself.\n"
     )
 
 

@@ -150,8 +150,8 @@ def _laid_out(*volumes: Volume) -> tuple[Shift, Sequence[Array]]:
     """Volumes as a sum over neighbours best reads them, and how it finds a neighbour there.
 
     On a GPU each layer across x in one row: a neighbour in it is a fixed stride away, and no index has to be taken
-    apart to tell whether it is beyond the grid, which costs more than the sum. It is some other voxel then, and its
-    weight is zero. Layers stay apart, since devices share a city by them (`solvers.sharding`).
+    apart to tell whether it is beyond the grid. It is some other voxel then, and its weight is zero. Layers stay apart,
+    since devices share a city by them (`solvers.sharding`).
     """
     if jax.default_backend() == "cpu":
         return _shift, volumes
