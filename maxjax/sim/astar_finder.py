@@ -1,6 +1,6 @@
 """A* in the loop: the search on the host, called from inside the compiled flight.
 
-    find(problem, grid) -> (path, status, certified)        as `flight.climb_field`, so that a flight can take either
+    find(problem, grid) -> (path, status, certified)    as `flight_state.climb_field`: a flight takes either
 
 A flight differs in nothing else: same scans, map, margin, verification and controller. The path is A*'s polyline
 through voxel centres, joined to the exact ends; points inside its straight runs are left out, which changes no point of

@@ -34,18 +34,8 @@ from maxjax.core.status import Status
 from maxjax.nn.model import network_potential
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import (
-    Finder,
-    Flight,
-    FlightConfig,
-    FlightLog,
-    World,
-    climb_field,
-    climb_prediction,
-    fly,
-    stages_of,
-    take_off,
-)
+from maxjax.sim.flight import Flight, FlightConfig, FlightLog, World, fly, stages_of, take_off
+from maxjax.sim.flight_state import Finder, climb_field, climb_prediction
 from maxjax.sim.geoms import Geoms
 from maxjax.sim.layouts import MAPS
 from maxjax.sim.ledger import Ledger

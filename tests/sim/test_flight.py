@@ -17,7 +17,8 @@ from maxjax.planning.verify import verify
 from maxjax.sim import window as mapping
 from maxjax.sim.campaign import watch
 from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
-from maxjax.sim.flight import LOG_PERIOD, Flight, FlightConfig, World
+from maxjax.sim.flight import Flight, FlightConfig, World
+from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
 from maxjax.sim.scenes import scene_xml

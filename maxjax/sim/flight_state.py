@@ -1,0 +1,200 @@
+"""What a flight is made of: how to fly, what cannot change, what evolves, what is told of it.
+
+    FlightConfig, World, Flight, FlightLog
+
+Frames: world, ENU, metres. The window moves with the vehicle by whole voxels; `to_local` is the frame of
+`FlightConfig.grid`, whose origin is the window's middle voxel.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
+
+from maxjax.core.grid import Grid, Index3
+from maxjax.nn.model import network_potential
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import route
+from maxjax.planning.problem import Problem
+from maxjax.sim import controller as control
+from maxjax.sim import vehicle as physics
+from maxjax.sim import window as mapping
+from maxjax.sim.disturbances import Disturbances, pose_error
+from maxjax.sim.geoms import Geoms
+from maxjax.sim.lidar import Lidar, Scan
+from maxjax.sim.reference import Limits, Reference
+from maxjax.solvers.potential import solve_potential
+
+Path = Float[Array, "n 3"]
+Finder = Callable[[Problem, Grid], tuple[Path, Int32[Array, ""], Bool[Array, ""]]]
+
+# Positions are logged this often [s].
+LOG_PERIOD = 0.1
+
+
+def climb_field(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
+    """The default path finder: solve the conduction potential, climb it, pull the path taut."""
+    return route(problem, grid, solve_potential, Ascent())
+
+
+def climb_prediction(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
+    """`climb_field` with the potential that the network predicts, improved until it is certified.
+
+    Raises:
+        ValueError: if its weights are missing.
+    """
+    return route(problem, grid, network_potential(), Ascent())
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FlightConfig:
+    """How to fly; all of it static but the disturbances.
+
+    Attributes:
+        disturbances: strengths; may carry batch axes.
+        find: path finder.
+        lidar, vehicle, controller, limits, gusts: see there.
+        shape: of the rolling map, voxels.
+        spacing: of its voxels [m].
+        margin: distance to keep from obstacles [m], lowered by one voxel at a time where it seals start or goal in.
+        least_margin: but never below this [m].
+        period: of planning [s].
+        plans: planning iterations at most.
+        tolerance: distance at which the goal counts as reached [m].
+        radius: of the sphere around the vehicle that must stay clear of every solid [m].
+        snapshot: plan from the latest scan alone, as the paper does, not from the fused map.
+        reactive: gain of the reactive layer [m/s²]; 0 leaves it out.
+    """
+
+    disturbances: Disturbances = Disturbances()  # noqa: RUF009 (frozen)
+    find: Finder = dataclasses.field(default=climb_field, metadata={"static": True})
+    lidar: Lidar = dataclasses.field(default=Lidar(), metadata={"static": True})
+    vehicle: physics.Vehicle = dataclasses.field(default=physics.Vehicle(), metadata={"static": True})
+    controller: control.Controller = dataclasses.field(default=control.Controller(), metadata={"static": True})
+    limits: Limits = dataclasses.field(default=Limits(), metadata={"static": True})
+    gusts: physics.Gusts = dataclasses.field(default=physics.Gusts(), metadata={"static": True})
+    shape: Index3 = dataclasses.field(default=(101, 101, 101), metadata={"static": True})
+    spacing: float = dataclasses.field(default=2.0, metadata={"static": True})
+    margin: float = dataclasses.field(default=8.0, metadata={"static": True})
+    least_margin: float = dataclasses.field(default=2.0, metadata={"static": True})
+    period: float = dataclasses.field(default=1.0, metadata={"static": True})
+    plans: int = dataclasses.field(default=100, metadata={"static": True})
+    tolerance: float = dataclasses.field(default=2.0, metadata={"static": True})
+    radius: float = dataclasses.field(default=0.5, metadata={"static": True})
+    snapshot: bool = dataclasses.field(default=False, metadata={"static": True})
+    reactive: float = dataclasses.field(default=0.0, metadata={"static": True})
+
+    @property
+    def grid(self) -> Grid:
+        """The rolling map's grid, its middle voxel at the origin."""
+        x, y, z = (-(n // 2) * self.spacing for n in self.shape)
+        return Grid(self.shape, self.spacing, (x, y, z))
+
+    @property
+    def notes(self) -> int:
+        """Positions logged in a planning period."""
+        return round(self.period / LOG_PERIOD)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FlightLog:
+    """What became of a flight; batch axes lead.
+
+    Attributes:
+        status: OK where the goal was reached without contact; IN_CONTACT, OUT_OF_PLANS, or why there was no plan.
+        position: every 0.1 s [m], the start first; NaN once the flight is over.
+        flown_length: [m].
+        duration: [s].
+        planning_iterations: plans asked for.
+        failed_plans: those that found no path, so that the vehicle held.
+        clearance: least distance from the centre of the vehicle to any solid [m].
+        margin: used by each plan [m]; NaN where there was none.
+        certified: how many of the paths found climbed a certified field.
+    """
+
+    status: Int32[Array, "*batch"]
+    position: Float[Array, "*batch t 3"]
+    flown_length: Float[Array, "*batch"]
+    duration: Float[Array, "*batch"]
+    planning_iterations: Int32[Array, "*batch"]
+    failed_plans: Int32[Array, "*batch"]
+    clearance: Float[Array, "*batch"]
+    margin: Float[Array, "*batch p"]
+    certified: Int32[Array, "*batch"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class World:
+    """What a flight cannot change: the city, its ends, its key, its disturbances."""
+
+    geoms: Geoms
+    start: Float[Array, "3"]
+    goal: Float[Array, "3"]
+    key: PRNGKeyArray
+    disturbances: Disturbances
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Flight:
+    """What evolves.
+
+    Attributes:
+        vehicle: its true state.
+        memory: of the controller.
+        gust: [m/s].
+        scan: the latest, its points where the vehicle believes them to be.
+        hits: returns of all scans so far.
+        window: the map.
+        path: that is flown, verified [m].
+        waiting: the latest one, flown a period later if the planner is late [m].
+        waits: whether `waiting` was verified; if not, the vehicle stops on what it has.
+        reference: along `path`.
+        since: time since the reference began [s].
+        yaw: heading that is asked for [rad].
+        looks: steps aside that were begun.
+        stepping: planning periods left for the one under way.
+        failures: plans in a row without a path.
+        done: whether the flight is over.
+        log: so far.
+    """
+
+    vehicle: physics.State
+    memory: control.Memory
+    gust: Float[Array, "3"]
+    scan: Scan
+    hits: Int32[Array, ""]
+    window: mapping.Window
+    path: Path
+    waiting: Path
+    waits: Bool[Array, ""]
+    reference: Reference
+    since: Float[Array, ""]
+    yaw: Float[Array, ""]
+    looks: Int32[Array, ""]
+    stepping: Int32[Array, ""]
+    failures: Int32[Array, ""]
+    done: Bool[Array, ""]
+    log: FlightLog
+
+
+def believed(world: World, flight: Flight) -> Float[Array, "3"]:
+    """Where the vehicle thinks it is [m]."""
+    return flight.vehicle.position + pose_error(world.disturbances, world.key, flight.log.duration)
+
+
+def to_local(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """World coordinates in the frame of `config.grid`, whose origin is the window's middle voxel."""
+    return x - config.spacing * (flight.window.corner + jnp.asarray(config.shape) // 2)
+
+
+def to_world(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """From that frame to world coordinates."""
+    return x + config.spacing * (flight.window.corner + jnp.asarray(config.shape) // 2)
