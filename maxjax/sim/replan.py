@@ -20,7 +20,7 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from maxjax.core.loops import computed_once
 from maxjax.core.status import Status
@@ -174,9 +174,14 @@ def _known(
 ) -> tuple[Int32[Array, "n 3"], Bool[Array, " n"]]:
     """The voxels that points lie in, and whether they were seen free; the vehicle's own is known without looking."""
     voxels = config.grid.index_of(to_local(flight, config, points))
-    i, j, k = jnp.clip(voxels, 0, jnp.asarray(config.shape) - 1).T
     here = jnp.all(voxels == config.grid.index_of(to_local(flight, config, at)), axis=1)
-    return voxels, mapping.seen(flight.window)[i, j, k] | here
+    return voxels, _values(mapping.seen(flight.window), voxels) | here
+
+
+def _values(volume: Shaped[Array, "nx ny nz"], voxels: Int32[Array, "n 3"]) -> Shaped[Array, " n"]:
+    """Of some voxels; outside the grid, those of the nearest face."""
+    i, j, k = jnp.clip(voxels, 0, jnp.asarray(volume.shape) - 1).T
+    return volume[i, j, k]
 
 
 def _refer(
@@ -197,8 +202,7 @@ def _refer(
     valid = valid & (across <= _SIDEWAYS)
     course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, _rest_of(flight.reference, flight.since))
     voxels, known = _known(flight, course.points, at, config)
-    i, j, k = jnp.clip(voxels, 0, jnp.asarray(config.shape) - 1).T
-    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (gap[i, j, k] - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
+    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (_values(gap, voxels) - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
     caps = jnp.where(valid & (s < ends), caps, 0.0)
