@@ -60,7 +60,7 @@ RESULTS = Path(__file__).parent / "results"
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}
 _CITY = {"downtown": "LA Night City", "suburb": "London White City"}
 # The paper, Table I: length [m], its standard deviation, run time [s].
-_PAPER: dict[str, dict[str, tuple[float, float, float]]] = {
+PAPER: dict[str, dict[str, tuple[float, float, float]]] = {
     "downtown": {
         "astar": (54.6, 17.8, 0.155),
         "rrtstar": (57.5, 19.6, 17.2),
@@ -301,9 +301,9 @@ def section(document: dict[str, Any]) -> str:
     ]
     for name in config["maps"]:
         here = [row for row in rows if row["map"] == name]
-        lines += [_line(row, _PAPER.get(name, {}).get(row["method"])) for row in here]
-        if name in _PAPER:
-            theirs = _theirs(_PAPER[name]["3DMaxConvNet"])
+        lines += [_line(row, PAPER.get(name, {}).get(row["method"])) for row in here]
+        if name in PAPER:
+            theirs = _theirs(PAPER[name]["3DMaxConvNet"])
             lines.append(f"| {name} | 3DMaxConvNet (the paper, {_CITY[name]}) |{' – |' * 11}{theirs}")
     lines += [""] + [_said(name, [row for row in rows if row["map"] == name]) for name in config["maps"]]
     left = [f"{_NAMES.get(r['method'], r['method'])} ({r['left_out']})" for r in document["rows"] if not r["map"]]
@@ -378,8 +378,8 @@ def _said(name: str, rows: list[dict[str, Any]]) -> str:
     ]
     if fewer:
         text += f" {'; '.join(fewer)}."
-    if name in _PAPER:
-        length, _, seconds = _PAPER[name]["3DMaxConvNet"]
+    if name in PAPER:
+        length, _, seconds = PAPER[name]["3DMaxConvNet"]
         text += (
             f" The paper's planner needs {1e3 * seconds:.0f} ms for {length} m in {_CITY[name]}: "
             f"{1e3 * seconds / ours['ms_median']:.2g} times the solver's run time here."
