@@ -1,6 +1,6 @@
 """What the networks cost, and what a field gains from them before it is certified.
 
-    python -m experiments.network_cost                                                       # two CPU cores: 6 minutes
+    python -m experiments.network_cost                                                       # two CPU cores: 9 minutes
     python -m experiments.network_cost --batches 1 16 --repeats 20 --name network_cost_h200  # one H200: 1 minute
 
 `forward` rows: one pass over a grid of 101³ voxels, in batches. `plain` is the definition, each convolution by XLA as

@@ -188,18 +188,20 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
     most = max(len(one.rows) for found in cities.values() for one in found)
     slots = -(-most // _SLOTS) * _SLOTS
     rows: list[Row] = [_geometry(name, found) for name, found in cities.items()]
+
+    def add(row: Row) -> None:
+        rows.append(row)
+        print(row, file=sys.stderr, flush=True)
+        keep("real_cities", config, rows, config.out)
+
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name, found in cities.items():
-            rows.append({"city": name, "part": "offline", **_offline(name, found, slots, config, pool)})
-            print(rows[-1], file=sys.stderr, flush=True)
-            keep("real_cities", config, rows, config.out)
+            add({"city": name, "part": "offline", **_offline(name, found, slots, config, pool)})
     for method in config.methods if config.trials else ():
         for name, found in cities.items():
             settings = dataclasses.replace(flight, find=FINDERS[method])
             row = _closed_loop(name, found, slots, settings, config)
-            rows.append({"city": name, "part": "closed loop", "method": method, **row})
-            print(rows[-1], file=sys.stderr, flush=True)
-            keep("real_cities", config, rows, config.out)
+            add({"city": name, "part": "closed loop", "method": method, **row})
     save("real_cities", config, rows, config.out)
     return rows
 
