@@ -22,9 +22,10 @@ import pytest
 from scipy import ndimage
 
 from maxjax import Grid, Status, verify
-from maxjax.cli import check, main
+from maxjax.cli import _train, check, main
 from maxjax.cli.demo import corners
 from maxjax.maps import PointCloud, load_map
+from maxjax.nn.training import RECIPES
 from maxjax.planning.planner import Plan
 from maxjax.sim.scenes import make_scene, occupancy
 
@@ -520,3 +521,8 @@ def a_row_lies_between(points: np.ndarray, start: Sequence[float], goal: Sequenc
     t = np.clip((points[:, :2] - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     near = np.linalg.norm(points[:, :2] - (a + t[:, None] * (b - a)), axis=1) < 3
     return float(points[near, 2].max())
+
+
+def test_the_help_of_training_names_every_recipe() -> None:
+    named = re.findall(r"\w+", (_train.__doc__ or "").split("recipes:")[1].split(".")[0])
+    assert sorted(named) == sorted(RECIPES.keys() - {"tiny"})
