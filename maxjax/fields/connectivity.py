@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from maxjax.core.loops import Arrays, repeat
@@ -21,49 +22,51 @@ from maxjax.fields.stencil import cell
 _WORD = 32
 
 
-def _pack(mask: Bool[Array, "nx ny nz"]) -> UInt32[Array, "words ny nz"]:
-    nx, ny, nz = mask.shape
-    padded = jnp.pad(mask, ((0, -nx % _WORD), (0, 0), (0, 0)))
-    bits = padded.reshape(-1, _WORD, ny, nz).astype(jnp.uint32) << jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]
-    return jnp.sum(bits, axis=1, dtype=jnp.uint32)
+def _pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
+    *batch, nx, ny, nz = mask.shape
+    padded = jnp.pad(mask, [(0, 0)] * len(batch) + [(0, -nx % _WORD), (0, 0), (0, 0)])
+    bits = padded.reshape(*batch, -1, _WORD, ny, nz).astype(jnp.uint32)
+    return jnp.sum(bits << jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None], axis=-3, dtype=jnp.uint32)
 
 
-def _unpack(words: UInt32[Array, "words ny nz"], nx: int) -> Bool[Array, "nx ny nz"]:
-    bits = (words[:, None] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
-    return bits.reshape(-1, *words.shape[1:])[:nx].astype(bool)
+def _unpack(words: UInt32[Array, "*b words ny nz"], nx: int) -> Bool[Array, "*b nx ny nz"]:
+    *batch, _, ny, nz = words.shape
+    bits = (words[..., None, :, :] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
+    return bits.reshape(*batch, -1, ny, nz)[..., :nx, :, :].astype(bool)
 
 
-def _spread(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]:
+def _spread(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:
     """The set with its 6 neighbours."""
-    return _spread_along_words(words) | _spread_across(words, 1) | _spread_across(words, 2)
+    return _spread_along_words(words) | _spread_across(words, -2) | _spread_across(words, -1)
 
 
-def _spread_cube(words: UInt32[Array, "words ny nz"], passable: UInt32[Array, "words ny nz"]) -> Array:
+def _spread_cube(words: UInt32[Array, "*b words ny nz"], passable: UInt32[Array, "*b words ny nz"]) -> Array:
     """The set with those of its 26 neighbours that face steps along z, then y, then x lead to.
 
     Free voxels that only touch at an edge or corner stay apart.
     """
-    words = _spread_across(words, 2) & passable
-    words = _spread_across(words, 1) & passable
+    words = _spread_across(words, -1) & passable
+    words = _spread_across(words, -2) & passable
     return _spread_along_words(words) & passable
 
 
-def _spread_along_words(words: UInt32[Array, "words ny nz"]) -> UInt32[Array, "words ny nz"]:
+def _spread_along_words(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:
     """Along x, the axis inside the words: shift by one bit, and carry the end bits into the next word."""
-    zero = jnp.uint32(0)
-    up = (words << 1) | lax.pad(words >> (_WORD - 1), zero, ((1, -1, 0), (0, 0, 0), (0, 0, 0)))
-    down = (words >> 1) | lax.pad(words << (_WORD - 1), zero, ((-1, 1, 0), (0, 0, 0), (0, 0, 0)))
+    up = (words << 1) | _moved(words >> (_WORD - 1), -3, 1)
+    down = (words >> 1) | _moved(words << (_WORD - 1), -3, -1)
     return words | up | down
 
 
-def _spread_across(words: UInt32[Array, "words ny nz"], axis: int) -> UInt32[Array, "words ny nz"]:
+def _spread_across(words: UInt32[Array, "*b words ny nz"], axis: int) -> UInt32[Array, "*b words ny nz"]:
     """Along y or z."""
-    config = [(0, 0, 0)] * 3
-    spread = words
-    for step in (1, -1):
-        config[axis] = (step, -step, 0)
-        spread |= lax.pad(words, jnp.uint32(0), config)
-    return spread
+    return words | _moved(words, axis, 1) | _moved(words, axis, -1)
+
+
+def _moved(words: UInt32[Array, "*b words ny nz"], axis: int, step: int) -> UInt32[Array, "*b words ny nz"]:
+    """All words one place further along an axis, or one back; nothing comes in from beyond the grid."""
+    config = [(0, 0, 0)] * words.ndim
+    config[axis] = (step, -step, 0)
+    return lax.pad(words, jnp.uint32(0), config)
 
 
 def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array, "nx ny nz"]:
@@ -123,10 +126,6 @@ def geodesic(
     A round is two steps to the 6 neighbours and one to the 26, by which n steps reach a ball of radius 0.94 n at least
     and of 1.1 n at its corners: Euclidean distance inside the component [voxels], about.
 
-    The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
-    yet reached. Of four rounds the first and the third flip the lowest digit, the second the next one, the fourth one
-    that has to be looked up.
-
     Args:
         free: free voxels.
         seed: voxel index.
@@ -134,8 +133,20 @@ def geodesic(
     Returns:
         The component, and the steps; 0 outside the component.
     """
-    passable = _pack(free)
-    start = _pack(cell(free.shape, seed) & free)
+    component, steps = _geodesic(free, cell(free.shape, seed) & free)
+    return component, steps
+
+
+def _counted(
+    free: Bool[Array, "*b nx ny nz"], seed: Bool[Array, "*b nx ny nz"]
+) -> tuple[Bool[Array, "*b nx ny nz"], Int32[Array, "*b nx ny nz"]]:
+    """`geodesic` from a mask, for one map or several at a time.
+
+    The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
+    yet reached. Of four rounds the first and the third flip the lowest digit, the second the next one, the fourth one
+    that has to be looked up.
+    """
+    passable, start = _pack(free), _pack(seed)
 
     def step(last: Arrays) -> Arrays:
         return last[1], _spread(last[1]) & passable
@@ -167,8 +178,8 @@ def geodesic(
     first: Arrays = (start, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
     words, second, third, lowest, low, high, _, _ = lax.while_loop(going, some_rounds, first)
 
-    def unpacked(words: UInt32[Array, "words ny nz"]) -> Int32[Array, "nx ny nz"]:
-        return _unpack(words, free.shape[0]).astype(jnp.int32)
+    def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
+        return _unpack(words, free.shape[-3]).astype(jnp.int32)
 
     rounds = jnp.zeros(free.shape, jnp.int32)
     digit = jnp.zeros_like(start)
@@ -176,5 +187,16 @@ def geodesic(
         digit = digit ^ gray
         rounds = 2 * rounds + unpacked(digit)
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
-    component = _unpack(words, free.shape[0])
-    return component, jnp.where(component & ~cell(free.shape, seed), steps, 0)
+    component = _unpack(words, free.shape[-3])
+    return component, jnp.where(component & ~seed, steps, 0)
+
+
+_geodesic = custom_vmap(_counted)
+
+
+@_geodesic.def_vmap
+def _geodesics(size: int, in_batch: list[bool], *masks: Array) -> tuple[tuple[Array, Array], tuple[bool, bool]]:
+    """Several maps count the same rounds: under `vmap`, a loop would keep what each of them had, turn by turn."""
+    pairs = zip(masks, in_batch, strict=True)
+    free, seed = (mask if batched else jnp.broadcast_to(mask, (size, *mask.shape)) for mask, batched in pairs)
+    return _counted(free, seed), (True, True)

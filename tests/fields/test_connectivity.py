@@ -112,10 +112,19 @@ def test_geodesic_from_outside_or_an_obstacle_reaches_nothing() -> None:
 
 
 def test_geodesic_under_vmap_equals_a_loop() -> None:
+    """Also for a map that is counted through long before another, one map with several seeds, and a vmap of vmaps."""
     rng = np.random.default_rng(8)
-    free = jnp.asarray(rng.random((4, 9, 8, 31)) < 0.7)
-    seeds = jnp.asarray(rng.integers(0, (9, 8, 31), (4, 3)), jnp.int32)
-    batch = jax.vmap(geodesic)(free, seeds)
-    for index, (f, s) in enumerate(zip(free, seeds, strict=True)):
-        for one, many in zip(measure(f, s), batch, strict=True):
-            np.testing.assert_array_equal(one, many[index])
+    maze = ~serpentine(23, 24, 1)
+    free = jnp.asarray(np.stack([maze, np.ones_like(maze), rng.random(maze.shape) < 0.7, np.zeros_like(maze)]))
+    seeds = jnp.asarray([[0, 0, 0], [22, 23, 0], [11, 12, 0], [3, 4, 0]], jnp.int32)
+
+    def check(batch: tuple[jax.Array, jax.Array], free: jax.Array, seeds: jax.Array) -> None:
+        for index, (f, s) in enumerate(zip(free, seeds, strict=True)):
+            for one, many in zip(measure(f, s), batch, strict=True):
+                np.testing.assert_array_equal(one, many[index])
+
+    check(jax.vmap(geodesic)(free, seeds), free, seeds)
+    check(jax.vmap(geodesic, in_axes=(None, 0))(free[0], seeds), jnp.stack([free[0]] * 4), seeds)
+    check(jax.vmap(geodesic, in_axes=(0, None))(free, seeds[0]), free, jnp.stack([seeds[0]] * 4))
+    nested = jax.vmap(jax.vmap(geodesic))(free.reshape(2, 2, *maze.shape), seeds.reshape(2, 2, 3))
+    check(jax.tree.map(lambda x: x.reshape(4, *maze.shape), nested), free, seeds)
