@@ -11,7 +11,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_CORNERS = tuple((i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1))
+CORNERS = tuple((i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1))
 
 
 def corner_weights(fraction: Float[Array, " 3"]) -> Float[Array, "2 2 2"]:
@@ -35,7 +35,7 @@ def trilinear(
     position = jnp.clip(position, 0, (shape - 1).astype(position.dtype))
     base = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, jnp.maximum(shape - 2, 0))
     share = corner_weights(position - base).reshape(8)
-    corner = jnp.minimum(base + jnp.asarray(_CORNERS), shape - 1)
+    corner = jnp.minimum(base + jnp.asarray(CORNERS), shape - 1)
     index = (corner[:, 0], corner[:, 1], corner[:, 2])
     if weights is None:
         return jnp.sum(share * values[index])

@@ -20,10 +20,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
 
 from maxjax.fields import gradient as slope
 from maxjax.planning.sight import clear
@@ -31,8 +30,8 @@ from maxjax.planning.sight import clear
 # Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
 _PATIENCE = 12
 _ADAM_BETA2 = 0.999
-# Steps of one scan.
-_STRIDE = 16
+# Steps of one scan, and of one turn of its loop.
+_STRIDE, _UNROLLED = 16, 4
 # Which components of a step survive: all, then two, then one.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
@@ -91,21 +90,19 @@ def ascend(
     """
     log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
     shape = jnp.asarray(phi.shape)
-    masks, neighbours = jnp.asarray(_MASKS, phi.dtype), jnp.asarray(_NEIGHBOURS)
-
-    def seen(a: Float[Array, " 3"], b: Float[Array, "k 3"]) -> Bool[Array, " k"]:
-        return jnp.asarray(jax.vmap(lambda end: clear(bits, a, end, slabs=3))(b))
+    masks, neighbours = jnp.asarray((*_MASKS, (0, 0, 0)), phi.dtype), jnp.asarray(_NEIGHBOURS)
 
     def voxel(x: Float[Array, "*b 3"]) -> Int32[Array, "*b 3"]:
         return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, shape - 1)
 
-    def height(v: Int32[Array, "*b 3"]) -> Float[Array, "*b"]:
-        return phi[v[..., 0], v[..., 1], v[..., 2]]
+    def at(volume: Shaped[Array, "nx ny nz"], v: Int32[Array, "*b 3"]) -> Shaped[Array, "*b"]:
+        _, ny, nz = volume.shape
+        return volume.reshape(-1)[(v[..., 0] * ny + v[..., 1]) * nz + v[..., 2]]
 
     def step(state: State, k: Int32[Array, ""]) -> tuple[State, Float[Array, " 3"]]:
         x, m, v, lingered, done = state
         here = voxel(x)
-        centre = here.astype(x.dtype)
+        centre, height = here.astype(x.dtype), at(phi, here)
         g = slope.gradient_at(log_phi, free, x)
         if settings.rule == "momentum":
             size = jnp.linalg.norm(g)
@@ -117,30 +114,30 @@ def ascend(
             unbiased = m / (1 - settings.momentum ** (k + 1))
             move = settings.rate * unbiased / (jnp.sqrt(v / (1 - _ADAM_BETA2 ** (k + 1))) + 1e-12)
 
-        moves = masks * move
-        ends = x + moves
-        rises = height(voxel(ends)) > height(here)
+        # The steps that are left of it beside a wall, and last the one to the goal.
+        ends = jnp.where((jnp.arange(len(masks)) < len(_MASKS))[:, None], x + masks * move, goal)
+        seen = clear(bits, x, ends, slabs=3)
+        rises = at(phi, voxel(ends)) > height
         same = jnp.all(voxel(ends) == here, axis=1)
-        gain = jnp.where(seen(x, ends) & (rises | same), jnp.sum(moves * g, axis=1), -jnp.inf)
-        best = jnp.argmax(gain)
-        smooth_step = (gain[best] > 0) & (lingered < _PATIENCE)
+        gain = jnp.where(seen & (rises | same), jnp.sum(masks * move * g, axis=1), -jnp.inf)
+        most, end, mask = _highest(gain, ends, masks)
+        smooth_step = (most > 0) & (lingered < _PATIENCE)
 
         # The discrete step: to the centre first (the voxel is convex), from there to the highest neighbour.
         around = here + neighbours
         inside = jnp.all((around >= 0) & (around < shape), axis=1)
         around = jnp.clip(around, 0, shape - 1)
-        passable = inside & free[around[:, 0], around[:, 1], around[:, 2]]
-        values = jnp.where(passable, height(around), -jnp.inf)
-        highest = jnp.argmax(values)
-        up = jnp.where(values[highest] > height(here), around[highest].astype(x.dtype), centre)
+        values = jnp.where(inside & at(free, around), at(phi, around), -jnp.inf)
+        top, neighbour = _highest(values, around.astype(x.dtype))
+        up = jnp.where(top > height, neighbour, centre)
         discrete = jnp.where(jnp.all(x == centre), up, centre)
 
-        arrives = (k < settings.steps) & (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen(x, goal[None])[0]
-        ahead = jnp.where(smooth_step, ends[best], discrete)
+        arrives = (k < settings.steps) & (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen[-1]
+        ahead = jnp.where(smooth_step, end, discrete)
         ahead = jnp.where(arrives, goal, ahead)
         ahead = jnp.where(done | (k >= settings.steps), x, ahead)
         # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
-        m = jnp.where(smooth_step, m * masks[best], 0)
+        m = jnp.where(smooth_step, m * mask, 0)
         entered = jnp.any(voxel(ahead) != here)
         lingered = jnp.where(entered, 0, lingered + 1)
         return (ahead, m, v, lingered, done | arrives), ahead
@@ -150,7 +147,7 @@ def ascend(
 
     def stretch(carry: tuple[State, Int32[Array, ""], Float[Array, "t 3"]]) -> tuple[State, Array, Array]:
         state, taken, path = carry
-        state, points = lax.scan(step, state, taken + jnp.arange(stride, dtype=jnp.int32))
+        state, points = lax.scan(step, state, taken + jnp.arange(stride, dtype=jnp.int32), unroll=_UNROLLED)
         return state, taken + stride, lax.dynamic_update_slice(path, points, (taken + 1, 0))
 
     strides = -(-settings.steps // stride)
@@ -161,3 +158,15 @@ def ascend(
         lambda carry: ~carry[0][4] & (carry[1] < settings.steps), stretch, (state, jnp.int32(0), path)
     )
     return path[: settings.steps + 1], done
+
+
+def _highest(score: Float[Array, " k"], *rows: Float[Array, "k 3"]) -> tuple[Array, ...]:
+    """The highest score, the first one of equals, and its row of each array.
+
+    Written out, like all that a step does with a few numbers: reductions and look-ups would be kernels of their own.
+    """
+    best = (score[0], *(row[0] for row in rows))
+    for k in range(1, score.shape[0]):
+        better = score[k] > best[0]
+        best = tuple(jnp.where(better, new[k], old) for new, old in zip((score, *rows), best, strict=True))
+    return best

@@ -12,7 +12,8 @@ Positions are index coordinates (whole numbers at voxel centres). Voxels outside
 
 from __future__ import annotations
 
-import jax
+from typing import Any
+
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, UInt16
@@ -64,26 +65,36 @@ def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Bool
 
 
 def clear(
-    bits: UInt16[Array, "nx ny nz"], a: Float[Array, " 3"], b: Float[Array, " 3"], slabs: int | None = None
-) -> Bool[Array, ""]:
-    """Whether the closed segment a-b touches free voxels only.
+    bits: UInt16[Array, "nx ny nz"],
+    a: Float[Array, "*#k 3"],
+    b: Float[Array, "*#k 3"],
+    slabs: int | None = None,
+) -> Bool[Array, "*k"]:
+    """Whether the closed segments a-b touch free voxels only.
 
     Args:
         bits: from `blocks`.
         a, b: ends in index coordinates.
         slabs: voxels to cut at most along the longest axis; a longer segment is reported as not clear. Static.
     """
-    shape = jnp.asarray(bits.shape)
+    _, ny, nz = bits.shape
     slabs = max(bits.shape) + 1 if slabs is None else slabs
-    delta = b - a
-    axis = jnp.argmax(jnp.abs(delta))
-    order = jnp.stack([axis, jnp.where(axis == 0, 1, 0), jnp.where(axis == 2, 1, 2)])
-    strides = jnp.asarray([bits.shape[1] * bits.shape[2], bits.shape[2], 1])[order]
+    dx, dy, dz = _components(jnp.abs(b - a))
+    in_x = (dx >= dy) & (dx >= dz)
+    in_y = ~in_x & (dy >= dz)
+
+    def ordered(x: Any, y: Any, z: Any) -> tuple[Array, Array, Array]:
+        """What belongs to the longest axis, then to the two others in the order of `blocks`."""
+        return jnp.where(in_x, x, jnp.where(in_y, y, z)), jnp.where(in_x, y, x), jnp.where(in_x | in_y, z, y)
+
     # From here on: coordinate 0 along the longest axis, pointing upwards.
-    flip = delta[axis] < 0
-    low, high = jnp.where(flip, b, a)[order], jnp.where(flip, a, b)[order]
+    start, end = ordered(*_components(a)), ordered(*_components(b))
+    flip = end[0] < start[0]
+    low = [jnp.where(flip, v, u)[..., None] for u, v in zip(start, end, strict=True)]
+    high = [jnp.where(flip, u, v)[..., None] for u, v in zip(start, end, strict=True)]
+    strides, limits = ([n[..., None] for n in ordered(*each)] for each in ((ny * nz, nz, 1), bits.shape))
     length = high[0] - low[0]
-    slope = (high - low) / jnp.where(length > 0, length, 1.0)
+    run = jnp.where(length > 0, length, 1.0)
 
     first = jnp.floor(low[0] + 0.5 - TOUCH).astype(jnp.int32)
     last = jnp.floor(high[0] + 0.5 + TOUCH).astype(jnp.int32)
@@ -93,16 +104,21 @@ def clear(
     enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
     leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
 
-    flat, variant = slab * strides[0], 4 * axis
-    inside = (first >= 0) & (last < shape[order[0]])
+    flat, variant = slab * strides[0], 4 * jnp.where(in_x, 0, jnp.where(in_y, 1, 2))[..., None]
+    inside = (first >= 0) & (last < limits[0])
     for k, weight in ((1, 2), (2, 1)):
-        u, v = low[k] + slope[k] * enter, low[k] + slope[k] * leave
+        slope = (high[k] - low[k]) / run
+        u, v = low[k] + slope * enter, low[k] + slope * leave
         floor = jnp.floor(jnp.minimum(u, v) + 0.5 - TOUCH).astype(jnp.int32)
         ceil = jnp.floor(jnp.maximum(u, v) + 0.5 + TOUCH).astype(jnp.int32)
-        inside &= jnp.all((slab > last) | ((floor >= 0) & (ceil < shape[order[k]])))
+        inside &= (slab > last) | ((floor >= 0) & (ceil < limits[k]))
         flat, variant = flat + floor * strides[k], variant + weight * (ceil - floor)
     hit = (bits.reshape(-1)[jnp.clip(flat, 0, bits.size - 1)] >> variant.astype(jnp.uint16)) & 1
-    return inside & (last - first < slabs) & ~jnp.any((slab <= last) & (hit > 0))
+    return jnp.all(inside & (last - first < slabs) & ((slab > last) | (hit == 0)), axis=-1)
+
+
+def _components(points: Float[Array, "*k 3"]) -> tuple[Float[Array, "*k"], Float[Array, "*k"], Float[Array, "*k"]]:
+    return points[..., 0], points[..., 1], points[..., 2]
 
 
 def visibility(
@@ -111,5 +127,4 @@ def visibility(
     """Pairwise `clear` between points, upper triangle; the rest is False."""
     n = points.shape[0]
     rows, columns = jnp.triu_indices(n, k=1)
-    seen = jax.vmap(lambda i, j: clear(bits, points[i], points[j], slabs))(rows, columns)
-    return jnp.zeros((n, n), bool).at[rows, columns].set(seen)
+    return jnp.zeros((n, n), bool).at[rows, columns].set(clear(bits, points[rows], points[columns], slabs))

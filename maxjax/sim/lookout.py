@@ -62,7 +62,7 @@ def step_to(
 
     sight = blocks(occupied)
     in_field = _in_field(hidden - ends[:, None], lidar)
-    shows = reachable & in_field[:, 0] & jax.vmap(lambda end: clear(sight, end, first, slabs=2 * _REACH + 2))(ends)
+    shows = reachable & in_field[:, 0] & clear(sight, ends, first, slabs=2 * _REACH + 2)
     way = jnp.linalg.norm(ends - here, axis=1) + jnp.linalg.norm(ends - first, axis=1)
     looks = way - jnp.sum(in_field, axis=1) + restless * jax.random.uniform(key, (len(ends),))
     left = jnp.linalg.norm(ends - ahead, axis=1)
@@ -89,7 +89,7 @@ def _reachable(
     room = seen & (~blocked | ~stands_free(blocked, here)) | cell(seen.shape, jnp.floor(here + 0.5).astype(jnp.int32))
     bits = blocks(~room)
     i, j, k = jnp.clip(jnp.floor(ends + 0.5).astype(jnp.int32), 0, jnp.asarray(seen.shape) - 1).T
-    return jax.vmap(lambda end: clear(bits, here, end, slabs=_REACH + 2))(ends) & ~blocked[i, j, k]
+    return clear(bits, here, ends, slabs=_REACH + 2) & ~blocked[i, j, k]
 
 
 def _in_field(sight: Float[Array, "*n 3"], lidar: Lidar) -> Bool[Array, "*n"]:

@@ -112,7 +112,7 @@ def _seek(
     bits = computed_once(blocks(problem.blocked))
     # What is verified is the path as it will be flown, after its way through world coordinates.
     on_grid = grid.fractional_index(to_local(flight, config, path))
-    passed = jnp.all(jax.vmap(lambda a, b: clear(bits, a, b))(on_grid[:-1], on_grid[1:]))
+    passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))
     status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
     return path, status, certified, problem
 
