@@ -11,9 +11,10 @@ rows of p sum to one. It is a random walk that drifts to the goal (Doob's transf
 residual that it meets on its way. Where the linear problem is about values that e-fold every voxel or two, this one is
 about transport: its solution is smooth, and every quantity in it is of order one.
 
-Cycle. Positive sweeps φ_i ← Σ_j w_ij φ_j / d_i smooth; then the walk is lumped: blocks of 2 × 2 × 2 voxels become the
-states of a smaller walk, again with six neighbours, and so on; each level relaxes, hands its residual down and takes
-the correction back, constant on a block. Two choices make this converge in a few cycles whatever the walls:
+Cycle. The walk is lumped: blocks of 2 × 2 × 2 voxels become the states of a smaller walk, again with six neighbours,
+and so on; each level relaxes, hands its residual down and takes the correction back, constant on a block. Then sweeps
+φ_i ← φ_i + ω (Σ_j w_ij φ_j / d_i − φ_i) smooth, each with a weight ω of its own. Two choices make this converge in a
+few cycles whatever the walls:
 
 - Rows are averaged evenly in a block of free space, where the walk passes through, which keeps its drift; at walls and
   beside the goal weighted by φ, since there it lingers at the exit (an even average would hide a narrow exit from it).
@@ -44,9 +45,10 @@ from maxjax.fields.stencil import Faces, Links, Operator, Volume, ahead, behind,
 Mask = Bool[Array, "nx ny nz"]
 Blocks = Float[Array, "mx my mz"]  # one number a block
 
-# Positive sweeps before and after a correction, and relaxations on the way down and up: on the first lumped level, and
-# on the deeper ones, which cost little.
-_BEFORE, _AFTER = 2, 4
+# Weights of the sweeps after a correction, to damp what a block cannot see: (1 − 0.6 λ)² (1 − λ)² |1 − 1.7 λ| stays
+# below 0.07 for 0.4 ≤ λ ≤ 1.9. Plain sweeps do not damp what alternates from voxel to voxel, λ = 2.
+_SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
+# Relaxations on the way down and up: on the first lumped level, and on the deeper ones, which cost little.
 _RELAX, _RELAX_DEEP = 4, 10
 # Levels are added until the longest axis has this many states: a few relaxations cross it.
 _COARSEST = 16
@@ -120,18 +122,20 @@ def solve(
         faces, diagonal, goal, levels = system
         phi, cycles, _, best, stalled = state
 
-        def sweep(phi: Volume) -> Volume:
-            return jnp.where(goal, phi * diagonal, inflow(faces, phi)) / diagonal
+        def sweep(phi: Volume, weight: float) -> Volume:
+            here = phi * diagonal
+            # Weights above one may overshoot: what remains of φ stays positive.
+            swept = jnp.maximum(weight * inflow(faces, phi) + (1 - weight) * here, here / 8)
+            return jnp.where(goal, here, swept) / diagonal
 
-        phi = _repeat(sweep, phi, _BEFORE)
         if levels:
             phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
-        phi = _repeat(sweep, phi, _AFTER - 1)
-        after = sweep(phi)
+        for weight in _SWEEPS[:-1]:
+            phi = lax.optimization_barrier(sweep(phi, weight))
+        after = sweep(phi, 1.0)
         change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
         stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
-        # The mean of two sweeps: one alone does not damp what alternates from voxel to voxel.
-        return (phi + after) / 2, cycles + 1, change, jnp.minimum(change, best), stalled
+        return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 
     def going(system: System, state: State) -> Bool[Array, ""]:
         _, cycles, change, _, stalled = state
