@@ -246,13 +246,15 @@ def _clearance(
     inside is nearer, it is the nearest of all; if not, the whole map is searched.
     """
     squared = np.full(len(which), math.inf)
+    searched = 0
     for reach in (_REACH, max(occupied.shape[1:])):
-        here = (squared > reach**2)[path_of]
+        here = (squared > searched**2)[path_of]
         paths, place = np.unique(path_of[here], return_inverse=True)
         if not paths.size:
             break
         corner, windows = _windows(a[here], b[here], place, which[paths], occupied, reach)
         squared[paths] = _nearest(a[here], b[here], place, windows, corner)
+        searched = reach
     least: Float64[np.ndarray, " p"] = np.sqrt(squared)
     return least
 

@@ -95,10 +95,10 @@ def test_first_hit_is_the_first_blocked_cube_along_the_path(seed: int, length: i
         assert blocked[result.first_hit]
 
 
-def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray) -> float:
-    """Distance from a segment to a closed cube: bounded least squares over t and the nearest point."""
+def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.ndarray | int = 1) -> float:
+    """Distance from a segment to a closed box of voxels: bounded least squares over t and the nearest point."""
     matrix = np.column_stack([b - a, -np.eye(3)])
-    bounds = (np.array([0.0, *voxel]), np.array([1.0, *(voxel + 1)]))
+    bounds = (np.array([0.0, *voxel]), np.array([1.0, *(voxel + size)]))
     return math.sqrt(2 * lsq_linear(matrix, -a, bounds, method="bvls", tol=1e-14).cost)
 
 
@@ -127,6 +127,36 @@ def test_clearance_is_the_least_distance(
     result = verify(world(path, grid), np.zeros(grid.shape, bool), occupied, grid)
     assert result.clearance == pytest.approx(spacing * expected, rel=1e-6, abs=1e-6 * spacing)
     assert result.length == pytest.approx(spacing * sum(np.linalg.norm(b - a) for a, b in segments))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), largest=st.sampled_from([1, 6, 40]))
+def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, largest: int) -> None:
+    """Whole buildings, next to one path and far from another; maps may share their memory."""
+    rng = np.random.default_rng(seed)
+    grid = Grid((45, 31, 58), 2.0, (-10.0, 0.0, 5.0))
+    paths = [rng.random((length, 3)) * rng.choice([(4, 4, 4), grid.shape]) for length in rng.integers(1, 6, 4)]
+    corners = rng.integers(0, grid.shape, (2, 3, 3))
+    sizes = np.minimum(rng.integers(1, largest + 1, (2, 3, 3)), grid.shape - corners)
+    occupied = np.zeros((2, *grid.shape), bool)
+    for k, box in itertools.product(range(2), range(3)):
+        occupied[(k, *map(slice, corners[k, box], corners[k, box] + sizes[k, box]))] = True
+    free, which = np.broadcast_to(False, occupied.shape), np.array([1, 0, 1, 1])
+    verdicts = verify_batch([world(path, grid) for path in paths], which, free, occupied, grid)
+    for path, k, verdict in zip(paths, which, verdicts, strict=True):
+        ends = list(itertools.pairwise(path)) or [(path[0], path[0])]
+        boxes = list(zip(corners[k], sizes[k], strict=True))
+        expected = min(bounded_distance(a, b, *box) for (a, b), box in itertools.product(ends, boxes))
+        assert verdict.clearance == pytest.approx(2 * expected, rel=1e-6, abs=1e-6)
+
+
+def test_a_far_voxel_that_is_found_first_hides_no_nearer_one() -> None:
+    """Next to the box around a diagonal path lies one 14 voxels away; above that box, one 12 voxels away."""
+    grid = Grid((45, 45, 45), 1.0, (0.5, 0.5, 0.5))
+    occupied = np.zeros(grid.shape, bool)
+    occupied[30, 9, 10] = occupied[20, 20, 22] = True
+    path = np.array([[10.0, 10.0, 10.0], [30.0, 30.0, 10.0]])
+    assert verify(path, occupied, occupied, grid).clearance == 12
 
 
 def test_city_at_full_size_agrees_with_dense_sampling() -> None:
