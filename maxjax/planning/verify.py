@@ -21,17 +21,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
+from numpy.lib.stride_tricks import as_strided
 
 from maxjax.core.grid import Grid, Index3
 
-_REACH = 8  # voxels around a path that are searched first
-_PIECE = 4.0  # longest piece [voxels] that one bounding box stands for in the search for the nearest voxel
-_TOP = 512  # boxes of a window's top level, at most
-_CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
-_NEIGHBORS = np.stack(np.meshgrid(*[range(3)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
+_PIECE = 4.0  # longest piece of a segment [voxels]: its bounding box tells what is near it
+_REACHES = (2.0, 4.0, 8.0)  # how far around a path its nearest voxel is looked for [voxels], before it is anywhere
+_BLOCK = 4  # edge of the blocks in which a whole map is searched: the bytes of one 32-bit number
+_CELLS = np.stack(np.unravel_index(np.arange(_BLOCK**3), (_BLOCK,) * 3), axis=-1)
+_SLACK = 1e-6  # more than rounding adds to a squared distance [voxels²]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,39 +103,45 @@ def verify_batch(
         raise ValueError(f"which: expected the map, 0 to {len(blocked) - 1}, of {len(paths)} paths, given {which}")
 
     tolerance = _tolerance(grid)
-    verdicts: list[Verification] = []
-    parts, owner = [], []  # segments of the paths that are inside
-    for k, path in enumerate(paths):
-        if not np.isfinite(path).all():
-            verdicts.append(Verification(False, False, False, None, math.nan, math.nan))
-            continue
-        points = _index_coordinates(path, grid)
-        with np.errstate(over="ignore"):  # coordinates near the largest float64: an infinite length says so
-            length = float(np.linalg.norm(np.diff(path.astype(np.float64), axis=0), axis=1).sum())
-        inside = bool(((points >= -tolerance) & (points <= np.array(grid.shape) + tolerance)).all())
-        verdicts.append(Verification(inside, inside, True, None, length, math.nan))
-        if inside:
-            moves = (points[1:] != points[:-1]).any(axis=1)
-            pair = (points[:-1][moves], points[1:][moves]) if moves.any() else (points[:1], points[:1])
-            parts.append(pair)
-            owner.append(np.full(len(pair[0]), k))
-    if not parts:
-        return verdicts
-    a, b = (np.concatenate(ends) for ends in zip(*parts, strict=True))
-    path_of = np.concatenate(owner)
-    voxels, segment, entry = _supercover(a, b, grid)
-    hits = np.flatnonzero(blocked[(which[path_of[segment]], *voxels.T)])
-    hits = hits[np.lexsort((entry[hits], segment[hits]))]
-    struck, first = np.unique(path_of[segment[hits]], return_index=True)
-    first_hit = {int(k): voxels[hits[row]] for k, row in zip(struck, first, strict=True)}
-    clearance = grid.spacing * _clearance(a, b, path_of, which, occupied)
-    for k in np.unique(path_of).tolist():
-        hit: Index3 | None = None
-        if k in first_hit:
-            x, y, z = first_hit[k]
-            hit = (int(x), int(y), int(z))
-        verdicts[k] = dataclasses.replace(verdicts[k], ok=hit is None, first_hit=hit, clearance=float(clearance[k]))
-    return verdicts
+    if len(paths) == 0:
+        return []
+
+    # All points of all paths in a row, each with the one that follows it; the last of a path is followed by itself.
+    world = np.concatenate(paths, dtype=np.float64)
+    sizes = np.array([len(path) for path in paths])
+    end = np.cumsum(sizes)
+    first = end - sizes
+    path_of = np.repeat(np.arange(len(paths)), sizes)
+    after = np.arange(1, len(world) + 1)
+    after[end - 1] = end - 1
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates and lengths are verdicts, not errors
+        points = _index_coordinates(world, grid)
+        d = points[after] - points
+        lengths = _norm(world[after] - world)
+    finite = np.logical_and.reduceat(np.isfinite(world).all(axis=1), first)
+    within = ((points >= -tolerance) & (points <= np.array(grid.shape) + tolerance)).all(axis=1)
+    inside = np.logical_and.reduceat(within, first)
+    moves = d.any(axis=1)
+    moves[first] |= ~np.logical_or.reduceat(moves, first)  # a path that stays where it is has one segment
+    moves &= inside[path_of]
+
+    a, d, path_of = points[moves], d[moves], path_of[moves]
+    pieces = _pieces(a, d, path_of, which[path_of])
+    segment, voxels = _contacts(a, d, pieces, blocked, tolerance)
+    backwards = zip(path_of[segment[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
+    first_hit: dict[int, Index3] = {k: (x, y, z) for k, (x, y, z) in backwards}
+    clearance = grid.spacing * _clearance(pieces, occupied, len(paths))
+    return [
+        Verification(
+            ok=bool(inside[k]) and k not in first_hit,
+            inside=bool(inside[k]),
+            finite=bool(finite[k]),
+            first_hit=first_hit.get(k),
+            length=float(lengths[first[k] : end[k] - 1].sum()) if finite[k] else math.nan,
+            clearance=float(clearance[k]) if inside[k] else math.nan,
+        )
+        for k in range(len(paths))
+    ]
 
 
 def _check(paths: Sequence[np.ndarray], blocked: np.ndarray, occupied: np.ndarray, grid: Grid, axes: int) -> None:
@@ -159,8 +167,18 @@ def touched_voxels(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], grid: G
     for name, point in (("a", a), ("b", b)):
         if point.shape != (3,) or not np.isfinite(point).all():
             raise ValueError(f"{name}: expected three finite coordinates [m], given {point}")
-    voxels, _, entry = _supercover(_index_coordinates(a[None], grid), _index_coordinates(b[None], grid), grid)
-    return voxels[np.argsort(entry, kind="stable")]
+    start, stop = _index_coordinates(np.stack([a, b]), grid)[:, None]
+    lower, upper = np.full((1, 3), -1.0), np.array([grid.shape]) + 1.0
+    times = _slab_times(start, stop - start, lower, upper)
+    if times[0] > times[1]:
+        return np.zeros((0, 3), np.int64)
+    # What is far outside would be a great many pieces.
+    start, stop = np.clip(start + np.array(times) * (stop - start), lower, upper)[:, None]
+    d, only = stop - start, np.zeros(1, np.int64)
+    everything = np.broadcast_to(True, (1, *grid.shape))
+    _, voxels = _contacts(start, d, _pieces(start, d, only, only), everything, _tolerance(grid))
+    again = (voxels[1:] == voxels[:-1]).all(axis=1)  # found around the next piece, too
+    return np.concatenate([voxels[:1], voxels[1:][~again]])
 
 
 def _index_coordinates(points: Float[np.ndarray, "t 3"], grid: Grid) -> Float64[np.ndarray, "t 3"]:
@@ -181,40 +199,92 @@ def _tolerance(grid: Grid) -> float:
     return tolerance
 
 
-def _supercover(
-    a: Float64[np.ndarray, "s 3"], b: Float64[np.ndarray, "s 3"], grid: Grid
-) -> tuple[Int64[np.ndarray, "k 3"], Int64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
-    """Voxels of the grid that the segments (index coordinates) touch, with segment and t of entry."""
-    tolerance, shape = _tolerance(grid), np.array(grid.shape)
-    d = b - a
-    # Along its longest axis a segment crosses layers of voxels. While it is in one layer it moves by at most
-    # one voxel (and the tolerances) along each other axis, so that it touches at most three voxels there.
-    axis = np.argmax(np.abs(d), axis=1)
-    along = np.take_along_axis(np.stack([a, b]), axis[None, :, None], axis=2)[..., 0]
-    first = np.clip(np.ceil(along.min(axis=0) - tolerance) - 1, 0, shape[axis]).astype(np.int64)
-    last = np.clip(np.floor(along.max(axis=0) + tolerance), -1, shape[axis] - 1).astype(np.int64)
-    count = np.maximum(last - first + 1, 0)
+def _norm(d: Float64[np.ndarray, "k 3"]) -> Float64[np.ndarray, " k"]:
+    """Lengths of vectors."""
+    length: Float64[np.ndarray, " k"] = np.sqrt(np.add.reduce(d * d, axis=1))
+    return length
+
+
+class _Pieces(NamedTuple):
+    """Segments in pieces start + t step, t ∈ [0, 1], that fill much of their boxes from `lower` to `upper`."""
+
+    path: Int64[np.ndarray, " k"]
+    map: Int64[np.ndarray, " k"]
+    segment: Int64[np.ndarray, " k"]
+    start: Float64[np.ndarray, "k 3"]
+    step: Float64[np.ndarray, "k 3"]
+    lower: Float64[np.ndarray, "k 3"]
+    upper: Float64[np.ndarray, "k 3"]
+
+    def of(self, some: Bool[np.ndarray, " k"]) -> _Pieces:
+        """Some of the pieces."""
+        return _Pieces(*(field[some] for field in self))
+
+
+def _pieces(
+    a: Float64[np.ndarray, "s 3"],
+    d: Float64[np.ndarray, "s 3"],
+    path_of: Int64[np.ndarray, " s"],
+    map_of: Integer[np.ndarray, " s"],
+) -> _Pieces:
+    """Pieces of the segments a + t d (index coordinates)."""
+    count = np.maximum(np.ceil(_norm(d) / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
-    layer = first[segment] + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    axis, a, d = axis[segment], a[segment], d[segment]
+    k = np.arange(len(segment)) - (np.cumsum(count) - count)[segment]
+    step = (d / count[:, None])[segment]
+    start = a[segment] + k[:, None] * step
+    stop = start + step
+    lower, upper = np.minimum(start, stop), np.maximum(start, stop)
+    return _Pieces(path_of[segment], map_of[segment], segment, start, step, lower, upper)
 
-    # t at both faces of the layer, then the lowest voxel along each axis that is touched between them.
-    speed = np.take_along_axis(d, axis[:, None], axis=1)
-    still = speed == 0
-    faces = layer[:, None] + np.array([-tolerance, 1 + tolerance]) - np.take_along_axis(a, axis[:, None], axis=1)
-    t = np.clip(np.where(still, [0.0, 1.0], faces / np.where(still, 1.0, speed)), 0.0, 1.0)
-    lowest = np.ceil((a[:, None] + t[..., None] * d[:, None]).min(axis=1) - tolerance - 1)
-    lowest = np.clip(lowest, -3, shape).astype(np.int64)  # beyond, all three lie outside the grid
-    lowest[np.arange(len(lowest)), axis] = layer - 1  # the middle one of three is the layer itself
 
-    voxels = lowest[:, None] + _NEIGHBORS
-    keep = np.take_along_axis(voxels, axis[:, None, None], axis=2)[..., 0] == layer[:, None]
-    keep &= ((voxels >= 0) & (voxels < shape)).all(axis=2)
-    row, column = np.nonzero(keep)
-    voxels, segment, a, d = voxels[row, column], segment[row], a[row], d[row]
-    entry, leave = _slab_times(a, d, voxels - tolerance, voxels + (1 + tolerance))
-    touched = entry <= leave
-    return voxels[touched], segment[touched], entry[touched]
+def _around(
+    pieces: _Pieces, volume: Bool[np.ndarray, "m nx ny nz"], reach: float
+) -> tuple[Int64[np.ndarray, " c"], Int64[np.ndarray, "c 3"], Float64[np.ndarray, " c"]]:
+    """Every pair of a piece and a voxel, True in its map, whose boxes are at most `reach` apart, with the gap squared.
+
+    All pieces look through windows of one size, pushed back into the map where they would leave it.
+    """
+    shape = np.array(volume.shape[1:])
+    low = np.maximum(np.floor(pieces.lower - reach), 0).astype(np.int64)
+    high = np.ceil(pieces.upper + reach).astype(np.int64)
+    size = np.minimum(np.maximum.reduce(high - low, initial=1), shape)
+    corner = np.minimum(low, shape - size)
+    (x, y, z), places = size.tolist(), (shape - size + 1).tolist()
+    strides = volume.strides + volume.strides[1:]
+    windows = as_strided(volume, (len(volume), *places, x, y, z), strides, writeable=False)
+    seen = np.flatnonzero(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
+
+    # The squared gap is a sum over the axes, of few different numbers: the windows have few columns and layers.
+    cells = corner[..., None] + np.arange(max(x, y, z))
+    gaps = _squared_gaps(cells, 1, pieces.lower[..., None], pieces.upper[..., None])
+    columns = (gaps[:, 0, :x, None] + gaps[:, 1, None, :y]).reshape(-1)
+    column = seen // z
+    gap = columns[column] + gaps[column // (x * y), 2, seen - z * column]
+    near = np.flatnonzero(gap <= reach**2)
+    piece, *at = np.unravel_index(seen[near], (len(corner), x, y, z))
+    return piece, corner[piece] + np.array(at).T, gap[near]
+
+
+def _contacts(
+    a: Float64[np.ndarray, "s 3"],
+    d: Float64[np.ndarray, "s 3"],
+    pieces: _Pieces,
+    blocked: Bool[np.ndarray, "m nx ny nz"],
+    tolerance: float,
+) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, "k 3"]]:
+    """Segments and the blocked voxels that they touch, by segment and time of entry; some voxels more than once.
+
+    Of voxels entered at once, the first is the lowest along the segment's longest axis, then along x, y and z.
+    """
+    piece, voxels, _ = _around(pieces, blocked, 2 * tolerance)
+    segment = pieces.segment[piece]
+    entry, leave = _slab_times(a[segment], d[segment], voxels - tolerance, voxels + (1 + tolerance))
+    touched = np.flatnonzero(entry <= leave)
+    segment, voxels, entry = segment[touched], voxels[touched], entry[touched]
+    layer = voxels[np.arange(len(voxels)), np.abs(d[segment]).argmax(axis=1)]
+    order = np.lexsort((*voxels.T[::-1], layer, entry, segment))
+    return segment[order], voxels[order]
 
 
 def _slab_times(
@@ -226,163 +296,90 @@ def _slab_times(
     """Interval of t in [0, 1] for which a + t d lies in the closed box; entry > leave if there is none."""
     still = d == 0
     speed = np.where(still, 1.0, d)
-    t = np.stack([(lower - a) / speed, (upper - a) / speed])
+    s, t = (lower - a) / speed, (upper - a) / speed
     within = (lower <= a) & (a <= upper)
-    entry = np.where(still, np.where(within, 0.0, np.inf), t.min(axis=0)).max(axis=1)
-    leave = np.where(still, 1.0, t.max(axis=0)).min(axis=1)
-    return np.maximum(entry, 0.0), np.minimum(leave, 1.0)
+    entry = np.where(still, np.where(within, 0.0, np.inf), np.minimum(s, t))
+    leave = np.where(still, 1.0, np.maximum(s, t))
+    return np.maximum(np.maximum.reduce(entry, axis=1), 0.0), np.minimum(np.minimum.reduce(leave, axis=1), 1.0)
 
 
 def _clearance(
-    a: Float64[np.ndarray, "s 3"],
-    b: Float64[np.ndarray, "s 3"],
-    path_of: Int64[np.ndarray, " s"],
-    which: Integer[np.ndarray, " p"],
-    occupied: Bool[np.ndarray, "m nx ny nz"],
-) -> Float64[np.ndarray, " p"]:
-    """Least distance [voxels] from each path's segments to the cube of an occupied voxel; infinite without any.
+    pieces: _Pieces, occupied: Bool[np.ndarray, "m nx ny nz"], paths: int
+) -> Float64[np.ndarray, " {paths}"]:
+    """Least distance [voxels] from each path's pieces to the cube of an occupied voxel; infinite without any.
 
-    A window around the path is searched first. What lies outside it is at least `_REACH` away: if the nearest voxel
-    inside is nearer, it is the nearest of all; if not, the whole map is searched.
+    What a search leaves out is farther than its `reach`: where it found a nearer voxel, that is the nearest of all.
     """
-    squared = np.full(len(which), math.inf)
-    searched = 0
-    for reach in (_REACH, max(occupied.shape[1:])):
-        here = (squared > searched**2)[path_of]
-        paths, place = np.unique(path_of[here], return_inverse=True)
-        if not paths.size:
+    squared = np.full(paths, math.inf)
+    for reach in _REACHES:
+        _approach(squared, pieces, *_around(pieces, occupied, reach))
+        pieces = pieces.of(squared[pieces.path] > reach**2)
+        if not pieces.path.size:
             break
-        corner, windows = _windows(a[here], b[here], place, which[paths], occupied, reach)
-        squared[paths] = _nearest(a[here], b[here], place, windows, corner)
-        searched = reach
-    least: Float64[np.ndarray, " p"] = np.sqrt(squared)
+    for path in np.unique(pieces.path).tolist():
+        own = pieces.of(pieces.path == path)
+        _search(squared, own, occupied[own.map[0]])
+    least: Float64[np.ndarray, " {paths}"] = np.sqrt(squared)
     return least
 
 
-def _windows(
-    a: Float64[np.ndarray, "s 3"],
-    b: Float64[np.ndarray, "s 3"],
-    path_of: Int64[np.ndarray, " s"],
-    which: Integer[np.ndarray, " p"],
-    occupied: Bool[np.ndarray, "m nx ny nz"],
-    reach: int,
-) -> tuple[Int64[np.ndarray, "p 3"], Bool[np.ndarray, "p wx wy wz"]]:
-    """What is occupied around each path, `reach` voxels and more in every direction, and where each window begins."""
-    low, high = np.full((2, len(which), 3), [[[math.inf]], [[-math.inf]]])
-    for end in (a, b):
-        np.minimum.at(low, path_of, end)
-        np.maximum.at(high, path_of, end)
-    shape = np.array(occupied.shape[1:])
-    corner = np.clip(np.floor(low) - reach, 0, shape).astype(np.int64)
-    size = np.minimum((np.ceil(high).astype(np.int64) + reach - corner).max(axis=0), shape)
-    corner = np.minimum(corner, shape - size)
-    boxes = [tuple(slice(k, k + n) for k, n in zip(start, size, strict=True)) for start in corner.tolist()]
-    return corner, np.stack([occupied[(m, *box)] for m, box in zip(which.tolist(), boxes, strict=True)])
+def _approach(
+    squared: Float64[np.ndarray, " p"],
+    pieces: _Pieces,
+    piece: Int64[np.ndarray, " c"],
+    voxels: Int64[np.ndarray, "c 3"],
+    gap: Float64[np.ndarray, " c"],
+) -> None:
+    """Lower each path's least squared distance [voxels²] to that of its nearest pair of a piece and a voxel.
 
-
-def _nearest(
-    a: Float64[np.ndarray, "s 3"],
-    b: Float64[np.ndarray, "s 3"],
-    path_of: Int64[np.ndarray, " s"],
-    occupied: Bool[np.ndarray, "p wx wy wz"],
-    corner: Int64[np.ndarray, "p 3"],
-) -> Float64[np.ndarray, " p"]:
-    """Least squared distance [voxels²] from each path's segments to an occupied voxel of its own window.
-
-    Branch and bound on a pyramid of boxes, each of 2×2×2 boxes of the level below. The gaps between every piece of
-    a path and every box of the top are known at once. A plain descent from the nearest one, to the nearest child,
-    finds an occupied voxel near every piece, hence an upper bound; then every box that might hold a nearer one is
-    opened.
+    The pair of least gap is measured for every piece; after that, whatever might be nearer still.
     """
-    pyramid = _pyramid(occupied)
-    top = len(pyramid) - 1
-    squared = np.full(len(occupied), math.inf)
-    inhabited = np.any(pyramid[top], axis=(1, 2, 3))[path_of]
-    a, b, path_of = a[inhabited], b[inhabited], path_of[inhabited]
-    count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / _PIECE), 1).astype(np.int64)
-    segment = np.repeat(np.arange(len(a)), count)
-    k = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    step = (b - a)[segment] / count[segment, None]
-    start = a[segment] + k[:, None] * step
-    lower, upper = np.minimum(start, start + step), np.maximum(start, start + step)
-    path = path_of[segment]
-    first = corner[path]
-
-    gap = _squared_gaps(first, 2**top, pyramid[top].shape[1:], lower, upper)
-    gap[~pyramid[top][path]] = math.inf
-    piece = np.arange(len(start))
-    nearest = gap.reshape(len(piece), math.prod(gap.shape[1:])).argmin(axis=1)
-    box = np.stack(np.unravel_index(nearest, gap.shape[1:]), axis=-1)
-    for level in reversed(range(top)):
-        children = 2 * box[:, None] + _CORNERS
-        nearby = _squared_gap(first[:, None] + 2**level * children, 2**level, lower[:, None], upper[:, None])
-        there = pyramid[level][(path[:, None], *np.moveaxis(children, -1, 0))]
-        box = children[piece, np.where(there, nearby, np.inf).argmin(axis=1)]
-    np.minimum.at(squared, path, _squared_distance(start, step, first + box))
-    bound = squared[path]
-
-    piece, *at = np.nonzero(gap < bound[:, None, None, None])
-    box = np.stack(at, axis=-1)
-    for level in reversed(range(top)):
-        children = (2 * box[:, None] + _CORNERS).reshape(-1, 3)
-        piece = np.repeat(piece, 8)
-        there = pyramid[level][(path[piece], *children.T)]
-        piece, box = piece[there], children[there]
-        nearer = _squared_gap(first[piece] + 2**level * box, 2**level, lower[piece], upper[piece]) < bound[piece]
-        piece, box = piece[nearer], box[nearer]
-    np.minimum.at(squared, path[piece], _squared_distance(start[piece], step[piece], first[piece] + box))
-    return squared
+    least = np.full(len(pieces.path), math.inf)
+    np.minimum.at(least, piece, gap)
+    best, path = gap == least[piece], pieces.path[piece]
+    for pairs in (best, ~best):
+        some = np.flatnonzero(pairs & (gap <= squared[path] + _SLACK))
+        if some.size:
+            ends = pieces.start[piece[some]], pieces.step[piece[some]]
+            np.minimum.at(squared, path[some], _squared_distance(*ends, voxels[some]))
 
 
-def _pyramid(occupied: Bool[np.ndarray, "p wx wy wz"]) -> list[Bool[np.ndarray, "p _ _ _"]]:
-    """Volumes that halve in size, each box True if one of its eight is; the last has few boxes a window."""
-    levels = 0
-    while math.prod(-(-n // 2**levels) for n in occupied.shape[1:]) > _TOP:
-        levels += 1
-    # Each level is padded to twice the size of the next, so that every box has eight children.
-    top = [[-(-n // 2**level) for n in occupied.shape[1:]] for level in range(levels + 1)]
-    pyramid, fine = [], occupied
-    for level in range(levels):
-        size = [2 * n for n in top[level + 1]]
-        fine = np.pad(fine, [(0, 0), *((0, n - m) for n, m in zip(size, fine.shape[1:], strict=True))])
-        pyramid.append(fine)
-        fine = fine[:, ::2] | fine[:, 1::2]
-        fine = fine[:, :, ::2] | fine[:, :, 1::2]
-        # Two neighbours along the last axis are one 16-bit number.
-        fine = np.ascontiguousarray(fine).view(np.uint16) != 0
-    return [*pyramid, fine]
+def _search(squared: Float64[np.ndarray, " p"], pieces: _Pieces, occupied: Bool[np.ndarray, "nx ny nz"]) -> None:
+    """`_approach` all that is occupied in a map, for the pieces of one path.
+
+    The nearest block to every piece is opened; after that, every block that might hold a nearer voxel still.
+    """
+    blocks = [-(-n // _BLOCK) for n in occupied.shape]
+    padded = np.zeros([_BLOCK * n for n in blocks], bool)
+    padded[tuple(map(slice, occupied.shape))] = occupied
+    held = padded.view(np.uint32)
+    held = held[0::4] | held[1::4] | held[2::4] | held[3::4]
+    held = held[:, 0::4] | held[:, 1::4] | held[:, 2::4] | held[:, 3::4]
+    x, y, z = np.nonzero(held)
+    if not x.size:
+        return
+    cells = _BLOCK * np.arange(max(blocks))
+    gaps = _squared_gaps(cells, _BLOCK, pieces.lower[..., None], pieces.upper[..., None])
+    gap = gaps[:, 0, x] + gaps[:, 1, y] + gaps[:, 2, z]
+
+    def open_blocks(piece: Int64[np.ndarray, " b"], block: Int64[np.ndarray, " b"]) -> None:
+        corner = _BLOCK * np.array([x[block], y[block], z[block]]).T
+        voxels = (corner[:, None] + _CELLS).reshape(-1, 3)
+        there = padded[tuple(voxels.T)]
+        piece, voxels = np.repeat(piece, len(_CELLS))[there], voxels[there]
+        gaps = _squared_gaps(voxels, 1, pieces.lower[piece], pieces.upper[piece])
+        _approach(squared, pieces, piece, voxels, np.add.reduce(gaps, axis=1))
+
+    open_blocks(np.arange(len(gap)), gap.argmin(axis=1))
+    open_blocks(*np.nonzero(gap <= squared[pieces.path[0]] + _SLACK))
 
 
 def _squared_gaps(
-    first: Int64[np.ndarray, "k 3"],
-    size: int,
-    shape: tuple[int, ...],
-    lower: Float64[np.ndarray, "k 3"],
-    upper: Float64[np.ndarray, "k 3"],
-) -> Float64[np.ndarray, "k bx by bz"]:
-    """`_squared_gap` of every box of a lattice that begins at `first`."""
-    x, y, z = (
-        _squared_gap(
-            (first[:, None, axis] + size * np.arange(n))[..., None],
-            size,
-            lower[:, None, [axis]],
-            upper[:, None, [axis]],
-        )
-        for axis, n in enumerate(shape)
-    )
-    gaps: Float64[np.ndarray, "k bx by bz"] = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
-    return gaps
-
-
-def _squared_gap(
-    box: Int64[np.ndarray, "*k axes"],
-    size: int,
-    lower: Float64[np.ndarray, "*#k axes"],
-    upper: Float64[np.ndarray, "*#k axes"],
+    box: Int64[np.ndarray, "*#k"], size: int, lower: Float64[np.ndarray, "*#k"], upper: Float64[np.ndarray, "*#k"]
 ) -> Float64[np.ndarray, "*k"]:
-    """Squared distance from boxes that begin at a voxel and are `size` voxels wide to those from `lower` to `upper`."""
+    """Squared gap, axis by axis, between boxes `size` voxels wide that begin at a voxel and those of pieces."""
     gap = np.maximum(np.maximum(box - upper, lower - (box + size)), 0.0)
-    squared: Float64[np.ndarray, "*k"] = np.einsum("...i,...i->...", gap, gap)
+    squared: Float64[np.ndarray, "*k"] = gap * gap
     return squared
 
 
@@ -390,25 +387,26 @@ def _squared_distance(
     a: Float64[np.ndarray, "k 3"], d: Float64[np.ndarray, "k 3"], voxel: Int64[np.ndarray, "k 3"]
 ) -> Float64[np.ndarray, " k"]:
     """Squared distance [voxels²] from the segment a + t d, t ∈ [0, 1], to the closed cube of the voxel."""
-    still = d == 0
-    faces = np.concatenate([voxel, voxel + 1], axis=1)
-    kinks = (faces - np.tile(a, 2)) / np.tile(np.where(still, 1.0, d), 2)
-    ends = np.broadcast_to([0.0, 1.0], (len(a), 2))
-    t = np.sort(np.concatenate([np.clip(kinks, 0.0, 1.0), ends], axis=1), axis=1)
+    faces = voxel[:, None] + np.array([[0.0], [1.0]])
+    t = np.zeros((len(a), 8))
+    t[:, 7] = 1.0
+    kinks = (faces - a[:, None]) / np.where(d == 0, 1.0, d)[:, None]
+    t[:, 1:7] = np.minimum(np.maximum(kinks, 0.0), 1.0).reshape(len(a), 6)
+    t.sort(axis=1)
 
     def outside(t: Float64[np.ndarray, "k m"]) -> Float64[np.ndarray, "k m 3"]:
         """Vector from the cube to the points at `t`."""
         u = a[:, None] + t[..., None] * d[:, None]
-        vector: Float64[np.ndarray, "k m 3"] = u - np.clip(u, voxel[:, None], voxel[:, None] + 1)
+        vector: Float64[np.ndarray, "k m 3"] = u - np.minimum(np.maximum(u, faces[:, :1]), faces[:, 1:])
         return vector
 
     # Half the derivative rises with t, linearly between neighbours: find where it passes through zero.
     slope = np.einsum("kmi,ki->km", outside(t), d)
-    right = np.clip((slope < 0).sum(axis=1), 1, t.shape[1] - 1)[:, None]
-    t_0, t_1 = (np.take_along_axis(t, k, axis=1) for k in (right - 1, right))
-    slope_0, slope_1 = (np.take_along_axis(slope, k, axis=1) for k in (right - 1, right))
+    right = np.minimum(np.maximum(np.add.reduce(slope < 0, axis=1), 1), 7)
+    row = np.arange(len(a))
+    t_0, t_1, slope_0, slope_1 = t[row, right - 1], t[row, right], slope[row, right - 1], slope[row, right]
     rise = slope_1 - slope_0
     weight = np.where(rise > 0, -slope_0 / np.where(rise > 0, rise, 1.0), 0.0)
-    best = outside(t_0 + np.clip(weight, 0.0, 1.0) * (t_1 - t_0))[:, 0]
+    best = outside((t_0 + np.minimum(np.maximum(weight, 0.0), 1.0) * (t_1 - t_0))[:, None])[:, 0]
     squared: Float64[np.ndarray, " k"] = np.einsum("ki,ki->k", best, best)
     return squared
