@@ -14,9 +14,6 @@ from jaxtyping import Array, Bool
 Arrays = tuple[Array, ...]
 State = TypeVar("State")
 
-# After the turns that all take together, this part of a batch at a time goes on to its end.
-_PART = 8
-
 
 def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays) -> Arrays:
     """`step`, `count` times.
@@ -48,12 +45,12 @@ def settle(
     data: Any,
     state: State,
     *,
-    together: int,
+    parts: int,
 ) -> State:
     """`lax.while_loop` for members of a batch that need different numbers of turns.
 
-    Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here all take
-    `together` turns at most; those that still go on are then gathered, a small part of the batch at a time, and only
+    Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here all take turns
+    together while more than half of them go on; the rest are then gathered, a part of the batch at a time, and only
     they are computed. What each member gets is the same.
 
     Args:
@@ -61,7 +58,8 @@ def settle(
         step: (data, state) ↦ state.
         data: what they read, a pytree of arrays.
         state: what they change, a pytree of arrays.
-        together: turns that the whole batch takes, 0 or more. Static.
+        parts: how many parts a batch has: the more, the less is computed for members that are done, and the less a
+            device has to do at a time. Static.
     """
     # Leaves, not trees, cross the border of `custom_vmap`: there some have a batch axis and some have not, which a
     # dataclass need not allow.
@@ -72,22 +70,14 @@ def settle(
     def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
         return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
 
-    def turns(inputs: Leaves, leaves: Leaves, limit: int | None = None) -> Leaves:
-        def turn(carry: tuple[Leaves, Array]) -> tuple[Leaves, Array]:
-            leaves, count = carry
-            return jax.tree.leaves(
-                step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
-            ), count + 1
+    def turn(inputs: Leaves, leaves: Leaves) -> Leaves:
+        return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves)))
 
-        def more(carry: tuple[Leaves, Array]) -> Bool[Array, ""]:
-            return on(inputs, carry[0]) & (True if limit is None else carry[1] < limit)
-
-        settled: Leaves = lax.while_loop(more, turn, (leaves, jnp.int32(0)))[0]
+    def turns(inputs: Leaves, leaves: Leaves) -> Leaves:
+        settled: Leaves = lax.while_loop(lambda leaves: on(inputs, leaves), lambda leaves: turn(inputs, leaves), leaves)
         return settled
 
-    @custom_vmap
-    def run(inputs: Leaves, leaves: Leaves) -> Leaves:
-        return turns(inputs, leaves)
+    run = custom_vmap(turns)
 
     @run.def_vmap
     def batched(size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves) -> tuple[Leaves, list[bool]]:
@@ -95,12 +85,15 @@ def settle(
         axes = ([0 if batched else None for batched in own], 0)
         pairs = zip(leaves, changing, strict=True)
         leaves = [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
-        if together:
-            leaves = jax.vmap(lambda d, s: turns(d, s, together), axes)(inputs, leaves)
-        part = -(-size // _PART)
+        part = -(-size // parts)
 
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
             return jnp.asarray(jax.vmap(on, axes)(inputs, leaves))
+
+        def together(leaves: Leaves) -> Leaves:
+            more = unfinished(leaves)
+            pairs = zip(jax.vmap(turn, axes)(inputs, leaves), leaves, strict=True)
+            return [jnp.where(more.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
 
         def finish(leaves: Leaves) -> Leaves:
             # What fills up a part that has too few members is a copy of the last one, and is dropped.
@@ -113,6 +106,7 @@ def settle(
             settled = jax.vmap(turns, axes)(some, [take(x) for x in leaves])
             return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
 
+        leaves = lax.while_loop(lambda leaves: 2 * jnp.sum(unfinished(leaves)) > size, together, leaves)
         leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)
         return leaves, [True] * len(leaves)
 

@@ -201,42 +201,45 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     results: list[Callable[[], list[Plan]]] = []
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
 
-    def packed(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> UInt8[np.ndarray, "*c bytes"]:
-        return bits.pack(_some(volumes, rows))
-
-    def verified(rows: Int64[np.ndarray, " c"], message: UInt8[np.ndarray, "c written"]) -> list[Plan]:
+    def verified(
+        rows: Int64[np.ndarray, " c"], seen: UInt8[np.ndarray, "*c bytes"], message: UInt8[np.ndarray, "c written"]
+    ) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
         found = _read(message, problems.settings.steps + 1)
         blocked = bits.unpack(found.blocked, problems.grid.shape)
-        seen = np.broadcast_to(_some(problems.occupied, rows) & ~_some(problems.ground, rows), blocked.shape)
+        obstacles = np.broadcast_to(bits.unpack(seen, problems.grid.shape), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         return judge(
             routes, problems.start[rows], problems.goal[rows], np.arange(len(rows)),
-            found.margin.tolist(), blocked, seen, problems.grid, Stopwatch(), problems.method,
+            found.margin.tolist(), blocked, obstacles, problems.grid, Stopwatch(), problems.method,
         )  # fmt: skip
 
-    def hand_over(chunk: Int64[np.ndarray, " c"], found: UInt8[Array, "s written"]) -> None:
+    def hand_over(
+        chunk: Int64[np.ndarray, " c"], seen: UInt8[np.ndarray, "*s bytes"], found: UInt8[Array, "s written"]
+    ) -> None:
         """Wait for the device, then leave a chunk to the threads; a single problem is not worth one."""
         messages = np.asarray(found)
         for k in range(0, len(chunk), _TOGETHER):
             few = slice(k, min(k + _TOGETHER, len(chunk)))
-            work = functools.partial(verified, chunk[few], messages[few])
+            work = functools.partial(verified, chunk[few], seen if seen.ndim == 1 else seen[few], messages[few])
             results.append(work if len(which) == 1 else pool.submit(work).result)
 
     with ThreadPoolExecutor(_THREADS) as pool:
-        under_way: tuple[Int64[np.ndarray, " c"], UInt8[Array, "s written"]] | None = None
+        under_way: tuple[Int64[np.ndarray, " c"], UInt8[np.ndarray, "*s bytes"], UInt8[Array, "s written"]] | None
+        under_way = None
         for first in range(0, len(which), size):
             chunk = which[first : first + size]
             whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
             # A slice is a view; a selection would copy the maps once more.
             rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
-            maps = packed(problems.occupied, rows), packed(problems.ground, rows)
-            there = jax.device_put((*maps, problems.start[rows], problems.goal[rows]))
+            maps = [_some(volumes, rows) for volumes in (problems.occupied, problems.ground)]
+            occupied, ground = map(bits.pack, maps) if len(which) == 1 else pool.map(bits.pack, maps)
+            there = jax.device_put((occupied, ground, problems.start[rows], problems.goal[rows]))
             found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
             if under_way is not None:
                 hand_over(*under_way)
-            under_way = chunk, found
+            under_way = chunk, occupied & ~ground, found
         if under_way is not None:
             hand_over(*under_way)
         ready = time.perf_counter()

@@ -85,7 +85,7 @@ def fly(
         return flight
 
     # Most trials of a set take about as many iterations; the few that take long go on by themselves.
-    return settle(going, iterate, world, flight, together=max(config.plans // 4, 1)).log
+    return settle(going, iterate, world, flight, parts=8).log
 
 
 def stages_of(config: FlightConfig) -> tuple[Stage, ...]:

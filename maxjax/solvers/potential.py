@@ -255,7 +255,7 @@ def _attempt(
 
         cycled = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
         system = sigma, length, goal, component
-        solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), together=0)
+        solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), parts=64)
     else:
         solution = _conjugate_gradients(caps, sigma, length, goal, component)
     phi, converged = solution.x, solution.converged

@@ -144,7 +144,7 @@ def solve(
     infinite = jnp.asarray(jnp.inf, phi.dtype)
     first = (phi, jnp.int32(0), infinite, infinite, jnp.int32(0))
     # Most scenes of a city take three or four cycles, few take many.
-    phi, cycles, change, _, _ = settle(going, cycle, (faces, diagonal, goal, levels), first, together=4)
+    phi, cycles, change, _, _ = settle(going, cycle, (faces, diagonal, goal, levels), first, parts=16)
     return Solution(phi, cycles, change, change <= tolerance)
 
 
