@@ -1,11 +1,11 @@
 """One problem or many, each chunk of them as a single program.
 
-On an accelerator it plans one chunk while the host verifies the last one:
+On an accelerator it plans one chunk while the host verifies the last one and packs the next one:
 
     device   pose → solve → ascend → tighten, under `vmap`      chunk k
-    host     verify, path by path                                chunk k − 1
+    host     verify, path by path; pack, and send                chunks k − 1 and k + 1
 
-A chunk is what a device is busy with: a larger one gains nothing, and waits longer for its slowest problem. So memory
+A chunk is what a device is busy with: a larger one gains little, and waits longer for its slowest problem. So memory
 is bounded whatever the size of the batch. A chunk comes back as one array of bytes, since each array that is fetched
 costs as much as a short stage. A CPU is busy with a single problem, and plans one after the other, stage by stage.
 """
@@ -201,6 +201,16 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     results: list[Callable[[], list[Plan]]] = []
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
 
+    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], UInt8[np.ndarray, "*s bytes"], Any]:
+        """A chunk: its problems, what is occupied beside the ground, and the problems on the device."""
+        chunk = which[first : first + size]
+        whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
+        # A slice is a view; a selection would copy the maps once more.
+        rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
+        occupied, ground = (bits.pack(_some(volumes, rows)) for volumes in (problems.occupied, problems.ground))
+        there = jax.device_put((occupied, ground, problems.start[rows], problems.goal[rows]))
+        return chunk, occupied & ~ground, there
+
     def verified(
         rows: Int64[np.ndarray, " c"], seen: UInt8[np.ndarray, "*c bytes"], message: UInt8[np.ndarray, "c written"]
     ) -> list[Plan]:
@@ -215,33 +225,21 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
             found.margin.tolist(), blocked, obstacles, problems.grid, Stopwatch(), problems.method,
         )  # fmt: skip
 
-    def hand_over(
-        chunk: Int64[np.ndarray, " c"], seen: UInt8[np.ndarray, "*s bytes"], found: UInt8[Array, "s written"]
-    ) -> None:
-        """Wait for the device, then leave a chunk to the threads; a single problem is not worth one."""
-        messages = np.asarray(found)
-        for k in range(0, len(chunk), _TOGETHER):
-            few = slice(k, min(k + _TOGETHER, len(chunk)))
-            work = functools.partial(verified, chunk[few], seen if seen.ndim == 1 else seen[few], messages[few])
-            results.append(work if len(which) == 1 else pool.submit(work).result)
+    def later(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+        """What waits for a thread's answer; a single problem is not worth one."""
+        return functools.partial(work, *arguments) if len(which) == 1 else pool.submit(work, *arguments).result
 
     with ThreadPoolExecutor(_THREADS) as pool:
-        under_way: tuple[Int64[np.ndarray, " c"], UInt8[np.ndarray, "*s bytes"], UInt8[Array, "s written"]] | None
-        under_way = None
+        following = later(prepared, 0)
         for first in range(0, len(which), size):
-            chunk = which[first : first + size]
-            whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
-            # A slice is a view; a selection would copy the maps once more.
-            rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
-            maps = [_some(volumes, rows) for volumes in (problems.occupied, problems.ground)]
-            occupied, ground = map(bits.pack, maps) if len(which) == 1 else pool.map(bits.pack, maps)
-            there = jax.device_put((occupied, ground, problems.start[rows], problems.goal[rows]))
-            found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
-            if under_way is not None:
-                hand_over(*under_way)
-            under_way = chunk, occupied & ~ground, found
-        if under_way is not None:
-            hand_over(*under_way)
+            chunk, seen, there = following()
+            if first + size < len(which):
+                following = later(prepared, first + size)
+            # Where its loops end, the device asks the host: it takes the thread that started it, nearly to the end.
+            messages = np.asarray(_DEVICE.start(watch, *there, settings=problems.settings, **static))
+            for k in range(0, len(chunk), _TOGETHER):
+                few = slice(k, min(k + _TOGETHER, len(chunk)))
+                results.append(later(verified, chunk[few], seen if seen.ndim == 1 else seen[few], messages[few]))
         ready = time.perf_counter()
         plans = [plan for result in results for plan in result()]
     watch.seconds["device"] = ready - begun - watch.seconds["compile"]
