@@ -43,9 +43,9 @@ from maxjax.planning.planner import (
     route,
 )
 
-_CHUNK = 64
+_CHUNK = 32
 # Paths that a thread verifies in one go, and threads: more of them would only wait for the interpreter.
-_TOGETHER, _THREADS = 8, 4
+_TOGETHER, _THREADS = 8, 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,12 +212,16 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
         return chunk, occupied & ~ground, there
 
     def verified(
-        rows: Int64[np.ndarray, " c"], seen: UInt8[np.ndarray, "*c bytes"], message: UInt8[np.ndarray, "c written"]
+        chunk: Int64[np.ndarray, " c"],
+        seen: UInt8[np.ndarray, "*s bytes"],
+        fetched: Callable[[], np.ndarray],
+        few: slice,
     ) -> list[Plan]:
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        found = _read(message, problems.settings.steps + 1)
+        rows, found = chunk[few], _read(fetched()[few], problems.settings.steps + 1)
         blocked = bits.unpack(found.blocked, problems.grid.shape)
-        obstacles = np.broadcast_to(bits.unpack(seen, problems.grid.shape), blocked.shape)
+        own = seen if seen.ndim == 1 else seen[few]
+        obstacles = np.broadcast_to(bits.unpack(own, problems.grid.shape), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         return judge(
@@ -235,11 +239,12 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
             chunk, seen, there = following()
             if first + size < len(which):
                 following = later(prepared, first + size)
-            # Where its loops end, the device asks the host: it takes the thread that started it, nearly to the end.
-            messages = np.asarray(_DEVICE.start(watch, *there, settings=problems.settings, **static))
+            # At each turn of a loop the device asks the host: it takes the thread that started it, nearly to the end.
+            found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
+            fetched = later(np.asarray, found)
             for k in range(0, len(chunk), _TOGETHER):
-                few = slice(k, min(k + _TOGETHER, len(chunk)))
-                results.append(later(verified, chunk[few], seen if seen.ndim == 1 else seen[few], messages[few]))
+                results.append(later(verified, chunk, seen, fetched, slice(k, min(k + _TOGETHER, len(chunk)))))
+        fetched()
         ready = time.perf_counter()
         plans = [plan for result in results for plan in result()]
     watch.seconds["device"] = ready - begun - watch.seconds["compile"]
