@@ -249,7 +249,11 @@ def _attempt(
         stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
 
         def linear(system: tuple[Array, ...], state: tuple[Solution, Array]) -> tuple[Solution, Array]:
-            solution = _conjugate_gradients(caps, *system)
+            sigma, length, goal, component = system
+            # A goal outside the grid leaves nothing to solve. Were this no question of the state, XLA on CPU would
+            # solve ahead of the loop, whether there is a turn or not.
+            goal = jnp.where(state[1], goal, -1)
+            solution = _conjugate_gradients(caps, sigma, length, goal, component)
             iterations = state[0].iterations + solution.iterations
             return dataclasses.replace(solution, iterations=iterations), jnp.zeros_like(stalled)
 
@@ -297,6 +301,7 @@ def _attempt(
     )
 
 
+@jax.named_scope("conjugate gradients")
 def _conjugate_gradients(
     caps: _Caps,
     sigma: stencil.Volume,
