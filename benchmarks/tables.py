@@ -68,9 +68,9 @@ def plans(*documents: Document) -> str:
         + table(["", *map(device, documents)], lines)
         + "".join(f"\n{batch}\n" for batch in batches)
         + "".join(f"\n{_beside_the_paper(document)}\n" for document in documents[1:])
-        + "\nOn a GPU a single plan waits, it does not compute: ascent and tightening are many kernels of a few\n"
-        "microseconds, one after the other, and verification is NumPy on one core. In a batch the host verifies\n"
-        "one chunk while the device plans the next; the last chunk, or the only one, is verified by itself.\n"
+        + "\nOn a GPU a single plan waits, it does not compute: flood fills, ascent and tightening are many kernels\n"
+        "of a few microseconds, one after the other. In a batch the host packs the next chunk and verifies the last\n"
+        "one while the device plans; only the first is packed, and the last verified, by itself.\n"
     )
 
 
@@ -110,6 +110,13 @@ def solves(*documents: Document) -> str:
                 angle = f"{100 * ours['within_1deg']:.2f} %"
                 lines.append([name, device(document), number(ours["median"]), *peers, angle])
     heads = ["map", "maxjax on", "maxjax", *_PEERS.values(), "within 1°"]
+    batches = [
+        f"{row['what'].removeprefix('batch: ')} scenes a call, {device(document)}: {number(row['median'])} ms a scene, "
+        f"{number(row['times_floor'])} times\nthe floor of reading σ and writing φ once at the rate of a copy."
+        for document in documents[1:]
+        for row in document["rows"]
+        if row["what"].startswith("batch: ") and row["what"] != "batch: 1"
+    ]
     return (
         "### The solve beside its peers\n\n"
         "From conductivity to certified potential, 101³ voxels: median [ms]. Peers: conjugate gradients with\n"
@@ -118,6 +125,7 @@ def solves(*documents: Document) -> str:
         "the assembled matrix and stopped, with hindsight, as soon as their gradient directions are as good as ours.\n"
         "Last column: voxels whose gradient of log φ from maxjax lies within 1° of a float64 reference.\n\n"
         + table(heads, lines, left=2)
+        + "".join(f"\n{batch}\n" for batch in batches)
     )
 
 

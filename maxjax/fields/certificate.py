@@ -8,6 +8,7 @@ is one comparison per face on the very float32 numbers that the ascent reads, so
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
@@ -24,6 +25,7 @@ def best_neighbour(phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"])
     return best
 
 
+@jax.named_scope("certify")
 def uncertified(
     phi: Float[Array, "nx ny nz"], component: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"]
 ) -> Int32[Array, ""]:

@@ -9,6 +9,7 @@ electrode.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
@@ -19,6 +20,7 @@ SIGMA_GOAL = 1e6
 SIGMA_FREE = 1e2
 
 
+@jax.named_scope("conductivity")
 def conductivity(
     occupied: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid
 ) -> Float[Array, "nx ny nz"]:

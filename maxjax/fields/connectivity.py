@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
@@ -137,6 +138,7 @@ def geodesic(
     return component, steps
 
 
+@jax.named_scope("geodesic")
 def _counted(
     free: Bool[Array, "*b nx ny nz"], seed: Bool[Array, "*b nx ny nz"]
 ) -> tuple[Bool[Array, "*b nx ny nz"], Int32[Array, "*b nx ny nz"]]:

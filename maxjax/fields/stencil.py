@@ -65,6 +65,7 @@ class Operator:
     diagonal: Volume
 
 
+@jax.named_scope("assemble")
 def assemble(sigma: Volume, leak: Float[Array, ""] | float, grounded: bool = False) -> Operator:
     """The operator of a conductivity field.
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
@@ -68,6 +69,7 @@ class Ascent:
             )
 
 
+@jax.named_scope("ascend")
 def ascend(
     phi: Float[Array, "nx ny nz"],
     bits: UInt16[Array, "nx ny nz"],

@@ -112,6 +112,7 @@ def verdict(
     return status.astype(jnp.int32)
 
 
+@jax.named_scope("pose")
 def pose(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],

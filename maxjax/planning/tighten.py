@@ -12,6 +12,7 @@ Positions are index coordinates. A path is a fixed-length array whose last point
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
@@ -75,6 +76,7 @@ def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     return jnp.where((fraction < 1)[:, None], start + fraction[:, None] * (end - start), end)
 
 
+@jax.named_scope("tighten")
 def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: int = 4) -> Float[Array, "n 3"]:
     """Pull a path taut on the dilated grid.
 

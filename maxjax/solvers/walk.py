@@ -122,6 +122,7 @@ def solve(
         faces, diagonal, goal, levels = system
         phi, cycles, _, best, stalled = state
 
+        @jax.named_scope("sweep")
         def sweep(phi: Volume, weight: float) -> Volume:
             here = phi * diagonal
             # Weights above one may overshoot: what remains of φ stays positive.
@@ -178,6 +179,7 @@ class _Walk:
     leaving: Volume
 
 
+@jax.named_scope("lump")
 def _levels(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[_Level, ...]:
     """Which blocks are free space: all their voxels free and joined, away from the goal."""
     counts = halvings(component.shape)
@@ -200,6 +202,7 @@ def _levels(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tu
     return tuple(levels)
 
 
+@jax.named_scope("lump")
 def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
     """δ on the blocks: the lumped walk's answer to the residual of φ."""
     total = inflow(faces, phi)
@@ -216,6 +219,7 @@ def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Leve
     return _relaxed(walk, residual, _blocks(phi, axes), levels, 0)
 
 
+@jax.named_scope("relax")
 def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[_Level, ...], depth: int) -> Volume:
     """Solve leaving δ = residual + Σ rates δ, about: relax, correct from below, relax."""
     # Nothing leaves for the block of the goal: δ = 0 there.

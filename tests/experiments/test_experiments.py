@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import plan as plan_benchmark
+from benchmarks import profile
 from experiments import warframe_crops
 
 pytestmark = pytest.mark.full_speed
@@ -48,6 +49,18 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert batch["plans_per_second"] == pytest.approx(1e3 / batch["median"], rel=0.1)
     stages = [row["median"] for what, row in rows.items() if what.startswith("batch of 2: ") and row is not batch]
     assert 0 < sum(stages) <= batch["median"]
+
+
+def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:
+    config = profile.Config(scenes=(1,), plans=(), shape=(51, 51, 51), maps=("suburb",), repeats=1, out=tmp_path)
+    rows = {row["what"]: row for row in profile.main(config)}
+    shares = {what: row["share"] for what, row in rows.items() if what.startswith("solve, 1: ")}
+    whole = shares.pop("solve, 1: all")
+    assert sum(shares.values()) == pytest.approx(whole, abs=0.01)
+    for step in ("geodesic", "assemble", "lump", "relax", "sweep", "certify"):
+        assert shares[f"solve, 1: {step}"] > 0
+    assert rows["solve, 1: sweep"]["gb_per_s"] > 0
+    assert rows["copy, 1: copy"]["gb_per_s"] > 0
 
 
 def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(tmp_path: Path) -> None:

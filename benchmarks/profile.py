@@ -1,0 +1,192 @@
+"""Where a device's time goes, by steps of the method.
+
+    python -m benchmarks.profile                        # one GPU: 1 minute
+    python -m benchmarks.profile --scenes 1 --plans 1   # a quick look; on a CPU operations stand for kernels
+
+Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. `solve` rows: `solve_potential` under
+`vmap`, on scenes that lie on the device; `plan` rows: pose, solve, ascend and tighten as one program, as
+`maxjax.plan_batch` runs it. Each is traced by JAX's profiler after a warm-up. A kernel is booked on the innermost
+`jax.named_scope` of the instruction whose name it bears, or on `other`; `waits` are copies to the host, by which a loop
+asks whether to go on. `us` is the sum of kernel times a call, `kernels` their number; `wall` is the time of a call that
+is not traced, and what it exceeds the sum by is spent between kernels.
+
+`sweep` rows of a solve also say at what rate a sweep passes the six arrays that it cannot do without (three faces, the
+diagonal, φ before and after); `copy` is one array read and one written, by a kernel of the same size: the floor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import tyro
+from jax.profiler import ProfileData
+from jaxtyping import Array
+
+import maxjax
+from benchmarks.harness import RESULTS, Row, measure, save
+from experiments.random_problems import problems
+from maxjax.fields.conductivity import conductivity
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.planner import route
+from maxjax.planning.problem import Problem, pose
+from maxjax.sim.scenes import MAPS
+from maxjax.solvers.potential import solve_potential
+from maxjax.solvers.walk import padded
+
+STEPS = (
+    "pose", "geodesic", "conductivity", "assemble", "lump", "relax", "sweep", "conjugate gradients", "certify",
+    "ascend", "tighten",
+)  # fmt: skip
+# What a loop of a CPU's program takes holds what its operations take.
+_CONTROL = ("while", "conditional", "call")
+_SWEEP_ARRAYS = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        scenes: scenes a call of the `solve` rows.
+        plans: problems a call of the `plan` rows.
+        shape: of the grid, voxels of 2 m around the origin.
+        maps: maps to take problems from.
+        repeats: traced calls.
+        margin: [m].
+        seed: of the problems.
+        out: where the JSON goes.
+    """
+
+    scenes: tuple[int, ...] = (1, 64)
+    plans: tuple[int, ...] = (1, 32)
+    shape: tuple[int, int, int] = (101, 101, 101)
+    maps: tuple[str, ...] = MAPS
+    repeats: int = 5
+    margin: float = 8.0
+    seed: int = 0
+    out: Path = RESULTS
+
+
+def main(config: Config) -> list[Row]:
+    """Trace solves and plans; save and return the rows."""
+    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape)
+    rows: list[Row] = []
+
+    def posed(occupied: Array, ground: Array, start: Array, goal: Array) -> Problem:
+        return pose(occupied | ground, ground, start, goal, config.margin, grid)
+
+    def plan(*problem: Array) -> tuple[Array, Array, Array]:
+        return route(posed(*problem), grid, solve_potential, Ascent())
+
+    for count in config.scenes:
+        found = jax.jit(jax.vmap(posed))(*_arrays(count, grid, config))
+        sigma = jax.jit(jax.vmap(lambda blocked, goal: conductivity(blocked, goal, grid)))(
+            found.blocked, found.goal_index
+        )
+        rows += _rows(f"solve, {count}", solve_potential, (sigma, found.goal_index), config)
+        volume = jax.vmap(padded)(sigma)
+        size = volume.size * volume.dtype.itemsize
+        (copy,) = _rows(f"copy, {count}", lambda x: x * 2, (volume,), config, total="copy")
+        rows.append(_at_rate(copy, 2 * size))
+        rows = [_at_rate(r, _SWEEP_ARRAYS * size) if r["what"] == f"solve, {count}: sweep" else r for r in rows]
+    for count in config.plans:
+        rows += _rows(f"plan, {count}", plan, _arrays(count, grid, config), config)
+    save("profile", config, rows, config.out)
+    return rows
+
+
+def _arrays(count: int, grid: maxjax.Grid, config: Config) -> tuple[Array, ...]:
+    """Occupied, ground, start and goal of so many problems, on the device."""
+    each = [problems(name, -(-count // len(config.maps)), config.seed, grid) for name in config.maps]
+    posed = [problem for turn in zip(*each, strict=True) for problem in turn][:count]
+    names = ("occupied", "ground", "start", "goal")
+    arrays: tuple[Array, ...] = jax.device_put(tuple(np.stack([getattr(p, name) for p in posed]) for name in names))
+    return arrays
+
+
+def _rows(
+    what: str, function: Callable[..., Any], arrays: tuple[Array, ...], config: Config, total: str = ""
+) -> list[Row]:
+    """A row a step, the longest first, and one of all; with a name for it, that one alone."""
+    single = arrays[0].shape[0] == 1  # what `vmap` adds is not free
+    program = function if single else jax.vmap(function)
+    compiled = jax.jit(program).lower(*([x[0] for x in arrays] if single else arrays)).compile()
+    given = jax.block_until_ready([x[0] for x in arrays] if single else list(arrays))
+
+    def call() -> Any:
+        return jax.block_until_ready(compiled(*given))
+
+    wall = measure(call, max(config.repeats, 3)).median_s
+    steps = _scopes(compiled.as_text() or "")
+    spent: dict[str, float] = defaultdict(float)
+    kernels: dict[str, float] = defaultdict(float)
+    for name, seconds in _traced(call, config.repeats):
+        step = "waits" if "D2H" in name else steps.get(name.replace(".", "_"), "other")
+        spent[step] += 1e6 * seconds / config.repeats
+        kernels[step] += 1 / config.repeats
+    busy = sum(spent.values())
+    whole: Row = {
+        "what": f"{what}: {total or 'all'}", "us": round(busy, 1), "kernels": round(sum(kernels.values()), 1),
+        "share": 1.0, "wall_us": round(1e6 * wall, 1),
+    }  # fmt: skip
+    if total:
+        return [whole]
+    rows: list[Row] = [
+        {
+            "what": f"{what}: {step}",
+            "us": round(us, 1),
+            "kernels": round(kernels[step], 1),
+            "share": round(us / busy, 4),
+        }
+        for step, us in sorted(spent.items(), key=lambda item: -item[1])
+    ]
+    return [*rows, whole]
+
+
+def _at_rate(row: Row, size: int) -> Row:
+    """The row with the rate at which its kernels pass so many bytes each [GB/s]."""
+    us, kernels = row["us"], row["kernels"]
+    assert isinstance(us, float)
+    assert isinstance(kernels, float)
+    return {**row, "gb_per_s": round(1e-3 * size * kernels / us, 1)}
+
+
+def _scopes(text: str) -> dict[str, str]:
+    """Step of each instruction of a compiled program that belongs to one, by its name in the profiler's letters."""
+    found = {}
+    for name, path in re.findall(r'^\s*(?:ROOT )?%?([\w.\-]+) = .*op_name="([^"]*)"', text, re.MULTILINE):
+        scopes = [re.sub(r"^(?:\w+\()*|\)*$", "", scope) for scope in path.split("/")]
+        inner = next((scope for scope in reversed(scopes) if scope in STEPS), None)
+        if inner is not None:
+            found[name.replace(".", "_").replace("-", "_")] = inner
+    return found
+
+
+def _traced(call: Callable[[], Any], repeats: int) -> Iterator[tuple[str, float]]:
+    """Name and duration [s] of every kernel of so many calls."""
+    with tempfile.TemporaryDirectory() as folder:
+        with jax.profiler.trace(folder):
+            for _ in range(repeats):
+                call()
+        for path in Path(folder).rglob("*.xplane.pb"):
+            for plane in ProfileData.from_file(str(path)).planes:
+                on_cpu = plane.name.startswith("/host:CPU")
+                for line in plane.lines:
+                    if not on_cpu and not (plane.name.startswith("/device:") and "Stream" in line.name):
+                        continue
+                    for event in line.events:
+                        name = dict(event.stats).get("hlo_op") if on_cpu else event.name
+                        if name and not (on_cpu and str(name).startswith(_CONTROL)):
+                            yield str(name), 1e-9 * event.duration_ns
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
