@@ -135,6 +135,39 @@ def _peer(row: Row | None, ours: Row) -> str:
     return f"{number(row['median'])} ({number(row['times_ours'])})" + ("" if row["as_good"] else ", not as good")
 
 
+def profile(*documents: Document) -> str:
+    """Of `benchmarks.profile`."""
+    return (
+        "### Where a device's time goes\n\n"
+        "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
+        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on.\n\n"
+        + "\n".join(map(_profile, documents))
+    )
+
+
+def _profile(document: Document) -> str:
+    rows = {row["what"]: row for row in document["rows"]}
+    counts = [("solve", n) for n in document["config"]["scenes"]] + [("plan", n) for n in document["config"]["plans"]]
+    steps = dict.fromkeys(what.split(": ")[1] for what in rows if not what.startswith("copy"))
+    lines = []
+    for step in (*(step for step in steps if step != "all"), "all"):
+        found = [(rows.get(f"{what}, {n}: {step}"), n) for what, n in counts]
+        cells = [f"{number(row['us'] / n)} ({row['kernels']:.0f})" if row else "" for row, n in found]
+        lines.append(["**all kernels**" if step == "all" else step, *cells])
+    lines.append(["wall clock", *(number(rows[f"{what}, {n}: all"]["wall_us"] / n) for what, n in counts)])
+    rates = []
+    for what, n in counts:
+        sweep, copy = rows.get(f"{what}, {n}: sweep"), rows.get(f"copy, {n}: copy")
+        if what == "solve" and sweep and copy:
+            least, most = number(sweep["gb_per_s"]), number(copy["gb_per_s"])
+            rates.append(
+                f"\nIn `solve, {n}` a sweep passes the six arrays that it cannot do without at {least} GB/s; a plain\n"
+                f"copy runs at {most} GB/s.\n"
+            )
+    heads = ["step", *(f"{what}, {n}" for what, n in counts)]
+    return f"On one {device(document)}:\n\n" + table(heads, lines) + "".join(rates)
+
+
 def lidar(*documents: Document) -> str:
     """Of `benchmarks.lidar`."""
     methods = ("fused kernel", "scan: fused kernel, noise, dropout", "vmapped mjx.ray", "C mj_multiRay")
