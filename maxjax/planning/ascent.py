@@ -33,8 +33,8 @@ _PATIENCE = 12
 _ADAM_BETA2 = 0.999
 # Steps of one scan, and of one turn of its loop.
 _STRIDE, _UNROLLED = 16, 4
-# Which components of a step survive: all, then two, then one.
-_MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+# Which components of a step survive: all, then two, then one. Where none does, the step to the goal stands in the row.
+_MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 
 
@@ -92,7 +92,7 @@ def ascend(
     """
     log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
     shape = jnp.asarray(phi.shape)
-    masks, neighbours = jnp.asarray((*_MASKS, (0, 0, 0)), phi.dtype), jnp.asarray(_NEIGHBOURS)
+    masks, neighbours = jnp.asarray(_MASKS, phi.dtype), jnp.asarray(_NEIGHBOURS)
 
     def voxel(x: Float[Array, "*b 3"]) -> Int32[Array, "*b 3"]:
         return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, shape - 1)
@@ -116,8 +116,7 @@ def ascend(
             unbiased = m / (1 - settings.momentum ** (k + 1))
             move = settings.rate * unbiased / (jnp.sqrt(v / (1 - _ADAM_BETA2 ** (k + 1))) + 1e-12)
 
-        # The steps that are left of it beside a wall, and last the one to the goal.
-        ends = jnp.where((jnp.arange(len(masks)) < len(_MASKS))[:, None], x + masks * move, goal)
+        ends = jnp.where(jnp.any(masks > 0, axis=1, keepdims=True), x + masks * move, goal)
         seen = clear(bits, x, ends, slabs=3)
         rises = at(phi, voxel(ends)) > height
         same = jnp.all(voxel(ends) == here, axis=1)
