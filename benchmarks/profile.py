@@ -86,19 +86,24 @@ def main(config: Config) -> list[Row]:
     def plan(*problem: Array) -> tuple[Array, Array, Array]:
         return route(posed(*problem), grid, solve_potential, Ascent())
 
+    most = _arrays(max((*config.scenes, *config.plans)), grid, config)
+
+    def first(count: int) -> tuple[Array, ...]:
+        return tuple(array[:count] for array in most)
+
     for count in config.scenes:
-        found = jax.jit(jax.vmap(posed))(*_arrays(count, grid, config))
+        found = jax.jit(jax.vmap(posed))(*first(count))
         sigma = jax.jit(jax.vmap(lambda blocked, goal: conductivity(blocked, goal, grid)))(
             found.blocked, found.goal_index
         )
-        rows += _rows(f"solve, {count}", solve_potential, (sigma, found.goal_index), config)
+        solved = _rows(f"solve, {count}", solve_potential, (sigma, found.goal_index), config)
         volume = jax.vmap(padded)(sigma)
         size = volume.size * volume.dtype.itemsize
-        (copy,) = _rows(f"copy, {count}", lambda x: x * 2, (volume,), config, total="copy")
-        rows.append(_at_rate(copy, 2 * size))
-        rows = [_at_rate(r, _SWEEP_ARRAYS * size) if r["what"] == f"solve, {count}: sweep" else r for r in rows]
+        *_, copied = _rows(f"copy, {count}", lambda x: x * 2, (volume,), config)
+        rows += [_at_rate(r, _SWEEP_ARRAYS * size) if str(r["what"]).endswith(": sweep") else r for r in solved]
+        rows.append({**_at_rate(copied, 2 * size), "what": f"copy, {count}: copy"})
     for count in config.plans:
-        rows += _rows(f"plan, {count}", plan, _arrays(count, grid, config), config)
+        rows += _rows(f"plan, {count}", plan, first(count), config)
     save("profile", config, rows, config.out)
     return rows
 
@@ -112,14 +117,11 @@ def _arrays(count: int, grid: maxjax.Grid, config: Config) -> tuple[Array, ...]:
     return arrays
 
 
-def _rows(
-    what: str, function: Callable[..., Any], arrays: tuple[Array, ...], config: Config, total: str = ""
-) -> list[Row]:
-    """A row a step, the longest first, and one of all; with a name for it, that one alone."""
+def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], config: Config) -> list[Row]:
+    """A row a step, the longest first, and last one of all."""
     single = arrays[0].shape[0] == 1  # what `vmap` adds is not free
-    program = function if single else jax.vmap(function)
-    compiled = jax.jit(program).lower(*([x[0] for x in arrays] if single else arrays)).compile()
     given = jax.block_until_ready([x[0] for x in arrays] if single else list(arrays))
+    compiled = jax.jit(function if single else jax.vmap(function)).lower(*given).compile()
 
     def call() -> Any:
         return jax.block_until_ready(compiled(*given))
@@ -129,16 +131,14 @@ def _rows(
     spent: dict[str, float] = defaultdict(float)
     kernels: dict[str, float] = defaultdict(float)
     for name, seconds in _traced(call, config.repeats):
-        step = "waits" if "D2H" in name else steps.get(name.replace(".", "_"), "other")
+        step = "waits" if "D2H" in name else steps.get(_letters(name), "other")
         spent[step] += 1e6 * seconds / config.repeats
         kernels[step] += 1 / config.repeats
     busy = sum(spent.values())
     whole: Row = {
-        "what": f"{what}: {total or 'all'}", "us": round(busy, 1), "kernels": round(sum(kernels.values()), 1),
+        "what": f"{what}: all", "us": round(busy, 1), "kernels": round(sum(kernels.values()), 1),
         "share": 1.0, "wall_us": round(1e6 * wall, 1),
     }  # fmt: skip
-    if total:
-        return [whole]
     rows: list[Row] = [
         {
             "what": f"{what}: {step}",
@@ -160,14 +160,19 @@ def _at_rate(row: Row, size: int) -> Row:
 
 
 def _scopes(text: str) -> dict[str, str]:
-    """Step of each instruction of a compiled program that belongs to one, by its name in the profiler's letters."""
+    """Step of each instruction of a compiled program that belongs to one, by its name in `_letters`."""
     found = {}
     for name, path in re.findall(r'^\s*(?:ROOT )?%?([\w.\-]+) = .*op_name="([^"]*)"', text, re.MULTILINE):
         scopes = [re.sub(r"^(?:\w+\()*|\)*$", "", scope) for scope in path.split("/")]
         inner = next((scope for scope in reversed(scopes) if scope in STEPS), None)
         if inner is not None:
-            found[name.replace(".", "_").replace("-", "_")] = inner
+            found[_letters(name)] = inner
     return found
+
+
+def _letters(name: str) -> str:
+    """The name of an instruction as a GPU's kernel bears it."""
+    return re.sub(r"\W", "_", name)
 
 
 def _traced(call: Callable[[], Any], repeats: int) -> Iterator[tuple[str, float]]:

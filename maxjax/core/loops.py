@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -83,8 +83,7 @@ def settle(
     def batched(size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves) -> tuple[Leaves, list[bool]]:
         own, changing = in_batch
         axes = ([0 if batched else None for batched in own], 0)
-        pairs = zip(leaves, changing, strict=True)
-        leaves = [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
+        leaves = one_a_member(size, changing, leaves)
         part = -(-size // parts)
 
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
@@ -112,6 +111,12 @@ def settle(
 
     result: State = jax.tree.unflatten(state_tree, run(inputs, first))
     return result
+
+
+def one_a_member(size: int, in_batch: Sequence[bool], arrays: Sequence[Any]) -> list[Array]:
+    """Arrays with a batch axis each, for a rule of `custom_vmap`: what the members of a batch share is broadcast."""
+    pairs = zip(arrays, in_batch, strict=True)
+    return [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
 
 
 def computed_once(x: Array) -> Array:

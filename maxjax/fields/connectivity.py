@@ -17,7 +17,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int32, UInt32
 
-from maxjax.core.loops import Arrays, repeat
+from maxjax.core.loops import Arrays, one_a_member, repeat
 from maxjax.fields.stencil import cell
 
 _WORD = 32
@@ -199,6 +199,4 @@ _geodesic = custom_vmap(_counted)
 @_geodesic.def_vmap
 def _geodesics(size: int, in_batch: list[bool], *masks: Array) -> tuple[tuple[Array, Array], tuple[bool, bool]]:
     """Several maps count the same rounds: under `vmap`, a loop would keep what each of them had, turn by turn."""
-    pairs = zip(masks, in_batch, strict=True)
-    free, seed = (mask if batched else jnp.broadcast_to(mask, (size, *mask.shape)) for mask, batched in pairs)
-    return _counted(free, seed), (True, True)
+    return _counted(*one_a_member(size, in_batch, masks)), (True, True)

@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8
+from jaxtyping import Array, Bool, Float, Int32, Int64, Shaped, UInt8
 
 from maxjax.core import bits
 from maxjax.core.grid import Grid
@@ -220,8 +220,7 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
         """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
         rows, found = chunk[few], _read(fetched()[few], problems.settings.steps + 1)
         blocked = bits.unpack(found.blocked, problems.grid.shape)
-        own = seen if seen.ndim == 1 else seen[few]
-        obstacles = np.broadcast_to(bits.unpack(own, problems.grid.shape), blocked.shape)
+        obstacles = np.broadcast_to(bits.unpack(_some(seen, few, axes=1), problems.grid.shape), blocked.shape)
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         return judge(
@@ -253,6 +252,6 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     return [dataclasses.replace(plan, timings=timings) for plan in plans]
 
 
-def _some(volumes: Bool[np.ndarray, "*m nx ny nz"], rows: Any) -> Bool[np.ndarray, "*c nx ny nz"]:
-    """Of maps those of some problems; of a shared one, itself."""
-    return volumes if volumes.ndim == 3 else volumes[rows]
+def _some(maps: Shaped[np.ndarray, "..."], rows: Any, axes: int = 3) -> Shaped[np.ndarray, "..."]:
+    """Of maps those of some problems; of a shared one, which has only the `axes` of one map, itself."""
+    return maps if maps.ndim == axes else maps[rows]

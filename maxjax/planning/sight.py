@@ -104,7 +104,7 @@ def clear(
     enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
     leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
 
-    flat, variant = slab * strides[0], 4 * jnp.where(in_x, 0, jnp.where(in_y, 1, 2))[..., None]
+    flat, variant = slab * strides[0], 4 * ordered(0, 1, 2)[0][..., None]
     inside = (first >= 0) & (last < limits[0])
     for k, weight in ((1, 2), (2, 1)):
         slope = (high[k] - low[k]) / run
