@@ -21,6 +21,8 @@ from maxjax.core.loops import Arrays, one_a_member, repeat
 from maxjax.fields.stencil import cell
 
 _WORD = 32
+# Steps of a flood between two looks at what it reached.
+_STEPS = 16
 
 
 def _pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
@@ -34,6 +36,13 @@ def _unpack(words: UInt32[Array, "*b words ny nz"], nx: int) -> Bool[Array, "*b 
     *batch, _, ny, nz = words.shape
     bits = (words[..., None, :, :] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
     return bits.reshape(*batch, -1, ny, nz)[..., :nx, :, :].astype(bool)
+
+
+def _seed(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> UInt32[Array, "words ny nz"]:
+    """One voxel of a grid of this shape, packed; nothing inside the grid for an index outside it."""
+    x, y, z = index
+    word = cell((-(-shape[0] // _WORD), *shape[1:]), jnp.stack([x // _WORD, y, z]))
+    return jnp.where(word, jnp.uint32(1) << (x % _WORD).astype(jnp.uint32), 0)
 
 
 def _spread(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:
@@ -77,46 +86,53 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         free: free voxels.
         seed: voxel index.
     """
-    return _unpack(_grown(free, seed, lambda words: jnp.array(False)), free.shape[0])
+    (words,) = _grown(free, (seed,), lambda before, after: jnp.any(after[0] != before[0]))
+    return _unpack(words, free.shape[0])
 
 
 def joined(free: Bool[Array, "nx ny nz"], a: Int32[Array, " 3"], b: Int32[Array, " 3"]) -> Bool[Array, ""]:
-    """Whether `flood` from one voxel reaches the other; it ends as soon as it does.
+    """Whether `flood` from one voxel reaches the other. Both flood, until they meet or one has filled its component.
 
     Args:
         free: free voxels.
         a, b: voxel indices; nothing joins a voxel outside the grid.
     """
-    inside = jnp.all((b >= 0) & (b < jnp.asarray(free.shape)))
-    x, y, z = jnp.clip(b, 0, jnp.asarray(free.shape) - 1)
 
-    def reached(words: UInt32[Array, "words ny nz"]) -> Bool[Array, ""]:
-        return jnp.asarray(words[x // _WORD, y, z] >> (x % _WORD).astype(jnp.uint32) & 1, bool)
+    def met(words: Arrays) -> Bool[Array, ""]:
+        return jnp.any((words[0] & words[1]) != 0)
 
-    return inside & reached(_grown(free, a, reached))
+    def going(before: Arrays, after: Arrays) -> Bool[Array, ""]:
+        return jnp.any(after[0] != before[0]) & jnp.any(after[1] != before[1]) & ~met(after)
+
+    return met(_grown(free, (a, b), going))
 
 
 def _grown(
-    free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"], enough: Callable[[Array], Bool[Array, ""]]
-) -> UInt32[Array, "words ny nz"]:
-    """The component of `seed`, packed, or the part of it that was `enough`."""
+    free: Bool[Array, "nx ny nz"],
+    seeds: tuple[Int32[Array, " 3"], ...],
+    going: Callable[[Arrays, Arrays], Bool[Array, ""]],
+) -> Arrays:
+    """What each seed grows into, packed, while (before, after) says so; more where that is asked too late."""
     passable = _pack(free)
-    start = _pack(cell(free.shape, seed) & free)
 
-    def grow(state: tuple[UInt32[Array, "words ny nz"], Bool[Array, ""]]) -> tuple[Array, Array]:
-        before = state[0]
-        # Several steps between two looks at the result: each look waits for the device.
-        (words,) = repeat(8, lambda last: (_spread(last[0]) & passable,), (before,))
-        return words, jnp.any(words != before) & ~enough(words)
+    def step(words: Arrays) -> Arrays:
+        return tuple(_spread(each) & passable for each in words)
 
-    words, _ = lax.while_loop(lambda state: state[1], grow, (start, jnp.array(True)))
+    def grow(state: tuple[Arrays, Bool[Array, ""]]) -> tuple[Arrays, Bool[Array, ""]]:
+        before, _ = state
+        # Many steps between two looks at the result: each look waits for the device.
+        after = repeat(_STEPS, step, before)
+        return after, going(before, after)
+
+    first = tuple(_seed(free.shape, seed) & passable for seed in seeds)
+    words, _ = lax.while_loop(lambda state: state[1], grow, (first, jnp.array(True)))
     return words
 
 
-# Digits of the number of rounds: enough for 12,288 steps.
+# Digits of the number of rounds: enough for 12,264 steps.
 _DIGITS = 12
-# Rounds between two looks, and the digits that they count.
-_ROUNDS, _LOW = 4, 2
+# Rounds of a turn, the digits that they count, and turns between two looks.
+_ROUNDS, _LOW, _TURNS = 4, 2, 2
 
 
 def geodesic(
@@ -134,21 +150,22 @@ def geodesic(
     Returns:
         The component, and the steps; 0 outside the component.
     """
-    component, steps = _geodesic(free, cell(free.shape, seed) & free)
+    component, steps = _geodesic(free, _seed(free.shape, seed))
     return component, steps
 
 
 @jax.named_scope("geodesic")
 def _counted(
-    free: Bool[Array, "*b nx ny nz"], seed: Bool[Array, "*b nx ny nz"]
+    free: Bool[Array, "*b nx ny nz"], seed: UInt32[Array, "*b words ny nz"]
 ) -> tuple[Bool[Array, "*b nx ny nz"], Int32[Array, "*b nx ny nz"]]:
-    """`geodesic` from a mask, for one map or several at a time.
+    """`geodesic` from a packed seed, for one map or several at a time.
 
     The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
     yet reached. Of four rounds the first and the third flip the lowest digit, the second the next one, the fourth one
     that has to be looked up.
     """
-    passable, start = _pack(free), _pack(seed)
+    passable = _pack(free)
+    start = seed & passable
 
     def step(last: Arrays) -> Arrays:
         return last[1], _spread(last[1]) & passable
@@ -160,8 +177,7 @@ def _counted(
         words = _spread_cube(after_two, passable)
         return words, here, ago_1, ago_2, second | (after_two & ~after_one), third | (words & ~after_two)
 
-    def some_rounds(state: Arrays) -> Arrays:
-        # Each look at the result waits for the device.
+    def turn(state: Arrays) -> Arrays:
         before, second, third, lowest, low, high, turns, _ = state
         fourth, after_third, after_second, after_first, second, third = repeat(
             _ROUNDS, round_, (before, before, before, before, second, third)
@@ -173,12 +189,14 @@ def _counted(
 
     def going(state: Arrays) -> Bool[Array, ""]:
         *_, turns, grown = state
-        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - 1))
+        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - _TURNS))
 
     nothing = jnp.zeros_like(start)
     high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
     first: Arrays = (start, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
-    words, second, third, lowest, low, high, _, _ = lax.while_loop(going, some_rounds, first)
+    # Each look at the result waits for the device.
+    state = lax.while_loop(going, lambda state: repeat(_TURNS, turn, state), first)
+    words, second, third, lowest, low, high, _, _ = state
 
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
         return _unpack(words, free.shape[-3]).astype(jnp.int32)
@@ -190,7 +208,7 @@ def _counted(
         rounds = 2 * rounds + unpacked(digit)
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
     component = _unpack(words, free.shape[-3])
-    return component, jnp.where(component & ~seed, steps, 0)
+    return component, jnp.where(component & ~_unpack(start, free.shape[-3]), steps, 0)
 
 
 _geodesic = custom_vmap(_counted)
