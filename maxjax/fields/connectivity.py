@@ -129,10 +129,8 @@ def _grown(
     return words
 
 
-# Digits of the number of rounds: enough for 12,264 steps.
-_DIGITS = 12
-# Rounds of a turn, the digits that they count, and turns between two looks.
-_ROUNDS, _LOW, _TURNS = 4, 2, 2
+# Digits of the number of rounds, enough for 12,264 steps; the lowest of them count the eight rounds of a turn.
+_DIGITS, _LOW = 12, 3
 
 
 def geodesic(
@@ -161,8 +159,8 @@ def _counted(
     """`geodesic` from a packed seed, for one map or several at a time.
 
     The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
-    yet reached. Of four rounds the first and the third flip the lowest digit, the second the next one, the fourth one
-    that has to be looked up.
+    yet reached. Of eight rounds every odd one flips the lowest digit, the second and the sixth the next one, the fourth
+    the one after that, the eighth one that has to be looked up.
     """
     passable = _pack(free)
     start = seed & passable
@@ -177,33 +175,37 @@ def _counted(
         words = _spread_cube(after_two, passable)
         return words, here, ago_1, ago_2, second | (after_two & ~after_one), third | (words & ~after_two)
 
-    def turn(state: Arrays) -> Arrays:
-        before, second, third, lowest, low, high, turns, _ = state
+    def four_rounds(state: Arrays) -> Arrays:
+        before, second, third, lowest, low = state
         fourth, after_third, after_second, after_first, second, third = repeat(
-            _ROUNDS, round_, (before, before, before, before, second, third)
+            4, round_, (before, before, before, before, second, third)
         )
+        return fourth, second, third, lowest ^ after_first ^ after_third, low ^ ~after_second
+
+    def turn(state: Arrays) -> Arrays:
+        # Each look at the result waits for the device: eight rounds between two looks.
+        *begun, middle, high, turns, _ = state
+        half = four_rounds(tuple(begun))
+        whole = four_rounds(half)
         digit = lax.population_count(turns ^ (turns + 1)) - 1
-        high = high.at[digit].set(high[digit] ^ ~fourth)
-        lowest, low = lowest ^ after_first ^ after_third, low ^ ~after_second
-        return fourth, second, third, lowest, low, high, turns + 1, jnp.any(fourth != before)
+        high = high.at[digit].set(high[digit] ^ ~whole[0])
+        return *whole, middle ^ ~half[0], high, turns + 1, jnp.any(whole[0] != half[0])
 
     def going(state: Arrays) -> Bool[Array, ""]:
         *_, turns, grown = state
-        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - _TURNS))
+        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - 1))
 
     nothing = jnp.zeros_like(start)
     high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
-    first: Arrays = (start, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
-    # Each look at the result waits for the device.
-    state = lax.while_loop(going, lambda state: repeat(_TURNS, turn, state), first)
-    words, second, third, lowest, low, high, _, _ = state
+    first: Arrays = (start, nothing, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
+    words, second, third, lowest, low, middle, high, _, _ = lax.while_loop(going, turn, first)
 
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
         return _unpack(words, free.shape[-3]).astype(jnp.int32)
 
     rounds = jnp.zeros(free.shape, jnp.int32)
     digit = jnp.zeros_like(start)
-    for gray in (*reversed(high), low, lowest):
+    for gray in (*reversed(high), middle, low, lowest):
         digit = digit ^ gray
         rounds = 2 * rounds + unpacked(digit)
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1

@@ -17,7 +17,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.interpolate import CORNERS, corner_weights
 from maxjax.fields import stencil
@@ -53,20 +53,27 @@ def gradient_at(
 ) -> Float[Array, " 3"]:
     """The gradient of `gradient`, interpolated trilinearly among the free voxels around `position` (index coordinates).
 
-    Reads a block of 4 x 4 x 4 voxels only, so a path costs nothing that depends on the size of the grid.
+    Reads the eight voxels around it and their neighbours only, so a path costs nothing that depends on the grid's size.
     """
-    base = jnp.floor(position).astype(jnp.int32)
-    corner = jnp.clip(base - 1, 0, jnp.asarray(log_phi.shape, jnp.int32) - 4)
-    block = gradient(lax.dynamic_slice(log_phi, corner, (4, 4, 4)), lax.dynamic_slice(free, corner, (4, 4, 4)))
-    # At the edge of the grid the block was moved inwards, and the cell is not its middle.
-    cell = jnp.clip(base - corner, 0, 2)
-    around = lax.dynamic_slice(block, (*cell, jnp.int32(0)), (2, 2, 2, 3))
-    open_around = lax.dynamic_slice(free, corner + cell, (2, 2, 2))
-    share = corner_weights(jnp.clip(position - corner - cell, 0, 1)) * open_around
-    # Written out: a sum over so few is a kernel of its own.
-    total = sum((share[corner] for corner in CORNERS), start=jnp.zeros((), share.dtype))
-    rise = sum((share[corner] * around[corner] for corner in CORNERS), start=jnp.zeros((), share.dtype))
-    return rise / jnp.where(total > 0, total, 1)
+    shape = jnp.asarray(log_phi.shape, jnp.int32)
+    base = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, shape - 2)
+    corner = base + jnp.asarray(CORNERS, jnp.int32)
+
+    def at(v: Int32[Array, "8 n 3"]) -> tuple[Float[Array, "8 n"], Float[Array, "8 n"]]:
+        """Value, and 1 where the voxel is free."""
+        inside = jnp.all((v >= 0) & (v < shape), axis=-1)
+        x, y, z = jnp.moveaxis(jnp.clip(v, 0, shape - 1), -1, 0)
+        flat = (x * log_phi.shape[1] + y) * log_phi.shape[2] + z
+        return log_phi.reshape(-1)[flat], (inside & free.reshape(-1)[flat]).astype(log_phi.dtype)
+
+    along = jnp.eye(3, dtype=jnp.int32)
+    here, weight = at(corner[:, None])
+    (above, forward), (below, backward) = at(corner[:, None] + along), at(corner[:, None] - along)
+    rise = (forward * (above - here) + backward * (here - below)) / jnp.maximum(forward + backward, 1)
+    share = corner_weights(jnp.clip(position - base, 0, 1)).reshape(8, 1) * weight
+    # Both sums in one.
+    *mean, total = jnp.sum(share * jnp.concatenate([rise, jnp.ones_like(share)], axis=1), axis=0)
+    return jnp.stack(mean) / jnp.where(total > 0, total, 1)
 
 
 def smooth(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sigma: float) -> Float[Array, "nx ny nz"]:

@@ -32,10 +32,11 @@ from maxjax.planning.sight import clear
 _PATIENCE = 12
 _ADAM_BETA2 = 0.999
 # Steps of one scan, and of one turn of its loop.
-_STRIDE, _UNROLLED = 16, 4
+_STRIDE, _UNROLLED = 16, 8
 # Which components of a step survive: all, then two, then one. Where none does, the step to the goal stands in the row.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
-_NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+# The six neighbours, and the voxel itself to make eight: a GPU finds as many scores as there are masks in one kernel.
+_NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, 0, 0), (0, 0, 0))
 
 
 # Position, momentum, second moment, steps spent in this voxel, arrived.

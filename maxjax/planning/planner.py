@@ -126,7 +126,7 @@ class Stage:
 
     def _executable(self, watch: Stopwatch, arrays: tuple[Any, ...], static: Mapping[str, Any]) -> Callable[..., Any]:
         leaves, tree = jax.tree.flatten(arrays)
-        key = (tree, tuple((x.shape, x.dtype, x.weak_type) for x in leaves), tuple(sorted(static.items())))
+        key = (tree, tuple((x.shape, x.dtype) for x in leaves), tuple(sorted(static.items())))
         if key not in self._compiled:
             with watch.stage("compile"):
                 self._compiled[key] = self._jit.lower(*arrays, **static).compile()

@@ -150,15 +150,16 @@ def pose(
         near = [blocked_within(squared[at], ground[at], below[at], ladder[rung], grid) for at in (at_a, at_b)]
         return inside_a & inside_b & ~jnp.any(jnp.stack(near))
 
-    def solvable(rung: Int32[Array, ""]) -> Bool[Array, ""]:
-        return stand(rung) & joined(~blocked_at(rung), b.index, a.index)
-
     in_a, in_b = ~inside_a | jnp.any(occupied[at_a]), ~inside_b | jnp.any(occupied[at_b])
     bad = ~finite | in_a | in_b
     last = len(ladder) - 1
     # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
     standing = jax.vmap(stand)(jnp.arange(last + 1, dtype=jnp.int32))
     first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
+
+    def solvable(rung: Int32[Array, ""]) -> Bool[Array, ""]:
+        return standing[rung] & joined(~blocked_at(rung), b.index, a.index)
+
     rung, ok = lax.while_loop(
         lambda state: ~state[1] & (state[0] < last) & ~bad,
         lambda state: (state[0] + 1, solvable(state[0] + 1)),

@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, UInt16
 
@@ -98,9 +99,9 @@ def clear(
 
     first = jnp.floor(low[0] + 0.5 - TOUCH).astype(jnp.int32)
     last = jnp.floor(high[0] + 0.5 + TOUCH).astype(jnp.int32)
-    half = jnp.arange(2 * slabs)
+    half = np.arange(2 * slabs, dtype=np.int32)
     slab = first + half // 2
-    middle = slab + 0.5 * (half % 2)
+    middle = slab + jnp.asarray(0.5 * (half % 2), a.dtype)
     enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
     leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
 
@@ -125,6 +126,8 @@ def visibility(
     bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"], slabs: int | None = None
 ) -> Bool[Array, "n n"]:
     """Pairwise `clear` between points, upper triangle; the rest is False."""
-    n = points.shape[0]
-    rows, columns = jnp.triu_indices(n, k=1)
-    return jnp.zeros((n, n), bool).at[rows, columns].set(clear(bits, points[rows], points[columns], slabs))
+    # Which pairs there are is known ahead: on a GPU each step towards it would be a kernel, and so would a scatter.
+    upper = np.triu(np.ones((points.shape[0],) * 2, bool), k=1)
+    rows, columns = np.nonzero(upper)
+    pair = np.cumsum(upper).reshape(upper.shape) - 1
+    return clear(bits, points[rows], points[columns], slabs)[np.maximum(pair, 0)] & upper

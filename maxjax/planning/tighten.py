@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
 
@@ -32,9 +33,10 @@ def _shorten(
     """One round of dynamic programming on n points; consecutive points are taken as visible."""
     n = points.shape[0]
     distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
-    seen = visibility(bits, points, slabs) | (jnp.arange(n)[:, None] + 1 == jnp.arange(n)[None])
+    seen = visibility(bits, points, slabs) | np.eye(n, k=1, dtype=bool)
     # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
-    edge = jnp.where(seen, distance + 1e-4, jnp.inf).at[n - 1, n - 1].set(0)
+    end = np.arange(n) == n - 1
+    edge = jnp.where(end[:, None] & end, 0, jnp.where(seen, distance + 1e-4, jnp.inf))
 
     # Every point at once, as in Bellman and Ford, not one after the other: a taut path has few edges, and few turns
     # that each do much are what a GPU wants.
