@@ -200,6 +200,7 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     watch, begun = Stopwatch(), time.perf_counter()
     results: list[Callable[[], list[Plan]]] = []
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
+    alone = len(which) == 1
 
     def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], UInt8[np.ndarray, "*s bytes"], Any]:
         """A chunk: its problems, what is occupied beside the ground, and the problems on the device."""
@@ -208,8 +209,9 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
         # A slice is a view; a selection would copy the maps once more.
         rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
         occupied, ground = (bits.pack(_some(volumes, rows)) for volumes in (problems.occupied, problems.ground))
-        there = jax.device_put((occupied, ground, problems.start[rows], problems.goal[rows]))
-        return chunk, occupied & ~ground, there
+        given = occupied, ground, problems.start[rows], problems.goal[rows]
+        # Sent ahead, while the device is at the chunk before; with a single problem the call itself is quicker.
+        return chunk, occupied & ~ground, given if alone else jax.device_put(given)
 
     def verified(
         chunk: Int64[np.ndarray, " c"],
@@ -230,7 +232,7 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
 
     def later(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
         """What waits for a thread's answer; a single problem is not worth one."""
-        return functools.partial(work, *arguments) if len(which) == 1 else pool.submit(work, *arguments).result
+        return functools.partial(work, *arguments) if alone else pool.submit(work, *arguments).result
 
     with ThreadPoolExecutor(_THREADS) as pool:
         following = later(prepared, 0)

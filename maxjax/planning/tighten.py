@@ -18,13 +18,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
 
-from maxjax.core.loops import Arrays, repeat
+from maxjax.core.loops import repeat
 from maxjax.planning.sight import visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
-# Relaxations between two looks at whether anything changed.
-_SWEEPS = 8
+_DOUBLINGS = 3
 
 
 def _shorten(
@@ -35,17 +34,15 @@ def _shorten(
     distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
     seen = visibility(bits, points, slabs) | np.eye(n, k=1, dtype=bool)
     # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
-    end = np.arange(n) == n - 1
-    edge = jnp.where(end[:, None] & end, 0, jnp.where(seen, distance + 1e-4, jnp.inf))
-
-    # Every point at once, as in Bellman and Ford, not one after the other: a taut path has few edges, and few turns
-    # that each do much are what a GPU wants.
-    def relax(state: Arrays) -> Arrays:
-        return repeat(_SWEEPS, lambda last: (jnp.min(edge + last[0][None], axis=1), last[0]), state)
-
-    cost = jnp.full(n, jnp.inf).at[n - 1].set(0)
-    cost, _ = lax.while_loop(lambda state: jnp.any(state[0] != state[1]), relax, relax((cost, cost)))
-    follow = jnp.argmin(edge + cost[None], axis=1).astype(jnp.int32)
+    edge = jnp.where(seen, distance + 1e-4, jnp.inf)
+    # Every point at once, not one after the other: a GPU wants few turns that each do much, and no look at the result.
+    # Ways of at most two edges, then four, eight; then to the end, by eight more with each turn.
+    far = jnp.where(np.eye(n, dtype=bool), 0, edge)
+    for _ in range(_DOUBLINGS):
+        far = jnp.min(far[:, :, None] + far[None], axis=1)
+    (cost,) = repeat(-(-n // 2**_DOUBLINGS) - 1, lambda last: (jnp.min(far + last[0][None], axis=1),), (far[:, -1],))
+    # The end leads to itself.
+    follow = jnp.argmin(edge + cost[None], axis=1).astype(jnp.int32).at[-1].set(n - 1)
 
     # The path 0, follow(0), follow(follow(0)), …: each turn doubles what is known of it.
     path = jnp.zeros(1, jnp.int32)
@@ -95,16 +92,17 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
     room = -(-n // WINDOW) * WINDOW + WINDOW // 2
     points = _unrepeat(jnp.concatenate([path, jnp.broadcast_to(path[-1], (room - n, 3))]))
     used = jnp.sum(jnp.any(points[1:] != points[:-1], axis=1)) + 1
-    for offset in (0, WINDOW // 2):
+    # Window by window, and once more across the seams, if there are any.
+    first = jnp.clip(-(-used // WINDOW), 1, room // WINDOW)
+    second = jnp.where(used > WINDOW, -(-(used - WINDOW // 2) // WINDOW), 0)
 
-        def window(k: Int32[Array, ""], points: Float[Array, "m 3"], offset: int = offset) -> Float[Array, "m 3"]:
-            first = offset + k * WINDOW
-            # No two points of a window are further apart than its points are many: that bounds the slabs.
-            short = _shorten(bits, lax.dynamic_slice(points, (first, 0), (WINDOW, 3)), slabs=WINDOW + 1)
-            return lax.dynamic_update_slice(points, short, (first, 0))
+    def window(k: Int32[Array, ""], points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
+        at = jnp.where(k < first, k * WINDOW, (k - first) * WINDOW + WINDOW // 2)
+        # No two points of a window are further apart than its points are many: that bounds the slabs.
+        short = _shorten(bits, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), slabs=WINDOW + 1)
+        return lax.dynamic_update_slice(points, short, (at, 0))
 
-        turns = jnp.clip((used - offset + WINDOW - 1) // WINDOW, 0, (room - offset) // WINDOW)
-        points = lax.fori_loop(0, turns, window, points)
+    points = lax.fori_loop(0, first + second, window, points)
     points = _unrepeat(points)
 
     def whole(_: Array, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
