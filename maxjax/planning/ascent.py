@@ -138,8 +138,9 @@ def ascend(
         ahead = jnp.where(smooth_step, end, discrete)
         ahead = jnp.where(arrives, goal, ahead)
         ahead = jnp.where(done | (k >= settings.steps), x, ahead)
-        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
-        m = jnp.where(smooth_step, m * mask, 0)
+        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh. Where it goes and
+        # how fast is found in one kernel: behind the barrier a GPU would find the speed once more.
+        ahead, m = lax.optimization_barrier((ahead, jnp.where(smooth_step, m * mask, 0)))
         entered = jnp.any(voxel(ahead) != here)
         lingered = jnp.where(entered, 0, lingered + 1)
         return (ahead, m, v, lingered, done | arrives), ahead

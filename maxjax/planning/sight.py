@@ -12,12 +12,10 @@ Positions are index coordinates (whole numbers at voxel centres). Voxels outside
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
 
 # A segment closer than this to a voxel's face touches the voxel on the other side as well [voxels]: far above the
 # rounding of float32 coordinates of a few hundred, far below anything that matters in flight.
@@ -80,20 +78,22 @@ def clear(
     """
     _, ny, nz = bits.shape
     slabs = max(bits.shape) + 1 if slabs is None else slabs
-    dx, dy, dz = _components(jnp.abs(b - a))
-    in_x = (dx >= dy) & (dx >= dz)
-    in_y = ~in_x & (dy >= dz)
+    dx, dy, dz = jnp.moveaxis(jnp.abs(b - a), -1, 0)
+    longest = jnp.where((dx >= dy) & (dx >= dz), 0, jnp.where(dy >= dz, 1, 2))
+    order = jnp.asarray([(axis, *others) for axis, others in enumerate(_OTHERS)])[longest]
+    rows = 3 * np.arange(longest.size).reshape(longest.shape)
 
-    def ordered(x: Any, y: Any, z: Any) -> tuple[Array, Array, Array]:
-        """What belongs to the longest axis, then to the two others in the order of `blocks`."""
-        return jnp.where(in_x, x, jnp.where(in_y, y, z)), jnp.where(in_x, y, x), jnp.where(in_x | in_y, z, y)
+    def ordered(values: Shaped[Array | np.ndarray, "*#k 3"]) -> list[Shaped[Array, "*k 1"]]:
+        """What belongs to the longest axis, then to the two others in the order of `blocks`; with an axis for slabs."""
+        flat = jnp.broadcast_to(values, (*longest.shape, 3)).reshape(-1)
+        return [flat[(rows + order[..., k])[..., None]] for k in range(3)]
 
     # From here on: coordinate 0 along the longest axis, pointing upwards.
-    start, end = ordered(*_components(a)), ordered(*_components(b))
+    start, end = ordered(a), ordered(b)
     flip = end[0] < start[0]
-    low = [jnp.where(flip, v, u)[..., None] for u, v in zip(start, end, strict=True)]
-    high = [jnp.where(flip, u, v)[..., None] for u, v in zip(start, end, strict=True)]
-    strides, limits = ([n[..., None] for n in ordered(*each)] for each in ((ny * nz, nz, 1), bits.shape))
+    low = [jnp.where(flip, v, u) for u, v in zip(start, end, strict=True)]
+    high = [jnp.where(flip, u, v) for u, v in zip(start, end, strict=True)]
+    strides, limits = ordered(np.array([ny * nz, nz, 1])), ordered(np.array(bits.shape))
     length = high[0] - low[0]
     run = jnp.where(length > 0, length, 1.0)
 
@@ -105,7 +105,7 @@ def clear(
     enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
     leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
 
-    flat, variant = slab * strides[0], 4 * ordered(0, 1, 2)[0][..., None]
+    flat, variant = slab * strides[0], 4 * longest[..., None]
     inside = (first >= 0) & (last < limits[0])
     for k, weight in ((1, 2), (2, 1)):
         slope = (high[k] - low[k]) / run
@@ -116,10 +116,6 @@ def clear(
         flat, variant = flat + floor * strides[k], variant + weight * (ceil - floor)
     hit = (bits.reshape(-1)[jnp.clip(flat, 0, bits.size - 1)] >> variant.astype(jnp.uint16)) & 1
     return jnp.all(inside & (last - first < slabs) & ((slab > last) | (hit == 0)), axis=-1)
-
-
-def _components(points: Float[Array, "*k 3"]) -> tuple[Float[Array, "*k"], Float[Array, "*k"], Float[Array, "*k"]]:
-    return points[..., 0], points[..., 1], points[..., 2]
 
 
 def visibility(
