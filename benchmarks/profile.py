@@ -10,14 +10,17 @@ Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. 
 asks whether to go on. `us` is the sum of kernel times a call, `kernels` their number; `wall` is the time of a call that
 is not traced, and what it exceeds the sum by is spent between kernels.
 
-`sweep` rows of a solve also say at what rate a sweep passes the six arrays that it cannot do without (three faces, the
-diagonal, φ before and after); `copy` is one array read and one written, by a kernel of the same size: the floor.
+`change` is the last sweep of a cycle, with the look at what it changed; `settle` keeps the scenes of a batch that are
+done apart from those that are not. `sweep` rows of a solve also say at what rate the longest kernel passes the six
+arrays that a sweep cannot do without (three faces, the diagonal, φ before and after); `copy` is one array read and one
+written, by a kernel of the same size: the floor.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
+import statistics
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -42,8 +45,8 @@ from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.walk import padded
 
 STEPS = (
-    "pose", "geodesic", "conductivity", "assemble", "lump", "relax", "sweep", "conjugate gradients", "certify",
-    "ascend", "tighten",
+    "pose", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",
+    "conjugate gradients", "certify", "ascend", "tighten",
 )  # fmt: skip
 # What a loop of a CPU's program takes holds what its operations take.
 _CONTROL = ("while", "conditional", "call")
@@ -128,12 +131,17 @@ def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], co
 
     wall = measure(call, max(config.repeats, 3)).median_s
     steps = _scopes(compiled.as_text() or "")
+    durations: dict[str, list[float]] = defaultdict(list)
+    for name, seconds in _traced(call, config.repeats):
+        durations[name].append(1e6 * seconds)
     spent: dict[str, float] = defaultdict(float)
     kernels: dict[str, float] = defaultdict(float)
-    for name, seconds in _traced(call, config.repeats):
+    longest: dict[str, float] = defaultdict(float)
+    for name, each in durations.items():
         step = "waits" if "D2H" in name else steps.get(_letters(name), "other")
-        spent[step] += 1e6 * seconds / config.repeats
-        kernels[step] += 1 / config.repeats
+        spent[step] += sum(each) / config.repeats
+        kernels[step] += len(each) / config.repeats
+        longest[step] = max(longest[step], statistics.mean(each))
     busy = sum(spent.values())
     whole: Row = {
         "what": f"{what}: all", "us": round(busy, 1), "kernels": round(sum(kernels.values()), 1),
@@ -144,6 +152,7 @@ def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], co
             "what": f"{what}: {step}",
             "us": round(us, 1),
             "kernels": round(kernels[step], 1),
+            "longest_us": round(longest[step], 1),
             "share": round(us / busy, 4),
         }
         for step, us in sorted(spent.items(), key=lambda item: -item[1])
@@ -152,11 +161,10 @@ def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], co
 
 
 def _at_rate(row: Row, size: int) -> Row:
-    """The row with the rate at which its kernels pass so many bytes each [GB/s]."""
-    us, kernels = row["us"], row["kernels"]
-    assert isinstance(us, float)
-    assert isinstance(kernels, float)
-    return {**row, "gb_per_s": round(1e-3 * size * kernels / us, 1)}
+    """The row with the rate at which its longest kernel passes so many bytes [GB/s]."""
+    longest = row["longest_us"]
+    assert isinstance(longest, float)
+    return {**row, "gb_per_s": round(1e-3 * size / longest, 1)}
 
 
 def _scopes(text: str) -> dict[str, str]:

@@ -81,9 +81,9 @@ def settle(
 
     @run.def_vmap
     def batched(size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves) -> tuple[Leaves, list[bool]]:
-        own, changing = in_batch
+        own, varying = in_batch
         axes = ([0 if batched else None for batched in own], 0)
-        leaves = one_a_member(size, changing, leaves)
+        leaves = one_a_member(size, varying, leaves)
         part = -(-size // parts)
 
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
@@ -92,7 +92,8 @@ def settle(
         def together(leaves: Leaves) -> Leaves:
             more = unfinished(leaves)
             pairs = zip(jax.vmap(turn, axes)(inputs, leaves), leaves, strict=True)
-            return [jnp.where(more.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
+            with jax.named_scope("settle"):
+                return [jnp.where(more.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
 
         def finish(leaves: Leaves) -> Leaves:
             # What fills up a part that has too few members is a copy of the last one, and is dropped.
@@ -101,9 +102,12 @@ def settle(
             def take(x: Array) -> Array:
                 return jnp.take(x, chosen, axis=0, mode="clip")
 
-            some = [take(x) if batched else x for x, batched in zip(inputs, own, strict=True)]
-            settled = jax.vmap(turns, axes)(some, [take(x) for x in leaves])
-            return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
+            with jax.named_scope("settle"):
+                some = [take(x) if batched else x for x, batched in zip(inputs, own, strict=True)]
+                changing = [take(x) for x in leaves]
+            settled = jax.vmap(turns, axes)(some, changing)
+            with jax.named_scope("settle"):
+                return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
 
         leaves = lax.while_loop(lambda leaves: 2 * jnp.sum(unfinished(leaves)) > size, together, leaves)
         leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)

@@ -6,8 +6,9 @@ On an accelerator it plans one chunk while the host verifies the last one and pa
     host     verify, path by path; pack, and send                chunks k − 1 and k + 1
 
 A chunk is what a device is busy with: a larger one gains little, and waits longer for its slowest problem. So memory
-is bounded whatever the size of the batch. A chunk comes back as one array of bytes, since each array that is fetched
-costs as much as a short stage. A CPU is busy with a single problem, and plans one after the other, stage by stage.
+is bounded whatever the size of the batch. A chunk comes back as one array of bytes, in the host's memory: every array
+that is fetched costs as much as a short stage. A CPU is busy with a single problem, and plans one after the other,
+stage by stage.
 """
 
 from __future__ import annotations
@@ -88,13 +89,14 @@ def _written(
 
 def _read(message: UInt8[np.ndarray, "c written"], points: int) -> _Found:
     """`_written` for paths of so many points, on the host."""
-    path, margin, status, certified, blocked = np.split(message, np.cumsum([12 * points, 4, 4, 1]), axis=1)
+    numbers = np.ascontiguousarray(message[:, : 12 * points + 8])
+    floats = numbers.view(np.float32)
     return _Found(
-        np.ascontiguousarray(path).view(np.float32).reshape(-1, points, 3),
-        np.ascontiguousarray(margin).view(np.float32)[:, 0],
-        np.ascontiguousarray(status).view(np.int32)[:, 0],
-        certified[:, 0] > 0,
-        blocked,
+        floats[:, :-2].reshape(-1, points, 3),
+        floats[:, -2],
+        numbers.view(np.int32)[:, -1],
+        message[:, 12 * points + 8] > 0,
+        message[:, 12 * points + 9 :],
     )
 
 
@@ -114,11 +116,13 @@ def _plan_chunk(
         return _written(path, problem.margin, status, certified, blocked)
 
     if start.shape[0] == 1:  # what `vmap` adds is not free
-        return one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])[None]
-    # A map that all problems share is not copied.
-    axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)
-    found: UInt8[Array, "b written"] = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
-    return found
+        found = one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])[None]
+    else:
+        # A map that all problems share is not copied.
+        axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)
+        found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+    there: UInt8[Array, "b written"] = jax.device_put(found, jax.memory.Space.Host)
+    return there
 
 
 _DEVICE = Stage("device", _plan_chunk, static=("margin", "grid", "potential", "settings"))

@@ -244,7 +244,8 @@ def _attempt(
         sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
     operator = _operator(caps.setting, sigma, length)
     if caps.setting == "screened":
-        guess = jnp.where(component, _guess(distance, length), 0)
+        with jax.named_scope("guess"):
+            guess = jnp.where(component, _guess(distance, length), 0)
         newton = walk.solve(operator, guess, component, goal, tolerance=caps.tolerance, max_cycles=caps.max_iterations)
         stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
 

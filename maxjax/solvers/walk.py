@@ -133,10 +133,11 @@ def solve(
             phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
         for weight in _SWEEPS[:-1]:
             phi = lax.optimization_barrier(sweep(phi, weight))
-        after = sweep(phi, 1.0)
-        change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
-        stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
-        return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
+        with jax.named_scope("change"):
+            after = sweep(phi, 1.0)
+            change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
+            stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
+            return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 
     def going(system: System, state: State) -> Bool[Array, ""]:
         _, cycles, change, _, stalled = state
