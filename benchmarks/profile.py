@@ -145,7 +145,7 @@ def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], co
     busy = sum(spent.values())
     whole: Row = {
         "what": f"{what}: all", "us": round(busy, 1), "kernels": round(sum(kernels.values()), 1),
-        "share": 1.0, "wall_us": round(1e6 * wall, 1),
+        "longest_us": round(max(longest.values()), 1), "share": 1.0, "wall_us": round(1e6 * wall, 1),
     }  # fmt: skip
     rows: list[Row] = [
         {
