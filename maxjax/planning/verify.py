@@ -316,9 +316,10 @@ def _clearance(
         pieces = pieces.of(squared[pieces.path] > reach**2)
         if not pieces.path.size:
             break
-    for path in np.unique(pieces.path).tolist():
-        own = pieces.of(pieces.path == path)
-        _search(squared, own, occupied[own.map[0]])
+    else:
+        for path in np.unique(pieces.path).tolist():
+            own = pieces.of(pieces.path == path)
+            _search(squared, own, occupied[own.map[0]])
     least: Float64[np.ndarray, " {paths}"] = np.sqrt(squared)
     return least
 
