@@ -15,7 +15,7 @@ Arrays = tuple[Array, ...]
 State = TypeVar("State")
 
 
-def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays) -> Arrays:
+def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays, fused: int = 1) -> Arrays:
     """`step`, `count` times.
 
     On CPU a `lax` loop: in straight-line code XLA fuses one step into the next and computes it anew for each neighbour
@@ -26,14 +26,18 @@ def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays) -> Array
         count: static.
         step: maps a tuple of arrays to one of the same shapes and types.
         state: first argument.
+        fused: steps that may become one kernel: where a step is shorter than the start of a kernel, computing some of it
+            anew is cheaper. Static; no matter on CPU.
     """
 
     def in_a_loop(*state: Array) -> Arrays:
         return tuple(lax.fori_loop(0, count, lambda _, s: step(s), state))
 
     def in_a_row(*state: Array) -> Arrays:
-        for _ in range(count):
-            state = lax.optimization_barrier(step(state))
+        for k in range(count):
+            state = step(state)
+            if (k + 1) % fused == 0 or k + 1 == count:
+                state = lax.optimization_barrier(state)
         return state
 
     return tuple(lax.platform_dependent(*state, cpu=in_a_loop, default=in_a_row)) if count else state

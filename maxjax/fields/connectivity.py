@@ -122,7 +122,7 @@ def _grown(
     def grow(state: tuple[Arrays, Bool[Array, ""]]) -> tuple[Arrays, Bool[Array, ""]]:
         before, _ = state
         # Many steps between two looks at the result: each look waits for the device.
-        after = repeat(_STEPS, step, before)
+        after = repeat(_STEPS, step, before, fused=2)
         return after, going(before, after)
 
     first = tuple(_seed(free.shape, seed) & passable for seed in seeds)
@@ -172,7 +172,7 @@ def _counted(
     def round_(state: Arrays) -> Arrays:
         # What the last rounds reached stays at hand: here, 1, 2 and 3 rounds ago.
         here, ago_1, ago_2, _, second, third = state
-        after_one, after_two = repeat(2, step, (here, here))
+        after_one, after_two = repeat(2, step, (here, here), fused=2)
         words = _spread_cube(after_two, passable)
         return words, here, ago_1, ago_2, second | (after_two & ~after_one), third | (words & ~after_two)
 
