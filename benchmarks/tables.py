@@ -84,8 +84,8 @@ def _beside_the_paper(document: Document) -> str:
     theirs = min(1e3 * methods["3DMaxConvNet"][2] for methods in PAPER.values())
     return (
         f"The paper states {theirs:.0f} ms for a plan by its network, on its own machine and problems: "
-        f"{theirs / alone:.0f} times\n"
-        f"a plan on the {device(document)}, {theirs / together:.0f} times one of a batch."
+        f"{number(theirs / alone)} times\n"
+        f"a plan on the {device(document)}, {number(theirs / together)} times one of a batch."
     )
 
 

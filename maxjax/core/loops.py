@@ -26,8 +26,8 @@ def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays, fused: i
         count: static.
         step: maps a tuple of arrays to one of the same shapes and types.
         state: first argument.
-        fused: steps that may become one kernel: where a step is shorter than the start of a kernel, computing some of it
-            anew is cheaper. Static; no matter on CPU.
+        fused: steps that may become one kernel: where a step is shorter than the start of a kernel, it is cheaper to
+            compute some of it anew. Static; on CPU it does not matter.
     """
 
     def in_a_loop(*state: Array) -> Arrays:
