@@ -3,6 +3,8 @@
     python -m experiments.ablations                       # 50 problems a map; an hour on two CPU cores
     python -m experiments.ablations --problems 8          # 9 minutes
     python -m experiments.ablations --closed-loop         # 50 trials a map and condition; one H200
+    python -m experiments.ablations --groups kernels --trained OUT/paper_large    # weights that do not come with maxjax
+    python -m experiments.ablations --groups kernels --trained OUT/paper_large    # weights that do not come with maxjax
 
 Offline protocol (`experiments.random_problems`), both unseen maps. Every variant answers the same problems, and its
 path is verified before the same judge. What the library leaves out on purpose is written here, in its slot:
@@ -86,6 +88,7 @@ class Config:
         groups: which ablations; all of `GROUPS`.
         shape: of the grid, voxels of 2 m around the origin.
         margin: of all variants but those of the margin [m].
+        trained: folders that `maxjax train` left, of networks whose weights do not come with maxjax.
         seed: of cities and problems.
         closed_loop: fly the conditions of `FLIGHTS` instead.
         trials: a map and condition, in the closed loop.
@@ -99,6 +102,7 @@ class Config:
     groups: tuple[str, ...] = ("smoothing", "rule", "screening", "conductivity", "margin", "kernels")
     shape: tuple[int, int, int] = (101, 101, 101)
     margin: float = 8.0
+    trained: tuple[Path, ...] = ()
     seed: int = 0
     closed_loop: bool = False
     trials: int = 50
@@ -119,11 +123,13 @@ class Source:
         length: screening length [voxels]; None: what the solver chooses; 0: no leak, outer faces grounded.
         weighted: by distance to the goal, or the same everywhere.
         network: the name of one instead of the solver, alone.
+        weights: its file; None: the one that comes with maxjax.
     """
 
     length: float | None = None
     weighted: bool = True
     network: str | None = None
+    weights: Path | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,8 +208,14 @@ def main(config: Config) -> list[Row]:
     if unknown:
         raise ValueError(f"groups: expected some of {', '.join(GROUPS)}, given {unknown[0]!r}")
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
-    asked = [(group, setting, v) for group in config.groups for setting, v in GROUPS[group].items()]
-    missing = {v for *_, v in asked if v.source.network and v.source.network not in shipped()}
+    own = {folder.name: folder / f"{folder.name}.npz" for folder in config.trained}
+
+    def found_weights(v: Variant) -> Variant:
+        weights = own.get(v.source.network or "")
+        return dataclasses.replace(v, source=dataclasses.replace(v.source, weights=weights)) if weights else v
+
+    asked = [(group, setting, found_weights(v)) for group in config.groups for setting, v in GROUPS[group].items()]
+    missing = {v for *_, v in asked if v.source.network and v.source.network not in (*own, *shipped())}
     chosen = list(dict.fromkeys([DEFAULT, *(v for *_, v in asked if v not in missing)]))
     rows: list[Row] = [
         {"group": group, "setting": setting, "map": "", "left_out": "no weights are shipped"}
@@ -296,8 +308,8 @@ _tighten = jax.jit(tighten)
 
 
 @functools.cache
-def _network(name: str) -> Callable[..., Potential]:
-    return jax.jit(functools.partial(predict_potential, load_model(name)))
+def _network(name: str, weights: Path | None) -> Callable[..., Potential]:
+    return jax.jit(functools.partial(predict_potential, load_model(name, weights)))
 
 
 _solve: Callable[..., Potential] = jax.jit(solve_potential, static_argnames=("setting",))
@@ -305,7 +317,7 @@ _solve: Callable[..., Potential] = jax.jit(solve_potential, static_argnames=("se
 
 def _potential(source: Source, sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]) -> Potential:
     if source.network:
-        return _network(source.network)(sigma, goal)
+        return _network(source.network, source.weights)(sigma, goal)
     if source.length == 0:
         return _solve(sigma, goal, setting="paper")
     # An array, so that all lengths are one program.

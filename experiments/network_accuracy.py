@@ -46,6 +46,7 @@ class Config:
         scenes: a map.
         maps: unseen in training.
         models: networks; None: all whose weights come with maxjax.
+        trained: folders that `maxjax train` left, of networks besides.
         grid: shape and spacing; it is moved to each scene's sensor.
         chunk: scenes made at a time.
         seed: of the scenes.
@@ -55,6 +56,7 @@ class Config:
     scenes: int = 100
     maps: tuple[str, ...] = ("downtown", "suburb")
     models: tuple[str, ...] | None = None
+    trained: tuple[Path, ...] = ()
     grid: Grid = Grid()  # noqa: RUF009 (frozen)
     chunk: int = 4
     seed: int = 0
@@ -67,6 +69,7 @@ TINY = Config(scenes=4, maps=("midtown",), grid=TINY_GRID)
 def main(config: Config) -> list[Row]:
     """Label scenes, judge every network on them; save one row a map and network."""
     models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
+    models += [load_model(folder.name, folder / f"{folder.name}.npz") for folder in config.trained]
     grid = config.grid
     rows: list[Row] = []
     for number, name in enumerate(config.maps):
