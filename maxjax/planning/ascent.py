@@ -138,8 +138,8 @@ def ascend(
         ahead = jnp.where(smooth_step, end, discrete)
         ahead = jnp.where(arrives, goal, ahead)
         ahead = jnp.where(done | (k >= settings.steps), x, ahead)
-        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh. Where it goes and
-        # how fast is found in one kernel: behind the barrier a GPU would find the speed once more.
+        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh. With a barrier a
+        # GPU finds both in one kernel, and not the momentum once more in the next step.
         ahead, m = lax.optimization_barrier((ahead, jnp.where(smooth_step, m * mask, 0)))
         entered = jnp.any(voxel(ahead) != here)
         lingered = jnp.where(entered, 0, lingered + 1)

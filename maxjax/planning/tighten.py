@@ -23,6 +23,7 @@ from maxjax.planning.sight import visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
+# Of ways of one edge, before the dynamic programming: it then takes 2³ edges at a time.
 _DOUBLINGS = 3
 
 
@@ -36,7 +37,7 @@ def _shorten(
     # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
     edge = jnp.where(seen, distance + 1e-4, jnp.inf)
     # Every point at once, not one after the other: a GPU wants few turns that each do much, and no look at the result.
-    # Ways of at most two edges, then four, eight; then to the end, by eight more with each turn.
+    # The best ways of at most two edges, then four, eight; then those to the end, by eight edges more with each turn.
     far = jnp.where(np.eye(n, dtype=bool), 0, edge)
     for _ in range(_DOUBLINGS):
         far = jnp.min(far[:, :, None] + far[None], axis=1)
