@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.markdown import Document, device, number, table
+from benchmarks.markdown import Document, device, is_cpu, number, table
 from experiments.offline_table import PAPER
 
 Row = dict[str, Any]
@@ -140,7 +140,9 @@ def profile(*documents: Document) -> str:
     return (
         "### Where a device's time goes\n\n"
         "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
-        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on.\n\n"
+        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. On a CPU operations\n"
+        "stand for kernels; some run beside each other, and those that shift arrays by a voxel have lost their\n"
+        "names.\n\n"
         + "\n".join(map(_profile, documents))
     )
 
@@ -165,7 +167,7 @@ def _profile(document: Document) -> str:
                 f"copy runs at {most} GB/s.\n"
             )
     heads = ["step", *(f"{what}, {n}" for what, n in counts)]
-    return f"On one {device(document)}:\n\n" + table(heads, lines) + "".join(rates)
+    return f"On {'' if is_cpu(document) else 'one '}{device(document)}:\n\n" + table(heads, lines) + "".join(rates)
 
 
 def lidar(*documents: Document) -> str:
