@@ -142,8 +142,7 @@ def profile(*documents: Document) -> str:
         "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
         "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. On a CPU operations\n"
         "stand for kernels; some run beside each other, and those that shift arrays by a voxel have lost their\n"
-        "names.\n\n"
-        + "\n".join(map(_profile, documents))
+        "names.\n\n" + "\n".join(map(_profile, documents))
     )
 
 
