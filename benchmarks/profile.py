@@ -1,7 +1,7 @@
 """Where a device's time goes, by steps of the method.
 
     python -m benchmarks.profile                        # one GPU: 1 minute
-    python -m benchmarks.profile --scenes 1 --plans 1   # a quick look; on a CPU operations stand for kernels
+    python -m benchmarks.profile --scenes 1 --plans     # two CPU cores: half a minute; operations stand for kernels
 
 Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. `solve` rows: `solve_potential` under
 `vmap`, on scenes that lie on the device; `plan` rows: pose, solve, ascend and tighten as one program, as
