@@ -4,7 +4,6 @@
     python -m experiments.ablations --problems 8          # 9 minutes
     python -m experiments.ablations --closed-loop         # 50 trials a map and condition; one H200
     python -m experiments.ablations --groups kernels --trained OUT/paper_large    # weights that do not come with maxjax
-    python -m experiments.ablations --groups kernels --trained OUT/paper_large    # weights that do not come with maxjax
 
 Offline protocol (`experiments.random_problems`), both unseen maps. Every variant answers the same problems, and its
 path is verified before the same judge. What the library leaves out on purpose is written here, in its slot:

@@ -199,8 +199,9 @@ def _counted(
     nothing = jnp.zeros_like(start)
     high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
     first: Arrays = (start, nothing, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
-    # Turns without a look: even from its middle the corner of an empty grid is as far away as half its diagonal.
-    blind = int(math.hypot(*free.shape[-3:]) / 2 / (8 * 3 * 1.1))
+    # Turns without a look: even from its middle the corner of an empty grid is as far away as half its diagonal, and a
+    # round goes three steps, of 1.1 voxels at most.
+    blind = int(math.hypot(*free.shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
     state = lax.fori_loop(0, blind, lambda _, state: turn(state), first)
     words, second, third, lowest, low, middle, high, _, _ = lax.while_loop(going, turn, state)
 
