@@ -19,6 +19,7 @@ import dataclasses
 import functools
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from jax.sharding import Mesh
-from jaxtyping import Bool, Float, Int32
+from jax.sharding import Mesh, NamedSharding
+from jax.stages import Compiled
+from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
@@ -118,6 +120,20 @@ def city(config: Config) -> City:
     return City(config.shape, tile, np.array([x + nx // 2 - _TILE // 2, y + ny // 2 - _TILE // 2, z], np.int32))
 
 
+def sharded(posed: City, count: int) -> Float[Array, "nx ny nz"]:
+    """The city's sigma on the first so many devices."""
+    return shard_sigma(posed, city_mesh(jax.devices()[:count]))
+
+
+def compile_solve(sigma: Float[Array, "nx ny nz"], goal_index: Int32[np.ndarray, " 3"]) -> Compiled:
+    """`maxjax.solve_potential` for the slabs of this sigma, which it knows of."""
+    assert isinstance(sigma.sharding, NamedSharding)
+    mesh = sigma.sharding.mesh
+    assert isinstance(mesh, Mesh)
+    with jax.set_mesh(mesh):
+        return jax.jit(maxjax.solve_potential).lower(sigma, goal_index).compile()
+
+
 def main(config: Config) -> list[Row]:
     """Solve on every number of devices; save and return the rows."""
     if config.distributed:
@@ -141,10 +157,9 @@ def _row(posed: City, count: int, config: Config) -> dict[str, Any]:
         only = "runs on all together" if config.distributed else "present"
         return row | {"note": f"not run: {present} devices {only}"}
     print(f"{count} devices", file=sys.stderr, flush=True)
-    mesh = city_mesh(jax.devices()[:count])
-    sigma = shard_sigma(posed, mesh)
+    sigma = sharded(posed, count)
     start = time.perf_counter()
-    compiled = jax.jit(maxjax.solve_potential).lower(sigma, posed.goal_index).compile()
+    compiled = compile_solve(sigma, posed.goal_index)
     compile_s = time.perf_counter() - start
     solve = functools.partial(compiled, sigma, posed.goal_index)
     timing = measure(solve, config.repeats)
@@ -152,7 +167,7 @@ def _row(posed: City, count: int, config: Config) -> dict[str, Any]:
     voxels = int(np.prod(config.shape))
     slab = 4 * voxels / count
     analysis = compiled.memory_analysis()
-    peak = _peak(mesh)
+    peak = _peak(sigma.sharding.addressable_devices)
     return row | {
         "unit": "ms",
         "median": round(1e3 * timing.median_s, 2),
@@ -172,9 +187,9 @@ def _row(posed: City, count: int, config: Config) -> dict[str, Any]:
     }
 
 
-def _peak(mesh: Mesh) -> int | None:
-    """Most bytes that any device of this process has held; None where devices do not count (CPU)."""
-    counted = [device.memory_stats() for device in mesh.local_devices]
+def _peak(devices: Iterable[jax.Device]) -> int | None:
+    """Most bytes that any of these devices has held; None where devices do not count (CPU)."""
+    counted = [device.memory_stats() for device in devices]
     return max((stats["peak_bytes_in_use"] for stats in counted if stats), default=None)
 
 

@@ -2,6 +2,7 @@
 
     python -m benchmarks.profile                        # one GPU: 1 minute
     python -m benchmarks.profile --scenes 1 --plans     # two CPU cores: half a minute; operations stand for kernels
+    python -m benchmarks.profile --scenes --plans --cities 1 2          # GPUs of one host: 1 minute
 
 Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. `solve` rows: `solve_potential` under
 `vmap`, on scenes that lie on the device; `plan` rows: pose, solve, ascend and tighten as one program, as
@@ -9,6 +10,9 @@ Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. 
 `jax.named_scope` of the instruction whose name it bears, or on `other`; `waits` are copies to the host, by which a loop
 asks whether to go on. `us` is the sum of kernel times a call, `kernels` their number; `wall` is the time of a call that
 is not traced, and what it exceeds the sum by is spent between kernels.
+
+`city` rows: the city of `benchmarks.city_scale`, on so many devices; kernels and their times are means over these.
+`exchange` are collective operations, by which they hand layers of voxels and numbers to each other, waits included.
 
 `change` is the last sweep of a cycle, with the look at what it changed; `settle` keeps the scenes of a batch that are
 done apart from those that are not. `sweep` rows of a solve also say at what rate the longest kernel passes the six
@@ -23,7 +27,7 @@ import re
 import statistics
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +35,11 @@ import jax
 import numpy as np
 import tyro
 from jax.profiler import ProfileData
+from jax.stages import Compiled
 from jaxtyping import Array
 
 import maxjax
+from benchmarks import city_scale
 from benchmarks.harness import RESULTS, Row, measure, save
 from experiments.random_problems import problems
 from maxjax.fields.conductivity import conductivity
@@ -48,6 +54,8 @@ STEPS = (
     "pose", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",
     "conjugate gradients", "certify", "ascend", "tighten",
 )  # fmt: skip
+# Kernels that are no step of the method, by their names.
+_SIGNS = {"waits": re.compile("D2H"), "exchange": re.compile("nccl|collective-permute|all-gather|all-reduce")}
 # What a loop of a CPU's program takes holds what its operations take.
 _CONTROL = ("while", "conditional", "call")
 _SWEEP_ARRAYS = 6
@@ -60,7 +68,9 @@ class Config:
     Attributes:
         scenes: scenes a call of the `solve` rows.
         plans: problems a call of the `plan` rows.
+        cities: devices of the `city` rows.
         shape: of the grid, voxels of 2 m around the origin.
+        city: voxels of the city.
         maps: maps to take problems from.
         repeats: traced calls.
         margin: [m].
@@ -70,7 +80,9 @@ class Config:
 
     scenes: tuple[int, ...] = (1, 64)
     plans: tuple[int, ...] = (1, 32)
+    cities: tuple[int, ...] = ()
     shape: tuple[int, int, int] = (101, 101, 101)
+    city: tuple[int, int, int] = (1024, 1024, 256)
     maps: tuple[str, ...] = MAPS
     repeats: int = 5
     margin: float = 8.0
@@ -80,6 +92,13 @@ class Config:
 
 def main(config: Config) -> list[Row]:
     """Trace solves and plans; save and return the rows."""
+    rows = _of_problems(config) if config.scenes or config.plans else []
+    rows += _of_cities(config)
+    save("profile", config, rows, config.out)
+    return rows
+
+
+def _of_problems(config: Config) -> list[Row]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape)
     rows: list[Row] = []
 
@@ -107,7 +126,18 @@ def main(config: Config) -> list[Row]:
         rows.append({**_at_rate(copied, 2 * size), "what": f"copy, {count}: copy"})
     for count in config.plans:
         rows += _rows(f"plan, {count}", plan, first(count), config)
-    save("profile", config, rows, config.out)
+    return rows
+
+
+def _of_cities(config: Config) -> list[Row]:
+    rows: list[Row] = []
+    if not config.cities:
+        return rows
+    posed = city_scale.city(city_scale.Config(config.city, margin=config.margin, seed=config.seed))
+    for count in config.cities:
+        sigma = city_scale.sharded(posed, count)
+        solve = city_scale.compile_solve(sigma, posed.goal_index)
+        rows += _booked(f"city, {count}", solve, (sigma, posed.goal_index), config, count)
     return rows
 
 
@@ -121,10 +151,15 @@ def _arrays(count: int, grid: maxjax.Grid, config: Config) -> tuple[Array, ...]:
 
 
 def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], config: Config) -> list[Row]:
-    """A row a step, the longest first, and last one of all."""
+    """`_booked` on this function of a batch; of one scene, without the batch."""
     single = arrays[0].shape[0] == 1  # what `vmap` adds is not free
     given = jax.block_until_ready([x[0] for x in arrays] if single else list(arrays))
     compiled = jax.jit(function if single else jax.vmap(function)).lower(*given).compile()
+    return _booked(what, compiled, given, config)
+
+
+def _booked(what: str, compiled: Compiled, given: Sequence[Any], config: Config, devices: int = 1) -> list[Row]:
+    """A row a step, the longest first, and last one of all."""
 
     def call() -> Any:
         return jax.block_until_ready(compiled(*given))
@@ -138,9 +173,9 @@ def _rows(what: str, function: Callable[..., Any], arrays: tuple[Array, ...], co
     kernels: dict[str, float] = defaultdict(float)
     longest: dict[str, float] = defaultdict(float)
     for name, each in durations.items():
-        step = "waits" if "D2H" in name else steps.get(_letters(name), "other")
-        spent[step] += sum(each) / config.repeats
-        kernels[step] += len(each) / config.repeats
+        step = next((step for step, sign in _SIGNS.items() if sign.search(name)), steps.get(_letters(name), "other"))
+        spent[step] += sum(each) / (config.repeats * devices)
+        kernels[step] += len(each) / (config.repeats * devices)
         longest[step] = max(longest[step], statistics.mean(each))
     busy = sum(spent.values())
     whole: Row = {

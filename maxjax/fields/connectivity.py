@@ -18,6 +18,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int32, UInt32
 
+from maxjax.core import slabs
 from maxjax.core.loops import Arrays, one_a_member, repeat
 from maxjax.fields.stencil import cell
 
@@ -153,15 +154,71 @@ def geodesic(
     return component, steps
 
 
+@custom_vmap
+def _geodesic(
+    free: Bool[Array, "nx ny nz"], seed: UInt32[Array, "words ny nz"]
+) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, "nx ny nz"]]:
+    """`geodesic` from a packed seed."""
+    whole_words = free.shape[0] % (_WORD * slabs.slabs()) == 0
+    return _counted_in_slabs(free, seed) if slabs.slabs() > 1 and whole_words else _counted(free, seed, free.shape)
+
+
+@_geodesic.def_vmap
+def _geodesics(size: int, in_batch: list[bool], *masks: Array) -> tuple[tuple[Array, Array], tuple[bool, bool]]:
+    """Several maps count the same rounds: under `vmap`, a loop would keep what each of them had, turn by turn."""
+    free, seed = one_a_member(size, in_batch, masks)
+    return _counted(free, seed, free.shape), (True, True)
+
+
+def _counted_in_slabs(
+    free: Bool[Array, "nx ny nz"], seed: UInt32[Array, "words ny nz"]
+) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, "nx ny nz"]]:
+    """`_counted`, each device on its slab between words of its neighbours, which last for the 24 steps of a turn."""
+
+    def slab(
+        free: Bool[Array, "sx ny nz"], seed: UInt32[Array, "sw ny nz"]
+    ) -> tuple[Bool[Array, "sx ny nz"], Int32[Array, "sx ny nz"]]:
+        component, steps = _counted(
+            slabs.widened(free, _WORD),
+            slabs.widened(seed, 1),
+            shape,
+            lambda words: slabs.refreshed(words, 1),
+            slabs.anywhere,
+        )
+        return slabs.inside(component, _WORD), slabs.inside(steps, _WORD)
+
+    shape = free.shape
+    counted = jax.shard_map(
+        slab, in_specs=(slabs.SPEC, slabs.SPEC), out_specs=(slabs.SPEC, slabs.SPEC), check_vma=False
+    )
+    result: tuple[Array, Array] = counted(free, seed)
+    return result
+
+
+def _same(x: Array) -> Array:
+    return x
+
+
 @jax.named_scope("geodesic")
 def _counted(
-    free: Bool[Array, "*b nx ny nz"], seed: UInt32[Array, "*b words ny nz"]
-) -> tuple[Bool[Array, "*b nx ny nz"], Int32[Array, "*b nx ny nz"]]:
-    """`geodesic` from a packed seed, for one map or several at a time.
+    free: Bool[Array, "*b sx ny nz"],
+    seed: UInt32[Array, "*b words ny nz"],
+    shape: tuple[int, ...],
+    refreshed: Callable[[Array], Array] = _same,
+    anywhere: Callable[[Array], Array] = _same,
+) -> tuple[Bool[Array, "*b sx ny nz"], Int32[Array, "*b sx ny nz"]]:
+    """`geodesic` from a packed seed, for one map or several at a time, or for the part of one that a device holds.
 
     The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
     yet reached. Of eight rounds every odd one flips the lowest digit, the second and the sixth the next one, the fourth
     the one after that, the eighth one that has to be looked up.
+
+    Args:
+        free: free voxels.
+        seed: packed.
+        shape: of the whole grid.
+        refreshed: of what has been reached, with what the neighbours' part of it holds by now.
+        anywhere: whether something is so on any device.
     """
     passable = _pack(free)
     start = seed & passable
@@ -185,12 +242,12 @@ def _counted(
 
     def turn(state: Arrays) -> Arrays:
         # Each look at the result waits for the device: eight rounds between two looks.
-        *begun, middle, high, turns, _ = state
-        half = four_rounds(tuple(begun))
+        words, *digits, middle, high, turns, _ = state
+        half = four_rounds((refreshed(words), *digits))
         whole = four_rounds(half)
         digit = lax.population_count(turns ^ (turns + 1)) - 1
         high = high.at[digit].set(high[digit] ^ ~whole[0])
-        return *whole, middle ^ ~half[0], high, turns + 1, jnp.any(whole[0] != half[0])
+        return *whole, middle ^ ~half[0], high, turns + 1, anywhere(jnp.any(whole[0] != half[0]))
 
     def going(state: Arrays) -> Bool[Array, ""]:
         *_, turns, grown = state
@@ -201,7 +258,7 @@ def _counted(
     first: Arrays = (start, nothing, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
     # Turns without a look: even from its middle the corner of an empty grid is as far away as half its diagonal, and a
     # round goes three steps, of 1.1 voxels at most.
-    blind = int(math.hypot(*free.shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
+    blind = int(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
     state = lax.fori_loop(0, blind, lambda _, state: turn(state), first)
     words, second, third, lowest, low, middle, high, _, _ = lax.while_loop(going, turn, state)
 
@@ -216,12 +273,3 @@ def _counted(
     steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
     component = _unpack(words, free.shape[-3])
     return component, jnp.where(component & ~_unpack(start, free.shape[-3]), steps, 0)
-
-
-_geodesic = custom_vmap(_counted)
-
-
-@_geodesic.def_vmap
-def _geodesics(size: int, in_batch: list[bool], *masks: Array) -> tuple[tuple[Array, Array], tuple[bool, bool]]:
-    """Several maps count the same rounds: under `vmap`, a loop would keep what each of them had, turn by turn."""
-    return _counted(*one_a_member(size, in_batch, masks)), (True, True)

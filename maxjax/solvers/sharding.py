@@ -8,6 +8,13 @@ its slab: a shift fetches one layer of voxels from the neighbour, a sum over the
 lies on one device as long as every slab consists of whole blocks on every level. Hence the one condition, that N is a
 multiple of n · 2^`halvings` along x; along y and z any size will do. φ comes back in the same slabs.
 
+    mesh = city_mesh()
+    with jax.set_mesh(mesh):
+        potential = jax.jit(solve_potential)(shard_sigma(sigma, mesh), goal_index)
+
+Where the mesh is set, the solver knows of the slabs and exchanges less often (`core.slabs`): the flood fetches a word
+of voxels for every eight rounds, if slabs consist of whole words, and small levels are relaxed by every device alone.
+
 Many hosts: call `jax.distributed.initialize()` first, in each process; then `jax.devices()` are those of all hosts, and
 each process reads and builds its own slabs only.
 """
@@ -20,9 +27,10 @@ from typing import Protocol, runtime_checkable
 import jax
 import numpy as np
 import numpy.typing as npt
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import Mesh, NamedSharding
 from jaxtyping import Array, Float
 
+from maxjax.core.slabs import AXIS, SPEC
 from maxjax.solvers.walk import halvings
 
 Window = tuple[slice, slice, slice]
@@ -42,7 +50,7 @@ class Windowed(Protocol):
 
 def city_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
     """A row of devices, neighbours along x; by default all there are."""
-    return Mesh(np.array(jax.devices() if devices is None else devices), ("x",))
+    return Mesh(np.array(jax.devices() if devices is None else devices), (AXIS,))
 
 
 def shard_sigma(sigma: Windowed, mesh: Mesh) -> Float[Array, "nx ny nz"]:
@@ -57,13 +65,13 @@ def shard_sigma(sigma: Windowed, mesh: Mesh) -> Float[Array, "nx ny nz"]:
     """
     if len(sigma.shape) != 3:
         raise ValueError(f"sigma: expected shape (nx, ny, nz), given {tuple(sigma.shape)}")
-    devices, halved = mesh.shape["x"], halvings(sigma.shape)[0]
+    devices, halved = mesh.shape[AXIS], halvings(sigma.shape)[0]
     if sigma.shape[0] % (devices * 2**halved):
         raise ValueError(
             f"sigma: expected nx a multiple of {devices * 2**halved} ({devices} devices · 2^{halved}), "
             f"given shape {tuple(sigma.shape)}; pad with zeros, which are obstacles"
         )
-    slabs = NamedSharding(mesh, PartitionSpec("x", None, None))
+    slabs = NamedSharding(mesh, SPEC)
 
     def slab(window: tuple[slice, ...] | None) -> npt.NDArray[np.floating]:
         x, y, z = window or (slice(None),) * 3

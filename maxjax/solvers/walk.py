@@ -31,6 +31,7 @@ anew for each use, six times over for six neighbours; an optimisation barrier do
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
 
@@ -40,6 +41,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.loops import repeat, settle
+from maxjax.core.slabs import on_every_device
 from maxjax.fields.stencil import Faces, Links, Operator, Volume, ahead, behind, cell, gather, inflow
 
 Mask = Bool[Array, "nx ny nz"]
@@ -54,6 +56,8 @@ _RELAX, _RELAX_DEEP = 4, 10
 _COARSEST = 16
 # An axis of fewer states is not halved any more.
 _THIN = 4
+# Levels of no more states than these are relaxed by every device alone: to fetch a layer from a neighbour takes longer.
+_SHARED = 2**20
 # Cycles end when for so many of them the residual has not fallen below this share of the best.
 _PATIENCE, _PROGRESS = 4, 0.8
 
@@ -217,30 +221,37 @@ def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Leve
         for axis, face in enumerate(faces)
     )
     walk, residual = _lump(rates, weight * total, weight * total * residual, axes)  # type: ignore[arg-type]
-    return _relaxed(walk, residual, _blocks(phi, axes), levels, 0)
+    return _relaxed(walk, residual, _blocks(phi, axes), levels, _RELAX)
 
 
 @jax.named_scope("relax")
-def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[_Level, ...], depth: int) -> Volume:
-    """Solve leaving δ = residual + Σ rates δ, about: relax, correct from below, relax."""
+def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[_Level, ...], times: int) -> Volume:
+    """Solve leaving δ = residual + Σ rates δ, about, on the first of these levels: relax, correct from below, relax."""
     # Nothing leaves for the block of the goal: δ = 0 there.
-    leaving = jnp.where(levels[depth].goal, jnp.inf, walk.leaving)
-    times = _RELAX if depth == 0 else _RELAX_DEEP
+    leaving = jnp.where(levels[0].goal, jnp.inf, walk.leaving)
 
     def relax(delta: Volume) -> Volume:
         return (gather(walk.rates, delta) + residual) / leaving
 
     delta = _repeat(relax, residual / leaving, times)
-    if depth + 1 == len(levels):
+    if not levels[1:]:
         return delta
-    below = levels[depth + 1]
+    below = levels[1]
     weight = jnp.where(_spread(below.even, below.axes), 1, phi) / walk.leaving
     rates = tuple((weight * forward, weight * backward) for forward, backward in walk.rates)
     left = weight * (gather(walk.rates, delta) + residual - walk.leaving * delta)
     coarse, left = _lump(rates, weight * walk.leaving, left, below.axes)  # type: ignore[arg-type]
-    correction = _relaxed(coarse, left, _blocks(phi, below.axes), levels, depth + 1)
-    correction = jnp.where(levels[depth].goal, 0, _spread(correction, below.axes))
+    correction = _relaxed_deeper(coarse, left, _blocks(phi, below.axes), levels[1:])
+    correction = jnp.where(levels[0].goal, 0, _spread(correction, below.axes))
     return _repeat(relax, delta + correction, times)
+
+
+def _relaxed_deeper(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Volume:
+    """`_relaxed` on a level that costs little; on a small one, by every device alone."""
+    relaxed = functools.partial(_relaxed, times=_RELAX_DEEP)
+    if residual.size > _SHARED:
+        return relaxed(walk, residual, phi, levels)
+    return on_every_device(relaxed, walk, residual, phi, levels)
 
 
 def _repeat(step: Callable[[Volume], Volume], x: Volume, times: int) -> Volume:
