@@ -3,9 +3,9 @@
     maxjax train --config maxjax --out OUT                                # one H200: 6 minutes
     python -m experiments.network_training --trained OUT/maxjax
 
-One row a network: its recipe, scenes, time (compilation and validation included, drawing and labelling the scenes not),
-the device it was trained on, and its errors on 64 validation scenes of the training map. The curve, an epoch a line,
-goes beside the result file as network_training_NAME.jsonl.
+One row a network: its recipe, scenes, time (compilation and validation included, drawing and labelling the scenes not;
+of a run that stopped and went on, the sum of its epochs), the device it was trained on, and its errors on 64 validation
+scenes of the training map. The curve, an epoch a line, goes beside the result file as network_training_NAME.jsonl.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ def main(config: Config) -> list[Row]:
     for folder in config.trained:
         found = json.loads((folder / "training.json").read_text(encoding="utf-8"))
         recipe, last = found["training"], found["last"]
+        in_one_go = found["epochs_in_these_seconds"] == len(found["epochs"])
         rows.append(
             {
                 "network": recipe["model"],
@@ -51,7 +52,7 @@ def main(config: Config) -> list[Row]:
                 "rate": recipe["rate"],
                 "precision": recipe["precision"],
                 "seed": recipe["seed"],
-                "seconds": found["seconds"],
+                "seconds": found["seconds"] if in_one_go else round(sum(e["seconds"] for e in found["epochs"]), 1),
                 "device": found["device"],
                 "jax": found["versions"]["jax"],
                 "loss": last["loss"],

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import jax
+import pytest
 
 from experiments import network_accuracy, network_cost, network_training
 from maxjax.nn.autoencoder import CONFIGS, init
@@ -45,15 +46,19 @@ def test_certificates_of_every_start(tmp_path: Path) -> None:
     assert text.count("| suburb |") == 3
 
 
-def test_training_is_told_by_its_own_files(tmp_path: Path) -> None:
-    last = {"epoch": 2, "loss": 0.5, "l2": 0.01, "l2_normalised": 0.02, "angle_median": 1.5, "angle_95": 7.0}
+@pytest.mark.parametrize(("timed", "minutes"), [(2, "1.5"), (1, "2.0")], ids=["in one go", "stopped, and gone on"])
+def test_training_is_told_by_its_own_files(tmp_path: Path, timed: int, minutes: str) -> None:
+    last = {"epoch": 2, "seconds": 50.0, "loss": 0.5, "l2": 0.01, "l2_normalised": 0.02}
+    last |= {"angle_median": 1.5, "angle_95": 7.0}
     recipe = dataclasses.asdict(RECIPES["maxjax"])
     told = {"training": recipe, "scenes": 8, "seconds": 90.0, "device": "1 x cpu", "versions": {"jax": "1.2"}}
-    (tmp_path / "training.json").write_text(json.dumps({**told, "last": last, "epochs": [{"epoch": 1}, last]}))
+    epochs = {"epochs": [{"epoch": 1, "seconds": 70.0}, last], "epochs_in_these_seconds": timed}
+    (tmp_path / "training.json").write_text(json.dumps({**told, "last": last, **epochs}))
     (row,) = network_training.main(network_training.Config((tmp_path,), tmp_path))
     assert (row["network"], row["l2"], row["device"]) == ("maxjax", 0.01, "1 x cpu")
     lines = (tmp_path / "network_training_maxjax.jsonl").read_text().splitlines()
     assert [json.loads(line)["epoch"] for line in lines] == [1, 2]
     text = network_training.section(json.loads((tmp_path / "network_training.json").read_text()))
     assert "200 x 8" in text
-    assert "| 1.5 |" in text or "1.5 (7.0)" in text
+    assert f"| {minutes} |" in text
+    assert "1.5 (7.0)" in text
