@@ -103,24 +103,23 @@ def _read(message: UInt8[np.ndarray, "c written"], points: int) -> _Found:
 def _plan_chunk(
     occupied: UInt8[Array, "*m bytes"],
     ground: UInt8[Array, "*g bytes"],
-    start: Float[Array, "b 3"],
-    goal: Float[Array, "b 3"],
+    ends: Float[Array, "b 2 3"],
     margin: float,
     grid: Grid,
     potential: PotentialFn,
     settings: Ascent,
 ) -> UInt8[Array, "b written"]:
-    def one(filled: Array, bare: Array, start: Array, goal: Array) -> UInt8[Array, " written"]:
-        problem, blocked = posed(filled, bare, start, goal, margin, grid)
+    def one(filled: Array, bare: Array, ends: Array) -> UInt8[Array, " written"]:
+        problem, blocked = posed(filled, bare, ends[0], ends[1], margin, grid)
         path, status, certified = route(problem, grid, potential, settings)
         return _written(path, problem.margin, status, certified, blocked)
 
-    if start.shape[0] == 1:  # what `vmap` adds is not free
-        found = one(occupied.reshape(-1), ground.reshape(-1), start[0], goal[0])[None]
+    if ends.shape[0] == 1:  # what `vmap` adds is not free
+        found = one(occupied.reshape(-1), ground.reshape(-1), ends[0])[None]
     else:
         # A map that all problems share is not copied.
-        axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0, 0)
-        found = jax.vmap(one, in_axes=axes)(occupied, ground, start, goal)
+        axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0)
+        found = jax.vmap(one, in_axes=axes)(occupied, ground, ends)
     there: UInt8[Array, "b written"] = jax.device_put(found, jax.memory.Space.Host)
     return there
 
@@ -213,7 +212,8 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
         # A slice is a view; a selection would copy the maps once more.
         rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
         occupied, ground = (bits.pack(_some(volumes, rows)) for volumes in (problems.occupied, problems.ground))
-        given = occupied, ground, problems.start[rows], problems.goal[rows]
+        # As few arrays as can be: each costs as much to send as a short stage.
+        given = occupied, ground, np.stack([problems.start[rows], problems.goal[rows]], axis=1)
         # Sent ahead, while the device is at the chunk before; with a single problem the call itself is quicker.
         return chunk, occupied & ~ground, given if alone else jax.device_put(given)
 

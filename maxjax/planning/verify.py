@@ -281,6 +281,8 @@ def _contacts(
     segment = pieces.segment[piece]
     entry, leave = _slab_times(a[segment], d[segment], voxels - tolerance, voxels + (1 + tolerance))
     touched = np.flatnonzero(entry <= leave)
+    if not touched.size:
+        return touched, np.zeros((0, 3), np.int64)
     segment, voxels, entry = segment[touched], voxels[touched], entry[touched]
     layer = voxels[np.arange(len(voxels)), np.abs(d[segment]).argmax(axis=1)]
     order = np.lexsort((*voxels.T[::-1], layer, entry, segment))
