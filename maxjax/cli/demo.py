@@ -177,4 +177,4 @@ def run(out: Path, seed: int) -> int:
 
 def true_clearance(plan: Plan, city: World) -> float:
     """Least distance from a path to a building, seen by the scan or not [m]."""
-    return verify(plan.path, city.occupied, city.occupied & ~city.ground, city.grid).clearance
+    return verify(plan.path, city.occupied, city.occupied, city.grid, ground=city.ground).clearance

@@ -205,33 +205,29 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
     alone = len(which) == 1
 
-    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], UInt8[np.ndarray, "*s bytes"], Any]:
-        """A chunk: its problems, what is occupied beside the ground, and the problems on the device."""
+    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
+        """A chunk: its problems, and these on the device."""
         chunk = which[first : first + size]
-        whole = len(chunk) == size and chunk[-1] - chunk[0] == size - 1
-        # A slice is a view; a selection would copy the maps once more.
-        rows = slice(chunk[0], chunk[-1] + 1) if whole else np.resize(chunk, size)
-        occupied, ground = (bits.pack(_some(volumes, rows)) for volumes in (problems.occupied, problems.ground))
+        rows = _rows(np.resize(chunk, size))
+        packed = (bits.pack(_some(maps, rows)) for maps in (problems.occupied, problems.ground))
         # As few arrays as can be: each costs as much to send as a short stage.
-        given = occupied, ground, np.stack([problems.start[rows], problems.goal[rows]], axis=1)
+        given = *packed, np.stack([problems.start[rows], problems.goal[rows]], axis=1)
         # Sent ahead, while the device is at the chunk before; with a single problem the call itself is quicker.
-        return chunk, occupied & ~ground, given if alone else jax.device_put(given)
+        return chunk, given if alone else jax.device_put(given)
 
-    def verified(
-        chunk: Int64[np.ndarray, " c"],
-        seen: UInt8[np.ndarray, "*s bytes"],
-        fetched: Callable[[], np.ndarray],
-        few: slice,
-    ) -> list[Plan]:
-        """Plans of a few problems; their maps are unpacked here, so that what threads hold stays small."""
-        rows, found = chunk[few], _read(fetched()[few], problems.settings.steps + 1)
+    def verified(chunk: Int64[np.ndarray, " c"], fetched: Callable[[], np.ndarray], few: slice) -> list[Plan]:
+        """Plans of a few problems; their dilated maps are unpacked here, so that what threads hold stays small."""
+        found = _read(fetched()[few], problems.settings.steps + 1)
+        rows = _rows(chunk[few])
         blocked = bits.unpack(found.blocked, problems.grid.shape)
-        obstacles = np.broadcast_to(bits.unpack(_some(seen, few, axes=1), problems.grid.shape), blocked.shape)
+        occupied, ground = (
+            np.broadcast_to(_some(maps, rows), blocked.shape) for maps in (problems.occupied, problems.ground)
+        )
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         return judge(
-            routes, problems.start[rows], problems.goal[rows], np.arange(len(rows)),
-            found.margin.tolist(), blocked, obstacles, problems.grid, Stopwatch(), problems.method,
+            routes, problems.start[rows], problems.goal[rows], np.arange(len(routes)),
+            found.margin.tolist(), blocked, occupied, problems.grid, Stopwatch(), problems.method, ground,
         )  # fmt: skip
 
     def later(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
@@ -241,14 +237,14 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     with ThreadPoolExecutor(_THREADS) as pool:
         following = later(prepared, 0)
         for first in range(0, len(which), size):
-            chunk, seen, there = following()
+            chunk, there = following()
             if first + size < len(which):
                 following = later(prepared, first + size)
             # At each turn of a loop the device asks the host: it takes the thread that started it, nearly to the end.
             found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
             fetched = later(np.asarray, found)
             for k in range(0, len(chunk), _TOGETHER):
-                results.append(later(verified, chunk, seen, fetched, slice(k, min(k + _TOGETHER, len(chunk)))))
+                results.append(later(verified, chunk, fetched, slice(k, min(k + _TOGETHER, len(chunk)))))
         fetched()
         ready = time.perf_counter()
         plans = [plan for result in results for plan in result()]
@@ -258,6 +254,12 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
     return [dataclasses.replace(plan, timings=timings) for plan in plans]
 
 
-def _some(maps: Shaped[np.ndarray, "..."], rows: Any, axes: int = 3) -> Shaped[np.ndarray, "..."]:
-    """Of maps those of some problems; of a shared one, which has only the `axes` of one map, itself."""
-    return maps if maps.ndim == axes else maps[rows]
+def _rows(which: Int64[np.ndarray, " n"]) -> slice | Int64[np.ndarray, " n"]:
+    """As a slice where they follow each other: that is a view, where a selection would copy the maps once more."""
+    in_a_row = np.array_equal(which, np.arange(which[0], which[0] + len(which)))
+    return slice(which[0], which[0] + len(which)) if in_a_row else which
+
+
+def _some(maps: Shaped[np.ndarray, "..."], rows: Any) -> Shaped[np.ndarray, "..."]:
+    """Of maps those of some problems; of a shared one, which has only the three axes of one map, itself."""
+    return maps if maps.ndim == 3 else maps[rows]

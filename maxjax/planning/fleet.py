@@ -169,7 +169,8 @@ def plan_swarm(
     maps = (
         [float(problems[level].margin) for level in levels],
         np.stack([np.asarray(problems[level].blocked) for level in levels]),
-        np.broadcast_to(occupied & ~ground, (len(levels), *grid.shape)),
+        np.broadcast_to(occupied, (len(levels), *grid.shape)),
     )
+    bare = np.broadcast_to(ground, (len(levels), *grid.shape))
     goals = np.broadcast_to(goal, starts.shape)
-    return judge(routes, starts, goals, np.searchsorted(levels, rung), *maps, grid, watch, method)
+    return judge(routes, starts, goals, np.searchsorted(levels, rung), *maps, grid, watch, method, bare)

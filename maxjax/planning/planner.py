@@ -253,10 +253,11 @@ def judge(
     which: Int64[np.ndarray, " n"],
     margins: Sequence[float],
     blocked: Bool[np.ndarray, "m nx ny nz"],
-    obstacles: Bool[np.ndarray, "m nx ny nz"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
     grid: Grid,
     watch: Stopwatch,
     method: str,
+    ground: Bool[np.ndarray, "m nx ny nz"] | None = None,
 ) -> list[Plan]:
     """Turn routes into plans: only a path that `verify` passes is handed out.
 
@@ -266,16 +267,17 @@ def judge(
         which: map of each route, of the m dilated ones that follow.
         margins: of the maps [m].
         blocked: within the margin, of each map.
-        obstacles: occupied, ground left out, of each map.
+        occupied: of each map.
         grid: of the maps.
         watch: time spent on all routes so far; each plan gets its share.
         method: name of the planner.
+        ground: of each map, from which no clearance is measured. None: there is none.
     """
     metres = {
         k: _metres(route.path, starts[k], goals[k], grid) for k, route in enumerate(routes) if route.status == Status.OK
     }
     with watch.stage("verify") if metres else contextlib.nullcontext():
-        verdicts = _verdicts(metres, which, blocked, obstacles, grid)
+        verdicts = _verdicts(metres, which, blocked, occupied, ground, grid)
     timings = watch.report(len(routes))
     plans = []
     for k, route in enumerate(routes):
@@ -310,15 +312,16 @@ def _verdicts(
     metres: Mapping[int, Float[np.ndarray, "_ 3"]],
     which: Int64[np.ndarray, " n"],
     blocked: Bool[np.ndarray, "m nx ny nz"],
-    obstacles: Bool[np.ndarray, "m nx ny nz"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    ground: Bool[np.ndarray, "m nx ny nz"] | None,
     grid: Grid,
 ) -> dict[int, Verification]:
     def some(keys: list[int]) -> list[tuple[int, Verification]]:
         first, last = which[keys[0]], which[keys[-1]] + 1
-        maps = blocked[first:last], obstacles[first:last]
-        return list(
-            zip(keys, verify_batch([metres[key] for key in keys], which[keys] - first, *maps, grid), strict=True)
-        )
+        maps = blocked[first:last], occupied[first:last]
+        below = None if ground is None else ground[first:last]
+        paths = [metres[key] for key in keys]
+        return list(zip(keys, verify_batch(paths, which[keys] - first, *maps, grid, ground=below), strict=True))
 
     parts: list[list[int]] = []
     for key in sorted(metres, key=lambda key: which[key]):
@@ -352,6 +355,6 @@ def plan_path(
     found = Route(NO_PATH, Status(int(status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
-    here = [float(used)], bits.unpack(packed, grid.shape)[None], (occupied & ~ground)[None]
-    (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *here, grid, watch, method)
+    here = [float(used)], bits.unpack(packed, grid.shape)[None], occupied[None], grid, watch, method, ground[None]
+    (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *here)
     return plan

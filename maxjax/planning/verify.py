@@ -64,6 +64,8 @@ def verify(
     blocked: Bool[np.ndarray, "nx ny nz"],
     occupied: Bool[np.ndarray, "nx ny nz"],
     grid: Grid,
+    *,
+    ground: Bool[np.ndarray, "nx ny nz"] | None = None,
 ) -> Verification:
     """Judge a path against the voxels that it must not touch, and measure its length and clearance.
 
@@ -72,13 +74,15 @@ def verify(
         blocked: voxels that the path must not touch (obstacles with their margin).
         occupied: voxels from which the clearance is measured (obstacles as seen).
         grid: where the voxels lie in the world.
+        ground: voxels of `occupied` from which it is not. None: there are none.
 
     Raises:
         ValueError: for a path that is not (t, 3) with t ≥ 1, for volumes that are not bool of the grid's
             shape, or for a grid so far from the world's origin that float32 cannot tell its voxels apart.
     """
-    _check([path], blocked, occupied, grid, 3)
-    return verify_batch([path], np.zeros(1, np.int64), blocked[None], occupied[None], grid)[0]
+    _check([path], grid, 3, blocked=blocked, occupied=occupied, ground=ground)
+    below = None if ground is None else ground[None]
+    return verify_batch([path], np.zeros(1, np.int64), blocked[None], occupied[None], grid, ground=below)[0]
 
 
 def verify_batch(
@@ -87,18 +91,20 @@ def verify_batch(
     blocked: Bool[np.ndarray, "m nx ny nz"],
     occupied: Bool[np.ndarray, "m nx ny nz"],
     grid: Grid,
+    *,
+    ground: Bool[np.ndarray, "m nx ny nz"] | None = None,
 ) -> list[Verification]:
     """`verify` for many paths at once: most of what one costs is the same for a hundred.
 
     Args:
         paths: points in the world frame [m], ENU.
         which: map of each path.
-        blocked, occupied, grid: as in `verify`, for each map.
+        blocked, occupied, grid, ground: as in `verify`, for each map.
 
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
-    _check(paths, blocked, occupied, grid, 4)
+    _check(paths, grid, 4, blocked=blocked, occupied=occupied, ground=ground)
     if which.shape != (len(paths),) or (which.size and not 0 <= which.min() <= which.max() < len(blocked)):
         raise ValueError(f"which: expected the map, 0 to {len(blocked) - 1}, of {len(paths)} paths, given {which}")
 
@@ -130,7 +136,7 @@ def verify_batch(
     segment, voxels = _contacts(a, d, pieces, blocked, tolerance)
     backwards = zip(path_of[segment[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
     first_hit: dict[int, Index3] = {k: (x, y, z) for k, (x, y, z) in backwards}
-    clearance = grid.spacing * _clearance(pieces, occupied, len(paths))
+    clearance = grid.spacing * _clearance(pieces, occupied, ground, len(paths))
     return [
         Verification(
             ok=bool(inside[k]) and k not in first_hit,
@@ -144,12 +150,14 @@ def verify_batch(
     ]
 
 
-def _check(paths: Sequence[np.ndarray], blocked: np.ndarray, occupied: np.ndarray, grid: Grid, axes: int) -> None:
+def _check(paths: Sequence[np.ndarray], grid: Grid, axes: int, **volumes: np.ndarray | None) -> None:
     """Raise a `ValueError` unless the paths are (t, 3) and the volumes bool of the grid's shape."""
     for path in paths:
         if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
             raise ValueError(f"path: expected shape (t, 3) with t of at least 1, given {path.shape}")
-    for name, volume in (("blocked", blocked), ("occupied", occupied)):
+    for name, volume in volumes.items():
+        if volume is None:
+            continue
         grid.check_volume(name, volume)
         if volume.ndim != axes or volume.dtype != np.bool_:
             raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
@@ -239,11 +247,15 @@ def _pieces(
 
 
 def _around(
-    pieces: _Pieces, volume: Bool[np.ndarray, "m nx ny nz"], reach: float
+    pieces: _Pieces,
+    volume: Bool[np.ndarray, "m nx ny nz"],
+    reach: float,
+    without: Bool[np.ndarray, "m nx ny nz"] | None = None,
 ) -> tuple[Int64[np.ndarray, " c"], Int64[np.ndarray, "c 3"], Float64[np.ndarray, " c"]]:
     """Every pair of a piece and a voxel, True in its map, whose boxes are at most `reach` apart, with the gap squared.
 
-    All pieces look through windows of one size, pushed back into the map where they would leave it.
+    Voxels that are True in the map `without` are left out. All pieces look through windows of one size, pushed back
+    into the map where they would leave it.
     """
     shape = np.array(volume.shape[1:])
     low = np.maximum(np.floor(pieces.lower - reach), 0).astype(np.int64)
@@ -251,9 +263,13 @@ def _around(
     size = np.minimum(np.maximum.reduce(high - low, initial=1), shape)
     corner = np.minimum(low, shape - size)
     (x, y, z), places = size.tolist(), (shape - size + 1).tolist()
-    strides = volume.strides + volume.strides[1:]
-    windows = as_strided(volume, (len(volume), *places, x, y, z), strides, writeable=False)
-    seen = np.flatnonzero(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
+
+    def look(volume: Bool[np.ndarray, "m nx ny nz"]) -> Bool[np.ndarray, "k x y z"]:
+        strides = volume.strides + volume.strides[1:]
+        windows = as_strided(volume, (len(volume), *places, x, y, z), strides, writeable=False)
+        return np.asarray(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
+
+    seen = np.flatnonzero(look(volume) if without is None else look(volume) & ~look(without))
 
     # The squared gap is a sum over the axes, of few different numbers: the windows have few columns and layers.
     cells = corner[..., None] + np.arange(max(x, y, z))
@@ -306,7 +322,10 @@ def _slab_times(
 
 
 def _clearance(
-    pieces: _Pieces, occupied: Bool[np.ndarray, "m nx ny nz"], paths: int
+    pieces: _Pieces,
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    ground: Bool[np.ndarray, "m nx ny nz"] | None,
+    paths: int,
 ) -> Float64[np.ndarray, " {paths}"]:
     """Least distance [voxels] from each path's pieces to the cube of an occupied voxel; infinite without any.
 
@@ -314,14 +333,15 @@ def _clearance(
     """
     squared = np.full(paths, math.inf)
     for reach in _REACHES:
-        _approach(squared, pieces, *_around(pieces, occupied, reach))
+        _approach(squared, pieces, *_around(pieces, occupied, reach, ground))
         pieces = pieces.of(squared[pieces.path] > reach**2)
         if not pieces.path.size:
             break
     else:
         for path in np.unique(pieces.path).tolist():
             own = pieces.of(pieces.path == path)
-            _search(squared, own, occupied[own.map[0]])
+            seen = own.map[0]
+            _search(squared, own, occupied[seen] if ground is None else occupied[seen] & ~ground[seen])
     least: Float64[np.ndarray, " {paths}"] = np.sqrt(squared)
     return least
 

@@ -114,7 +114,7 @@ def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.n
 def test_clearance_is_the_least_distance(
     seed: int, length: int, count: int, lattice: bool, spacing: float, widest: int
 ) -> None:
-    """Also where the nearest voxel is farther away than the window that is searched first."""
+    """Also where the nearest voxel lies beyond the window that is searched first, and where ground is nearer."""
     rng = np.random.default_rng(seed)
     grid = Grid(tuple(rng.integers(1, widest, 3).tolist()), spacing)
     path = rng.random((length, 3)) * np.minimum(grid.shape, 14)
@@ -124,7 +124,8 @@ def test_clearance_is_the_least_distance(
     occupied[tuple(voxels.T)] = True
     segments = list(itertools.pairwise(path)) or [(path[0], path[0])]
     expected = min(bounded_distance(a, b, v) for a, b in segments for v in voxels)
-    result = verify(world(path, grid), np.zeros(grid.shape, bool), occupied, grid)
+    ground = ~occupied & (rng.random(grid.shape) < rng.choice([0.0, 0.3]))
+    result = verify(world(path, grid), np.zeros(grid.shape, bool), occupied | ground, grid, ground=ground)
     assert result.clearance == pytest.approx(spacing * expected, rel=1e-6, abs=1e-6 * spacing)
     assert result.length == pytest.approx(spacing * sum(np.linalg.norm(b - a) for a, b in segments))
 
@@ -142,7 +143,9 @@ def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, lar
     for k, box in itertools.product(range(2), range(3)):
         occupied[(k, *map(slice, corners[k, box], corners[k, box] + sizes[k, box]))] = True
     free, which = np.broadcast_to(False, occupied.shape), np.array([1, 0, 1, 1])
-    verdicts = verify_batch([world(path, grid) for path in paths], which, free, occupied, grid)
+    ground = ~occupied & (np.arange(grid.shape[2]) < rng.integers(0, 3))
+    filled = occupied | ground
+    verdicts = verify_batch([world(path, grid) for path in paths], which, free, filled, grid, ground=ground)
     for path, k, verdict in zip(paths, which, verdicts, strict=True):
         ends = list(itertools.pairwise(path)) or [(path[0], path[0])]
         boxes = list(zip(corners[k], sizes[k], strict=True))
@@ -252,6 +255,8 @@ def test_wrong_shapes_are_told_with_what_was_given() -> None:
         judge(path, np.zeros((4, 4, 4), bool), free, UNIT)
     with pytest.raises(ValueError, match=r"occupied: expected bool .*given float64"):
         judge(path, free, np.zeros(UNIT.shape), UNIT)
+    with pytest.raises(ValueError, match=r"ground: expected shape .*5, 4, 3.*given \(5, 4\)"):
+        judge(path, free, free, UNIT, ground=np.zeros((5, 4), bool))
     with pytest.raises(ValueError, match="b: expected three finite coordinates"):
         trace(np.ones(3), np.array([1, math.nan, 1]), UNIT)
 
