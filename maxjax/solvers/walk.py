@@ -58,6 +58,8 @@ _COARSEST = 16
 _THIN = 4
 # Levels of no more states than these are relaxed by every device alone: to fetch a layer from a neighbour takes longer.
 _SHARED = 2**20
+# Cycles of every scene before the first look at whether it needs another one, for which the host waits for the device.
+_BLIND = 3
 # Cycles end when for so many of them the residual has not fallen below this share of the best.
 _PATIENCE, _PROGRESS = 4, 0.8
 
@@ -147,10 +149,16 @@ def solve(
         _, cycles, change, _, stalled = state
         return (cycles < max_cycles) & (change > tolerance) & (stalled < _PATIENCE)
 
+    def blindly(system: System, state: State) -> State:
+        begun: State = lax.fori_loop(0, min(_BLIND, max_cycles), lambda _, state: cycle(system, state), state)
+        return begun
+
     infinite = jnp.asarray(jnp.inf, phi.dtype)
     first = (phi, jnp.int32(0), infinite, infinite, jnp.int32(0))
+    system = faces, diagonal, goal, levels
+    first = lax.platform_dependent(system, first, cpu=lambda _, state: state, default=blindly)
     # Most scenes of a city take three or four cycles, few take many.
-    phi, cycles, change, _, _ = settle(going, cycle, (faces, diagonal, goal, levels), first, parts=16)
+    phi, cycles, change, _, _ = settle(going, cycle, system, first, parts=16)
     return Solution(phi, cycles, change, change <= tolerance)
 
 
