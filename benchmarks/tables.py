@@ -140,22 +140,28 @@ def profile(*documents: Document) -> str:
     return (
         "### Where a device's time goes\n\n"
         "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
-        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. On a CPU operations\n"
-        "stand for kernels; some run beside each other, and those that shift arrays by a voxel have lost their\n"
-        "names.\n\n" + "\n".join(map(_profile, documents))
+        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. `city`: one of\n"
+        "1024 × 1024 × 256 voxels on so many devices, means over these; `exchange`: what they hand each other, and\n"
+        "wait for. On a CPU operations stand for kernels; some run beside each other, and those that shift arrays by\n"
+        "a voxel have lost their names.\n\n" + "\n".join(map(_profile, documents))
     )
 
 
 def _profile(document: Document) -> str:
     rows = {row["what"]: row for row in document["rows"]}
-    counts = [("solve", n) for n in document["config"]["scenes"]] + [("plan", n) for n in document["config"]["plans"]]
+    config = document["config"]
+    kinds = ("solve", config["scenes"]), ("plan", config["plans"]), ("city", config.get("cities", ()))
+    counts = [(what, n) for what, several in kinds for n in several]
+    # Scenes that share the time of a call.
+    scenes = {(what, n): 1 if what == "city" else n for what, n in counts}
     steps = dict.fromkeys(what.split(": ")[1] for what in rows if not what.startswith("copy"))
     lines = []
     for step in (*(step for step in steps if step != "all"), "all"):
-        found = [(rows.get(f"{what}, {n}: {step}"), n) for what, n in counts]
-        cells = [f"{number(row['us'] / n)} ({row['kernels']:.0f})" if row else "" for row, n in found]
+        found = [(rows.get(f"{what}, {n}: {step}"), scenes[what, n]) for what, n in counts]
+        cells = [f"{number(row['us'] / share)} ({row['kernels']:.0f})" if row else "" for row, share in found]
         lines.append(["**all kernels**" if step == "all" else step, *cells])
-    lines.append(["wall clock", *(number(rows[f"{what}, {n}: all"]["wall_us"] / n) for what, n in counts)])
+    walls = ((rows[f"{what}, {n}: all"]["wall_us"], scenes[what, n]) for what, n in counts)
+    lines.append(["wall clock", *(number(wall / share) for wall, share in walls)])
     rates = []
     for what, n in counts:
         sweep, copy = rows.get(f"{what}, {n}: sweep"), rows.get(f"copy, {n}: copy")
@@ -166,7 +172,9 @@ def _profile(document: Document) -> str:
                 f"copy runs at {most} GB/s.\n"
             )
     heads = ["step", *(f"{what}, {n}" for what, n in counts)]
-    return f"On {'' if is_cpu(document) else 'one '}{device(document)}:\n\n" + table(heads, lines) + "".join(rates)
+    where = device(document)
+    several = is_cpu(document) or " x " in where
+    return f"On {where if several else f'one {where}'}:\n\n" + table(heads, lines) + "".join(rates)
 
 
 def lidar(*documents: Document) -> str:

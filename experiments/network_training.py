@@ -84,6 +84,16 @@ def section(document: Document) -> str:
         ]
         for row in document["rows"]
     ]
+    rows = {row["network"]: row for row in document["rows"]}
+    small, large = rows.get("paper"), rows.get("paper_large")
+    kernels = ""
+    if small and large:
+        better, worse = (["better", "worse"][large[key] > small[key]] for key in ("loss", "l2"))
+        kernels = (
+            f"\n`paper_large`, the planar original's kernels of up to 11 voxels in three dimensions, by the recipe of\n"
+            f"`paper`: it fits its own scenes {better} (loss {large['loss']:.1e}, `paper` {small['loss']:.1e})\n"
+            f"and the validation scenes {worse}.\n"
+        )
     heads = ["network", "epochs x scenes", "batch", "on", "minutes", "L2", "L2, normalised", "angle (95 %) [°]"]
     return (
         "### Training of the networks\n\n"
@@ -91,6 +101,7 @@ def section(document: Document) -> str:
         "the training map (the paper's validation error: 0.103). Curves: results/network_training_NAME.jsonl. `paper`\n"
         "and `paper_difference` shared their GPU with each other and with flights: their minutes are no measure.\n\n"
         + table(heads, lines, left=1)
+        + kernels
     )
 
 
