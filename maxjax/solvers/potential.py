@@ -265,11 +265,14 @@ def _attempt(
         solution = _conjugate_gradients(caps, sigma, length, goal, component)
     phi, converged = solution.x, solution.converged
     lost = converged & jnp.any(component & (phi <= 0))
-    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     held = stencil.cell(sigma.shape, goal)
 
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         phi, sweeps, _ = state
+        # Hardly any field needs them: A is assembled anew rather than kept, and the barrier keeps XLA from doing it
+        # ahead of the loop.
+        operator = _operator(caps.setting, *lax.optimization_barrier((sigma, length, phi))[:2])
+        diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
         phi = lax.fori_loop(
             0, SWEEPS, lambda _, phi: jnp.where(held, phi, stencil.inflow(operator.faces, phi) / diagonal), phi
         )
