@@ -8,21 +8,20 @@ is one comparison per face on the very float32 numbers that the ascent reads, so
 
 from __future__ import annotations
 
+import functools
+import itertools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.fields.stencil import ahead, behind
+from maxjax.fields.stencil import neighbours
 
 
 def best_neighbour(phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
     """The highest φ among the free face neighbours of each voxel; −1 where there is none (φ is never negative)."""
-    best = jnp.full_like(phi, -1)
-    for axis in range(3):
-        for shift in (ahead, behind):
-            open_there = shift(free.astype(phi.dtype), axis) > 0
-            best = jnp.maximum(best, jnp.where(open_there, shift(phi, axis), -1))
-    return best
+    pairs = neighbours(jnp.where(free, phi, -1), beyond=-1.0)
+    return functools.reduce(jnp.maximum, itertools.chain(*pairs))
 
 
 @jax.named_scope("certify")

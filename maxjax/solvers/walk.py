@@ -42,7 +42,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.loops import repeat, settle
 from maxjax.core.slabs import on_every_device
-from maxjax.fields.stencil import Faces, Links, Operator, Volume, ahead, behind, cell, gather, inflow
+from maxjax.fields.stencil import Faces, Links, Operator, Volume, behind, cell, gather, inflow, neighbours
 
 Mask = Bool[Array, "nx ny nz"]
 Blocks = Float[Array, "mx my mz"]  # one number a block
@@ -218,15 +218,18 @@ def _levels(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tu
 @jax.named_scope("lump")
 def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
     """δ on the blocks: the lumped walk's answer to the residual of φ."""
-    total = inflow(faces, phi)
+    around = neighbours(phi)
+    total = jnp.zeros_like(phi)
+    for axis, (face, (following, preceding)) in enumerate(zip(faces, around, strict=True)):
+        total = total + face * following + behind(face, axis) * preceding
     known = (total > 0) & (phi > 0)
     residual = jnp.where(known, jnp.log(jnp.where(known, total, 1) / jnp.where(known, diagonal * phi, 1)), 0)
     axes = levels[0].axes
     # A row of rates w_ij φ_j sums to the inflow, about d_i φ_i: undivided, it is weighted by φ already.
     weight = 1 / jnp.where(_spread(levels[0].even, axes) & (total > 0), total, 1)
     rates = tuple(
-        (weight * face * ahead(phi, axis), weight * behind(face, axis) * behind(phi, axis))
-        for axis, face in enumerate(faces)
+        (weight * face * following, weight * behind(face, axis) * preceding)
+        for axis, (face, (following, preceding)) in enumerate(zip(faces, around, strict=True))
     )
     walk, residual = _lump(rates, weight * total, weight * total * residual, axes)  # type: ignore[arg-type]
     return _relaxed(walk, residual, _blocks(phi, axes), levels, _RELAX)
