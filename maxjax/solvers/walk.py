@@ -40,7 +40,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.loops import repeat, settle
+from maxjax.core.loops import largest, repeat, settle
 from maxjax.core.slabs import on_every_device
 from maxjax.fields.stencil import Faces, Links, Operator, Volume, behind, cell, gather, inflow, neighbours
 
@@ -141,7 +141,7 @@ def solve(
             phi = lax.optimization_barrier(sweep(phi, weight))
         with jax.named_scope("change"):
             after = sweep(phi, 1.0)
-            change = jnp.max(jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1))
+            change = largest(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
             stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
             return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 

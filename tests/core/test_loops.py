@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
 
-from maxjax.core.loops import computed_once, settle
+from maxjax.core.loops import computed_once, largest, settle
 
 
 @jax.tree_util.register_dataclass
@@ -69,3 +69,20 @@ def test_what_is_computed_once_may_be_no_number_and_has_a_derivative() -> None:
     np.testing.assert_array_equal(jax.jit(computed_once)(bad), bad)
     slope = jax.jit(jax.grad(lambda x: jnp.sum(computed_once(x**2))))(jnp.float32([1.0, 2.0]))
     np.testing.assert_array_equal(slope, [2.0, 4.0])
+
+
+@pytest.mark.parametrize("size", [1, 5, 8, 21, 104])
+@pytest.mark.parametrize("where", [0, -1])
+def test_the_largest_is_found_in_every_part(size: int, where: int) -> None:
+    a, b = np.random.default_rng(size).normal(size=(2, size, 3, 4)).astype(np.float32)
+
+    @jax.jit
+    def found(a: Array, b: Array) -> Array:
+        return largest(lambda a, b: jnp.abs(a - b), a, b)
+
+    assert found(a, b) == np.abs(a - b).max()
+    a[where, -1, 2] = 99
+    assert found(a, b) == np.abs(a - b).max()
+    np.testing.assert_array_equal(jax.vmap(found, (0, None))(np.stack([a, b]), b), [np.abs(a - b).max(), 0])
+    a[where, 0, 0] = np.nan
+    assert np.isnan(found(a, b))
