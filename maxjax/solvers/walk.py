@@ -219,9 +219,7 @@ def _levels(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tu
 def _correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[_Level, ...]) -> Blocks:
     """δ on the blocks: the lumped walk's answer to the residual of φ."""
     around = neighbours(phi)
-    total = jnp.zeros_like(phi)
-    for axis, (face, (following, preceding)) in enumerate(zip(faces, around, strict=True)):
-        total = total + face * following + behind(face, axis) * preceding
+    total = inflow(faces, phi, around)
     known = (total > 0) & (phi > 0)
     residual = jnp.where(known, jnp.log(jnp.where(known, total, 1) / jnp.where(known, diagonal * phi, 1)), 0)
     axes = levels[0].axes
