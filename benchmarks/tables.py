@@ -140,10 +140,10 @@ def profile(*documents: Document) -> str:
     return (
         "### Where a device's time goes\n\n"
         "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
-        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. `city`: one of\n"
-        "1024 × 1024 × 256 voxels on so many devices, means over these; `exchange`: what they hand each other, and\n"
-        "wait for. On a CPU operations stand for kernels; some run beside each other, and those that shift arrays by\n"
-        "a voxel have lost their names.\n\n" + "\n".join(map(_profile, documents))
+        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. `city`: on so many\n"
+        "devices, means over these; `exchange`: what they hand each other, and wait for. On a CPU operations stand\n"
+        "for kernels; some run beside each other, and those that shift arrays by a voxel have lost their names.\n\n"
+        + "\n".join(map(_profile, documents))
     )
 
 
@@ -174,7 +174,8 @@ def _profile(document: Document) -> str:
     heads = ["step", *(f"{what}, {n}" for what, n in counts)]
     where = device(document)
     several = is_cpu(document) or " x " in where
-    return f"On {where if several else f'one {where}'}:\n\n" + table(heads, lines) + "".join(rates)
+    size = f", a city of {' × '.join(map(str, config['city']))} voxels" if config.get("cities") else ""
+    return f"On {where if several else f'one {where}'}{size}:\n\n" + table(heads, lines) + "".join(rates)
 
 
 def lidar(*documents: Document) -> str:
