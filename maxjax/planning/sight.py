@@ -12,6 +12,9 @@ Positions are index coordinates (whole numbers at voxel centres). Voxels outside
 
 from __future__ import annotations
 
+import functools
+import operator
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -20,6 +23,10 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
 # A segment closer than this to a voxel's face touches the voxel on the other side as well [voxels]: far above the
 # rounding of float32 coordinates of a few hundred, far below anything that matters in flight.
 TOUCH = 2.5e-4
+
+# So few half slabs a GPU looks at one by one: a reduction over them would be a kernel of its own, and so would what it
+# reads.
+_FEW = 8
 
 # The two other axes, in the order in which `blocks` stores their extents.
 _OTHERS = ((1, 2), (0, 2), (0, 1))
@@ -99,23 +106,37 @@ def clear(
 
     first = jnp.floor(low[0] + 0.5 - TOUCH).astype(jnp.int32)
     last = jnp.floor(high[0] + 0.5 + TOUCH).astype(jnp.int32)
-    half = np.arange(2 * slabs, dtype=np.int32)
-    slab = first + half // 2
-    middle = slab + jnp.asarray(0.5 * (half % 2), a.dtype)
-    enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
-    leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
 
-    flat, variant = slab * strides[0], 4 * longest[..., None]
-    inside = (first >= 0) & (last < limits[0])
-    for k, weight in ((1, 2), (2, 1)):
-        slope = (high[k] - low[k]) / run
-        u, v = low[k] + slope * enter, low[k] + slope * leave
-        floor = jnp.floor(jnp.minimum(u, v) + 0.5 - TOUCH).astype(jnp.int32)
-        ceil = jnp.floor(jnp.maximum(u, v) + 0.5 + TOUCH).astype(jnp.int32)
-        inside &= (slab > last) | ((floor >= 0) & (ceil < limits[k]))
-        flat, variant = flat + floor * strides[k], variant + weight * (ceil - floor)
-    hit = (bits.reshape(-1)[jnp.clip(flat, 0, bits.size - 1)] >> variant.astype(jnp.uint16)) & 1
-    return jnp.all(inside & (last - first < slabs) & ((slab > last) | (hit == 0)), axis=-1)
+    def free_in(half: Int32[np.ndarray, " h"]) -> Bool[Array, "*k h"]:
+        """Whether half slabs, counted from the first one, touch free voxels only."""
+        slab = first + half // 2
+        middle = slab + jnp.asarray(0.5 * (half % 2), a.dtype)
+        enter = jnp.clip(middle - 0.5 - TOUCH, low[0], high[0]) - low[0]
+        leave = jnp.clip(middle + TOUCH, low[0], high[0]) - low[0]
+        flat, variant = slab * strides[0], 4 * longest[..., None]
+        inside = (first >= 0) & (last < limits[0])
+        for k, weight in ((1, 2), (2, 1)):
+            slope = (high[k] - low[k]) / run
+            u, v = low[k] + slope * enter, low[k] + slope * leave
+            floor = jnp.floor(jnp.minimum(u, v) + 0.5 - TOUCH).astype(jnp.int32)
+            ceil = jnp.floor(jnp.maximum(u, v) + 0.5 + TOUCH).astype(jnp.int32)
+            inside &= (slab > last) | ((floor >= 0) & (ceil < limits[k]))
+            flat, variant = flat + floor * strides[k], variant + weight * (ceil - floor)
+        hit = (bits.reshape(-1)[jnp.clip(flat, 0, bits.size - 1)] >> variant.astype(jnp.uint16)) & 1
+        return inside & (last - first < slabs) & ((slab > last) | (hit == 0))
+
+    halves = np.arange(2 * slabs, dtype=np.int32)
+
+    def together() -> Bool[Array, "*k"]:
+        return jnp.all(free_in(halves), axis=-1)
+
+    def one_by_one() -> Bool[Array, "*k"]:
+        return functools.reduce(operator.and_, (free_in(halves[k : k + 1])[..., 0] for k in halves))
+
+    if len(halves) > _FEW:
+        return together()
+    result: Bool[Array, "*k"] = lax.platform_dependent(cpu=together, default=one_by_one)
+    return result
 
 
 def visibility(
