@@ -34,10 +34,14 @@ def _pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
     return jnp.sum(bits << jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None], axis=-3, dtype=jnp.uint32)
 
 
-def _unpack(words: UInt32[Array, "*b words ny nz"], nx: int) -> Bool[Array, "*b nx ny nz"]:
+def _digits(words: UInt32[Array, "*b words ny nz"], nx: int) -> UInt32[Array, "*b nx ny nz"]:
     *batch, _, ny, nz = words.shape
     bits = (words[..., None, :, :] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
-    return bits.reshape(*batch, -1, ny, nz)[..., :nx, :, :].astype(bool)
+    return bits.reshape(*batch, -1, ny, nz)[..., :nx, :, :]
+
+
+def _unpack(words: UInt32[Array, "*b words ny nz"], nx: int) -> Bool[Array, "*b nx ny nz"]:
+    return _digits(words, nx).astype(bool)
 
 
 def _seed(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> UInt32[Array, "words ny nz"]:
@@ -246,7 +250,8 @@ def _counted(
         half = four_rounds((refreshed(words), *digits))
         whole = four_rounds(half)
         digit = lax.population_count(turns ^ (turns + 1)) - 1
-        high = high.at[digit].set(high[digit] ^ ~whole[0])
+        flipped = lax.dynamic_index_in_dim(high, digit, keepdims=False) ^ ~whole[0]
+        high = lax.dynamic_update_index_in_dim(high, flipped, digit, 0)
         return *whole, middle ^ ~half[0], high, turns + 1, anywhere(jnp.any(whole[0] != half[0]))
 
     def going(state: Arrays) -> Bool[Array, ""]:
@@ -258,12 +263,12 @@ def _counted(
     first: Arrays = (start, nothing, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
     # Turns without a look: even from its middle the corner of an empty grid is as far away as half its diagonal, and a
     # round goes three steps, of 1.1 voxels at most.
-    blind = int(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
+    blind = math.ceil(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
     state = lax.fori_loop(0, blind, lambda _, state: turn(state), first)
     words, second, third, lowest, low, middle, high, _, _ = lax.while_loop(going, turn, state)
 
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
-        return _unpack(words, free.shape[-3]).astype(jnp.int32)
+        return _digits(words, free.shape[-3]).astype(jnp.int32)
 
     rounds = jnp.zeros(free.shape, jnp.int32)
     digit = jnp.zeros_like(start)
