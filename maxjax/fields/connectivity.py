@@ -92,47 +92,60 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         free: free voxels.
         seed: voxel index.
     """
-    (words,) = _grown(free, (seed,), lambda before, after: jnp.any(after[0] != before[0]))
+    passable = _pack(free)
+
+    def grow(state: tuple[Array, Array]) -> tuple[Array, Array]:
+        before, _ = state
+        (after,) = _grown((before,), passable)
+        return after, jnp.any(after != before)
+
+    first = grow((_seed(free.shape, seed) & passable, jnp.array(True)))
+    words, _ = lax.while_loop(lambda state: state[1], grow, first)
     return _unpack(words, free.shape[0])
 
 
-def joined(free: Bool[Array, "nx ny nz"], a: Int32[Array, " 3"], b: Int32[Array, " 3"]) -> Bool[Array, ""]:
-    """Whether `flood` from one voxel reaches the other. Both flood, until they meet or one has filled its component.
+def _grown(words: Arrays, passable: UInt32[Array, "words ny nz"]) -> Arrays:
+    """Sets grown by many steps: each look at the result waits for the device."""
+    return repeat(_STEPS, lambda words: tuple(_spread(each) & passable for each in words), words, fused=2)
+
+
+def first_joined(
+    free: Callable[[Int32[Array, ""]], Bool[Array, "nx ny nz"]],
+    first: Int32[Array, ""],
+    last: int,
+    a: Int32[Array, " 3"],
+    b: Int32[Array, " 3"],
+) -> tuple[Int32[Array, ""], Bool[Array, ""]]:
+    """The first of several maps in which `flood` from one voxel reaches another; the last one if none is.
+
+    Both flood, until they meet or one has filled its component; then they go on in the next map.
 
     Args:
-        free: free voxels.
+        free: free voxels of the k-th map; they are free in the maps after it, too.
+        first, last: which maps there are; last is static.
         a, b: voxel indices; nothing joins a voxel outside the grid.
+
+    Returns:
+        The map, and whether it joins them.
     """
+    shape = jax.eval_shape(free, first).shape
+    seeds = _seed(shape, a), _seed(shape, b)
 
-    def met(words: Arrays) -> Bool[Array, ""]:
-        return jnp.any((words[0] & words[1]) != 0)
+    def grow(state: tuple[Arrays, Array, Array, Array]) -> tuple[Arrays, Array, Array, Array]:
+        reached, k, _, _ = state
+        passable = _pack(free(k))
+        before = tuple((words | seed) & passable for words, seed in zip(reached, seeds, strict=True))
+        after = _grown(before, passable)
+        # All three answers from one reduction.
+        grew_a, grew_b = (jnp.where(new != old, bit, 0) for new, old, bit in zip(after, before, (1, 2), strict=True))
+        found = lax.reduce_or(grew_a | grew_b | jnp.where(after[0] & after[1] != 0, 4, 0), (0, 1, 2))
+        met, filled = found >= 4, found & 3 != 3
+        return after, jnp.where(filled & ~met, k + 1, k), met, met | (filled & (k >= last))
 
-    def going(before: Arrays, after: Arrays) -> Bool[Array, ""]:
-        return jnp.any(after[0] != before[0]) & jnp.any(after[1] != before[1]) & ~met(after)
-
-    return met(_grown(free, (a, b), going))
-
-
-def _grown(
-    free: Bool[Array, "nx ny nz"],
-    seeds: tuple[Int32[Array, " 3"], ...],
-    going: Callable[[Arrays, Arrays], Bool[Array, ""]],
-) -> Arrays:
-    """What each seed grows into, packed, while (before, after) says so; more where that is asked too late."""
-    passable = _pack(free)
-
-    def step(words: Arrays) -> Arrays:
-        return tuple(_spread(each) & passable for each in words)
-
-    def grow(state: tuple[Arrays, Bool[Array, ""]]) -> tuple[Arrays, Bool[Array, ""]]:
-        before, _ = state
-        # Many steps between two looks at the result: each look waits for the device.
-        after = repeat(_STEPS, step, before, fused=2)
-        return after, going(before, after)
-
-    first = tuple(_seed(free.shape, seed) & passable for seed in seeds)
-    words, _ = lax.while_loop(lambda state: state[1], grow, grow((first, jnp.array(True))))
-    return words
+    nothing = jnp.zeros_like(seeds[0])
+    start = (nothing, nothing), first, jnp.array(False), jnp.array(False)
+    _, k, met, _ = lax.while_loop(lambda state: ~state[3], grow, grow(start))
+    return jnp.minimum(k, last), met
 
 
 # Digits of the number of rounds, enough for 12,264 steps; the lowest of them count the eight rounds of a turn.

@@ -11,13 +11,12 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.loops import computed_once
 from maxjax.core.status import Status
-from maxjax.fields.connectivity import joined
+from maxjax.fields.connectivity import first_joined
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
 from maxjax.planning.sight import TOUCH, stands_free, touched
 
@@ -151,21 +150,13 @@ def pose(
         return inside_a & inside_b & ~jnp.any(jnp.stack(near))
 
     in_a, in_b = ~inside_a | jnp.any(occupied[at_a]), ~inside_b | jnp.any(occupied[at_b])
-    bad = ~finite | in_a | in_b
     last = len(ladder) - 1
     # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
     standing = jax.vmap(stand)(jnp.arange(last + 1, dtype=jnp.int32))
     first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
 
-    def solvable(rung: Int32[Array, ""]) -> Bool[Array, ""]:
-        return standing[rung] & joined(~blocked_at(rung), b.index, a.index)
-
-    rung, ok = lax.while_loop(
-        lambda state: ~state[1] & (state[0] < last) & ~bad,
-        lambda state: (state[0] + 1, solvable(state[0] + 1)),
-        (first - 1, jnp.array(False)),
-    )
-    rung = jnp.maximum(rung, first)
+    rung, meet = first_joined(lambda rung: ~blocked_at(rung), first, last, b.index, a.index)
+    ok = meet & jnp.any(standing)
     status = verdict(~finite, ~inside_a, ~inside_b, jnp.all(start == goal), in_a, in_b, ~ok)
     blocked = computed_once(blocked_at(rung))
     return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)

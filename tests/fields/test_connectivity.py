@@ -6,12 +6,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Bool, Int32
 from references import component_of, serpentine
 from scipy import ndimage
 
-from maxjax.fields.connectivity import flood, geodesic, joined
+from maxjax.fields.connectivity import first_joined, flood, geodesic
 
-fill, measure, reach = jax.jit(flood), jax.jit(geodesic), jax.jit(joined)
+fill, measure = jax.jit(flood), jax.jit(geodesic)
+
+
+@jax.jit
+def first_of(
+    maps: Bool[Array, "m nx ny nz"], first: Int32[Array, ""], a: Int32[Array, " 3"], b: Int32[Array, " 3"]
+) -> tuple[Int32[Array, ""], Bool[Array, ""]]:
+    return first_joined(lambda k: maps[k], first, len(maps) - 1, a, b)
+
+
+def reach(free: Array, a: Array, b: Array) -> bool:
+    return bool(first_of(free[None], jnp.int32(0), a, b)[1])
 
 
 @pytest.mark.parametrize(
@@ -26,8 +38,8 @@ def test_equals_label(shape: tuple[int, int, int]) -> None:
             np.testing.assert_array_equal(given, component_of(free, tuple(seed)))
             for other in rng.integers(-1, np.add(shape, 1), (4, 3)):
                 inside = np.all((other >= 0) & (other < shape))
-                meets = reach(free, jnp.asarray(seed, jnp.int32), jnp.asarray(other, jnp.int32))
-                assert bool(meets) == (inside and bool(given[tuple(other)]))
+                meets = reach(jnp.asarray(free), jnp.asarray(seed, jnp.int32), jnp.asarray(other, jnp.int32))
+                assert meets == (inside and bool(given[tuple(other)]))
 
 
 def test_follows_a_long_corridor_to_its_end() -> None:
@@ -37,6 +49,24 @@ def test_follows_a_long_corridor_to_its_end() -> None:
     blocked[11, :, :] = True
     expected = component_of(~blocked, (22, 5, 1))
     np.testing.assert_array_equal(fill(jnp.asarray(~blocked), jnp.asarray([22, 5, 1], jnp.int32)), expected)
+
+
+def test_the_first_map_that_joins_two_voxels_is_found() -> None:
+    """Also where several have to be filled first, where the first ones are passed over, and where none does."""
+    rng = np.random.default_rng(7)
+    shape, runs = (34, 9, 11), jax.vmap(first_of, in_axes=(None, None, 0, 0))
+    values, found = rng.random(shape), set()
+    maps = np.stack([values < density for density in (0.4, 0.45, 0.6, 0.75, 0.9)])
+    a, b = rng.integers(-1, np.add(shape, 1), (2, 60, 3)).astype(np.int32)
+    for first in (0, 2):
+        given = [np.asarray(x) for x in runs(maps, jnp.int32(first), a, b)]
+        for k, meets, start, end in zip(*given, a, b, strict=True):
+            inside = all(((x >= 0) & (x < shape)).all() for x in (start, end))
+            joins = [inside and component_of(free, tuple(start))[tuple(end)] for free in maps[first:]]
+            assert bool(meets) == any(joins)
+            assert int(k) == (first + joins.index(True) if any(joins) else len(maps) - 1)
+            found.add((int(k), bool(meets)))
+    assert len(found) == 6
 
 
 def test_bits_do_not_leak_between_rows_or_words() -> None:
