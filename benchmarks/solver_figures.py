@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import tyro
 from jaxtyping import Array, Bool, Float, Int32
@@ -101,7 +100,7 @@ def _start(
     component, distance = geodesic(sigma > 0, goal)
     length = screening_length_for(distance)
     component, distance = walk.padded(component), walk.padded(distance)
-    return length, component, jnp.where(component, _guess(distance, length), 0)
+    return length, component, _guess(distance, length, component)
 
 
 @jax.jit
@@ -114,7 +113,7 @@ def _cycle(
 ) -> walk.Solution:
     """One cycle; nothing but φ passes from one to the next, so k of them are a solve of k cycles."""
     operator = _operator("screened", walk.padded(sigma), length)
-    return walk.solve(operator, phi, component, goal, tolerance=0.0, max_cycles=1)
+    return walk.solve(operator, walk.guessed(phi), component, goal, tolerance=0.0, max_cycles=1)
 
 
 def _convergence(scene: potential.Scene, config: Config) -> list[Row]:

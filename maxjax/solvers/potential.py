@@ -178,11 +178,14 @@ def _operator(setting: Setting, sigma: stencil.Volume, length: Float[Array, ""])
     return stencil.assemble(sigma, 0.0 if setting == "paper" else 1 / length**2, grounded=setting == "paper")
 
 
-def _guess(distance: Int32[Array, "nx ny nz"], length: Float[Array, ""]) -> stencil.Volume:
+@jax.named_scope("guess")
+def _guess(
+    distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
+) -> stencil.Volume:
     """φ of a point source where σ ∝ 1/r: decay by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r; never below float32."""
     decay = jnp.arccosh(1 + 1 / (2 * length**2))
     far = distance.astype(length.dtype)
-    return jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85))
+    return jnp.where(component, jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85)), 0)
 
 
 def _preconditioner(
@@ -219,16 +222,52 @@ def _potential(
     def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
         before, attempt = state
         longer = before.screening_length * jnp.where(attempt > 0, _LENGTHEN, 1).astype(length.dtype)
-        return _attempt(caps, sigma, longer, goal, component, distance), attempt + 1
+        anew = dataclasses.replace(before, iterations=jnp.where(attempt > 0, 0, before.iterations))
+        return _attempt(caps, sigma, longer, goal, component, distance, anew), attempt + 1
 
     def unfinished(state: tuple[Potential, Int32[Array, ""]]) -> Bool[Array, ""]:
         before, attempt = state
         retry = (before.status == Status.NOT_CERTIFIED) | (before.status == Status.NOT_CONVERGED)
-        return (attempt == 0) | (retry & (attempt < caps.attempts))
+        return retry & (attempt < caps.attempts)
 
-    none = jnp.int32(0)
-    nothing = Potential(jnp.zeros_like(sigma), none, none, none, jnp.zeros_like(length), jnp.array(False), none, length)
-    return dict(vars(lax.while_loop(unfinished, again, (nothing, none))[0]))
+    def nothing(*_: Array) -> Potential:
+        none, most = jnp.int32(0), jnp.asarray(jnp.inf, length.dtype)
+        status = jnp.int32(Status.NOT_CONVERGED)
+        return Potential(jnp.zeros_like(sigma), status, none, none, most, jnp.array(False), none, length)
+
+    begun = nothing()
+    if caps.setting == "screened":
+        begin = functools.partial(_begun, caps)
+        begun = lax.platform_dependent(sigma, length, goal, component, distance, cpu=nothing, default=begin)
+    return dict(vars(lax.while_loop(unfinished, again, (begun, jnp.int32(0)))[0]))
+
+
+def _begun(
+    caps: _Caps,
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+    distance: Int32[Array, "nx ny nz"],
+) -> Potential:
+    """The cycles that nearly every scene takes, and its verdict: NOT_CONVERGED where there is more to do.
+
+    On an accelerator the host waits at every loop to be told whether it goes on: with this, at one of five.
+    """
+    shape = sigma.shape
+    sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
+    newton = walk.begin(
+        _operator(caps.setting, sigma, length),
+        _guess(distance, length, component),
+        component,
+        goal,
+        tolerance=caps.tolerance,
+        max_cycles=caps.max_iterations,
+    )
+    solution = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
+    stuck = uncertified(newton.phi, component, goal)
+    found = _judged(solution, jnp.int32(0), stuck, sigma, length, goal, component, shape)
+    return dataclasses.replace(found, status=jnp.where(newton.converged, found.status, Status.NOT_CONVERGED))
 
 
 def _attempt(
@@ -238,33 +277,16 @@ def _attempt(
     goal: Int32[Array, " 3"],
     component: Bool[Array, "nx ny nz"],
     distance: Int32[Array, "nx ny nz"],
+    begun: Potential,
 ) -> Potential:
+    """With one screening length; goes on from what has had some iterations with it."""
     shape = sigma.shape
     if caps.setting == "screened":
         sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
-    operator = _operator(caps.setting, sigma, length)
-    if caps.setting == "screened":
-        with jax.named_scope("guess"):
-            guess = jnp.where(component, _guess(distance, length), 0)
-        newton = walk.solve(operator, guess, component, goal, tolerance=caps.tolerance, max_cycles=caps.max_iterations)
-        stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
-
-        def linear(system: tuple[Array, ...], state: tuple[Solution, Array]) -> tuple[Solution, Array]:
-            sigma, length, goal, component = system
-            # A goal outside the grid leaves nothing to solve. Were this no question of the state, XLA on CPU would
-            # solve ahead of the loop, whether there is a turn or not.
-            goal = jnp.where(state[1], goal, -1)
-            solution = _conjugate_gradients(caps, sigma, length, goal, component)
-            iterations = state[0].iterations + solution.iterations
-            return dataclasses.replace(solution, iterations=iterations), jnp.zeros_like(stalled)
-
-        cycled = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
-        system = sigma, length, goal, component
-        solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), parts=64)
+        solution = _cycled(caps, sigma, length, goal, component, distance, begun)
     else:
         solution = _conjugate_gradients(caps, sigma, length, goal, component)
-    phi, converged = solution.x, solution.converged
-    lost = converged & jnp.any(component & (phi <= 0))
+    lost = solution.converged & jnp.any(component & (solution.x <= 0))
     held = stencil.cell(sigma.shape, goal)
 
     def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -282,14 +304,75 @@ def _attempt(
         # A voxel at zero is out of float32's range, and sweeps cannot bring it back.
         lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps) & ~(lost & (state[1] > 0)),
         sweep,
-        (phi, jnp.int32(0), uncertified(phi, component, goal)),
+        (solution.x, jnp.int32(0), uncertified(solution.x, component, goal)),
     )
+    solution = dataclasses.replace(solution, x=phi)
+    return _judged(solution, sweeps, stuck, sigma, length, goal, component, shape)
+
+
+def _cycled(
+    caps: _Caps,
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+    distance: Int32[Array, "nx ny nz"],
+    begun: Potential,
+) -> Solution:
+    """φ by Newton cycles on the padded grid; where they stall, by conjugate gradients."""
+
+    def from_guess() -> walk.Solution:
+        return walk.guessed(_guess(distance, length, component))
+
+    def from_begun() -> walk.Solution:
+        cycled = walk.Solution(walk.padded(begun.phi), begun.iterations, begun.residual, jnp.array(False))
+        start: walk.Solution = jax.tree.map(lambda x, y: jnp.where(begun.iterations > 0, x, y), cycled, from_guess())
+        return start
+
+    newton = walk.solve(
+        _operator(caps.setting, sigma, length),
+        lax.platform_dependent(cpu=from_guess, default=from_begun),
+        component,
+        goal,
+        tolerance=caps.tolerance,
+        max_cycles=caps.max_iterations,
+    )
+    stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
+
+    def linear(system: tuple[Array, ...], state: tuple[Solution, Array]) -> tuple[Solution, Array]:
+        sigma, length, goal, component = system
+        # A goal outside the grid leaves nothing to solve. Were this no question of the state, XLA on CPU would solve
+        # ahead of the loop, whether there is a turn or not.
+        goal = jnp.where(state[1], goal, -1)
+        solution = _conjugate_gradients(caps, sigma, length, goal, component)
+        iterations = state[0].iterations + solution.iterations
+        return dataclasses.replace(solution, iterations=iterations), jnp.zeros_like(stalled)
+
+    cycled = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
+    system = sigma, length, goal, component
+    solution: Solution
+    solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), parts=64)
+    return solution
+
+
+def _judged(
+    solution: Solution,
+    sweeps: Int32[Array, ""],
+    stuck: Int32[Array, ""],
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+    shape: tuple[int, ...],
+) -> Potential:
+    """A solution of so many uncertified voxels, with its status, on a grid of this shape."""
+    phi = solution.x
     finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0)) & jnp.isfinite(length) & (length > 0)
     outside = jnp.any((goal < 0) | (goal >= jnp.asarray(shape)))
     blocked = ~jnp.any(component)
     certified = finite & ~outside & ~blocked & (stuck == 0) & jnp.all(jnp.isfinite(phi))
     status = jnp.select(
-        [~finite, outside, blocked, certified, ~converged],
+        [~finite, outside, blocked, certified, ~solution.converged],
         [Status.NONFINITE_INPUT, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED, Status.OK, Status.NOT_CONVERGED],
         Status.NOT_CERTIFIED,
     )

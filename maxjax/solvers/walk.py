@@ -101,7 +101,12 @@ def padded(array: Array) -> Array:
     return jnp.pad(array, [(0, -n % 2**count) for n, count in zip(array.shape, counts, strict=True)])
 
 
-def solve(
+def guessed(phi: Volume) -> Solution:
+    """A guess, before any cycle."""
+    return Solution(phi, jnp.int32(0), jnp.asarray(jnp.inf, phi.dtype), jnp.array(False))
+
+
+def begin(
     operator: Operator,
     phi: Volume,
     component: Mask,
@@ -110,56 +115,78 @@ def solve(
     tolerance: float,
     max_cycles: int,
 ) -> Solution:
-    """Cycles from a positive guess until no sweep would change any voxel by more than `tolerance` of itself.
+    """The cycles that nearly every scene takes, without a look in between; arguments as of `solve`."""
+    system = _system(operator, component, goal_index)
+    first = _state(guessed(phi))
+    begun: State = lax.fori_loop(0, min(_BLIND, max_cycles), lambda _, state: _cycle(system, state), first)
+    return _solution(begun, tolerance)
+
+
+def solve(
+    operator: Operator,
+    begun: Solution,
+    component: Mask,
+    goal_index: Int32[Array, " 3"],
+    *,
+    tolerance: float,
+    max_cycles: int,
+) -> Solution:
+    """Cycles until no sweep would change any voxel by more than `tolerance` of itself.
 
     Args:
         operator: A, on a `padded` grid.
-        phi: guess, positive on the component, zero elsewhere; its value on the goal is kept.
+        begun: φ and the cycles that it has had: positive on the component, zero elsewhere; its value on the goal is
+            kept.
         component: the goal's component.
         goal_index: voxel of the goal.
         tolerance: largest |ρ|. Static.
         max_cycles: cap. Static.
     """
-    faces, diagonal = operator.faces, jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-    goal = cell(phi.shape, goal_index)
-    levels = _levels(faces, component, goal_index)
-
-    def cycle(system: System, state: State) -> State:
-        faces, diagonal, goal, levels = system
-        phi, cycles, _, best, stalled = state
-
-        @jax.named_scope("sweep")
-        def sweep(phi: Volume, weight: float) -> Volume:
-            here = phi * diagonal
-            # Weights above one may overshoot: what remains of φ stays positive.
-            swept = jnp.maximum(weight * inflow(faces, phi) + (1 - weight) * here, here / 8)
-            return jnp.where(goal, here, swept) / diagonal
-
-        if levels:
-            phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
-        for weight in _SWEEPS[:-1]:
-            phi = lax.optimization_barrier(sweep(phi, weight))
-        with jax.named_scope("change"):
-            after = sweep(phi, 1.0)
-            change = largest(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
-            stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
-            return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 
     def going(system: System, state: State) -> Bool[Array, ""]:
         _, cycles, change, _, stalled = state
         return (cycles < max_cycles) & (change > tolerance) & (stalled < _PATIENCE)
 
-    def blindly(system: System, state: State) -> State:
-        begun: State = lax.fori_loop(0, min(_BLIND, max_cycles), lambda _, state: cycle(system, state), state)
-        return begun
-
-    infinite = jnp.asarray(jnp.inf, phi.dtype)
-    first = (phi, jnp.int32(0), infinite, infinite, jnp.int32(0))
-    system = faces, diagonal, goal, levels
-    first = lax.platform_dependent(system, first, cpu=lambda _, state: state, default=blindly)
     # Most scenes of a city take three or four cycles, few take many.
-    phi, cycles, change, _, _ = settle(going, cycle, system, first, parts=16)
+    state = settle(going, _cycle, _system(operator, component, goal_index), _state(begun), parts=16)
+    return _solution(state, tolerance)
+
+
+def _system(operator: Operator, component: Mask, goal_index: Int32[Array, " 3"]) -> System:
+    faces, diagonal = operator.faces, jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    return faces, diagonal, cell(component.shape, goal_index), _levels(faces, component, goal_index)
+
+
+def _state(begun: Solution) -> State:
+    return begun.phi, begun.cycles, begun.residual, begun.residual, jnp.int32(0)
+
+
+def _solution(state: State, tolerance: float) -> Solution:
+    phi, cycles, change, _, _ = state
     return Solution(phi, cycles, change, change <= tolerance)
+
+
+def _cycle(system: System, state: State) -> State:
+    """One correction, and sweeps."""
+    faces, diagonal, goal, levels = system
+    phi, cycles, _, best, stalled = state
+
+    @jax.named_scope("sweep")
+    def sweep(phi: Volume, weight: float) -> Volume:
+        here = phi * diagonal
+        # Weights above one may overshoot: what remains of φ stays positive.
+        swept = jnp.maximum(weight * inflow(faces, phi) + (1 - weight) * here, here / 8)
+        return jnp.where(goal, here, swept) / diagonal
+
+    if levels:
+        phi = phi / _spread(jnp.exp(-_correction(faces, diagonal, phi, levels)), levels[0].axes)
+    for weight in _SWEEPS[:-1]:
+        phi = lax.optimization_barrier(sweep(phi, weight))
+    with jax.named_scope("change"):
+        after = sweep(phi, 1.0)
+        change = largest(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
+        stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
+        return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 
 
 @jax.tree_util.register_dataclass

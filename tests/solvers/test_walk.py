@@ -54,7 +54,7 @@ def start(sigma: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Screening length and guess, as `solve_potential` begins."""
     component, distance = geodesic(sigma > 0, goal)
     length = screening_length_for(distance).astype(sigma.dtype)
-    return length, jnp.where(component, _guess(distance, length), 0)
+    return length, _guess(distance, length, component)
 
 
 @functools.partial(jax.jit, static_argnames=("tolerance", "max_cycles"))
@@ -70,7 +70,12 @@ def solve(
     component, _ = geodesic(sigma > 0, goal)
     operator = stencil.assemble(walk.padded(sigma), 1 / length**2)
     return walk.solve(
-        operator, walk.padded(phi), walk.padded(component), goal, tolerance=tolerance, max_cycles=max_cycles
+        operator,
+        walk.guessed(walk.padded(phi)),
+        walk.padded(component),
+        goal,
+        tolerance=tolerance,
+        max_cycles=max_cycles,
     )
 
 
@@ -238,23 +243,55 @@ def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
     check_certified(potential, sigma, goal)
 
 
-@pytest.mark.parametrize("shape", [(7, 6, 5), (24, 17, 20)])
-def test_accelerators_find_the_same_field(shape: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their programs are written in another form: steps in a row, and cycles before the first look."""
-    sigma, goal = scene(3, shape, doors=False)
+@pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs as accelerators get them: steps in a row, and cycles before the first look."""
+    monkeypatch.setattr(jax.lax, "platform_dependent", lambda *given, cpu, default: default(*given))
+
+
+def in_both_forms(sigma: np.ndarray, goal: np.ndarray, request: pytest.FixtureRequest) -> tuple[Potential, Potential]:
     here = jax.jit(lambda sigma, goal: solve_potential(sigma, goal))(sigma, goal)
-    taken = []
+    request.getfixturevalue("elsewhere")
+    return here, jax.jit(lambda sigma, goal: solve_potential(sigma, goal))(sigma, goal)
 
-    def elsewhere(*arguments: object, cpu: object, default: Callable[..., object]) -> object:
-        taken.append(cpu)
-        return default(*arguments)
 
-    monkeypatch.setattr(jax.lax, "platform_dependent", elsewhere)
-    there = jax.jit(lambda sigma, goal: solve_potential(sigma, goal))(sigma, goal)
-    assert taken
+@pytest.mark.parametrize("shape", [(7, 6, 5), (24, 17, 20)])
+def test_accelerators_find_the_same_field(shape: tuple[int, int, int], request: pytest.FixtureRequest) -> None:
+    here, there = in_both_forms(*scene(3, shape, doors=False), request)
     assert int(there.iterations) == max(int(here.iterations), walk._BLIND)
     assert here.certified
     assert there.certified
     np.testing.assert_array_equal(there.phi > 0, here.phi > 0)
     # Where the host looks later, the field is better; both are within the tolerance.
     np.testing.assert_allclose(there.phi, here.phi, rtol=0.15 if int(here.iterations) < walk._BLIND else 1e-4)
+
+
+def test_accelerators_go_on_where_the_first_cycles_do_not_suffice(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cycles that stall, a screening length that is too short, and a goal in a wall; alone, and all of them at once."""
+    monkeypatch.setattr("maxjax.solvers.potential.NATS", 110.0)
+    edge = 33
+    easy, goal = scene(3, (edge,) * 3, doors=False)
+    doors, behind = scene(1, (edge,) * 3)
+    corridor, corner = np.zeros((edge,) * 3, np.float32), np.zeros(3, np.int32)
+    corridor[:31, :32, :1] = conducting(serpentine(31, 32, 1), corner)
+    walled = easy.copy()
+    walled[0, 0, 0] = 0
+    sigma, goals = np.stack([easy, doors, corridor, walled]), np.array([goal, behind, corner, corner], np.int32)
+
+    def solves() -> Callable[..., Potential]:
+        return lambda sigma, goal: solve_potential(sigma, goal, tolerance=1e-4)
+
+    alone = jax.jit(solves())
+    here = [alone(*given) for given in zip(sigma, goals, strict=True)]
+    assert [int(one.status) for one in here] == [Status.OK, Status.OK, Status.OK, Status.GOAL_OCCUPIED]
+    far = int(geodesic(jnp.asarray(corridor > 0), jnp.asarray(corner))[1].max())
+    assert here[2].screening_length > 1.4 * far / 110
+    request.getfixturevalue("elsewhere")
+    alone, together = jax.jit(solves()), jax.jit(jax.vmap(solves()))(sigma, goals)
+    for k, one in enumerate(here):
+        for other in (alone(sigma[k], goals[k]), jax.tree.map(lambda x, k=k: x[k], together)):
+            assert other.status == one.status
+            assert other.screening_length == one.screening_length
+            np.testing.assert_allclose(other.phi, one.phi, rtol=1e-2)
