@@ -7,14 +7,15 @@ On an accelerator it plans one chunk while the host verifies the last one and pa
 
 A chunk is what a device is busy with: a larger one gains little, and waits longer for its slowest problem. So memory
 is bounded whatever the size of the batch. A chunk comes back as one array of bytes, in the host's memory: every array
-that is fetched costs as much as a short stage. A CPU is busy with a single problem, and plans one after the other,
-stage by stage.
+that is sent or fetched costs as much as a short stage. A CPU is busy with a single problem, and plans one after the
+other, stage by stage.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -27,7 +28,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Int64, Shaped, UInt8
 
 from maxjax.core import bits
-from maxjax.core.grid import Grid
+from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import (
@@ -72,35 +73,53 @@ class _Found:
     margin: Float[np.ndarray, " c"]
     status: Int32[np.ndarray, " c"]
     certified: Bool[np.ndarray, " c"]
-    blocked: UInt8[np.ndarray, "c bytes"]
+    blocked: Bool[np.ndarray, "c nx ny nz"]
 
 
-def _written(
-    path: Float[Array, "t 3"],
-    margin: Float[Array, ""],
-    status: Int32[Array, ""],
-    certified: Bool[Array, ""],
-    blocked: UInt8[Array, " bytes"],
-) -> UInt8[Array, " written"]:
-    """What was found out about one problem, in a row."""
-    numbers = (lax.bitcast_convert_type(x, jnp.uint8).reshape(-1) for x in (path, margin, status))
-    return jnp.concatenate([*numbers, certified.astype(jnp.uint8)[None], blocked])
+def _planned(
+    occupied: UInt8[Array, " bytes"],
+    ground: UInt8[Array, " bytes"],
+    ends: Float[Array, "2 3"],
+    margin: float,
+    grid: Grid,
+    potential: PotentialFn,
+    settings: Ascent,
+) -> tuple[UInt8[Array, " numbers"], Bool[Array, "nx ny nz"]]:
+    """What was found out about one problem: the numbers of a `_Found` in a row, and its dilated map."""
+    problem = posed(occupied, ground, ends[0], ends[1], margin, grid)
+    path, status, certified = route(problem, grid, potential, settings)
+    numbers = (lax.bitcast_convert_type(x, jnp.uint8).reshape(-1) for x in (path, problem.margin, status))
+    return jnp.concatenate([*numbers, certified.astype(jnp.uint8)[None]]), problem.blocked
 
 
-def _read(message: UInt8[np.ndarray, "c written"], points: int) -> _Found:
-    """`_written` for paths of so many points, on the host."""
+def _read(message: UInt8[np.ndarray, "c written"], points: int, shape: Index3) -> _Found:
+    """What comes back for paths of so many points: the numbers, and the map, in bytes or in bits."""
     numbers = np.ascontiguousarray(message[:, : 12 * points + 8])
-    floats = numbers.view(np.float32)
+    floats, blocked = numbers.view(np.float32), message[:, 12 * points + 9 :]
+    in_bytes = blocked.shape[1] == math.prod(shape)
     return _Found(
         floats[:, :-2].reshape(-1, points, 3),
         floats[:, -2],
         numbers.view(np.int32)[:, -1],
         message[:, 12 * points + 8] > 0,
-        message[:, 12 * points + 9 :],
+        blocked.view(bool).reshape(-1, *shape) if in_bytes else bits.unpack(blocked, shape),
     )
 
 
-def _plan_chunk(
+def _plan_one(
+    message: UInt8[Array, " sent"], margin: float, grid: Grid, potential: PotentialFn, settings: Ascent
+) -> UInt8[Array, "1 written"]:
+    """One problem: its maps in bits and its ends, sent as one array, since each array costs as much as a short stage.
+
+    The dilated map goes back in bytes: a host takes longer to unpack one than it takes on the way.
+    """
+    occupied, ground, ends = jnp.split(message, [(message.size - 24) // 2, message.size - 24])
+    ends = lax.bitcast_convert_type(ends.reshape(2, 3, 4), jnp.float32)
+    numbers, blocked = _planned(occupied, ground, ends, margin, grid, potential, settings)
+    return _on_host(jnp.concatenate([numbers, blocked.astype(jnp.uint8).reshape(-1)])[None])
+
+
+def _plan_many(
     occupied: UInt8[Array, "*m bytes"],
     ground: UInt8[Array, "*g bytes"],
     ends: Float[Array, "b 2 3"],
@@ -109,22 +128,24 @@ def _plan_chunk(
     potential: PotentialFn,
     settings: Ascent,
 ) -> UInt8[Array, "b written"]:
-    def one(filled: Array, bare: Array, ends: Array) -> UInt8[Array, " written"]:
-        problem, blocked = posed(filled, bare, ends[0], ends[1], margin, grid)
-        path, status, certified = route(problem, grid, potential, settings)
-        return _written(path, problem.margin, status, certified, blocked)
+    """Several problems; a map that all of them share is not copied."""
 
-    if ends.shape[0] == 1:  # what `vmap` adds is not free
-        found = one(occupied.reshape(-1), ground.reshape(-1), ends[0])[None]
-    else:
-        # A map that all problems share is not copied.
-        axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0)
-        found = jax.vmap(one, in_axes=axes)(occupied, ground, ends)
-    there: UInt8[Array, "b written"] = jax.device_put(found, jax.memory.Space.Host)
+    def one(occupied: Array, ground: Array, ends: Array) -> UInt8[Array, " written"]:
+        numbers, blocked = _planned(occupied, ground, ends, margin, grid, potential, settings)
+        return jnp.concatenate([numbers, jnp.packbits(blocked)])
+
+    axes = (*(None if packed.ndim == 1 else 0 for packed in (occupied, ground)), 0)
+    return _on_host(jax.vmap(one, in_axes=axes)(occupied, ground, ends))
+
+
+def _on_host(message: UInt8[Array, "b written"]) -> UInt8[Array, "b written"]:
+    there: UInt8[Array, "b written"] = jax.device_put(message, jax.memory.Space.Host)
     return there
 
 
-_DEVICE = Stage("device", _plan_chunk, static=("margin", "grid", "potential", "settings"))
+_ONE, _MANY = (
+    Stage("device", plan, static=("margin", "grid", "potential", "settings")) for plan in (_plan_one, _plan_many)
+)
 
 
 def plan_paths(
@@ -209,25 +230,25 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
         """A chunk: its problems, and these on the device."""
         chunk = which[first : first + size]
         rows = _rows(np.resize(chunk, size))
-        packed = (bits.pack(_some(maps, rows)) for maps in (problems.occupied, problems.ground))
-        # As few arrays as can be: each costs as much to send as a short stage.
-        given = *packed, np.stack([problems.start[rows], problems.goal[rows]], axis=1)
+        packed = [bits.pack(_some(maps, rows)) for maps in (problems.occupied, problems.ground)]
+        given: Any = (*packed, np.stack([problems.start[rows], problems.goal[rows]], axis=1))
+        if size == 1:
+            given = (np.concatenate([array.view(np.uint8).reshape(-1) for array in given]),)
         # Sent ahead, while the device is at the chunk before; with a single problem the call itself is quicker.
         return chunk, given if alone else jax.device_put(given)
 
     def verified(chunk: Int64[np.ndarray, " c"], fetched: Callable[[], np.ndarray], few: slice) -> list[Plan]:
         """Plans of a few problems; their dilated maps are unpacked here, so that what threads hold stays small."""
-        found = _read(fetched()[few], problems.settings.steps + 1)
+        found = _read(fetched()[few], problems.settings.steps + 1, problems.grid.shape)
         rows = _rows(chunk[few])
-        blocked = bits.unpack(found.blocked, problems.grid.shape)
         occupied, ground = (
-            np.broadcast_to(_some(maps, rows), blocked.shape) for maps in (problems.occupied, problems.ground)
+            np.broadcast_to(_some(maps, rows), found.blocked.shape) for maps in (problems.occupied, problems.ground)
         )
         outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
         routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
         return judge(
             routes, problems.start[rows], problems.goal[rows], np.arange(len(routes)),
-            found.margin.tolist(), blocked, occupied, problems.grid, Stopwatch(), problems.method, ground,
+            found.margin.tolist(), found.blocked, occupied, problems.grid, Stopwatch(), problems.method, ground,
         )  # fmt: skip
 
     def later(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
@@ -241,7 +262,8 @@ def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> 
             if first + size < len(which):
                 following = later(prepared, first + size)
             # At each turn of a loop the device asks the host: it takes the thread that started it, nearly to the end.
-            found = _DEVICE.start(watch, *there, settings=problems.settings, **static)
+            stage = _ONE if size == 1 else _MANY
+            found = stage.start(watch, *there, settings=problems.settings, **static)
             fetched = later(np.asarray, found)
             for k in range(0, len(chunk), _TOGETHER):
                 results.append(later(verified, chunk, fetched, slice(k, min(k + _TOGETHER, len(chunk)))))

@@ -192,11 +192,10 @@ def posed(
     goal: Float[Array, " 3"],
     margin: float,
     grid: Grid,
-) -> tuple[Problem, UInt8[Array, " bytes"]]:
-    """`pose` for maps that come as bits, and its dilated map as bits, for the way back to the host."""
+) -> Problem:
+    """`pose` for maps that come as bits."""
     below = bits.volume(ground, grid.shape)
-    problem = pose(bits.volume(occupied, grid.shape) | below, below, start, goal, margin, grid)
-    return problem, jnp.packbits(problem.blocked)
+    return pose(bits.volume(occupied, grid.shape) | below, below, start, goal, margin, grid)
 
 
 _POSE = Stage("dilate", posed, static=("margin", "grid"))
@@ -350,11 +349,11 @@ def plan_path(
     watch = Stopwatch()
     with watch.stage("transfer"):
         arrays = jax.block_until_ready(jax.device_put((bits.pack(occupied), bits.pack(ground), start, goal)))
-    problem, blocked = _POSE(watch, *arrays, margin=margin, grid=grid)
-    status, used, packed = fetch(watch, problem.status, problem.margin, blocked)
+    problem = _POSE(watch, *arrays, margin=margin, grid=grid)
+    status, used, blocked = fetch(watch, problem.status, problem.margin, problem.blocked)
     found = Route(NO_PATH, Status(int(status)), certified=False)
     if found.status == Status.OK:
         found = find(problem, grid, watch)
-    here = [float(used)], bits.unpack(packed, grid.shape)[None], occupied[None], grid, watch, method, ground[None]
+    here = [float(used)], blocked[None], occupied[None], grid, watch, method, ground[None]
     (plan,) = judge([found], start[None], goal[None], np.zeros(1, np.int64), *here)
     return plan

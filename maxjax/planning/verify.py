@@ -264,12 +264,9 @@ def _around(
     corner = np.minimum(low, shape - size)
     (x, y, z), places = size.tolist(), (shape - size + 1).tolist()
 
-    def look(volume: Bool[np.ndarray, "m nx ny nz"]) -> Bool[np.ndarray, "k x y z"]:
-        strides = volume.strides + volume.strides[1:]
-        windows = as_strided(volume, (len(volume), *places, x, y, z), strides, writeable=False)
-        return np.asarray(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
-
-    seen = np.flatnonzero(look(volume) if without is None else look(volume) & ~look(without))
+    strides = volume.strides + volume.strides[1:]
+    windows = as_strided(volume, (len(volume), *places, x, y, z), strides, writeable=False)
+    seen = np.flatnonzero(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
 
     # The squared gap is a sum over the axes, of few different numbers: the windows have few columns and layers.
     cells = corner[..., None] + np.arange(max(x, y, z))
@@ -279,7 +276,11 @@ def _around(
     gap = columns[column] + gaps[column // (x * y), 2, seen - z * column]
     near = np.flatnonzero(gap <= reach**2)
     piece, *at = np.unravel_index(seen[near], (len(corner), x, y, z))
-    return piece, corner[piece] + np.array(at).T, gap[near]
+    voxels, gap = corner[piece] + np.array(at).T, gap[near]
+    if without is None:
+        return piece, voxels, gap
+    counts = ~without[pieces.map[piece], voxels[:, 0], voxels[:, 1], voxels[:, 2]]
+    return piece[counts], voxels[counts], gap[counts]
 
 
 def _contacts(
