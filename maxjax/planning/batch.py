@@ -14,11 +14,9 @@ other, stage by stage.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -143,9 +141,8 @@ def _on_host(message: UInt8[Array, "b written"]) -> UInt8[Array, "b written"]:
     return there
 
 
-_ONE, _MANY = (
-    Stage("device", plan, static=("margin", "grid", "potential", "settings")) for plan in (_plan_one, _plan_many)
-)
+_STATIC = "margin", "grid", "potential", "settings"
+_ONE, _MANY = Stage("device", _plan_one, static=_STATIC), Stage("device", _plan_many, static=_STATIC)
 
 
 def plan_paths(
@@ -220,60 +217,84 @@ def _in_chunks(problems: _Problems, chunk: int) -> list[Plan]:
 
 
 def _attempt(problems: _Problems, which: Int64[np.ndarray, " n"], size: int) -> list[Plan]:
-    """Plans of some of the problems, in chunks of one size; the last one is filled up with copies."""
-    watch, begun = Stopwatch(), time.perf_counter()
-    results: list[Callable[[], list[Plan]]] = []
-    static = {"margin": problems.margin, "grid": problems.grid, "potential": problems.potential}
-    alone = len(which) == 1
-
-    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
-        """A chunk: its problems, and these on the device."""
-        chunk = which[first : first + size]
-        rows = _rows(np.resize(chunk, size))
-        packed = [bits.pack(_some(maps, rows)) for maps in (problems.occupied, problems.ground)]
-        given: Any = (*packed, np.stack([problems.start[rows], problems.goal[rows]], axis=1))
-        if size == 1:
-            given = (np.concatenate([array.view(np.uint8).reshape(-1) for array in given]),)
-        # Sent ahead, while the device is at the chunk before; with a single problem the call itself is quicker.
-        return chunk, given if alone else jax.device_put(given)
-
-    def verified(chunk: Int64[np.ndarray, " c"], fetched: Callable[[], np.ndarray], few: slice) -> list[Plan]:
-        """Plans of a few problems; their dilated maps are unpacked here, so that what threads hold stays small."""
-        found = _read(fetched()[few], problems.settings.steps + 1, problems.grid.shape)
-        rows = _rows(chunk[few])
-        occupied, ground = (
-            np.broadcast_to(_some(maps, rows), found.blocked.shape) for maps in (problems.occupied, problems.ground)
-        )
-        outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
-        routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
-        return judge(
-            routes, problems.start[rows], problems.goal[rows], np.arange(len(routes)),
-            found.margin.tolist(), found.blocked, occupied, problems.grid, Stopwatch(), problems.method, ground,
-        )  # fmt: skip
-
-    def later(work: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-        """What waits for a thread's answer; a single problem is not worth one."""
-        return functools.partial(work, *arguments) if alone else pool.submit(work, *arguments).result
-
-    with ThreadPoolExecutor(_THREADS) as pool:
-        following = later(prepared, 0)
-        for first in range(0, len(which), size):
-            chunk, there = following()
-            if first + size < len(which):
-                following = later(prepared, first + size)
-            # At each turn of a loop the device asks the host: it takes the thread that started it, nearly to the end.
-            stage = _ONE if size == 1 else _MANY
-            found = stage.start(watch, *there, settings=problems.settings, **static)
-            fetched = later(np.asarray, found)
-            for k in range(0, len(chunk), _TOGETHER):
-                results.append(later(verified, chunk, fetched, slice(k, min(k + _TOGETHER, len(chunk)))))
-        fetched()
-        ready = time.perf_counter()
-        plans = [plan for result in results for plan in result()]
-    watch.seconds["device"] = ready - begun - watch.seconds["compile"]
-    watch.seconds["verify"] = time.perf_counter() - ready
+    """Plans of some of the problems, in chunks of one size, or of a single one."""
+    watch = Stopwatch()
+    plans = _alone(problems, int(which[0]), watch) if len(which) == 1 else _pipelined(problems, which, size, watch)
     timings = watch.report(len(which))
     return [dataclasses.replace(plan, timings=timings) for plan in plans]
+
+
+def _alone(problems: _Problems, k: int, watch: Stopwatch) -> list[Plan]:
+    """The plan of one problem; no thread is worth its start."""
+    begun, rows = time.perf_counter(), slice(k, k + 1)
+    message = np.concatenate([part.view(np.uint8).reshape(-1) for part in _packed(problems, rows)])
+    answer = np.asarray(_ONE.start(watch, message, **_static(problems)))
+    ready = time.perf_counter()
+    plans = _verified(problems, rows, answer)
+    _book(watch, begun, ready)
+    return plans
+
+
+def _pipelined(problems: _Problems, which: Int64[np.ndarray, " n"], size: int, watch: Stopwatch) -> list[Plan]:
+    """Plans chunk by chunk; the last chunk is filled up with copies."""
+    begun = time.perf_counter()
+    results: list[Future[list[Plan]]] = []
+
+    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
+        """A chunk, and what is sent of it: ahead, while the device is at the chunk before."""
+        chunk = which[first : first + size]
+        return chunk, jax.device_put(_packed(problems, _rows(np.resize(chunk, size))))
+
+    def verified(chunk: Int64[np.ndarray, " c"], answer: Future[np.ndarray], few: slice) -> list[Plan]:
+        """Some plans of a chunk: their dilated maps are unpacked here, so that what threads hold stays small."""
+        return _verified(problems, _rows(chunk[few]), answer.result()[few])
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        following = pool.submit(prepared, 0)
+        for first in range(0, len(which), size):
+            chunk, sent = following.result()
+            if first + size < len(which):
+                following = pool.submit(prepared, first + size)
+            # At each turn of a loop the device asks the host: it takes the thread that started it, nearly to the end.
+            answer = pool.submit(np.asarray, _MANY.start(watch, *sent, **_static(problems)))
+            for k in range(0, len(chunk), _TOGETHER):
+                results.append(pool.submit(verified, chunk, answer, slice(k, min(k + _TOGETHER, len(chunk)))))
+        answer.result()
+        ready = time.perf_counter()
+        plans = [plan for result in results for plan in result.result()]
+    _book(watch, begun, ready)
+    return plans
+
+
+def _packed(problems: _Problems, rows: Any) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "b 2 3"]]:
+    """Maps and ground of some problems in bits, and their ends."""
+    occupied, ground = (bits.pack(_some(maps, rows)) for maps in (problems.occupied, problems.ground))
+    return occupied, ground, np.stack([problems.start[rows], problems.goal[rows]], axis=1)
+
+
+def _static(problems: _Problems) -> dict[str, Any]:
+    """What programs are compiled for."""
+    return {name: getattr(problems, name) for name in _STATIC}
+
+
+def _verified(problems: _Problems, rows: Any, answer: UInt8[np.ndarray, "c written"]) -> list[Plan]:
+    """Plans of some problems."""
+    found = _read(answer, problems.settings.steps + 1, problems.grid.shape)
+    occupied, ground = (
+        np.broadcast_to(_some(maps, rows), found.blocked.shape) for maps in (problems.occupied, problems.ground)
+    )
+    outcomes = zip(found.path, found.status.tolist(), found.certified.tolist(), strict=True)
+    routes = [Route(path, Status(status), sure) for path, status, sure in outcomes]
+    return judge(
+        routes, problems.start[rows], problems.goal[rows], np.arange(len(routes)),
+        found.margin.tolist(), found.blocked, occupied, problems.grid, Stopwatch(), problems.method, ground,
+    )  # fmt: skip
+
+
+def _book(watch: Stopwatch, begun: float, ready: float) -> None:
+    """Until the device was ready, and what verification took beyond that."""
+    watch.seconds["device"] = ready - begun - watch.seconds["compile"]
+    watch.seconds["verify"] = time.perf_counter() - ready
 
 
 def _rows(which: Int64[np.ndarray, " n"]) -> slice | Int64[np.ndarray, " n"]:
