@@ -28,6 +28,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.loops import settle
@@ -71,6 +72,7 @@ class _Caps:
     max_iterations: int
     max_sweeps: int
     attempts: int
+    alone: bool = True  # not one of a batch
 
 
 @jax.tree_util.register_dataclass
@@ -214,10 +216,32 @@ def _potential(
     component: Bool[Array, "nx ny nz"],
     distance: Int32[Array, "nx ny nz"],
 ) -> dict[str, Array]:
-    """The forward solve, with a longer screening length while there is an attempt left and a voxel uncertified.
+    """The forward solve; in a batch without what only spares a single scene its waits.
 
     Returns the fields of a `Potential` in a plain dictionary, since their tangents make no `Potential`.
     """
+    alone = custom_vmap(functools.partial(_forward, caps))
+
+    @alone.def_vmap
+    def together(size: int, in_batch: list[bool], *arrays: Array) -> tuple[dict[str, Array], dict[str, bool]]:
+        forward = functools.partial(_forward, dataclasses.replace(caps, alone=False))
+        axes = [0 if batched else None for batched in in_batch]
+        many = jax.vmap(forward, axes, axis_size=size)(*arrays)
+        return many, dict.fromkeys(many, True)
+
+    found: dict[str, Array] = alone(sigma, length, goal, component, distance)
+    return found
+
+
+def _forward(
+    caps: _Caps,
+    sigma: stencil.Volume,
+    length: Float[Array, ""],
+    goal: Int32[Array, " 3"],
+    component: Bool[Array, "nx ny nz"],
+    distance: Int32[Array, "nx ny nz"],
+) -> dict[str, Array]:
+    """Attempts with longer and longer screening lengths, while there is one left and a voxel uncertified."""
 
     def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
         before, attempt = state
@@ -236,7 +260,7 @@ def _potential(
         return Potential(jnp.zeros_like(sigma), status, none, none, most, jnp.array(False), none, length)
 
     begun = nothing()
-    if caps.setting == "screened":
+    if caps.setting == "screened" and caps.alone:
         begin = functools.partial(_begun, caps)
         begun = lax.platform_dependent(sigma, length, goal, component, distance, cpu=nothing, default=begin)
     return dict(vars(lax.while_loop(unfinished, again, (begun, jnp.int32(0)))[0]))
@@ -320,9 +344,10 @@ def _cycled(
     begun: Potential,
 ) -> Solution:
     """φ by Newton cycles on the padded grid; where they stall, by conjugate gradients."""
+    operator, guess = _operator(caps.setting, sigma, length), _guess(distance, length, component)
 
     def from_guess() -> walk.Solution:
-        return walk.guessed(_guess(distance, length, component))
+        return walk.guessed(guess)
 
     def from_begun() -> walk.Solution:
         cycled = walk.Solution(walk.padded(begun.phi), begun.iterations, begun.residual, jnp.array(False))
@@ -330,12 +355,13 @@ def _cycled(
         return start
 
     newton = walk.solve(
-        _operator(caps.setting, sigma, length),
-        lax.platform_dependent(cpu=from_guess, default=from_begun),
+        operator,
+        lax.platform_dependent(cpu=from_guess, default=from_begun) if caps.alone else from_guess(),
         component,
         goal,
         tolerance=caps.tolerance,
         max_cycles=caps.max_iterations,
+        blind=not caps.alone,
     )
     stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
 

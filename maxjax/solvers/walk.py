@@ -115,11 +115,9 @@ def begin(
     tolerance: float,
     max_cycles: int,
 ) -> Solution:
-    """The cycles that nearly every scene takes, without a look in between; arguments as of `solve`."""
-    system = _system(operator, component, goal_index)
-    first = _state(guessed(phi))
-    begun: State = lax.fori_loop(0, min(_BLIND, max_cycles), lambda _, state: _cycle(system, state), first)
-    return _solution(begun, tolerance)
+    """The cycles that nearly every scene takes, whether it needs them or not; arguments as of `solve`."""
+    state = _begun(_system(operator, component, goal_index), _state(guessed(phi)), max_cycles)
+    return _solution(state, tolerance)
 
 
 def solve(
@@ -130,6 +128,7 @@ def solve(
     *,
     tolerance: float,
     max_cycles: int,
+    blind: bool = False,
 ) -> Solution:
     """Cycles until no sweep would change any voxel by more than `tolerance` of itself.
 
@@ -141,15 +140,26 @@ def solve(
         goal_index: voxel of the goal.
         tolerance: largest |ρ|. Static.
         max_cycles: cap. Static.
+        blind: on an accelerator, `begin` with cycles that nobody looks at. Static.
     """
 
     def going(system: System, state: State) -> Bool[Array, ""]:
         _, cycles, change, _, stalled = state
         return (cycles < max_cycles) & (change > tolerance) & (stalled < _PATIENCE)
 
+    def blindly(system: System, state: State) -> State:
+        return _begun(system, state, max_cycles)
+
+    system, state = _system(operator, component, goal_index), _state(begun)
+    if blind:
+        state = lax.platform_dependent(system, state, cpu=lambda _, state: state, default=blindly)
     # Most scenes of a city take three or four cycles, few take many.
-    state = settle(going, _cycle, _system(operator, component, goal_index), _state(begun), parts=16)
-    return _solution(state, tolerance)
+    return _solution(settle(going, _cycle, system, state, parts=16), tolerance)
+
+
+def _begun(system: System, state: State, max_cycles: int) -> State:
+    begun: State = lax.fori_loop(0, min(_BLIND, max_cycles), lambda _, state: _cycle(system, state), state)
+    return begun
 
 
 def _system(operator: Operator, component: Mask, goal_index: Int32[Array, " 3"]) -> System:
