@@ -9,7 +9,9 @@ free, hence joins nothing that faces do not.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Callable
 
 import jax
@@ -30,8 +32,9 @@ _STEPS = 32
 def _pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
     *batch, nx, ny, nz = mask.shape
     padded = jnp.pad(mask, [(0, 0)] * len(batch) + [(0, -nx % _WORD), (0, 0), (0, 0)])
-    bits = padded.reshape(*batch, -1, _WORD, ny, nz).astype(jnp.uint32)
-    return jnp.sum(bits << jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None], axis=-3, dtype=jnp.uint32)
+    layers = padded.reshape(*batch, -1, _WORD, ny, nz)
+    # Written out: a sum would have every bit of it, as wide as a word, in memory first.
+    return functools.reduce(operator.or_, (layers[..., k, :, :].astype(jnp.uint32) << k for k in range(_WORD)))
 
 
 def _digits(words: UInt32[Array, "*b words ny nz"], nx: int) -> UInt32[Array, "*b nx ny nz"]:
