@@ -61,18 +61,27 @@ SHORTEST_LENGTH = 1.5
 # Where that was not enough, the screening length grows by this factor.
 _LENGTHEN = 1.5
 _ATTEMPTS = 4
+# Up to so many voxels the waits of a solve on an accelerator cost more than to assemble A once more.
+_WAITING = 2**24
 
 
 @dataclasses.dataclass(frozen=True)
 class _Caps:
-    """What is static in a solve."""
+    """What is static in a solve.
+
+    Attributes:
+        setting, tolerance, max_iterations, max_sweeps: of `solve_potential`.
+        attempts: screening lengths to try.
+        ahead: whether an accelerator takes the first cycles ahead of all loops, since at each turn of a loop it waits
+            for the host: in the `screened` setting, for a single scene, of a size that leaves it waiting.
+    """
 
     setting: Setting
     tolerance: float
     max_iterations: int
     max_sweeps: int
     attempts: int
-    alone: bool = True  # not one of a batch
+    ahead: bool
 
 
 @jax.tree_util.register_dataclass
@@ -164,7 +173,8 @@ def solve_potential(
     length = jnp.asarray(screening_length, sigma.dtype)
     if tolerance is None:
         tolerance = TOLERANCE[setting][sigma.dtype.itemsize]
-    caps = _Caps(setting, tolerance, max_iterations, max_sweeps, attempts)
+    ahead = setting == "screened" and sigma.size <= _WAITING
+    caps = _Caps(setting, tolerance, max_iterations, max_sweeps, attempts, ahead)
     return Potential(**_potential(caps, sigma, length, goal, component, distance))
 
 
@@ -224,7 +234,7 @@ def _potential(
 
     @alone.def_vmap
     def together(size: int, in_batch: list[bool], *arrays: Array) -> tuple[dict[str, Array], dict[str, bool]]:
-        forward = functools.partial(_forward, dataclasses.replace(caps, alone=False))
+        forward = functools.partial(_forward, dataclasses.replace(caps, ahead=False))
         axes = [0 if batched else None for batched in in_batch]
         many = jax.vmap(forward, axes, axis_size=size)(*arrays)
         return many, dict.fromkeys(many, True)
@@ -260,7 +270,7 @@ def _forward(
         return Potential(jnp.zeros_like(sigma), status, none, none, most, jnp.array(False), none, length)
 
     begun = nothing()
-    if caps.setting == "screened" and caps.alone:
+    if caps.ahead:
         begin = functools.partial(_begun, caps)
         begun = lax.platform_dependent(sigma, length, goal, component, distance, cpu=nothing, default=begin)
     return dict(vars(lax.while_loop(unfinished, again, (begun, jnp.int32(0)))[0]))
@@ -356,12 +366,12 @@ def _cycled(
 
     newton = walk.solve(
         operator,
-        lax.platform_dependent(cpu=from_guess, default=from_begun) if caps.alone else from_guess(),
+        lax.platform_dependent(cpu=from_guess, default=from_begun) if caps.ahead else from_guess(),
         component,
         goal,
         tolerance=caps.tolerance,
         max_cycles=caps.max_iterations,
-        blind=not caps.alone,
+        blind=not caps.ahead,
     )
     stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
 
