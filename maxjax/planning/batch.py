@@ -44,6 +44,8 @@ from maxjax.planning.planner import (
 )
 
 _CHUNK = 32
+# Bytes of a start and a goal.
+_ENDS = 2 * 3 * 4
 # Paths that a thread verifies in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 8, 2
 
@@ -111,7 +113,7 @@ def _plan_one(
 
     The dilated map goes back in bytes: a host takes longer to unpack one than it takes on the way.
     """
-    occupied, ground, ends = jnp.split(message, [(message.size - 24) // 2, message.size - 24])
+    occupied, ground, ends = jnp.split(message, [(message.size - _ENDS) // 2, message.size - _ENDS])
     ends = lax.bitcast_convert_type(ends.reshape(2, 3, 4), jnp.float32)
     numbers, blocked = _planned(occupied, ground, ends, margin, grid, potential, settings)
     return _on_host(jnp.concatenate([numbers, blocked.astype(jnp.uint8).reshape(-1)])[None])
