@@ -22,9 +22,9 @@ from jaxtyping import Float
 
 from benchmarks.harness import RESULTS, Row, measure, save
 from maxjax.sim.lidar import Lidar, directions, scan
-from maxjax.sim.mjx_model import cast_rays_mjx, mjx_scene
-from maxjax.sim.raycast import cast_rays
-from maxjax.sim.scenes import MAPS, make_scene
+from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene
+from maxjax.worlds.raycast import cast_rays
+from maxjax.worlds.scenes import MAPS, make_scene
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,7 +31,7 @@ from benchmarks.harness import RESULTS, Row, save
 from experiments.random_problems import Problem, problems
 from maxjax.api import path_finder
 from maxjax.planning.planner import plan_path
-from maxjax.sim.scenes import MAPS
+from maxjax.worlds.scenes import MAPS
 
 _PROBE = """
 import resource, numpy as np, maxjax

@@ -79,7 +79,7 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import Route, Stopwatch, climb, judge
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.tighten import tighten
-from maxjax.sim.scenes import MAPS, make_scene, occupancy
+from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 
 # A preconditioner set up anew, or none.
 Prepare = Callable[[], LinearOperator | None]

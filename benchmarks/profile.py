@@ -46,9 +46,9 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route
 from maxjax.planning.problem import Problem, pose
-from maxjax.sim.scenes import MAPS
 from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.walk import padded
+from maxjax.worlds.scenes import MAPS
 
 STEPS = (
     "pose", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",

@@ -31,10 +31,10 @@ from benchmarks import potential
 from benchmarks.harness import RESULTS, Row, measure, save
 from benchmarks.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.fields.connectivity import geodesic
-from maxjax.sim.scenes import MAPS
 from maxjax.solvers import walk
 from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for
 from maxjax.viz.figures import PATHS, STYLE, load_matplotlib, save_figure
+from maxjax.worlds.scenes import MAPS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -52,6 +52,8 @@ from benchmarks.markdown import Document, device, table
 from experiments.closed_loop import figures_of
 from experiments.oracle import judge
 from experiments.random_problems import Problem, case_of, problems
+from maxjax.campaigns.campaign import Campaign, fly_trials
+from maxjax.campaigns.outcomes import summarise
 from maxjax.fields import gradient as slope
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
@@ -62,9 +64,7 @@ from maxjax.planning.planner import NO_PATH, Plan, Route, Stopwatch, climb
 from maxjax.planning.problem import Problem as Posed
 from maxjax.planning.problem import pose
 from maxjax.planning.tighten import tighten
-from maxjax.sim.campaign import Campaign, fly_trials
 from maxjax.sim.flight import FlightConfig
-from maxjax.sim.outcomes import summarise
 from maxjax.solvers.potential import Potential, solve_potential
 
 RESULTS = Path(__file__).parent / "results"

@@ -25,10 +25,10 @@ import tyro
 
 from benchmarks.harness import Row, save
 from benchmarks.markdown import Document, device, table
-from maxjax.sim.campaign import Campaign, fly_trials
+from maxjax.campaigns.campaign import Campaign, fly_trials
+from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig
-from maxjax.sim.outcomes import Outcome, summarise
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -34,11 +34,11 @@ from jaxtyping import Bool, Float
 import maxjax
 from experiments.differentiable.field import COLORS, FIGURES, city, draw_city, figure
 from experiments.random_problems import Problem, problems
+from maxjax.campaigns.ledger import ROWS, Ledger
+from maxjax.campaigns.outcomes import Outcome
 from maxjax.nn import layers
 from maxjax.nn.autoencoder import CONFIGS, Autoencoder, init
 from maxjax.planning.planner import Stopwatch, potential_field
-from maxjax.sim.ledger import ROWS, Ledger
-from maxjax.sim.outcomes import Outcome
 from maxjax.viz import figures as style
 from maxjax.viz import flights as flown_style
 

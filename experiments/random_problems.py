@@ -26,7 +26,7 @@ from benchmarks.harness import Row, save
 from benchmarks.markdown import Document, device, number, table
 from experiments.oracle import Case, Verdict, judge
 from maxjax.fields.occupancy import rungs
-from maxjax.sim.scenes import MAPS, make_scene, occupancy
+from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -4,13 +4,13 @@
     MAXJAX_DATA=... python -m experiments.real_cities --problems 20 --windows 4 --trials 4    # two cores: 15 minutes
 
 Windows of 200 x 200 m, side by side, those with the most built area of each city. Buildings become upright boxes on
-level ground (`maxjax.sim.real_city`, which says what that covers and loses; `geometry` rows measure it). Outside its
+level ground (`maxjax.worlds.real_city`, which says what that covers and loses; `geometry` rows measure it). Outside its
 window a city is empty.
 
 - `offline`: the protocol and the judges of `experiments.random_problems`: ends 20 to 50 voxels apart, 3 to 15 m high,
   margin 8 m; A* beside the solver on the same problems.
-- `closed loop`: the ends of `maxjax.sim.trials` in these solids, flown by `maxjax.sim.flight.fly`: 50 to 80 m apart, 10
-  m clear of buildings, arrival within 2 m, never within 0.5 m of anything.
+- `closed loop`: the ends of `maxjax.campaigns.trials` in these solids, flown by `maxjax.sim.flight.fly`: 50 to 80 m
+  apart, 10 m clear of buildings, arrival within 2 m, never within 0.5 m of anything.
 
 Expected: every solvable problem OK and certified at the largest feasible margin, no unsafe path, mean length at most
 1.03 of the eikonal geodesic; every trial arrives, no contact. That geodesic, fast marching between voxel centres, turns
@@ -40,15 +40,15 @@ import maxjax
 from benchmarks.harness import Row, keep, save
 from experiments import random_problems as offline
 from experiments.oracle import judge
+from maxjax.campaigns import trials as rules
+from maxjax.campaigns.campaign import FINDERS, on_host
 from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm
-from maxjax.sim import trials as rules
-from maxjax.sim.campaign import FINDERS, on_host
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
-from maxjax.sim.geoms import Geoms
-from maxjax.sim.real_city import TOLERANCE, city, footprint_rows, inside, inside_boxes, window
-from maxjax.sim.scenes import occupancy
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.real_city import TOLERANCE, city, footprint_rows, inside, inside_boxes, window
+from maxjax.worlds.scenes import occupancy
 
 RESULTS = Path(__file__).parent / "results"
 CITIES = {
@@ -246,7 +246,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
 
 
 def draw(geoms: Geoms, key: Key[Array, ""], first: int) -> tuple[Array, Array, Array, Array]:
-    """Start, goal, valid and excluded of 50 trials in these solids, by the rules of `maxjax.sim.trials`."""
+    """Start, goal, valid and excluded of 50 trials in these solids, by the rules of `maxjax.campaigns.trials`."""
     occupied, ground = occupancy(geoms, rules.TRUTH)
     air = rules.open_air(jnp.asarray(occupied), jnp.asarray(ground))
     ends: tuple[Array, Array, Array, Array] = rules.draw_in(geoms, air, key, jnp.int32(first))

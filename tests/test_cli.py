@@ -27,7 +27,7 @@ from maxjax.cli.demo import corners
 from maxjax.maps import PointCloud, load_map
 from maxjax.nn.training import RECIPES
 from maxjax.planning.planner import Plan
-from maxjax.sim.scenes import make_scene, occupancy
+from maxjax.worlds.scenes import make_scene, occupancy
 
 # One shape for all small maps, so that the planner compiles once.
 SHAPE = (24, 16, 12)

@@ -17,17 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maxjax.campaigns import campaign as module
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, main, report
 from maxjax.core.status import Status
-from maxjax.sim import campaign as module
-from maxjax.sim.campaign import Campaign
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Scan
-from maxjax.sim.solids import upright_boxes
-from maxjax.sim.trials import Trial
 from maxjax.sim.window import empty
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import upright_boxes
 
 pytest.importorskip("matplotlib")
 

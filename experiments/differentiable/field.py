@@ -23,9 +23,9 @@ from scipy import ndimage
 import maxjax
 from benchmarks import markdown
 from maxjax.core.serialize import atomic_write
-from maxjax.sim.scenes import make_scene, occupancy
 from maxjax.solvers.potential import TIGHT_TOLERANCE
 from maxjax.viz import figures as style
+from maxjax.worlds.scenes import make_scene, occupancy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

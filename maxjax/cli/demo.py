@@ -21,7 +21,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
 from maxjax.planning.planner import Plan, Stopwatch
-from maxjax.sim.scenes import Scene, make_scene, occupancy
+from maxjax.worlds.scenes import Scene, make_scene, occupancy
 
 MARGIN = 8.0
 _STREET = (1.0, 17.0)  # heights that a flight in a street uses [m]

@@ -12,20 +12,20 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
+from maxjax.campaigns.campaign import Campaign, draw_trials, fly_trials, on_host, outcome_of, watch, world_of
+from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.cli import report
 from maxjax.core.grid import Grid
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.sim import window as mapping
-from maxjax.sim.campaign import Campaign, draw_trials, fly_trials, on_host, outcome_of, watch, world_of
-from maxjax.sim.distance import distance
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
-from maxjax.sim.geoms import Geoms
-from maxjax.sim.ledger import Ledger
-from maxjax.sim.outcomes import Outcome, summarise
-from maxjax.sim.scenes import make_scene, occupancy
 from maxjax.viz.flights import Look
+from maxjax.worlds.distance import distance
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.scenes import make_scene, occupancy
 
 # The cities of all maps, by the metre.
 _CITY = Grid((300, 300, 134), 1.0, (-149.5, -149.5, 0.5))

@@ -18,9 +18,9 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
 from maxjax.planning.planner import Stopwatch
-from maxjax.sim.geoms import Geoms
 from maxjax.sim.lidar import Lidar, Scan, scan
-from maxjax.sim.scenes import Scene, occupancy
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.scenes import Scene, occupancy
 
 _LIDAR = Lidar()
 _ATOM = 0.01  # [m]; a sensor whose surroundings of this size meet no solid is in the open

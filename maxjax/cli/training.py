@@ -33,10 +33,10 @@ from maxjax.nn.dataset import Scenes, generate, usable
 from maxjax.nn.model import save_model
 from maxjax.nn.training import LOG, RECIPES, Training, train
 from maxjax.planning.problem import pose
-from maxjax.sim.geoms import Geoms, rotation_z
-from maxjax.sim.layouts import layout
 from maxjax.sim.lidar import Lidar, scan
-from maxjax.sim.raycast import cast_rays
+from maxjax.worlds.geoms import Geoms, rotation_z
+from maxjax.worlds.layouts import layout
+from maxjax.worlds.raycast import cast_rays
 
 _LIDAR = Lidar()
 _LOW, _HIGH = 3.0, 15.0  # [m] above ground

@@ -21,7 +21,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.fields.occupancy import voxelize
 from maxjax.maps import MapError, PointCloud, VoxelMap, ground_mask, load_map, solidify
 from maxjax.planning.planner import Stage, Stopwatch
-from maxjax.sim.scenes import MAPS, Scene, make_scene, occupancy
+from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
 Source = Scene | PointCloud | VoxelMap
 Volume = Bool[np.ndarray, "nx ny nz"]

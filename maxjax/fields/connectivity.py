@@ -21,7 +21,8 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from maxjax.core import slabs
-from maxjax.core.loops import Arrays, one_a_member, repeat
+from maxjax.core.batching import one_a_member
+from maxjax.core.lowering import Arrays, repeat
 from maxjax.fields.stencil import cell
 
 _WORD = 32

@@ -18,7 +18,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
-from maxjax.core.loops import computed_once
+from maxjax.core.lowering import materialise
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
 _INCLUSIVE = 1e-4
@@ -80,7 +80,7 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
     far = 3 * reach**2 + 1
     # The narrowest type that holds far + reach²: the passes below are bound by memory traffic.
     dtype = jnp.uint8 if far + reach**2 < 2**8 else jnp.uint16 if far + reach**2 < 2**16 else jnp.int32
-    squared = jnp.where(computed_once(occupied), 0, far).astype(dtype)
+    squared = jnp.where(materialise(occupied), 0, far).astype(dtype)
     for axis in range(3):
         best = squared
         for k in range(1, min(reach, occupied.shape[axis] - 1) + 1):
@@ -89,7 +89,7 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
                 config[axis] = (-step, step, 0)
                 best = jnp.minimum(best, lax.pad(squared, jnp.asarray(far, dtype), config) + jnp.asarray(k * k, dtype))
         squared = best
-    return computed_once(jnp.minimum(squared, jnp.asarray(far, dtype)))
+    return materialise(jnp.minimum(squared, jnp.asarray(far, dtype)))
 
 
 def rungs(margin: float, grid: Grid, least: float = 0.0) -> tuple[float, ...]:

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, UInt8, UInt16
 
 from maxjax.core import bits
 from maxjax.core.grid import Grid
-from maxjax.core.loops import computed_once
+from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent, ascend
@@ -156,7 +156,7 @@ def solve(
     blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
 ) -> PotentialLike:
     """The potential of a dilated map."""
-    return potential(computed_once(conductivity(blocked, goal_index, grid)), goal_index)
+    return potential(materialise(conductivity(blocked, goal_index, grid)), goal_index)
 
 
 def climb(

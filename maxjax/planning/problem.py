@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
-from maxjax.core.loops import computed_once
+from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import first_joined
 from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
@@ -132,7 +132,7 @@ def pose(
         least: the margin below which rather no path is planned [m]. Static.
     """
     ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
-    occupied, ground = computed_once(occupied), computed_once(ground)
+    occupied, ground = materialise(occupied), materialise(ground)
     squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
     below = squared_distance(ground, 1)
     a, b = locate(start, grid), locate(goal, grid)
@@ -158,5 +158,5 @@ def pose(
     rung, meet = first_joined(lambda rung: ~blocked_at(rung), first, last, b.index, a.index)
     ok = meet & jnp.any(standing)
     status = verdict(~finite, ~inside_a, ~inside_b, jnp.all(start == goal), in_a, in_b, ~ok)
-    blocked = computed_once(blocked_at(rung))
+    blocked = materialise(blocked_at(rung))
     return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)

@@ -18,7 +18,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32, UInt16
 
-from maxjax.core.loops import repeat
+from maxjax.core.lowering import repeat
 from maxjax.planning.sight import visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.

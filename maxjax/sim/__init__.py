@@ -1,1 +1,1 @@
-"""Simulated worlds: procedural cities, ray casting and a LiDAR."""
+"""One flight in closed loop: vehicle, controller, sensors, rolling map, replanning."""

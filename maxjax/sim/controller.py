@@ -28,9 +28,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maxjax.sim.geoms import matmul
 from maxjax.sim.reference import Setpoint
 from maxjax.sim.vehicle import GRAVITY, State, Vehicle
+from maxjax.worlds.geoms import matmul
 
 # Share of the weight that the propellers always carry: enough to steer by, also in the fastest descent.
 _FLOOR = 0.3

@@ -24,21 +24,21 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.loops import settle
+from maxjax.core.batching import settle
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim import window as mapping
-from maxjax.sim.distance import distance
 from maxjax.sim.disturbances import GUSTS_AT, corrupt, mean_wind, pose_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, believed
-from maxjax.sim.geoms import Geoms
 from maxjax.sim.lidar import Scan, scan
 from maxjax.sim.reactive import push
 from maxjax.sim.reference import evaluate, profile, sample
 from maxjax.sim.replan import plan
-from maxjax.sim.scenes import Scene
+from maxjax.worlds.distance import distance
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.scenes import Scene
 
 __all__ = ["Flight", "FlightConfig", "FlightLog", "World", "fly", "stages_of", "take_off"]
 

@@ -24,10 +24,10 @@ from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import Disturbances, pose_error
-from maxjax.sim.geoms import Geoms
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.reference import Limits, Reference
 from maxjax.solvers.potential import solve_potential
+from maxjax.worlds.geoms import Geoms
 
 Path = Float[Array, "n 3"]
 Finder = Callable[[Problem, Grid], tuple[Path, Int32[Array, ""], Bool[Array, ""]]]

@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.sim.geoms import Geoms, matmul
-from maxjax.sim.raycast import cast_rays
+from maxjax.worlds.geoms import Geoms, matmul
+from maxjax.worlds.raycast import cast_rays
 
 
 @jax.tree_util.register_static

@@ -30,7 +30,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.sim.geoms import matmul
+from maxjax.worlds.geoms import matmul
 
 # Edges shorter than this [m] count as repeated points.
 _SHORTEST = 1e-3

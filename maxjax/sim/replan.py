@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
-from maxjax.core.loops import computed_once
+from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
@@ -109,7 +109,7 @@ def _seek(
     problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
     found, status, certified = config.find(problem, grid)
     path = to_world(flight, config, grid.to_world(found))
-    bits = computed_once(blocks(problem.blocked))
+    bits = materialise(blocks(problem.blocked))
     # What is verified is the path as it will be flown, after its way through world coordinates.
     on_grid = grid.fractional_index(to_local(flight, config, path))
     passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))

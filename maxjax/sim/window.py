@@ -33,8 +33,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, UInt8
 
 from maxjax.core.grid import Index3
-from maxjax.sim.geoms import matmul
 from maxjax.sim.lidar import Lidar, Scan, directions
+from maxjax.worlds.geoms import matmul
 
 # Evidence of one hit and most of it; a clear look takes 1. A false hit goes after 2 clear looks, a lasting one after 6.
 _HIT = 2

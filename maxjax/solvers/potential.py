@@ -31,7 +31,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.loops import settle
+from maxjax.core.batching import settle
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified

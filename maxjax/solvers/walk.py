@@ -40,7 +40,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.loops import largest, repeat, settle
+from maxjax.core.batching import settle
+from maxjax.core.lowering import maximum, repeat
 from maxjax.core.slabs import on_every_device
 from maxjax.fields.stencil import Faces, Links, Operator, Volume, behind, cell, gather, inflow, neighbours
 
@@ -194,7 +195,7 @@ def _cycle(system: System, state: State) -> State:
         phi = lax.optimization_barrier(sweep(phi, weight))
     with jax.named_scope("change"):
         after = sweep(phi, 1.0)
-        change = largest(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
+        change = maximum(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
         stalled = jnp.where(change < _PROGRESS * best, 0, stalled + 1)
         return phi + _SWEEPS[-1] * (after - phi), cycles + 1, change, jnp.minimum(change, best), stalled
 

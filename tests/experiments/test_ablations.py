@@ -18,8 +18,8 @@ pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip in
 import maxjax
 from experiments import ablations
 from experiments.ablations import FLIGHTS, GROUPS, TINY, bare, main, section, smooth
-from maxjax.sim.campaign import Campaign
-from maxjax.sim.outcomes import Outcome
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.outcomes import Outcome
 
 SHAPE = (24, 20, 16)
 

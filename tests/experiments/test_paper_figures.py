@@ -15,9 +15,9 @@ from PIL import Image
 
 from experiments import paper_figures
 from experiments.paper_figures import TINY, main, volumes_of, weights_of, worst_flights
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.outcomes import Outcome
 from maxjax.nn.autoencoder import CONFIGS, apply, init
-from maxjax.sim.campaign import Campaign
-from maxjax.sim.outcomes import Outcome
 
 
 def outcome(trial: int, status: str, flown: float) -> Outcome:

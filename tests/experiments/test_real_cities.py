@@ -17,11 +17,11 @@ from matplotlib.path import Path as Outline
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.maps.osm import load_osm
-from maxjax.sim import real_city
-from maxjax.sim.distance import distance
 from maxjax.sim.flight import FlightConfig, FlightLog
-from maxjax.sim.geoms import Geoms
-from maxjax.sim.scenes import occupancy
+from maxjax.worlds import real_city
+from maxjax.worlds.distance import distance
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.scenes import occupancy
 
 TOLERANCE = 0.5
 

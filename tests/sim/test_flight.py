@@ -10,19 +10,19 @@ import mujoco
 import numpy as np
 import pytest
 
+from maxjax.campaigns.campaign import watch
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
 from maxjax.planning.verify import verify
 from maxjax.sim import window as mapping
-from maxjax.sim.campaign import watch
 from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
 from maxjax.sim.flight import Flight, FlightConfig, World
 from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.sim.scenes import scene_xml
-from maxjax.sim.solids import upright_boxes
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.scenes import scene_xml
+from maxjax.worlds.solids import upright_boxes
 
 LIDAR = Lidar(rays=8192, channels=64)
 CONFIG = FlightConfig(shape=(45, 45, 17), lidar=LIDAR, plans=40, margin=4.0)

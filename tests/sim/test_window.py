@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
 from maxjax.sim import window as module
-from maxjax.sim.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.sim.raycast import cast_rays
-from maxjax.sim.scenes import occupancy
 from maxjax.sim.window import Window, empty, fuse, ground, occupied, origin, recentre, seen
+from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
+from maxjax.worlds.raycast import cast_rays
+from maxjax.worlds.scenes import occupancy
 
 SHAPE = (41, 41, 21)
 CLEAN = Lidar(range_noise=0.0, dropout=0.0)

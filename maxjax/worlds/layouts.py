@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from jaxtyping import PRNGKeyArray
 
-from maxjax.sim.block_city import DOWNTOWN, MIDTOWN, block_city
-from maxjax.sim.geoms import Geoms
-from maxjax.sim.suburb import suburb
+from maxjax.worlds.block_city import DOWNTOWN, MIDTOWN, block_city
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.suburb import suburb
 
 MAPS = ("midtown", "downtown", "suburb")
 

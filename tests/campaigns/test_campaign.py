@@ -20,24 +20,24 @@ import numpy as np
 import pytest
 from jax.errors import JaxRuntimeError
 
+from maxjax.campaigns import campaign as module
+from maxjax.campaigns import ledger as bookkeeping
+from maxjax.campaigns.campaign import Campaign, fly_trials, watch
+from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, summarise
+from maxjax.campaigns.trials import Trial
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import pose
 from maxjax.planning.sight import blocks, clear
-from maxjax.sim import campaign as module
 from maxjax.sim import flight
-from maxjax.sim import ledger as bookkeeping
 from maxjax.sim.astar_finder import POINTS, corners_of, search
-from maxjax.sim.campaign import Campaign, fly_trials, watch
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.lidar import Lidar
-from maxjax.sim.outcomes import INVALID_DRAW, Outcome, summarise
-from maxjax.sim.solids import upright_boxes
-from maxjax.sim.trials import Trial
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import upright_boxes
 
 # --- The bookkeeping, on flights along the straight line; some of them end badly. ---
 
@@ -348,7 +348,7 @@ def cases(odd: tuple[float, float, float]) -> tuple[Geoms, jax.Array, jax.Array,
 
 
 def settle(going: Any, step: Any, data: Any, state: Any, *, parts: int) -> Any:
-    """What `core.loops.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
+    """What `core.lowering.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
     return jax.lax.while_loop(lambda state: going(data, state), lambda state: step(data, state), state)
 
 

@@ -1,9 +1,7 @@
-"""Programs in the form that the device, or the batch, runs best."""
+"""Loops whose members of a batch need different numbers of turns."""
 
 from __future__ import annotations
 
-import functools
-import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -13,36 +11,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool
 
-Arrays = tuple[Array, ...]
 State = TypeVar("State")
-
-
-def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays, fused: int = 1) -> Arrays:
-    """`step`, `count` times.
-
-    On CPU a `lax` loop: in straight-line code XLA fuses one step into the next and computes it anew for each neighbour
-    that the next reads. Elsewhere straight-line code: there a turn of a loop costs several times what a short step
-    does.
-
-    Args:
-        count: static.
-        step: maps a tuple of arrays to one of the same shapes and types.
-        state: first argument.
-        fused: steps that may become one kernel: where a step is shorter than the start of a kernel, it is cheaper to
-            compute some of it anew. Static; on CPU it does not matter.
-    """
-
-    def in_a_loop(*state: Array) -> Arrays:
-        return tuple(lax.fori_loop(0, count, lambda _, s: step(s), state))
-
-    def in_a_row(*state: Array) -> Arrays:
-        for k in range(count):
-            state = step(state)
-            if (k + 1) % fused == 0 or k + 1 == count:
-                state = lax.optimization_barrier(state)
-        return state
-
-    return tuple(lax.platform_dependent(*state, cpu=in_a_loop, default=in_a_row)) if count else state
 
 
 def settle(
@@ -127,50 +96,3 @@ def one_a_member(size: int, in_batch: Sequence[bool], arrays: Sequence[Any]) -> 
     """Arrays with a batch axis each, for a rule of `custom_vmap`: what the members of a batch share is broadcast."""
     pairs = zip(arrays, in_batch, strict=True)
     return [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
-
-
-def computed_once(x: Array) -> Array:
-    """The array itself, computed before anyone reads it.
-
-    On CPU XLA fuses what looks cheap into all who read it, and computes it anew for each neighbour that a stencil
-    reads: stencils of stencils then cost many times as much. It does not look behind a branch. Elsewhere nothing
-    happens.
-
-    Args:
-        x: whose first element is not below −1: that is the question at the branch, which XLA cannot answer.
-    """
-
-    def behind_a_branch(x: Array) -> Array:
-        there = ~(x.reshape(-1)[0].astype(jnp.float32) < -1)
-        return jnp.asarray(lax.cond(there, lambda x: x, jnp.zeros_like, x))
-
-    return jnp.asarray(lax.platform_dependent(x, cpu=behind_a_branch, default=lambda x: x))
-
-
-# Parts of a volume whose maxima are taken side by side.
-_PARTS = 8
-
-
-def largest(function: Callable[..., Array], *volumes: Array) -> Array:
-    """The largest value of an elementwise function of volumes.
-
-    On CPU XLA reduces a volume on one core: there it is folded first, one part on the other, on all cores.
-
-    Args:
-        function: of arrays of any shape, elementwise.
-        volumes: its arguments, of one shape.
-    """
-
-    def folded(*volumes: Array) -> Array:
-        size = volumes[0].shape[0]
-        cuts = [k * (size // _PARTS) for k in range(_PARTS + 1)]
-        pieces = ([v[a:b] for v in volumes] for a, b in itertools.pairwise(cuts))
-        fold = functools.reduce(jnp.maximum, (function(*piece) for piece in pieces))
-        return jnp.maximum(
-            jnp.max(fold, initial=-jnp.inf), jnp.max(function(*(v[cuts[-1] :] for v in volumes)), initial=-jnp.inf)
-        )
-
-    def at_once(*volumes: Array) -> Array:
-        return jnp.max(function(*volumes))
-
-    return jnp.asarray(lax.platform_dependent(*volumes, cpu=folded, default=at_once))

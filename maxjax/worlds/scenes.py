@@ -18,9 +18,9 @@ import jax
 import mujoco
 import numpy as np
 
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
-from maxjax.sim.layouts import MAPS, layout
-from maxjax.sim.rasterize import occupancy
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
+from maxjax.worlds.layouts import MAPS, layout
+from maxjax.worlds.rasterize import occupancy
 
 __all__ = ["MAPS", "Scene", "layout", "make_scene", "occupancy", "scene_xml"]
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 from maxjax.sim.lidar import Lidar, directions
-from maxjax.sim.mjx_model import cast_rays_mjx, mjx_scene
-from maxjax.sim.raycast import cast_rays
-from maxjax.sim.scenes import MAPS, make_scene, scene_xml
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene
+from maxjax.worlds.raycast import cast_rays
+from maxjax.worlds.scenes import MAPS, make_scene, scene_xml
 
 RANGE = 100.0
 TOLERANCE = 1e-3

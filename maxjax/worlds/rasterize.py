@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 
 _TOUCH = 1e-9  # [m]; rounding of float64 coordinates, far below any size in a city
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.distance import distance, distances, horizontal_distance
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, ground_plane
-from maxjax.sim.scenes import make_scene, scene_xml
+from maxjax.worlds.distance import distance, distances, horizontal_distance
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, ground_plane
+from maxjax.worlds.scenes import make_scene, scene_xml
 
 BALL = 0.25  # radius of the oracle's probe [m]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, matmul, rotation_z
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, matmul, rotation_z
 
 Rows = Float[Array, "n 7"]
 

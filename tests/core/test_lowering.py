@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
 
-from maxjax.core.loops import computed_once, largest, settle
+from maxjax.core.batching import settle
+from maxjax.core.lowering import materialise, maximum
 
 
 @jax.tree_util.register_dataclass
@@ -58,16 +59,16 @@ def test_nested_batches() -> None:
 @pytest.mark.parametrize("dtype", [bool, np.uint8, np.int32, np.float32])
 def test_what_is_computed_once_is_what_it_was(dtype: type) -> None:
     volume = np.random.default_rng(0).integers(0, 9, (3, 4, 5)).astype(dtype)
-    run = jax.jit(lambda x: computed_once(x[:, ::-1]))
+    run = jax.jit(lambda x: materialise(x[:, ::-1]))
     np.testing.assert_array_equal(run(volume), volume[:, ::-1])
     batch = np.stack([volume, np.zeros_like(volume)])
-    np.testing.assert_array_equal(jax.vmap(computed_once)(jnp.asarray(batch)), batch)
+    np.testing.assert_array_equal(jax.vmap(materialise)(jnp.asarray(batch)), batch)
 
 
 def test_what_is_computed_once_may_be_no_number_and_has_a_derivative() -> None:
     bad = np.float32([[np.nan, 1.0], [np.inf, -np.inf]])
-    np.testing.assert_array_equal(jax.jit(computed_once)(bad), bad)
-    slope = jax.jit(jax.grad(lambda x: jnp.sum(computed_once(x**2))))(jnp.float32([1.0, 2.0]))
+    np.testing.assert_array_equal(jax.jit(materialise)(bad), bad)
+    slope = jax.jit(jax.grad(lambda x: jnp.sum(materialise(x**2))))(jnp.float32([1.0, 2.0]))
     np.testing.assert_array_equal(slope, [2.0, 4.0])
 
 
@@ -78,7 +79,7 @@ def test_the_largest_is_found_in_every_part(size: int, where: int) -> None:
 
     @jax.jit
     def found(a: Array, b: Array) -> Array:
-        return largest(lambda a, b: jnp.abs(a - b), a, b)
+        return maximum(lambda a, b: jnp.abs(a - b), a, b)
 
     assert found(a, b) == np.abs(a - b).max()
     a[where, -1, 2] = 99

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maxjax.sim import trials
-from maxjax.sim.distance import distances
-from maxjax.sim.geoms import PLANE
-from maxjax.sim.scenes import make_scene, occupancy
-from maxjax.sim.trials import TRUTH, Trial, draw, draw_many
+from maxjax.campaigns import trials
+from maxjax.campaigns.trials import TRUTH, Trial, draw, draw_many
+from maxjax.worlds.distance import distances
+from maxjax.worlds.geoms import PLANE
+from maxjax.worlds.scenes import make_scene, occupancy
 
 
 def same_bits(a: Trial, b: Trial) -> bool:

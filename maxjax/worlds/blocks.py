@@ -12,7 +12,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from maxjax.sim.solids import ABSENT, Rows
+from maxjax.worlds.solids import ABSENT, Rows
 
 SLOTS = 8
 DRAWS = 24

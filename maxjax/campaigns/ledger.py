@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.campaigns.outcomes import Outcome
 from maxjax.core.serialize import atomic_write, read_npz
-from maxjax.sim.outcomes import Outcome
 
 CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
 

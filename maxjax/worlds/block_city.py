@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from maxjax.sim.blocks import DRAWS, RECIPES, build_block
-from maxjax.sim.city import HALF_CITY, turn, uniform
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.solids import poles, trees, upright_boxes, vehicles
+from maxjax.worlds.blocks import DRAWS, RECIPES, build_block
+from maxjax.worlds.city import HALF_CITY, turn, uniform
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import poles, trees, upright_boxes, vehicles
 
 _LOTS = 4  # along each axis
 _PAIRS = 2 * _LOTS * (_LOTS - 1)  # neighbours across a street

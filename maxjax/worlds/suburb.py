@@ -10,9 +10,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from maxjax.sim.city import HALF_CITY, turn, uniform
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.solids import Rows, gable_roofs, poles, trees, upright_boxes, vehicles
+from maxjax.worlds.city import HALF_CITY, turn, uniform
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import Rows, gable_roofs, poles, trees, upright_boxes, vehicles
 
 _ROADS = 4
 _HOUSES_A_SIDE = 8

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 
 # Geoms a loop iteration: each pass over the rays' memory serves that many; more lengthens the compile, not
 # the stride.

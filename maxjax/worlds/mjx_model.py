@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from mujoco import mjx
 
-from maxjax.sim.geoms import Geoms, quaternion
-from maxjax.sim.scenes import Scene
+from maxjax.worlds.geoms import Geoms, quaternion
+from maxjax.worlds.scenes import Scene
 
 
 def mjx_scene(scene: Scene) -> tuple[mjx.Model, mjx.Data]:

@@ -15,9 +15,9 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, Geoms, quaternion
-from maxjax.sim.mjx_model import cast_rays_mjx, mjx_scene, place
-from maxjax.sim.scenes import MAPS, layout, make_scene, occupancy, scene_xml
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, Geoms, quaternion
+from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene, place
+from maxjax.worlds.scenes import MAPS, layout, make_scene, occupancy, scene_xml
 
 pytestmark = pytest.mark.parametrize("name", MAPS)
 

@@ -30,18 +30,18 @@ import numpy as np
 from jax.errors import JaxRuntimeError
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
+from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome
+from maxjax.campaigns.trials import Trial, draw_many
 from maxjax.core.status import Status
 from maxjax.nn.model import network_potential
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog, World, fly, stages_of, take_off
 from maxjax.sim.flight_state import Finder, climb_field, climb_prediction
-from maxjax.sim.geoms import Geoms
-from maxjax.sim.layouts import MAPS
-from maxjax.sim.ledger import Ledger
-from maxjax.sim.outcomes import INVALID_DRAW, Outcome
-from maxjax.sim.scenes import make_scene
-from maxjax.sim.trials import Trial, draw_many
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.layouts import MAPS
+from maxjax.worlds.scenes import make_scene
 
 FINDERS: dict[str, Finder] = {"solver": climb_field, "network": climb_prediction, "astar": astar_finder.search}
 # The arrays of a dataclass, by field, on the host.

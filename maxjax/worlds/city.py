@@ -7,7 +7,7 @@ import math
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from maxjax.sim.geoms import Geoms, matmul, rotation_z
+from maxjax.worlds.geoms import Geoms, matmul, rotation_z
 
 HALF_CITY = 120.0  # [m], before the turn
 MAX_TURN = 0.35  # [rad]

@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maxjax.sim.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.solids import ABSENT, upright_boxes
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import ABSENT, upright_boxes
 
 Ring = Float[np.ndarray, "_ 2"]
 # (west, east, south, north) of boxes in the footprint's frame.

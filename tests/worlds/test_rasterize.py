@@ -9,8 +9,8 @@ from jax import numpy as jnp
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
-from maxjax.sim.scenes import MAPS, make_scene, occupancy, scene_xml
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.worlds.scenes import MAPS, make_scene, occupancy, scene_xml
 
 FULL = Grid((101, 101, 101), 2.0, (-100.0, -100.0, -40.0))
 

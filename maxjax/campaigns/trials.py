@@ -28,10 +28,10 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 from maxjax.core.grid import Grid
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import dilate
-from maxjax.sim.distance import distances, horizontal_distance
-from maxjax.sim.geoms import PLANE, Geoms
-from maxjax.sim.layouts import MAPS
-from maxjax.sim.scenes import make_scene, occupancy
+from maxjax.worlds.distance import distances, horizontal_distance
+from maxjax.worlds.geoms import PLANE, Geoms
+from maxjax.worlds.layouts import MAPS
+from maxjax.worlds.scenes import make_scene, occupancy
 
 CITY_TRIALS = 50
 HALF_AREA = 100.0  # [m]

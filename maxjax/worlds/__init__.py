@@ -1,0 +1,1 @@
+"""Simulated cities: procedural and surveyed ones, ray casting, exact distance and occupancy."""
