@@ -5,8 +5,8 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.fields.occupancy import Occupancy, dilate, voxelize
+from maxjax.planning.judge import Verification, verify
 from maxjax.planning.planner import Plan
-from maxjax.planning.verify import Verification, verify
 from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [

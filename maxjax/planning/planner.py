@@ -27,10 +27,10 @@ from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.judge import Verification, verify_batch
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.sight import blocks
 from maxjax.planning.tighten import tighten
-from maxjax.planning.verify import Verification, verify_batch
 
 
 @runtime_checkable

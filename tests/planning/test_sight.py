@@ -11,8 +11,8 @@ import pytest
 from references import touched
 
 from maxjax import Grid
+from maxjax.planning.judge import touched_voxels
 from maxjax.planning.sight import TOUCH, blocks, clear, stands_free, visibility
-from maxjax.planning.verify import touched_voxels
 
 SHAPE = (5, 6, 4)
 see = jax.jit(jax.vmap(clear, in_axes=(None, 0, 0)))

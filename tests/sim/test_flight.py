@@ -14,7 +14,7 @@ from maxjax.campaigns.campaign import watch
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
-from maxjax.planning.verify import verify
+from maxjax.planning.judge import verify
 from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
 from maxjax.sim.flight import Flight, FlightConfig, World

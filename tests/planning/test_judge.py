@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 
 from maxjax import Grid, Status
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.verify import touched_voxels, verify, verify_batch
+from maxjax.planning.judge import touched_voxels, verify, verify_batch
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates
