@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, measure, save
+from benchmarks.common.harness import RESULTS, Row, measure, save
 from maxjax.solvers.sharding import Window, city_mesh, shard_sigma
 from maxjax.worlds.scenes import make_scene, occupancy
 

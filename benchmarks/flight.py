@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from benchmarks.harness import RESULTS, Row, keep, measure, save
+from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from maxjax.campaigns.campaign import Campaign, Table, draw_trials, fly_batch, world_of
 from maxjax.core.status import Status
 from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off

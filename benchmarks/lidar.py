@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from benchmarks.harness import RESULTS, Row, measure, save
+from benchmarks.common.harness import RESULTS, Row, measure, save
 from maxjax.sim.lidar import Lidar, directions, scan
 from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene
 from maxjax.worlds.raycast import cast_rays

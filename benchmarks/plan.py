@@ -27,8 +27,8 @@ import numpy as np
 import tyro
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, save
-from experiments.random_problems import Problem, problems
+from benchmarks.common.harness import RESULTS, Row, save
+from benchmarks.common.problems import Problem, problems
 from maxjax.api import path_finder
 from maxjax.planning.planner import plan_path
 from maxjax.worlds.scenes import MAPS

@@ -61,8 +61,9 @@ from scipy.sparse import csr_matrix, dia_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, Timing, keep, measure, save, show
-from benchmarks.screened_system import (
+from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show
+from benchmarks.common.problems import problems
+from benchmarks.common.screened_system import (
     Angles,
     Mask,
     Volume,
@@ -72,7 +73,6 @@ from benchmarks.screened_system import (
     system,
     unit_diagonal,
 )
-from experiments.random_problems import problems
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent

@@ -40,8 +40,8 @@ from jaxtyping import Array
 
 import maxjax
 from benchmarks import city_scale
-from benchmarks.harness import RESULTS, Row, measure, save
-from experiments.random_problems import problems
+from benchmarks.common.harness import RESULTS, Row, measure, save
+from benchmarks.common.problems import problems
 from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route

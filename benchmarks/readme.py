@@ -12,7 +12,7 @@ import json
 from pathlib import Path
 
 from benchmarks import tables
-from benchmarks.markdown import Document, sources
+from benchmarks.common.markdown import Document, sources
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

@@ -28,8 +28,8 @@ from jaxtyping import Array, Bool, Float, Int32
 
 import maxjax
 from benchmarks import potential
-from benchmarks.harness import RESULTS, Row, measure, save
-from benchmarks.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
+from benchmarks.common.harness import RESULTS, Row, measure, save
+from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.fields.connectivity import geodesic
 from maxjax.solvers import walk
 from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for

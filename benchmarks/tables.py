@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.markdown import Document, device, is_cpu, number, table
-from experiments.offline_table import PAPER
+from benchmarks.common.markdown import Document, device, is_cpu, number, table
+from benchmarks.common.paper import PAPER
 
 Row = dict[str, Any]
 _STAGES = {

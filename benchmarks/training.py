@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import tyro
 
 import maxjax
-from benchmarks.harness import RESULTS, Row, keep, measure, save
-from experiments.random_problems import problems
+from benchmarks.common.harness import RESULTS, Row, keep, measure, save
+from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
 from maxjax.nn.training import RECIPES, Training, copied, data_mesh, epoch_program, start
 from maxjax.planning.problem import pose

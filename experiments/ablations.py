@@ -47,11 +47,11 @@ from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
-from benchmarks.harness import Row, save
-from benchmarks.markdown import Document, device, table
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.oracle import judge
+from benchmarks.common.problems import Problem, case_of, problems
 from experiments.closed_loop import figures_of
-from experiments.oracle import judge
-from experiments.random_problems import Problem, case_of, problems
 from maxjax.campaigns.campaign import Campaign, fly_trials
 from maxjax.campaigns.outcomes import summarise
 from maxjax.fields import gradient as slope

@@ -23,8 +23,8 @@ from typing import Any
 
 import tyro
 
-from benchmarks.harness import Row, save
-from benchmarks.markdown import Document, device, table
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.campaign import Campaign, fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.sim.disturbances import SETS

@@ -21,8 +21,8 @@ import numpy as np
 import tyro
 from jaxtyping import Array, Float
 
-from benchmarks.harness import Row, save
-from benchmarks.markdown import Document, device, table
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, device, table
 from maxjax.cli.training import TINY_GRID, ScannedCity
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity

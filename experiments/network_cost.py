@@ -29,9 +29,9 @@ import numpy as np
 import tyro
 from jaxtyping import Array, Float, Int32
 
-from benchmarks.harness import Row, keep, measure, save
-from benchmarks.markdown import Document, device, number, table
-from experiments.random_problems import problems
+from benchmarks.common.harness import Row, keep, measure, save
+from benchmarks.common.markdown import Document, device, number, table
+from benchmarks.common.problems import problems
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn.autoencoder import CONFIGS, Params, apply, apply_folded, init

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.harness import Row, save
-from benchmarks.markdown import Document, table
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, table
 from maxjax.core.serialize import atomic_write
 
 RESULTS = Path(__file__).parent / "results"

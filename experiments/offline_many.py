@@ -7,8 +7,8 @@ r"""Offline by the thousand: how many problems end in a verified path, and on a 
 Both unseen maps, offline protocol (`experiments.random_problems`), ten problems a city, margin 8 m or the largest that
 joins the ends. Methods are those of `experiments.offline_table` that climb a field; each plans the same problems in
 batches (`planning.batch`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
-Every `measured`-th solvable problem is judged by `experiments.oracle`; there lengths are compared with the eikonal
-geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths there.
+Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared with the
+eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths.
 
 Expected: the solver solves and certifies every solvable problem, and so do networks with sweeps, at 0.98 of that
 geodesic; networks alone do not: the paper's by its own recipe seldom arrives.
@@ -29,11 +29,11 @@ import tyro
 from scipy import ndimage
 
 import maxjax
-from benchmarks.harness import Row, keep, save
-from benchmarks.markdown import Document, device, number, table
+from benchmarks.common.harness import Row, keep, save
+from benchmarks.common.markdown import Document, device, number, table
+from benchmarks.common.oracle import judge
+from benchmarks.common.problems import Problem, case_of, problems
 from experiments.offline_table import failures, network
-from experiments.oracle import judge
-from experiments.random_problems import Problem, case_of, problems
 from maxjax.planning.batch import plan_paths
 from maxjax.planning.planner import Plan, PotentialFn
 from maxjax.solvers.potential import solve_potential

@@ -35,9 +35,10 @@ import tyro
 from scipy import ndimage
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
+from benchmarks.common.paper import PAPER
+from benchmarks.common.problems import Problem, problems
 from benchmarks.potential import Scene, as_potential, marching
-from experiments.random_problems import Problem, problems
 from maxjax.api import METHODS, path_finder
 from maxjax.nn.autoencoder import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
@@ -59,19 +60,6 @@ from maxjax.planning.tighten import tighten
 RESULTS = Path(__file__).parent / "results"
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}
 _CITY = {"downtown": "LA Night City", "suburb": "London White City"}
-# The paper, Table I: length [m], its standard deviation, run time [s].
-PAPER: dict[str, dict[str, tuple[float, float, float]]] = {
-    "downtown": {
-        "astar": (54.6, 17.8, 0.155),
-        "rrtstar": (57.5, 19.6, 17.2),
-        "3DMaxConvNet": (58.5, 17.8, 0.089),
-    },
-    "suburb": {
-        "astar": (57.6, 19.8, 0.17),
-        "rrtstar": (59.8, 21.8, 17.5),
-        "3DMaxConvNet": (59.3, 19.4, 0.087),
-    },
-}
 
 _CLIMB = Stage("ascend", climb, static=("settings",))
 _TIGHTEN = Stage("tighten", tighten)

@@ -32,8 +32,8 @@ import tyro
 from jaxtyping import Bool, Float
 
 import maxjax
+from benchmarks.common.problems import Problem, problems
 from experiments.differentiable.field import COLORS, FIGURES, city, draw_city, figure
-from experiments.random_problems import Problem, problems
 from maxjax.campaigns.ledger import ROWS, Ledger
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.nn import layers

@@ -37,9 +37,10 @@ import tyro
 from jaxtyping import Array, Bool, Float, Key
 
 import maxjax
-from benchmarks.harness import Row, keep, save
+from benchmarks.common.harness import Row, keep, save
+from benchmarks.common.oracle import judge
+from benchmarks.common.problems import Problem, case_of, draw_ends
 from experiments import random_problems as offline
-from experiments.oracle import judge
 from maxjax.campaigns import trials as rules
 from maxjax.campaigns.campaign import FINDERS, on_host
 from maxjax.maps.cityjson import load_cityjson
@@ -224,12 +225,12 @@ def _geometry(name: str, found: list[Window]) -> Row:
 
 def _offline(name: str, found: list[Window], slots: int, config: Config, pool: Any) -> dict[str, Any]:
     grid = config.grid
-    posed: list[offline.Problem] = []
+    posed: list[Problem] = []
     for k, one in enumerate(found):
         rng = np.random.default_rng([config.seed, zlib.crc32(name.encode()), k])
         occupied, ground = occupancy(city(one.rows, slots), grid)
         for _ in range(config.problems):
-            posed.append(offline.Problem(occupied, ground, *offline.draw_ends(rng, occupied, grid)))
+            posed.append(Problem(occupied, ground, *draw_ends(rng, occupied, grid)))
     plans, rivals = (
         [
             maxjax.plan(p.occupied, p.start, p.goal, grid, margin=config.margin, ground=p.ground, method=method)
@@ -238,7 +239,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
         for method in ("solver", "astar")
     )
     settings = offline.Config(margin=config.margin)
-    cases = [offline.case_of(p, q, settings.margin, grid) for p, q in zip(posed, plans, strict=True)]
+    cases = [case_of(p, q, settings.margin, grid) for p, q in zip(posed, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))
     del row["map"]
     solved = [plan.status == maxjax.Status.OK for plan in rivals]

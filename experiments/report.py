@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks import tables
-from benchmarks.markdown import Document, sources
+from benchmarks.common.markdown import Document, sources
 
 HERE = Path(__file__).parent
 BENCHMARKS = HERE.parent / "benchmarks" / "results"

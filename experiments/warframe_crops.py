@@ -18,8 +18,8 @@ import numpy as np
 import tyro
 
 import maxjax
-from benchmarks.harness import Row, save
-from benchmarks.markdown import Document, device, number, table
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, device, number, table
 
 RESULTS = Path(__file__).parent / "results"
 

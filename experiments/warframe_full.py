@@ -30,7 +30,7 @@ import tyro
 from jaxtyping import Bool, Float, Int
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -32,7 +32,7 @@ import tyro
 from jaxtyping import Array, Float, Int32
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
     FIGURES,

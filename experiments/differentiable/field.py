@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
-from benchmarks import markdown
+from benchmarks.common import markdown
 from maxjax.core.serialize import atomic_write
 from maxjax.solvers.potential import TIGHT_TOLERANCE
 from maxjax.viz import figures as style

@@ -30,7 +30,7 @@ import tyro
 from jaxtyping import Array, Bool, Float, Int32
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
     FIGURES,

@@ -39,7 +39,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import dijkstra
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
     FIGURES,

@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from scipy import signal, stats
 
 import maxjax
-from benchmarks.harness import Row, save
+from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
     FIGURES,

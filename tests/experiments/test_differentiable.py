@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from references import random_blocks
 
-from benchmarks.harness import Row
+from benchmarks.common.harness import Row
 from experiments.differentiable import design, inverse, learning, sensitivity
 from experiments.differentiable.field import table
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import maxjax
+from benchmarks.common.problems import problems, seal
 from experiments import offline_many
 from experiments.offline_many import TINY, cities_of, draw, main, section
-from experiments.random_problems import problems, seal
 from maxjax.solvers.potential import Potential, solve_potential
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)

@@ -13,8 +13,8 @@ import pytest
 pytest.importorskip("skfmm", reason="fast marching needs scikit-fmm: pip install 'maxjax[bench]'")
 
 import maxjax
+from benchmarks.common.problems import problems, seal
 from experiments.offline_table import TINY, finder, main, section, solvable, turning
-from experiments.random_problems import problems, seal
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.random_problems import problems
+from benchmarks.common.problems import problems
 from maxjax import Grid, Potential, Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn import model as model_module

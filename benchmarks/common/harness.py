@@ -28,7 +28,7 @@ from rich.table import Table
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 
-RESULTS = Path(__file__).parent / "results"
+RESULTS = Path(__file__).parents[1] / "results"
 # Columns that a terminal still shows side by side.
 _WIDEST = 12
 

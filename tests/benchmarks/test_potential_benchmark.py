@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix, diags_array
 
+from benchmarks.common.screened_system import angles_of
 from benchmarks.potential import Config, _hindsight, _least, main
-from benchmarks.screened_system import angles_of
 
 TINY = Config(
     shape=(21, 21, 21), maps=("downtown",), crop="", sizes=(21,), batches=(), repeats=1, starts=1, margin=2.0,

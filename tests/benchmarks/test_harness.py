@@ -1,4 +1,4 @@
-"""The harness and the LiDAR benchmark at a tiny size."""
+"""Timing, and result files that are written whole and name no path."""
 
 from __future__ import annotations
 
@@ -11,25 +11,13 @@ from pathlib import Path
 import jax.numpy as jnp
 import pytest
 
-from benchmarks import harness
-from benchmarks.lidar import Config, main
+from benchmarks.common import harness
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
     size: int
     out: Path
-
-
-def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
-    config = Config(maps=("suburb",), channels=32, rays=128, repeats=2, slow_repeats=1, out=tmp_path)
-    rows = main(config)
-    document = json.loads((tmp_path / "lidar.json").read_text())
-    assert document["rows"] == rows
-    assert len({row["method"] for row in rows}) == 5
-    assert all(row["rays_off_by_1mm"] in (0, None) for row in rows)
-    assert document["config"]["rays"] == 128
-    assert {"jax", "mujoco", "python"} <= set(document["provenance"]["versions"])
 
 
 def test_saved_file_names_no_path_of_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

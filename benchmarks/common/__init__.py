@@ -1,0 +1,1 @@
+"""What benchmarks and experiments share: timing, result files, tables, problems, judges and peers."""

@@ -1,0 +1,56 @@
+"""Every benchmark runs at a small size, and what it claims holds there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import lidar, plan, profile, training
+
+
+def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
+    config = lidar.Config(maps=("suburb",), channels=32, rays=128, repeats=2, slow_repeats=1, out=tmp_path)
+    rows = lidar.main(config)
+    document = json.loads((tmp_path / "lidar.json").read_text())
+    assert document["rows"] == rows
+    assert len({row["method"] for row in rows}) == 5
+    assert all(row["rays_off_by_1mm"] in (0, None) for row in rows)
+    assert document["config"]["rays"] == 128
+    assert {"jax", "mujoco", "python"} <= set(document["provenance"]["versions"])
+
+
+@pytest.mark.full_speed
+def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None:
+    config = plan.Config(maps=("suburb",), problems=1, batches=(2,), repeats=1, out=tmp_path)
+    rows = {row["what"]: row for row in plan.main(config)}
+    assert rows["plan, solver: total"]["solved"] == rows["plan, astar: total"]["solved"] == 1
+    batch = rows["batch of 2: a plan"]
+    assert batch["solved"] == 2
+    assert batch["plans_per_second"] == pytest.approx(1e3 / batch["median"], rel=0.1)
+    stages = [row["median"] for what, row in rows.items() if what.startswith("batch of 2: ") and row is not batch]
+    assert 0 < sum(stages) <= batch["median"]
+
+
+@pytest.mark.full_speed
+def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:
+    config = profile.Config(scenes=(1,), plans=(), shape=(51, 51, 51), maps=("suburb",), repeats=1, out=tmp_path)
+    rows = {row["what"]: row for row in profile.main(config)}
+    shares = {what: row["share"] for what, row in rows.items() if what.startswith("solve, 1: ")}
+    whole = shares.pop("solve, 1: all")
+    assert sum(shares.values()) == pytest.approx(whole, abs=0.01)
+    for step in ("geodesic", "assemble", "lump", "relax", "sweep", "certify"):
+        assert shares[f"solve, 1: {step}"] > 0
+    assert rows["solve, 1: sweep"]["gb_per_s"] > 0
+    assert rows["copy, 1: copy"]["gb_per_s"] > 0
+
+
+@pytest.mark.full_speed
+def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(tmp_path: Path) -> None:
+    rows = training.main(
+        training.Config(recipes=("tiny",), devices=(1, 99), scenes=4, shape=(51, 51, 17), repeats=1, out=tmp_path)
+    )
+    assert [(row["devices"], row["speed_up"]) for row in rows] == [(1, 1.0)]
+    assert rows[0]["seconds_an_epoch"] > 0
+    assert json.loads((tmp_path / "training.json").read_text())["rows"] == rows
