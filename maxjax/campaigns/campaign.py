@@ -17,7 +17,6 @@ import math
 import os
 import shlex
 import time
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +33,7 @@ from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome
 from maxjax.campaigns.trials import Trial, draw_many
 from maxjax.core.status import Status
+from maxjax.core.streams import named
 from maxjax.nn.model import network_potential
 from maxjax.sim import astar_finder
 from maxjax.sim.disturbances import Disturbances
@@ -114,7 +114,7 @@ class Campaign:
     @property
     def key(self) -> PRNGKeyArray:
         """Key that the keys of all its flights are folded from."""
-        return jax.random.fold_in(jax.random.key(self.seed), zlib.crc32(f"flights {self.map}".encode()))
+        return named(jax.random.key(self.seed), f"flights {self.map}")
 
     def configuration(self) -> dict[str, Any]:
         """All that the outcomes depend on, as JSON holds it."""

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -26,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid
+from maxjax.core.streams import named
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import dilate
 from maxjax.worlds.distance import distances, horizontal_distance
@@ -99,7 +99,7 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
     if seed < 0 or wanted.min() < 0 or wanted.max() >= 2**31 or seed + wanted.max() // CITY_TRIALS >= 2**31:
         raise ValueError(f"trial: expected seed and indices from 0 to 2^31 - 1, given seed {seed} and {indices}")
     blocks, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
-    key = jax.random.fold_in(jax.random.key(seed), zlib.crc32(f"trials {name}".encode()))
+    key = named(jax.random.key(seed), f"trials {name}")
     tables = [
         draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * block))
         for block, (geoms, air) in zip(blocks, _truths(name, [int(seed + b) for b in blocks]), strict=True)

@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from maxjax.core.streams import Stream, stream
 from maxjax.sim.lidar import Lidar, Scan
 
-# The wind speed that the gusts of `vehicle.Gusts` belong to [m/s]; weaker winds have weaker gusts.
-GUSTS_AT = 10.0
+# Mean wind speed that the intensities of `vehicle.Gusts` are stated for [m/s]; gusts scale with the mean wind.
+GUST_REFERENCE_WIND = 10.0
 # A blackout of the sensor begins this long after take-off [s].
 _BLACKOUT = (2.0, 6.0)
 # The pose drifts out to its greatest error and back in this time [s].
@@ -70,13 +71,13 @@ def _direction(key: PRNGKeyArray) -> Float[Array, "3"]:
 
 def mean_wind(disturbances: Disturbances, key: PRNGKeyArray) -> Float[Array, "3"]:
     """Velocity of the air without gusts, world frame [m/s]; the flight's key."""
-    return disturbances.wind * _direction(jax.random.fold_in(key, 1))
+    return disturbances.wind * _direction(stream(key, Stream.WIND_DIRECTION))
 
 
 def pose_error(disturbances: Disturbances, key: PRNGKeyArray, time: Float[Array, ""]) -> Float[Array, "3"]:
     """Believed minus true position [m] at a time [s]; zero at take-off, `drift` at most; the flight's key."""
     phase = 0.5 - 0.5 * jnp.cos(2.0 * math.pi * time / _DRIFT_PERIOD)
-    return disturbances.drift * phase * _direction(jax.random.fold_in(key, 2))
+    return disturbances.drift * phase * _direction(stream(key, Stream.DRIFT_DIRECTION))
 
 
 def corrupt(
@@ -100,7 +101,7 @@ def corrupt(
         time: since take-off [s].
     """
     noise_key, loss_key = jax.random.split(draw)
-    sector_key, blackout_key = jax.random.split(jax.random.fold_in(key, 3))
+    sector_key, blackout_key = jax.random.split(stream(key, Stream.SENSOR_OUTAGE))
     columns = lidar.rays // lidar.channels
     azimuth = jnp.tile(jnp.arange(columns) / columns, lidar.channels)
     behind = jnp.mod(azimuth - jax.random.uniform(sector_key), 1.0)

@@ -26,11 +26,12 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from maxjax.core.batching import settle
 from maxjax.core.status import Status
+from maxjax.core.streams import ITERATIONS, Stream, stream
 from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim import window as mapping
-from maxjax.sim.disturbances import GUSTS_AT, corrupt, mean_wind, pose_error
+from maxjax.sim.disturbances import GUST_REFERENCE_WIND, corrupt, mean_wind, pose_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, believed
 from maxjax.sim.lidar import Scan, scan
 from maxjax.sim.reactive import push
@@ -67,11 +68,13 @@ def fly(
         tolerance; NONFINITE_INPUT.
 
     Raises:
-        ValueError: for wrong shapes.
+        ValueError: for wrong shapes, or more plans than a random stream has indices.
     """
     geoms = scene.geoms if isinstance(scene, Scene) else scene
     if start.shape != (3,) or goal.shape != (3,):
         raise ValueError(f"fly: expected start and goal (3,), given {start.shape} and {goal.shape}; use vmap")
+    if not 1 <= config.plans <= ITERATIONS:
+        raise ValueError(f"plans: expected 1 to {ITERATIONS}, given {config.plans}")
     world = World(geoms, start, goal, key, config.disturbances)
     flight = take_off(world, config)
     stages = stages_of(config)
@@ -136,7 +139,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         margin=jnp.full(config.plans, nothing),
         certified=none,
     )
-    gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(jax.random.fold_in(world.key, 4), (3,)), 1e3)
+    gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
     return Flight(
         vehicle=vehicle,
         memory=control.init(vehicle),
@@ -160,7 +163,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
 
 def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """One scan from the true pose, its points placed where the vehicle believes them."""
-    draw, noise = jax.random.split(jax.random.fold_in(world.key, 1000 + flight.log.planning_iterations))
+    draw, noise = jax.random.split(stream(world.key, Stream.SCAN, flight.log.planning_iterations))
     at = flight.vehicle.position
     seen = scan(world.geoms, config.lidar, at, flight.vehicle.rotation, draw)
     seen = corrupt(seen, world.disturbances, config.lidar, at, world.key, noise, flight.log.duration)
@@ -181,10 +184,8 @@ def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     vehicle = config.vehicle
     steps = round(LOG_PERIOD / vehicle.timestep)
     wind = mean_wind(world.disturbances, world.key)
-    strength = jnp.asarray(world.disturbances.wind) / GUSTS_AT
-    noise = jax.random.normal(
-        jax.random.fold_in(world.key, 100_000 + flight.log.planning_iterations), (config.notes, steps, 3)
-    )
+    strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
+    noise = jax.random.normal(stream(world.key, Stream.GUSTS, flight.log.planning_iterations), (config.notes, steps, 3))
 
     def step(flight: Flight, noise: Float[Array, "3"]) -> tuple[Flight, None]:
         log, before = flight.log, flight.vehicle

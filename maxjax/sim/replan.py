@@ -24,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
+from maxjax.core.streams import Stream, stream
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, pose
@@ -159,7 +160,7 @@ def _look_elsewhere(
     ahead = grid.fractional_index(to_local(flight, config, ahead))
     hidden = jnp.where(ok, voxels[jnp.minimum(unknown, len(voxels) - 1)], jnp.floor(ahead + 0.5).astype(jnp.int32))
     restless = _RESTLESS * flight.looks.astype(jnp.float32)
-    key = jax.random.fold_in(world.key, 10_000 + flight.log.planning_iterations)
+    key = stream(world.key, Stream.VIEWPOINT, flight.log.planning_iterations)
     fresh, exists = step_to(seen, occupied, problem.blocked, here, hidden, ahead, config.lidar, restless, key)
     before = grid.fractional_index(to_local(flight, config, flight.waiting[-1]))
     goes_on = (flight.stepping > 0) & still_open(seen, problem.blocked, here, before)

@@ -11,13 +11,13 @@ axis (`place`).
 from __future__ import annotations
 
 import dataclasses
-import zlib
 from xml.etree import ElementTree
 
 import jax
 import mujoco
 import numpy as np
 
+from maxjax.core.streams import named
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
 from maxjax.worlds.layouts import MAPS, layout
 from maxjax.worlds.rasterize import occupancy
@@ -93,7 +93,7 @@ def make_scene(name: str, seed: int) -> Scene:
         raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {name!r}")
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed: expected 0 to {2**32 - 1}, given {seed}")
-    key = jax.random.fold_in(jax.random.key(seed), zlib.crc32(name.encode()))
+    key = named(jax.random.key(seed), name)
     geoms = _jit_layout(name, key)
     return Scene(name, seed, geoms, mujoco.MjModel.from_xml_string(scene_xml(geoms)))
 
