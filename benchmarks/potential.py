@@ -78,7 +78,7 @@ from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import Route, Stopwatch, climb, judge
 from maxjax.planning.problem import Problem, pose
-from maxjax.planning.tighten import tighten
+from maxjax.planning.string_pulling import tighten
 from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 
 # A preconditioner set up anew, or none.

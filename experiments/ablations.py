@@ -11,9 +11,9 @@ path is verified before the same judge. What the library leaves out on purpose i
 - `plain` smoothing: the Gaussian filter of log φ without regard to walls, where walls and what no current reaches hold
   the least log φ of the rest, as zero does in a normalised field. `walls` is the library's.
 - guards. `ours`: steps keep to free voxels, never to lower φ of the exact field, discrete step behind them; tightened
-  (`planning.ascent`, `planning.tighten`). `smoothed`: the same, but φ *is* the smoothed field. `none`: the paper's bare
-  ascent, x ← x + η m; it fails as soon as it enters a voxel within the margin, where there is no field (in the paper a
-  reactive layer stands behind it, and the field is a network's; here it is exact).
+  (`planning.ascent`, `planning.string_pulling`). `smoothed`: the same, but φ *is* the smoothed field. `none`: the
+  paper's bare ascent, x ← x + η m; it fails as soon as it enters a voxel within the margin, where there is no field (in
+  the paper a reactive layer stands behind it, and the field is a network's; here it is exact).
 - `uniform` conductivity: the same wherever current flows.
 
 The paper's ascent is momentum on gradients smoothed by a plain Gaussian of 5 voxels; its predecessor's is ADAM. A field
@@ -63,7 +63,7 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import NO_PATH, Plan, Route, Stopwatch, climb
 from maxjax.planning.problem import Problem as Posed
 from maxjax.planning.problem import pose
-from maxjax.planning.tighten import tighten
+from maxjax.planning.string_pulling import tighten
 from maxjax.sim.flight import FlightConfig
 from maxjax.solvers.potential import Potential, solve_potential
 

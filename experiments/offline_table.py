@@ -55,7 +55,7 @@ from maxjax.planning.planner import (
     plan_path,
 )
 from maxjax.planning.problem import Problem as Posed
-from maxjax.planning.tighten import tighten
+from maxjax.planning.string_pulling import tighten
 
 RESULTS = Path(__file__).parent / "results"
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}

@@ -60,7 +60,7 @@ from maxjax.fields.connectivity import flood
 from maxjax.fields.gradient import gradient
 from maxjax.fields.gradient import log_potential as logarithm
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.sight import blocks
+from maxjax.planning.sight import span_codes
 from maxjax.solvers.krylov import chebyshev, pcg
 from maxjax.solvers.potential import DEGREE, DERIVATIVE_TOLERANCE, TIGHT_TOLERANCE
 
@@ -204,7 +204,7 @@ def follow(
 ) -> tuple[Float[Array, "m t 3"], Bool[Array, " m"], Int32[Array, ""]]:
     """Paths of our planner in a priced field, which of them arrived, and the voxels without a higher neighbour."""
     phi = priced_potential(town, price(town, theta), goal, length)
-    bits = blocks(~town.free)
+    bits = span_codes(~town.free)
 
     def one(start: Int32[Array, " 3"]) -> tuple[Array, Array]:
         ends = start.astype(phi.dtype), goal.astype(phi.dtype)

@@ -83,7 +83,7 @@ def ascend(
 
     Args:
         phi: potential, highest at the goal's voxel.
-        bits: `sight.blocks` of the blocked voxels.
+        bits: `sight.span_codes` of the blocked voxels.
         free: voxels that are not blocked; holds start and goal.
         start, goal: index coordinates.
         settings: static.

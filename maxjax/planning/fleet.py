@@ -22,8 +22,8 @@ from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_dis
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.planner import NO_PATH, Plan, PotentialFn, Route, Stage, Stopwatch, judge, potential_field
 from maxjax.planning.problem import Problem, locate, placed, verdict
-from maxjax.planning.sight import blocks, stands_free
-from maxjax.planning.tighten import tighten
+from maxjax.planning.sight import span_codes, stands_free
+from maxjax.planning.string_pulling import tighten
 
 # Starts that climb at a time: what bounds memory, whatever the size of the fleet. A smaller squadron is filled up to
 # one of two sizes, so that fleets of all sizes share two programs.
@@ -97,7 +97,7 @@ def _swarm(
     settings: Ascent,
 ) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
     """Ascend one field from many starts [m] and tighten; returns the paths, and which arrived."""
-    bits = blocks(blocked)
+    bits = span_codes(blocked)
 
     def end(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
         return placed(blocked, grid.fractional_index(point))

@@ -29,8 +29,8 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.judge import Verification, verify_batch
 from maxjax.planning.problem import Problem, pose
-from maxjax.planning.sight import blocks
-from maxjax.planning.tighten import tighten
+from maxjax.planning.sight import span_codes
+from maxjax.planning.string_pulling import tighten
 
 
 @runtime_checkable
@@ -166,8 +166,8 @@ def climb(
     goal: Float[Array, " 3"],
     settings: Ascent,
 ) -> tuple[Float[Array, "t 3"], Bool[Array, ""], UInt16[Array, "nx ny nz"]]:
-    """Ascend the field; returns the path, whether it arrived, and the line-of-sight blocks."""
-    sight = blocks(blocked)
+    """Ascend the field; returns the path, whether it arrived, and the line-of-sight span codes."""
+    sight = span_codes(blocked)
     path, arrived = ascend(phi, sight, ~blocked, start, goal, settings)
     return path, arrived, sight
 

@@ -1,10 +1,10 @@
 """Line of sight: does a straight segment stay in free voxels, corners included?
 
 The segment is cut into slabs half a voxel thick along its longest axis. Inside a slab the two other coordinates change
-by at most half a voxel, so the segment touches a block of at most 2 x 2 voxels there; it is clear when every block is
-free. The block covers the exact set of touched voxels (it may hold one more, where the segment crosses both coordinates
+by at most half a voxel, so the segment touches a span of at most 2 x 2 voxels there; it is clear when every span is
+free. The span covers the exact set of touched voxels (it may hold one more, where the segment crosses both coordinates
 in the same slab), hence a clear segment is clear in exact arithmetic too, and no corner is ever cut. Every slab costs
-one look-up: `blocks` precomputes, for each voxel and axis, whether the 1 x 1, 1 x 2, 2 x 1 and 2 x 2 blocks that start
+one look-up: `span_codes` holds, for each voxel and axis, whether the 1 x 1, 1 x 2, 2 x 1 and 2 x 2 spans that start
 there are free.
 
 Positions are index coordinates (whole numbers at voxel centres). Voxels outside the grid count as blocked.
@@ -28,7 +28,7 @@ TOUCH = 2.5e-4
 # reads.
 _FEW = 8
 
-# The two other axes, in the order in which `blocks` stores their extents.
+# The two other axes, in the order in which `span_codes` stores their extents.
 _OTHERS = ((1, 2), (0, 2), (0, 1))
 
 
@@ -39,22 +39,22 @@ def _ahead(array: Bool[Array, "nx ny nz"], axis: int) -> Bool[Array, "nx ny nz"]
     return lax.pad(array, jnp.array(True), config)
 
 
-def blocks(blocked: Bool[Array, "nx ny nz"]) -> UInt16[Array, "nx ny nz"]:
-    """Twelve bits a voxel: bit 4 a + 2 i + j is set when the (1+i) x (1+j) block across axis a is not free."""
+def span_codes(blocked: Bool[Array, "nx ny nz"]) -> UInt16[Array, "nx ny nz"]:
+    """Twelve bits a voxel: bit 4 a + 2 i + j is set when the (1+i) x (1+j) span across axis a is not free."""
     bits = jnp.zeros(blocked.shape, jnp.uint16)
     for axis, (first, second) in enumerate(_OTHERS):
         wide = blocked | _ahead(blocked, second)
-        for shift, block in enumerate((blocked, wide, blocked | _ahead(blocked, first), wide | _ahead(wide, first))):
-            bits |= block.astype(jnp.uint16) << (4 * axis + shift)
+        for shift, span in enumerate((blocked, wide, blocked | _ahead(blocked, first), wide | _ahead(wide, first))):
+            bits |= span.astype(jnp.uint16) << (4 * axis + shift)
     return bits
 
 
 def touched(
     shape: tuple[int, ...], x: Float[Array, " 3"]
 ) -> tuple[Bool[Array, ""], tuple[Int32[Array, "..."], Int32[Array, "..."], Int32[Array, "..."]]]:
-    """The voxels that a point touches: whether all are inside the grid, and an index to a (2, 2, 2) block of them.
+    """The voxels that a point touches: whether all are inside the grid, and an index to a (2, 2, 2) array of them.
 
-    Where the point touches one voxel along an axis, the block holds it twice.
+    Where the point touches one voxel along an axis, the array holds it twice.
     """
     limits = jnp.asarray(shape)
     low = jnp.floor(x + 0.5 - TOUCH).astype(jnp.int32)
@@ -79,7 +79,7 @@ def clear(
     """Whether the closed segments a-b touch free voxels only.
 
     Args:
-        bits: from `blocks`.
+        bits: from `span_codes`.
         a, b: ends in index coordinates.
         slabs: voxels to cut at most along the longest axis; a longer segment is reported as not clear. Static.
     """
@@ -91,7 +91,7 @@ def clear(
     rows = 3 * np.arange(longest.size).reshape(longest.shape)
 
     def ordered(values: Shaped[Array | np.ndarray, "*#k 3"]) -> list[Shaped[Array, "*k 1"]]:
-        """What belongs to the longest axis, then to the two others in the order of `blocks`; with an axis for slabs."""
+        """The longest axis first, then the two others in the order of `span_codes`; with an axis for slabs."""
         flat = jnp.broadcast_to(values, (*longest.shape, 3)).reshape(-1)
         return [flat[(rows + order[..., k])[..., None]] for k in range(3)]
 

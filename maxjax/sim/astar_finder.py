@@ -23,7 +23,7 @@ from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import Problem
-from maxjax.planning.sight import blocks, clear
+from maxjax.planning.sight import clear, span_codes
 
 # Paths of both planners have one length, so that a flight's arrays do.
 POINTS = Ascent().steps + 1
@@ -43,7 +43,7 @@ def search(problem: Problem, grid: Grid) -> tuple[Float[Array, "n 3"], Int32[Arr
     shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
     inputs = (problem.blocked, problem.start, problem.goal, problem.status)
     path, status = jax.pure_callback(_on_host, shapes, *inputs, vmap_method="sequential")
-    straight = clear(blocks(problem.blocked), path[0], path[2])
+    straight = clear(span_codes(problem.blocked), path[0], path[2])
     return path.at[1].set(jnp.where(straight, path[0], path[1])), status, jnp.array(False)
 
 

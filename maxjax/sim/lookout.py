@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.fields.stencil import cell
-from maxjax.planning.sight import blocks, clear, stands_free
+from maxjax.planning.sight import clear, span_codes, stands_free
 from maxjax.sim.lidar import Lidar
 
 # Steps lead to a voxel at most so many away along each axis, and where u stays hidden, so much nearer to the way ahead.
@@ -60,7 +60,7 @@ def step_to(
     reachable = _reachable(seen, blocked, here, ends)
     first = hidden[0].astype(here.dtype)
 
-    sight = blocks(occupied)
+    sight = span_codes(occupied)
     in_field = _in_field(hidden - ends[:, None], lidar)
     shows = reachable & in_field[:, 0] & clear(sight, ends, first, slabs=2 * _REACH + 2)
     way = jnp.linalg.norm(ends - here, axis=1) + jnp.linalg.norm(ends - first, axis=1)
@@ -87,7 +87,7 @@ def _reachable(
 ) -> Bool[Array, " n"]:
     """Whether voxels keep the margin, and the straight way there was seen free and keeps it too, if `here` does."""
     room = seen & (~blocked | ~stands_free(blocked, here)) | cell(seen.shape, jnp.floor(here + 0.5).astype(jnp.int32))
-    bits = blocks(~room)
+    bits = span_codes(~room)
     i, j, k = jnp.clip(jnp.floor(ends + 0.5).astype(jnp.int32), 0, jnp.asarray(seen.shape) - 1).T
     return clear(bits, here, ends, slabs=_REACH + 2) & ~blocked[i, j, k]
 

@@ -28,7 +28,7 @@ from maxjax.core.streams import Stream, stream
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, pose
-from maxjax.planning.sight import blocks, clear
+from maxjax.planning.sight import clear, span_codes
 from maxjax.sim import window as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, believed, to_local, to_world
 from maxjax.sim.lookout import step_to, still_open
@@ -110,7 +110,7 @@ def _seek(
     problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
     found, status, certified = config.find(problem, grid)
     path = to_world(flight, config, grid.to_world(found))
-    bits = materialise(blocks(problem.blocked))
+    bits = materialise(span_codes(problem.blocked))
     # What is verified is the path as it will be flown, after its way through world coordinates.
     on_grid = grid.fractional_index(to_local(flight, config, path))
     passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))

@@ -30,7 +30,7 @@ from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import pose
-from maxjax.planning.sight import blocks, clear
+from maxjax.planning.sight import clear, span_codes
 from maxjax.sim import flight
 from maxjax.sim.astar_finder import POINTS, corners_of, search
 from maxjax.sim.disturbances import Disturbances
@@ -284,7 +284,7 @@ def test_astar_in_the_loop_is_astar(seed: int) -> None:
     inner = found[:-1][np.any(np.diff(found, axis=0) != 0, axis=1)]
     np.testing.assert_array_equal(inner[-len(corners) :], corners)
     assert len(inner) == len(corners) + 1 or np.array_equal(inner[1], expected.path[1])
-    bits = blocks(problem.blocked)
+    bits = span_codes(problem.blocked)
     assert all(clear(bits, jnp.asarray(a), jnp.asarray(b)) for a, b in itertools.pairwise(inner))
 
 

@@ -13,7 +13,7 @@ from references import component_of, direct_potential, random_blocks, random_fre
 
 from maxjax import Grid, verify
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.sight import blocks
+from maxjax.planning.sight import span_codes
 
 SHAPE = (16, 18, 20)
 SETTINGS = {
@@ -28,7 +28,7 @@ SETTINGS = {
 def climb(
     phi: jax.Array, blocked: jax.Array, starts: jax.Array, goal: jax.Array, settings: Ascent
 ) -> tuple[jax.Array, jax.Array]:
-    bits = blocks(blocked)
+    bits = span_codes(blocked)
     return jax.vmap(lambda start: ascend(phi, bits, ~blocked, start, goal, settings))(starts)
 
 

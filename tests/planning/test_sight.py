@@ -12,11 +12,11 @@ from references import touched
 
 from maxjax import Grid
 from maxjax.planning.judge import touched_voxels
-from maxjax.planning.sight import TOUCH, blocks, clear, stands_free, visibility
+from maxjax.planning.sight import TOUCH, clear, span_codes, stands_free, visibility
 
 SHAPE = (5, 6, 4)
 see = jax.jit(jax.vmap(clear, in_axes=(None, 0, 0)))
-bits_of = jax.jit(blocks)
+bits_of = jax.jit(span_codes)
 stand = jax.jit(jax.vmap(stands_free, in_axes=(None, 0)))
 
 
@@ -48,7 +48,7 @@ def test_clear_is_never_wrong_and_never_wary_by_more_than_half_a_voxel() -> None
             if free:
                 assert not meets_wall(blocked, start, end, 0.0)
             else:
-                # The block of a slab half a voxel thick holds no voxel further away than that.
+                # The span of a slab half a voxel thick holds no voxel further away than that.
                 assert meets_wall(blocked, start, end, 0.5 + 2 * TOUCH)
     assert 30 < seen < 150
 

@@ -12,13 +12,13 @@ from references import component_of, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Status, verify
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.sight import blocks
-from maxjax.planning.tighten import WINDOW, tighten
+from maxjax.planning.sight import span_codes
+from maxjax.planning.string_pulling import WINDOW, tighten
 
 SHAPE = (16, 18, 20)
 ROOM = 200  # length of the arrays
 
-pull = jax.jit(lambda blocked, path: tighten(blocks(blocked), path))
+pull = jax.jit(lambda blocked, path: tighten(span_codes(blocked), path))
 
 
 def padded(path: np.ndarray, room: int = ROOM) -> np.ndarray:
@@ -125,6 +125,6 @@ def test_vmap_equals_a_loop() -> None:
     blocked[:, 0, 0, 0] = blocked[:, 15, 17, 19] = False
     blocked[:, 0] = blocked[:, :, 17] = blocked[:, :, :, 19] = False
     paths = np.stack([padded(shortest(b, (0, 0, 0), (15, 17, 19))) for b in blocked])
-    batch = jax.jit(jax.vmap(lambda b, p: tighten(blocks(b), p)))(blocked, paths)
+    batch = jax.jit(jax.vmap(lambda b, p: tighten(span_codes(b), p)))(blocked, paths)
     for k in range(3):
         np.testing.assert_allclose(batch[k], pull(blocked[k], jnp.asarray(paths[k])), atol=1e-5)

@@ -81,7 +81,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
     """Pull a path taut on the dilated grid.
 
     Args:
-        bits: `sight.blocks` of the dilated grid.
+        bits: `sight.span_codes` of the dilated grid.
         path: index coordinates, start first, last point repeated; consecutive points visible from each other and at
             most a voxel apart along each axis.
         rounds: rounds over the whole path, after two that take it window by window. Static.
