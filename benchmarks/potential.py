@@ -34,68 +34,35 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import importlib
-import inspect
 import io
 import itertools
 import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from jax import lax
-from jaxtyping import Array, Float, Int32
-from scipy import ndimage
-from scipy.sparse import csr_matrix, dia_array, diags_array
-from scipy.sparse.linalg import LinearOperator, cg
+from jaxtyping import Array
 
 import maxjax
-from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show
+from benchmarks import field_paths, linear_solvers
+from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show, timed_row
 from benchmarks.common.problems import problems
-from benchmarks.common.screened_system import (
-    Angles,
-    Mask,
-    Volume,
-    angles_of,
-    blas_threads,
-    reference_of,
-    system,
-    unit_diagonal,
-)
-from maxjax.fields import stencil
-from maxjax.fields.certificate import uncertified
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import Route, Stopwatch, climb, judge
-from maxjax.planning.problem import Problem, pose
-from maxjax.planning.string_pulling import tighten
-from maxjax.worlds.scenes import MAPS, make_scene, occupancy
+from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
+from maxjax.planning.problem import pose
+from maxjax.worlds.scenes import MAPS
 
-# A preconditioner set up anew, or none.
-Prepare = Callable[[], LinearOperator | None]
-
-_MOST_ITERATIONS = 2048
-_STALLED = 20  # looks without any progress before a peer is taken at its best
-_SLACK = 1e-5
-_WIDTH = 200.0  # of the city in the `size` rows [m]
 _COPIED = 2**26  # numbers; far beyond any cache
-_IN_WALLS = 1e-6  # speed in obstacles, for a method that knows none
-_DECADES = 30.0  # that exp(-T / scale) spans
 
 _solve = jax.jit(maxjax.solve_potential)
 _pose = jax.jit(pose, static_argnames=("margin", "grid"))
-_climb = jax.jit(climb, static_argnames="settings")
-_tighten = jax.jit(tighten)
 
 _PROBE = """
 import json, sys
@@ -157,39 +124,15 @@ class Config:
     out: Path = RESULTS
 
 
-@dataclasses.dataclass(frozen=True)
-class Scene:
-    """One map and goal, posed.
-
-    Attributes:
-        name: map or crop.
-        grid: its grid.
-        occupied, ground: (nx, ny, nz) bool.
-        goal: [m].
-        problems: as posed, one a start, all at the same margin; the first gives the system.
-        starts: (k, 3) [m].
-    """
-
-    name: str
-    grid: maxjax.Grid
-    occupied: np.ndarray
-    ground: np.ndarray
-    goal: Float[np.ndarray, " 3"]
-    problems: list[Problem]
-    starts: list[Float[np.ndarray, " 3"]]
-
-    @property
-    def sigma(self) -> Float[Array, "nx ny nz"]:
-        """Conductivity of the first problem."""
-        return maxjax.conductivity(self.problems[0].blocked, self.problems[0].goal_index, self.grid)
-
-
 def main(config: Config) -> list[Row]:
     """Measure everything; save and return the rows."""
     # Tables and progress must not mix with the document.
     with contextlib.redirect_stdout(sys.stderr) if config.json else contextlib.nullcontext():
         bandwidth, rows = _copy(config)
-        for scene in scenes_of(config):
+        selection = Selection(
+            config.shape, config.maps, config.crop, config.data, config.starts, config.margin, config.seed
+        )
+        for scene in scenes_of(selection):
             print(scene.name, file=sys.stderr, flush=True)
             rows += _solve_rows(scene, bandwidth, config)
             keep("potential", config, rows, config.out)
@@ -216,226 +159,26 @@ def _copy(config: Config) -> tuple[float, list[Row]]:
     return bandwidth, [{"what": what, "unit": "GB/s", "median": round(bandwidth / 1e9, 1), "n": timing.n}]
 
 
-def _row(what: str, timing: Timing, scenes: int = 1, **more: str | float | bool | None) -> dict[str, Any]:
-    """Milliseconds a scene."""
-
-    def milliseconds(seconds: float) -> float:
-        return float(f"{1e3 * seconds / scenes:.4g}")
-
-    return {
-        "what": what,
-        "unit": "ms" if scenes == 1 else "ms a scene",
-        "median": milliseconds(timing.median_s),
-        "min": milliseconds(timing.min_s),
-        "max": milliseconds(timing.max_s),
-        "n": timing.n,
-        **more,
-    }
-
-
-def _timing(seconds: Sequence[float]) -> Timing:
-    return Timing(0.0, statistics.median(seconds), min(seconds), max(seconds), len(seconds))
-
-
 def _ours(what: str, timing: Timing, shape: Sequence[int], bandwidth: float, scenes: int = 1) -> dict[str, Any]:
     """A row of ours, beside the floor."""
     floor = scenes * 8 * float(np.prod(shape)) / bandwidth
-    return _row(
+    return timed_row(
         what, timing, scenes, compile_s=round(timing.compile_s, 2), times_floor=round(timing.median_s / floor, 1)
     )
 
 
-def _peer(name: str) -> ModuleType | None:
-    """An optional package."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        return None
-
-
-# Scenes
-
-
-def scenes_of(config: Config) -> list[Scene]:
-    """The scenes of the `solve` rows."""
-    scenes = []
-    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
-    for name in config.maps:
-        # Ten problems share a city; the others lend their starts.
-        posed = problems(name, 10, config.seed, grid)
-        starts = [problem.start for problem in posed]
-        scenes.append(_scene(name, grid, posed[0].occupied, posed[0].ground, posed[0].goal, starts, config))
-    file = config.data / "warframe" / f"crop101_{config.crop}.npz"
-    if config.crop and file.is_file():
-        crop = np.load(file, allow_pickle=False)
-        occupied = crop["occupancy"]
-        grid = maxjax.Grid(occupied.shape, 1.0, (0.0, 0.0, 0.0))
-        starts = list(crop["start"].astype(np.float32))
-        goal = crop["goal"][0].astype(np.float32)
-        settings = dataclasses.replace(config, margin=0.0)
-        scenes.append(_scene(config.crop, grid, occupied, np.zeros_like(occupied), goal, starts, settings))
-    return scenes
-
-
-def _scene(
-    name: str,
-    grid: maxjax.Grid,
-    occupied: np.ndarray,
-    ground: np.ndarray,
-    goal: np.ndarray,
-    candidates: list[np.ndarray],
-    config: Config,
-) -> Scene:
-    """Pose the goal with the first start, then with more starts that keep the same margin."""
-    posed: list[Problem] = []
-    starts: list[np.ndarray] = []
-    for start in candidates:
-        problem = _pose(*map(jnp.asarray, (occupied, ground, start, goal)), margin=config.margin, grid=grid)
-        if problem.status == maxjax.Status.OK and (not posed or problem.margin == posed[0].margin):
-            posed.append(problem)
-            starts.append(start)
-        if len(posed) == config.starts:
-            break
-    if not posed:
-        raise ValueError(f"{name}: expected a start joined to the goal, given none among {len(candidates)}")
-    return Scene(name, grid, occupied, ground, goal, posed, starts)
-
-
-# Linear solvers
-
-
 def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
+    """Ours beside linear solvers and travel-time fields, on one scene."""
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     timing = measure(functools.partial(_solve, sigma, goal), config.repeats)
     ours = _solve(sigma, goal)
     print(f"  maxjax: {timing.median_s:.3f} s", file=sys.stderr, flush=True)
-    length = float(ours.screening_length)
-    assembled = functools.partial(system, np.asarray(sigma), np.asarray(goal), length)
-
-    def volume(phi: Float[np.ndarray, " n"], voxels: Mask) -> Volume:
-        full = np.zeros(voxels.shape)
-        full[voxels] = phi
-        full[tuple(np.asarray(goal))] = 1.0
-        return full
-
-    matrix, source, component = assembled()
-    scale, scaled, right = unit_diagonal(matrix, source)
-    with blas_threads(1):
-        exact = scale @ reference_of(scaled, right)
-    angles = angles_of(volume(exact, component), component)
-    enough = angles(np.asarray(ours.phi))
-
-    rows: list[Row] = []
-
-    def add(peer: str, spent: Timing, iterations: int, found: tuple[float, float], **more: Any) -> None:
-        print(f"  {peer}: {spent.median_s:.3f} s", file=sys.stderr, flush=True)
-        ratio = {"times_ours": round(spent.median_s / timing.median_s, 2)}
-        what = f"solve, {scene.name}: {peer}"
-        rows.append(_row(what, spent, iterations=iterations) | _reached(found, enough) | ratio | more)
-
-    def scipy(
-        peer: str, a: csr_matrix, b: np.ndarray, root: dia_array, voxels: Mask, prepare: Prepare = lambda: None
-    ) -> None:
-        def judged(x: np.ndarray) -> tuple[float, float]:
-            return angles(volume(root @ x, voxels))
-
-        count, found = _hindsight(judged, enough, a, b, prepare)
-        spent, more = _conjugate_gradients(a, b, count, prepare, config.peer_repeats)
-        add(peer, spent, count, found, **more)
-
-    scipy("SciPy CG, Jacobi, component", scaled, right, scale, component)
-    whole, whole_source, everywhere = assembled(whole=True)
-    whole_scale, whole_scaled, whole_right = unit_diagonal(whole, whole_source)
-    scipy("SciPy CG, Jacobi, whole grid", whole_scaled, whole_right, whole_scale, everywhere)
-    scipy("SciPy CG, whole grid", whole, whole_source, diags_array(np.ones(len(whole_source))), everywhere)
-    if pyamg := _peer("pyamg"):
-
-        def hierarchy() -> LinearOperator:
-            levels = pyamg.smoothed_aggregation_solver(matrix, improve_candidates=None)
-            cycle: LinearOperator = levels.aspreconditioner(cycle="V")
-            return cycle
-
-        one = diags_array(np.ones(len(source)))
-        scipy("PyAMG smoothed aggregation + CG, component", matrix, source, one, component, hierarchy)
-    else:
-        rows.append(_left_out(f"solve, {scene.name}: PyAMG", "not installed"))
-
-    def jacobi(count: int) -> Array:
-        return jnp.asarray(_jacobi_pcg(sigma, goal, jnp.float32(length), jnp.int32(count)))
-
-    count = _least(lambda k: angles(np.asarray(jacobi(k))), enough)
-    spent = measure(lambda: jacobi(count), config.repeats)
-    add("JAX, Jacobi-PCG, whole grid", spent, count, angles(np.asarray(jacobi(count))))
-    rows.append(_cupy_row(scene.name, scaled, right, scale, functools.partial(volume, voxels=component), angles,
-                          enough, timing, config))  # fmt: skip
-
-    paths, rivals = _field_rows(scene, ours, timing, component, config)
+    repeats = config.repeats, config.peer_repeats
+    enough, component, rows = linear_solvers.rows_of(scene.name, sigma, goal, ours, timing, repeats)
+    paths, rivals = field_paths.rows_of(scene, ours, timing, component, config.peer_repeats)
     first = _ours(f"solve, {scene.name}: maxjax", timing, scene.grid.shape, bandwidth)
-    first |= _verdict(ours) | _reached(enough, enough) | {"free_share": round(float(component.mean()), 3)} | paths
-    return [first, *rows, *rivals]
-
-
-class _EnoughError(Exception):
-    """Ends SciPy's iteration."""
-
-
-def _hindsight(
-    angles: Callable[[np.ndarray], tuple[float, float]],
-    enough: tuple[float, float],
-    a: csr_matrix,
-    b: np.ndarray,
-    prepare: Prepare,
-) -> tuple[int, tuple[float, float]]:
-    """The iterations that SciPy's CG needs: until its angles are good enough, or the best before they stall."""
-    preconditioner = prepare()
-    every = 10 if preconditioner is None else 1
-    count, best, found = 0, 0, (-1.0, -1.0)
-
-    def look(x: np.ndarray) -> None:
-        nonlocal count, best, found
-        count += 1
-        if count % every == 0:
-            now = angles(x)
-            if now > found:
-                best, found = count, now
-            if _reached(now, enough)["as_good"] or count - best >= _STALLED * every:
-                raise _EnoughError
-
-    # A stalled iteration may divide by what has underflowed.
-    with contextlib.suppress(_EnoughError), np.errstate(all="ignore"), blas_threads(1):
-        cg(a, b, rtol=1e-300, atol=0.0, maxiter=_MOST_ITERATIONS, M=preconditioner, callback=look)
-    return best, found
-
-
-def _conjugate_gradients(
-    a: csr_matrix, b: np.ndarray, count: int, prepare: Prepare, repeats: int
-) -> tuple[Timing, dict[str, Any]]:
-    """Time SciPy's CG, set-up included: (timing, what else is known of it).
-
-    Threads help BLAS on an idle machine and ruin it on a busy one, so both are tried and the faster counts.
-    """
-    tried: list[tuple[Timing, dict[str, Any]]] = []
-    for threads in (1, None):
-        setups, solves = [], []
-        with blas_threads(threads):
-            for _ in range(repeats):
-                begun = time.perf_counter()
-                preconditioner = prepare()
-                ready = time.perf_counter()
-                cg(a, b, rtol=1e-300, atol=0.0, maxiter=count, M=preconditioner)
-                setups.append(ready - begun)
-                solves.append(time.perf_counter() - ready)
-        more: dict[str, Any] = {"blas_threads": threads or "all"}
-        if preconditioner is not None:
-            more["setup_ms"] = round(1e3 * statistics.median(setups), 1)
-            more["solve_ms"] = round(1e3 * statistics.median(solves), 1)
-        tried.append((_timing([x + y for x, y in zip(setups, solves, strict=True)]), more))
-    return min(tried, key=lambda found: found[0].median_s)
-
-
-def _reached(found: tuple[float, float], enough: tuple[float, float]) -> dict[str, Any]:
-    good = all(a >= b - _SLACK for a, b in zip(found, enough, strict=True))
-    return {"within_1deg": round(found[0], 5), "within_5deg": round(found[1], 5), "as_good": good}
+    first |= _verdict(ours) | linear_solvers.reached(enough, enough)
+    return [first | {"free_share": round(float(component.mean()), 3)} | paths, *rows, *rivals]
 
 
 def _verdict(potential: maxjax.Potential) -> dict[str, Any]:
@@ -452,219 +195,13 @@ def _verdict(potential: maxjax.Potential) -> dict[str, Any]:
     } | counts
 
 
-def _left_out(what: str, why: str) -> Row:
-    return {"what": what, "note": f"left out: {why}"}
-
-
-def _least(angles: Callable[[int], tuple[float, float]], enough: tuple[float, float]) -> int:
-    """The fewest iterations whose angles are good enough, by bisection; the cap where none are."""
-
-    def good(count: int) -> bool:
-        return bool(_reached(angles(count), enough)["as_good"])
-
-    high = 16
-    while not good(high):
-        if high == _MOST_ITERATIONS:
-            return high
-        high *= 2
-    low = high // 2 if high > 16 else 0
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if good(middle) else (middle, high)
-    return high
-
-
-@jax.jit
-def _jacobi_pcg(
-    sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"], length: Float[Array, ""], count: Int32[Array, ""]
-) -> Float[Array, "nx ny nz"]:
-    """Textbook Jacobi-PCG with our stencil, assembly included.
-
-    The residual is kept at unit length and its size ρ beside it, or |r|² would leave float32 long before the far voxels
-    are right.
-    """
-    held = jnp.zeros_like(sigma).at[goal[0], goal[1], goal[2]].set(1)
-    operator, source = stencil.hold(stencil.assemble(sigma, 1 / length**2), held)
-    faces, scale = stencil.normalize(operator)
-    b = scale * source
-
-    def step(_: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
-        x, r, rho, p = state
-        q = p - stencil.inflow(faces, p)
-        curvature = jnp.sum(p * q)
-        alpha = jnp.where(curvature > 0, 1 / jnp.where(curvature > 0, curvature, 1), 0)
-        x = x + (rho * alpha) * p
-        r = r - alpha * q
-        shrink = jnp.sqrt(jnp.sum(r * r))
-        r = r / jnp.where(shrink > 0, shrink, 1)
-        return x, r, rho * shrink, r + shrink * p
-
-    size = jnp.sqrt(jnp.sum(b * b))
-    r = b / size
-    x, *_ = lax.fori_loop(0, count, step, (jnp.zeros_like(b), r, size, r))
-    return jnp.asarray(scale * x)
-
-
-def _cupy_row(
-    name: str,
-    matrix: csr_matrix,
-    right: np.ndarray,
-    scale: dia_array,
-    volume: Callable[[np.ndarray], Volume],
-    angles: Angles,
-    enough: tuple[float, float],
-    ours: Timing,
-    config: Config,
-) -> Row:
-    """CuPy's CG on the Jacobi-scaled system of the component, in float64 on the GPU."""
-    what = f"solve, {name}: CuPy CG, Jacobi, component"
-    cupy, sparse, linalg = (_peer(part) for part in ("cupy", "cupyx.scipy.sparse", "cupyx.scipy.sparse.linalg"))
-    if jax.default_backend() != "gpu" or cupy is None or sparse is None or linalg is None:
-        return _left_out(what, "needs a CUDA device and cupy")
-    a, b = sparse.csr_matrix(matrix), cupy.asarray(right)
-    # Its tolerance was renamed between versions.
-    tolerance = "rtol" if "rtol" in inspect.signature(linalg.cg).parameters else "tol"
-
-    def solve(count: int) -> Any:
-        x, _ = linalg.cg(a, b, maxiter=count, **{tolerance: 1e-300})
-        cupy.cuda.Device().synchronize()
-        return x
-
-    def judged(count: int) -> tuple[float, float]:
-        return angles(volume(scale @ cupy.asnumpy(solve(count))))
-
-    count = _least(judged, enough)
-    timing = measure(lambda: solve(count), config.peer_repeats)
-    reached = _reached(judged(count), enough)
-    ratio = {"times_ours": round(timing.median_s / ours.median_s, 2)}
-    return _row(what, timing, iterations=count) | reached | ratio
-
-
-# Travel-time fields
-
-
-def marching(scene: Scene, component: Mask) -> dict[str, Callable[[], np.ndarray] | None]:
-    """Travel times from the goal at unit speed [voxels], by name; None for a package that is not there."""
-    free = component.copy()
-    free[tuple(np.asarray(scene.problems[0].goal_index))] = True
-    index = tuple(int(i) for i in scene.problems[0].goal_index)
-    ones = np.ones(free.shape)
-    skfmm, eikonalfm = _peer("skfmm"), _peer("eikonalfm")
-
-    def scikit() -> np.ndarray:
-        front = np.ones(free.shape)
-        front[index] = -1  # the front starts half a voxel around the goal
-        assert skfmm is not None
-        return np.ma.filled(skfmm.travel_time(np.ma.MaskedArray(front, ~free), ones, order=2), np.inf)
-
-    speed = np.where(free, 1.0, _IN_WALLS)
-
-    def plain() -> np.ndarray:
-        assert eikonalfm is not None
-        return np.asarray(eikonalfm.fast_marching(speed, index, (1.0, 1.0, 1.0), 2))
-
-    def factored() -> np.ndarray:
-        assert eikonalfm is not None
-        dx = (1.0, 1.0, 1.0)
-        tau = eikonalfm.factored_fast_marching(speed, index, dx, 2)
-        return np.asarray(tau * eikonalfm.distance(free.shape, dx, index, indexing="ij"))
-
-    return {
-        "scikit-fmm, fast marching": scikit if skfmm else None,
-        "eikonalfm, fast marching": plain if eikonalfm else None,
-        "eikonalfm, factored fast marching": factored if eikonalfm else None,
-    }
-
-
-def as_potential(travel: np.ndarray, component: Mask, goal: tuple[int, ...]) -> Float[Array, "nx ny nz"]:
-    """exp(−T / scale), within float32; 1 at the goal, 0 outside its component."""
-    known = component & np.isfinite(travel)
-    scale = max(float(travel[known].max()), 1.0) / (_DECADES * np.log(10))
-    phi = np.where(known, np.exp(-np.where(known, travel, 0) / scale), 0)
-    phi[goal] = 1.0
-    return jnp.asarray(phi, jnp.float32)
-
-
-def _field_rows(
-    scene: Scene, ours: maxjax.Potential, timing: Timing, component: Mask, config: Config
-) -> tuple[dict[str, Any], list[Row]]:
-    """Travel-time fields beside ours: (what to add to the row of ours, the rows of the others)."""
-    goal = tuple(int(i) for i in scene.problems[0].goal_index)
-    fields = {"": ours.phi}
-    times: dict[str, Timing] = {}
-    rows: list[Row] = []
-    for name, run in marching(scene, component).items():
-        if run is None:
-            rows.append(_left_out(f"field, {scene.name}: {name}", "not installed"))
-            continue
-        seconds = []
-        for _ in range(config.peer_repeats):
-            begun = time.perf_counter()
-            travel = run()
-            seconds.append(time.perf_counter() - begun)
-        times[name] = _timing(seconds)
-        fields[name] = as_potential(travel, component, goal)
-        print(f"  {name}: {times[name].median_s:.2f} s", file=sys.stderr, flush=True)
-    paths = _paths(scene, fields)
-    for name, spent in times.items():
-        whole = jnp.asarray(component).at[goal].set(True)
-        stuck = uncertified(fields[name], whole, scene.problems[0].goal_index)
-        rows.append(
-            _row(f"field, {scene.name}: {name}", spent, certified=bool(stuck == 0), uncertified=int(stuck))
-            | {"times_ours": round(spent.median_s / timing.median_s, 2)}
-            | paths[name]
-        )
-    return paths[""], rows
-
-
-def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
-    """Climb every field from every start; figures over the starts from which all of them arrived."""
-    plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
-    count = len(scene.starts)
-    starts, goals = np.asarray(scene.starts), np.broadcast_to(scene.goal, (count, 3))
-    margins = [float(problem.margin) for problem in scene.problems]
-    blocked = np.stack([np.asarray(problem.blocked) for problem in scene.problems])
-    obstacles = np.broadcast_to(scene.occupied & ~scene.ground, blocked.shape)
-    own = np.arange(count)
-    for name, phi in fields.items():
-        routes, climbed = [], []
-        for problem in scene.problems:
-            for steps in (512, 2048, 8192):
-                path, arrived, bits = _climb(
-                    phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
-                )
-                if arrived:
-                    break
-            status = maxjax.Status.OK if arrived else maxjax.Status.PATH_STALLED
-            routes.append(Route(np.asarray(_tighten(bits, path)), status, certified=False))
-            climbed.append(scene.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum()))
-        judged = judge(routes, starts, goals, own, margins, blocked, obstacles, scene.grid, Stopwatch(), name)
-        plans[name] = list(zip(judged, climbed, strict=True))
-    shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.starts))]
-    figures: dict[str, dict[str, Any]] = {}
-    for name, found in plans.items():
-        figures[name] = {"starts": len(found), "arrived": sum(p.status == maxjax.Status.OK for p, _ in found)}
-        both = list(itertools.compress(found, shared))
-        if both:
-            figures[name] |= {
-                "ascent_m": round(statistics.mean(climbed for _, climbed in both), 2),
-                "length_m": round(statistics.mean(p.length for p, _ in both), 2),
-                "clearance_m": round(statistics.mean(p.clearance for p, _ in both), 2),
-                "clearance_least_m": round(min(p.clearance for p, _ in both), 2),
-            }
-    return figures
-
-
-# Sizes and batches
-
-
 def _size_rows(bandwidth: float, config: Config) -> list[Row]:
     """The same city on ever finer voxels, and the exponent of its cost."""
     rows: list[Row] = []
     medians = []
     for edge in config.sizes:
         print(f"size {edge}", file=sys.stderr, flush=True)
-        sigma, goal = city_at(edge, config)
+        sigma, goal = city_at(edge, config.margin, config.seed)
         timing = measure(functools.partial(_solve, sigma, goal), config.repeats)
         medians.append(timing.median_s)
         row = _ours(f"size: downtown, {edge}³", timing, sigma.shape, bandwidth) | _verdict(_solve(sigma, goal))
@@ -673,19 +210,6 @@ def _size_rows(bandwidth: float, config: Config) -> list[Row]:
         slope, _ = np.polyfit(3 * np.log(config.sizes), np.log(medians), 1)
         rows.append({"what": "size: exponent of cost in voxels", "unit": "1", "median": round(float(slope), 3)})
     return rows
-
-
-def city_at(edge: int, config: Config) -> tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]:
-    """Sigma of downtown on edge³ voxels; the goal is the voxel of the largest component nearest to (40, 40, 9) m."""
-    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), (edge, edge, edge), _WIDTH / (edge - 1))
-    occupied, ground = occupancy(make_scene("downtown", config.seed).geoms, grid)
-    blocked = maxjax.dilate(jnp.asarray(occupied), config.margin, grid, jnp.asarray(ground))
-    labels, _ = ndimage.label(~np.asarray(blocked))
-    largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    free = np.argwhere(labels == largest)
-    away = np.linalg.norm(free * grid.spacing + np.array(grid.origin) - np.array([40.0, 40.0, 9.0]), axis=1)
-    goal = jnp.asarray(free[np.argmin(away)], jnp.int32)
-    return maxjax.conductivity(blocked, goal, grid), goal
 
 
 def _peak_arrays(sigma: Array, goal: Array) -> dict[str, Any]:

@@ -27,8 +27,8 @@ import tyro
 from jaxtyping import Array, Bool, Float, Int32
 
 import maxjax
-from benchmarks import potential
 from benchmarks.common.harness import RESULTS, Row, measure, save
+from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.fields.connectivity import geodesic
 from maxjax.solvers import walk
@@ -76,14 +76,11 @@ class Config:
 
 def main(config: Config) -> list[Row]:
     """Measure, save the rows, draw the plots; return the rows."""
-    # The same scenes and cities as the benchmark's, by its own code.
-    same = potential.Config(
-        shape=config.shape, maps=config.maps, crop=config.crop, data=config.data, starts=1, margin=config.margin,
-        seed=config.seed,
-    )  # fmt: skip
+    # The scenes and cities of `benchmarks.potential`.
+    same = Selection(config.shape, config.maps, config.crop, config.data, 1, config.margin, config.seed)
     # Timings first: they suffer from whatever else the process has left behind.
-    cost = [_cost(edge, same, config) for edge in config.sizes]
-    convergence = [row for scene in potential.scenes_of(same) for row in _convergence(scene, config)]
+    cost = [_cost(edge, config) for edge in config.sizes]
+    convergence = [row for scene in scenes_of(same) for row in _convergence(scene, config)]
     rows = [*convergence, *cost]
     config.docs.mkdir(parents=True, exist_ok=True)
     save("solver_figures", config, rows, config.out)
@@ -116,7 +113,7 @@ def _cycle(
     return walk.solve(operator, walk.guessed(phi), component, goal, tolerance=0.0, max_cycles=1)
 
 
-def _convergence(scene: potential.Scene, config: Config) -> list[Row]:
+def _convergence(scene: Scene, config: Config) -> list[Row]:
     print(f"convergence, {scene.name}", file=sys.stderr, flush=True)
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     length, component, phi = _start(sigma, goal)
@@ -145,9 +142,9 @@ def _convergence(scene: potential.Scene, config: Config) -> list[Row]:
     return rows
 
 
-def _cost(edge: int, same: potential.Config, config: Config) -> Row:
+def _cost(edge: int, config: Config) -> Row:
     print(f"size {edge}", file=sys.stderr, flush=True)
-    sigma, goal = potential.city_at(edge, same)
+    sigma, goal = city_at(edge, config.margin, config.seed)
     solve = functools.partial(jax.jit(maxjax.solve_potential), sigma, goal)
     timing = measure(solve, config.repeats)
     found = solve()

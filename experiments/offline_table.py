@@ -38,7 +38,7 @@ import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER
 from benchmarks.common.problems import Problem, problems
-from benchmarks.potential import Scene, as_potential, marching
+from benchmarks.common.travel_time import as_potential, marching
 from maxjax.api import METHODS, path_finder
 from maxjax.nn.autoencoder import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
@@ -158,11 +158,10 @@ def network(method: str) -> PotentialFn | str:
 def fast_marching(problem: Posed, grid: maxjax.Grid, watch: Stopwatch) -> Route:
     """The path finder that descends scikit-fmm's travel time, as `field_path` climbs a potential."""
     blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
-    scene = Scene("", grid, blocked, blocked, np.asarray(problem.goal), [problem], [])
     with watch.stage("march"):
         labels, _ = ndimage.label(~blocked)
         component = np.asarray(labels == labels[goal])
-        march = marching(scene, component)["scikit-fmm, fast marching"]
+        march = marching(component, goal)["scikit-fmm, fast marching"]
         if march is None:
             raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
         phi = as_potential(march(), component, goal)

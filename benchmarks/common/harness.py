@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import importlib
 import json
 import os
 import shlex
@@ -19,6 +20,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -67,6 +69,48 @@ def measure(fn: Callable[[], Any], n: int) -> Timing:
     times = [call() for _ in range(n)]
     median = statistics.median(times)
     return Timing(max(first - median, 0.0), median, min(times), max(times), n)
+
+
+def timing_of(seconds: Sequence[float]) -> Timing:
+    """The timing of calls that were timed one by one, after a warm-up [s]."""
+    return Timing(0.0, statistics.median(seconds), min(seconds), max(seconds), len(seconds))
+
+
+def timed_row(what: str, timing: Timing, scenes: int = 1, **more: str | float | bool | None) -> dict[str, Any]:
+    """A row of run times, in milliseconds a scene.
+
+    Args:
+        what: is timed; the row's name.
+        timing: of calls.
+        scenes: a call.
+        more: cells of the row.
+    """
+
+    def milliseconds(seconds: float) -> float:
+        return float(f"{1e3 * seconds / scenes:.4g}")
+
+    return {
+        "what": what,
+        "unit": "ms" if scenes == 1 else "ms a scene",
+        "median": milliseconds(timing.median_s),
+        "min": milliseconds(timing.min_s),
+        "max": milliseconds(timing.max_s),
+        "n": timing.n,
+        **more,
+    }
+
+
+def left_out(what: str, why: str) -> Row:
+    """The row of what was not measured."""
+    return {"what": what, "note": f"left out: {why}"}
+
+
+def package(name: str) -> ModuleType | None:
+    """An optional package; None where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return None
 
 
 def provenance() -> dict[str, Any]:

@@ -11,7 +11,8 @@ import pytest
 from scipy.sparse import csr_matrix, diags_array
 
 from benchmarks.common.screened_system import angles_of
-from benchmarks.potential import Config, _hindsight, _least, main
+from benchmarks.linear_solvers import hindsight, least
+from benchmarks.potential import Config, main
 
 TINY = Config(
     shape=(21, 21, 21), maps=("downtown",), crop="", sizes=(21,), batches=(), repeats=1, starts=1, margin=2.0,
@@ -54,8 +55,8 @@ def test_angles_are_those_of_plane_waves() -> None:
 
 
 def test_fewest_iterations_are_found() -> None:
-    assert _least(lambda count: (min(count / 37, 1.0), 1.0), (1.0, 1.0)) == 37
-    assert _least(lambda count: (0.5, 0.5), (1.0, 1.0)) == 2048
+    assert least(lambda count: (min(count / 37, 1.0), 1.0), (1.0, 1.0)) == 37
+    assert least(lambda count: (0.5, 0.5), (1.0, 1.0)) == 2048
 
 
 def test_hindsight_stops_when_good_and_keeps_the_best_of_a_stall() -> None:
@@ -70,7 +71,7 @@ def test_hindsight_stops_when_good_and_keeps_the_best_of_a_stall() -> None:
         return share, share
 
     # A tridiagonal matrix with its source at one end needs one iteration a voxel.
-    count, found = _hindsight(right, (1.0, 1.0), matrix, source, lambda: None)
+    count, found = hindsight(right, (1.0, 1.0), matrix, source, lambda: None)
     assert (count, found) == (n, (1.0, 1.0))
-    count, found = _hindsight(lambda x: (0.5, 0.5), (1.0, 1.0), matrix, source, lambda: None)
+    count, found = hindsight(lambda x: (0.5, 0.5), (1.0, 1.0), matrix, source, lambda: None)
     assert (count, found) == (10, (0.5, 0.5))
