@@ -1,13 +1,17 @@
 """Certified flight paths for UAVs in cities: a Maxwell conduction potential, solved and climbed in pure JAX."""
 
-from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan
-from maxjax.core.grid import Grid
-from maxjax.core.status import Status
-from maxjax.fields.conductivity import conductivity
-from maxjax.fields.occupancy import Occupancy, dilate, voxelize
-from maxjax.planning.judge import Verification, verify
-from maxjax.planning.planner import Plan
-from maxjax.solvers.potential import Potential, solve_potential
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan
+    from maxjax.core.grid import Grid
+    from maxjax.core.status import Status
+    from maxjax.fields.conductivity import conductivity
+    from maxjax.fields.occupancy import Occupancy, dilate, voxelize
+    from maxjax.planning.judge import Verification, verify
+    from maxjax.planning.planner import Plan
+    from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [
     "Grid",
@@ -27,3 +31,28 @@ __all__ = [
     "verify",
     "voxelize",
 ]
+
+# Modules that define the public names. A name is imported when it is first used, so that the command line handles
+# Ctrl-C and shows its help before JAX is loaded.
+_MODULES = {
+    "maxjax.api": ("PlanBatch", "plan", "plan_batch", "plan_fleet", "plan_scan"),
+    "maxjax.core.grid": ("Grid",),
+    "maxjax.core.status": ("Status",),
+    "maxjax.fields.conductivity": ("conductivity",),
+    "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
+    "maxjax.planning.judge": ("Verification", "verify"),
+    "maxjax.planning.planner": ("Plan",),
+    "maxjax.solvers.potential": ("Potential", "solve_potential"),
+}
+
+if not TYPE_CHECKING:  # which would take any name for a public one
+
+    def __getattr__(name: str) -> object:
+        for module, names in _MODULES.items():
+            if name in names:
+                globals()[name] = getattr(importlib.import_module(module), name)
+                return globals()[name]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

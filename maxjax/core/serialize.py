@@ -31,6 +31,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maxjax.core.interruption import finishing
+
 T = TypeVar("T")
 
 _FORMAT = "maxjax pytree 1"
@@ -52,17 +54,18 @@ def atomic_write(path: str | os.PathLike[str], content: str | bytes) -> None:
     path = Path(path)
     # In the same folder, since only a rename within one file system is atomic.
     temporary = path.parent / f".{secrets.token_hex(8)}.tmp"
-    try:
-        with open(temporary, "xb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-            file.flush()
-            # Without this, a power cut after the rename may leave an empty file under the final name.
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
+    with finishing(temporary):
+        try:
+            with open(temporary, "xb") as file:
+                file.write(content.encode() if isinstance(content, str) else content)
+                file.flush()
+                # Without this, a power cut after the rename may leave an empty file under the final name.
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
 
 
 def save_pytree(path: str | os.PathLike[str], tree: Any, *, metadata: Mapping[str, Any] | None = None) -> None:
