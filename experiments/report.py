@@ -49,7 +49,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("differentiable_learning", "differentiable.learning"),
         ("differentiable_sensitivity", "differentiable.sensitivity"),
     ),
-    "Ablations": (("ablations", "ablations"), ("ablations_closed_loop", "ablations")),
+    "Ablations": (("ablations", "ablations.tables"), ("ablations_closed_loop", "ablations.tables")),
 }
 
 # Table and the result files that it takes, of the chapter on speed.

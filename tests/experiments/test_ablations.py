@@ -16,8 +16,11 @@ from scipy import ndimage
 pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
 
 import maxjax
-from experiments import ablations
-from experiments.ablations import FLIGHTS, GROUPS, TINY, bare, main, section, smooth
+from experiments.ablations import study
+from experiments.ablations.parts import bare, smooth
+from experiments.ablations.study import TINY, main
+from experiments.ablations.tables import section
+from experiments.ablations.variants import FLIGHTS, GROUPS
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.outcomes import Outcome
 
@@ -120,7 +123,7 @@ def test_every_condition_of_the_closed_loop_is_flown(tmp_path: Path, monkeypatch
             for k in campaign.trials
         ]
 
-    monkeypatch.setattr(ablations, "fly_trials", stand_in)
+    monkeypatch.setattr(study, "fly_trials", stand_in)
     rows = main(dataclasses.replace(TINY, closed_loop=True, out=tmp_path))
     assert [(c.config.snapshot, c.config.reactive) for c in flown] == list(FLIGHTS.values())
     assert [row["arrived"] for row in rows] == [1] * len(FLIGHTS)
