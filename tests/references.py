@@ -9,6 +9,8 @@ import numpy as np
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
 
+from maxjax import Grid
+
 
 def grid_graph(blocked: np.ndarray) -> sparse.csr_matrix:
     """Graph of all 26-neighbour steps whose spanned block is free; node i is voxel i of the ravelled grid.
@@ -70,6 +72,11 @@ def touched(
     start, stop = (tuple(map(Fraction, p.tolist())) for p in (a, b))
     times = {v: entry_time(start, stop, v, Fraction(grown)) for v in itertools.product(*map(range, shape))}
     return {v: t for v, t in times.items() if t is not None}
+
+
+def to_world(u: np.ndarray, grid: Grid) -> np.ndarray:
+    """Index coordinates, voxel i being [i, i + 1], in metres of the world frame."""
+    return np.array(grid.origin) + grid.spacing * (np.asarray(u, float) - 0.5)
 
 
 def conduction_matrix(sigma: np.ndarray, leak: float, grounded: bool) -> sparse.csr_matrix:

@@ -1,4 +1,4 @@
-"""The judge is exact: by rational arithmetic, by bounded least squares, along edges and through corners."""
+"""The judge is exact: by rational arithmetic, along edges and through corners, near the origin and far from it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from references import touched
-from scipy.ndimage import binary_erosion
-from scipy.optimize import lsq_linear
+from references import to_world, touched
 
-from maxjax import Grid, Status
-from maxjax.planning.baselines.astar import astar
+from maxjax import Grid
 from maxjax.planning.judge import touched_voxels, verify, verify_batch
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
@@ -25,11 +22,6 @@ quarters = st.integers(-3, 23).map(lambda n: n / 4)
 lattice_points = st.tuples(quarters, quarters, quarters).map(np.array)
 coordinates = st.one_of(st.floats(-1, 6), st.integers(-1, 6).map(float))
 points = st.tuples(coordinates, coordinates, coordinates).map(np.array)
-
-
-def world(u: np.ndarray, grid: Grid) -> np.ndarray:
-    """Index coordinates (voxel i being [i, i + 1]) in metres."""
-    return np.array(grid.origin) + grid.spacing * (np.asarray(u, float) - 0.5)
 
 
 def as_set(voxels: np.ndarray) -> set[tuple[int, ...]]:
@@ -46,7 +38,7 @@ def as_set(voxels: np.ndarray) -> set[tuple[int, ...]]:
 def test_touches_exactly_the_closed_cubes_that_lattice_segments_meet(a: np.ndarray, b: np.ndarray) -> None:
     """Face, edge and corner contacts are everywhere here; near misses are far wider than the tolerance."""
     expected = touched(a, b, GRID.shape)
-    voxels = touched_voxels(world(a, GRID), world(b, GRID), GRID)
+    voxels = touched_voxels(to_world(a, GRID), to_world(b, GRID), GRID)
     assert as_set(voxels) == set(expected)
     times = [float(expected[tuple(v)]) for v in voxels.tolist()]
     assert all(s <= t + 1e-4 for s, t in itertools.pairwise(times))  # the tolerance may swap simultaneous entries
@@ -93,96 +85,6 @@ def test_first_hit_is_the_first_blocked_cube_along_the_path(seed: int, length: i
         # Cubes entered at the same time are equally first.
         assert result.first_hit in {v for k, t, v in hits if k == first[0] and t - first[1] < 1e-4}
         assert blocked[result.first_hit]
-
-
-def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.ndarray | int = 1) -> float:
-    """Distance from a segment to a closed box of voxels: bounded least squares over t and the nearest point."""
-    matrix = np.column_stack([b - a, -np.eye(3)])
-    bounds = (np.array([0.0, *voxel]), np.array([1.0, *(voxel + size)]))
-    return math.sqrt(2 * lsq_linear(matrix, -a, bounds, method="bvls", tol=1e-14).cost)
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    length=st.integers(1, 4),
-    count=st.integers(1, 12),
-    lattice=st.booleans(),
-    spacing=st.sampled_from([1.0, 0.3, 2.0]),
-    widest=st.sampled_from([14, 60]),
-)
-def test_clearance_is_the_least_distance(
-    seed: int, length: int, count: int, lattice: bool, spacing: float, widest: int
-) -> None:
-    """Also where the nearest voxel lies beyond the window that is searched first, and where ground is nearer."""
-    rng = np.random.default_rng(seed)
-    grid = Grid(tuple(rng.integers(1, widest, 3).tolist()), spacing)
-    path = rng.random((length, 3)) * np.minimum(grid.shape, 14)
-    path = np.round(path) if lattice else path
-    voxels = rng.integers(0, grid.shape, (count, 3))
-    occupied = np.zeros(grid.shape, bool)
-    occupied[tuple(voxels.T)] = True
-    segments = list(itertools.pairwise(path)) or [(path[0], path[0])]
-    expected = min(bounded_distance(a, b, v) for a, b in segments for v in voxels)
-    ground = ~occupied & (rng.random(grid.shape) < rng.choice([0.0, 0.3]))
-    result = verify(world(path, grid), np.zeros(grid.shape, bool), occupied | ground, grid, ground=ground)
-    assert result.clearance == pytest.approx(spacing * expected, rel=1e-6, abs=1e-6 * spacing)
-    assert result.length == pytest.approx(spacing * sum(np.linalg.norm(b - a) for a, b in segments))
-
-
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), largest=st.sampled_from([1, 6, 40]))
-def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, largest: int) -> None:
-    """Whole buildings, next to one path and far from another; maps may share their memory."""
-    rng = np.random.default_rng(seed)
-    grid = Grid((45, 31, 58), 2.0, (-10.0, 0.0, 5.0))
-    paths = [rng.random((length, 3)) * rng.choice([(4, 4, 4), grid.shape]) for length in rng.integers(1, 6, 4)]
-    corners = rng.integers(0, grid.shape, (2, 3, 3))
-    sizes = np.minimum(rng.integers(1, largest + 1, (2, 3, 3)), grid.shape - corners)
-    occupied = np.zeros((2, *grid.shape), bool)
-    for k, box in itertools.product(range(2), range(3)):
-        occupied[(k, *map(slice, corners[k, box], corners[k, box] + sizes[k, box]))] = True
-    free, which = np.broadcast_to(False, occupied.shape), np.array([1, 0, 1, 1])
-    ground = ~occupied & (np.arange(grid.shape[2]) < rng.integers(0, 3))
-    filled = occupied | ground
-    verdicts = verify_batch([world(path, grid) for path in paths], which, free, filled, grid, ground=ground)
-    for path, k, verdict in zip(paths, which, verdicts, strict=True):
-        ends = list(itertools.pairwise(path)) or [(path[0], path[0])]
-        boxes = list(zip(corners[k], sizes[k], strict=True))
-        expected = min(bounded_distance(a, b, *box) for (a, b), box in itertools.product(ends, boxes))
-        assert verdict.clearance == pytest.approx(2 * expected, rel=1e-6, abs=1e-6)
-
-
-def test_a_far_voxel_that_is_found_first_hides_no_nearer_one() -> None:
-    """Next to the box around a diagonal path lies one 14 voxels away; above that box, one 12 voxels away."""
-    grid = Grid((45, 45, 45), 1.0, (0.5, 0.5, 0.5))
-    occupied = np.zeros(grid.shape, bool)
-    occupied[30, 9, 10] = occupied[20, 20, 22] = True
-    path = np.array([[10.0, 10.0, 10.0], [30.0, 30.0, 10.0]])
-    assert verify(path, occupied, occupied, grid).clearance == 12
-
-
-def test_city_at_full_size_agrees_with_dense_sampling() -> None:
-    """A* through a dense city is legal, and samples along its path bracket the clearance."""
-    grid, rng = Grid(), np.random.default_rng(5)
-    occupied = np.zeros(grid.shape, bool)
-    for x, y in itertools.product(range(4, 95, 13), repeat=2):
-        occupied[x : x + rng.integers(4, 8), y : y + rng.integers(4, 8), : rng.integers(5, 60)] = True
-    occupied[:, :, 0] = True
-    surface = np.argwhere(occupied & ~binary_erosion(occupied, border_value=1))
-    free = np.argwhere(~occupied[:, :, :8])
-    for start, goal in rng.choice(free, (6, 2)).tolist():
-        plan = astar(occupied, tuple(start), tuple(goal))
-        assert plan.status is Status.OK
-        path = (np.array(grid.origin) + grid.spacing * plan.path).astype(np.float32)
-        result = verify(path, occupied, occupied, grid)
-        assert result.ok
-        assert result.length == pytest.approx(grid.spacing * plan.length, rel=1e-6)
-        u = plan.path + 0.5
-        samples = np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(u)])
-        gaps = [np.abs(np.maximum(np.abs(surface + 0.5 - p) - 0.5, 0)) for p in samples]
-        sampled = grid.spacing * min(np.linalg.norm(g, axis=1).min() for g in gaps)
-        assert sampled - grid.spacing * math.sqrt(3) / 16 <= result.clearance <= sampled + 1e-4
 
 
 def test_diagonals_between_closed_corners_are_hits() -> None:
@@ -261,10 +163,63 @@ def test_wrong_shapes_are_told_with_what_was_given() -> None:
         trace(np.ones(3), np.array([1, math.nan, 1]), UNIT)
 
 
-def test_grid_beyond_the_resolution_of_float32_is_refused() -> None:
+def test_grid_beyond_the_resolution_of_a_path_is_refused() -> None:
+    """There, a float32 path cannot say where it is; a float64 path can."""
     grid = Grid((3, 3, 3), 0.5, (5.8e6, 0.0, 0.0))
-    with pytest.raises(ValueError, match="float32 resolves"):
-        verify(np.array([grid.origin]), np.zeros(grid.shape, bool), np.zeros(grid.shape, bool), grid)
+    free, path = np.zeros(grid.shape, bool), np.array([grid.origin])
+    rounded = path.astype(np.float32)
+    refused = r"path of float32 resolves 0\.5 m.*5799999\.75.*float64"
+    with pytest.raises(ValueError, match=refused):
+        verify(rounded, free, free, grid)
+    with pytest.raises(ValueError, match=refused):
+        touched_voxels(rounded[0], rounded[0], grid)
+    assert verify(path, free, free, grid).ok
+    assert len(touched_voxels(path[0], path[0], grid)) == 1
+
+
+# Also a map of the Netherlands, whose northings are hundreds of kilometres.
+ORIGINS = [(0.0, 0.0, 0.0), (1000.0, 10_000.0, 0.0), (84_888.0, 447_501.0, 0.0), (1e6, 1e6, 1e6)]
+
+
+@pytest.mark.parametrize("spacing", [1.0, 2.0, 0.7])
+def test_a_float64_path_has_one_verdict_wherever_its_map_lies(spacing: float) -> None:
+    rng = np.random.default_rng(8)
+    shape = (17, 19, 12)
+    maps = rng.random((3, *shape)) < np.array([0.002, 0.01, 0.1])[:, None, None, None]
+    maps[:, 8, :12, :] = True
+    grown = maps | (rng.random(maps.shape) < 0.002)
+    paths = [rng.uniform(0.5, np.array(shape) - 0.5, (n, 3)) for n in rng.integers(1, 7, 90)]
+    which = rng.integers(0, 3, len(paths))
+    near, *far = (
+        verify_batch([to_world(path, grid) for path in paths], which, grown, maps, grid)
+        for grid in (Grid(shape, spacing, origin) for origin in ORIGINS)
+    )
+    assert 10 < sum(verdict.ok for verdict in near) < 80
+    for expected, *others in zip(near, *far, strict=True):
+        for verdict in others:
+            assert (verdict.ok, verdict.first_hit) == (expected.ok, expected.first_hit)
+            assert verdict.length == pytest.approx(expected.length, abs=1e-8)
+            assert verdict.clearance == pytest.approx(expected.clearance, abs=1e-8)
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+@settings(max_examples=60, deadline=None)
+@given(axis=st.integers(0, 2), side=st.sampled_from([-1, 1]), seed=st.integers(0, 2**32 - 1))
+def test_a_thousandth_of_a_voxel_is_told_apart_at_every_origin(
+    origin: tuple[float, float, float], axis: int, side: int, seed: int
+) -> None:
+    """Across the middle of a blocked cube's face: 0.001 voxel outside it is free, 0.001 voxel inside it a contact."""
+    grid, rng = Grid((9, 8, 7), 1.0, origin), np.random.default_rng(seed)
+    blocked = np.zeros(grid.shape, bool)
+    cube = rng.integers(2, 5, 3)
+    blocked[tuple(cube)] = True
+    for outside in (1e-3, -1e-3):
+        path = cube + 0.5 + np.outer([-1, 1], rng.uniform(-2, 2, 3))
+        path[:, axis] = cube[axis] + 0.5 + side * (0.5 + outside)
+        verdict = verify(to_world(path, grid), blocked, blocked, grid)
+        assert verdict.ok == (outside > 0)
+        assert verdict.first_hit == (None if outside > 0 else tuple(cube))
+        assert verdict.clearance == pytest.approx(max(outside, 0), abs=1e-8)
 
 
 def test_a_batch_is_its_paths_one_by_one() -> None:
