@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import csv
 import errno
+import importlib.util
 import io
 import itertools
 import json
@@ -22,7 +23,7 @@ import pytest
 from scipy import ndimage
 
 from maxjax import Grid, Status, verify
-from maxjax.cli import check, main
+from maxjax.cli import check, main, report
 from maxjax.cli.commands import _train
 from maxjax.cli.demo import corners
 from maxjax.maps import PointCloud, load_map
@@ -115,7 +116,9 @@ def test_out_holds_summary_path_and_figure(terminal: Terminal, tmp_path: Path, s
     found = json.loads((out / "plan.json").read_text())
     rows = list(csv.reader(io.StringIO((out / "path.csv").read_text())))
     assert rows[0] == ["x_m", "y_m", "z_m"]
-    np.testing.assert_array_equal(np.array(rows[1:], float), np.array(found["path"]))
+    path = np.array(rows[1:], float)
+    np.testing.assert_array_equal(path, np.array(found["path"]))
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).min() > 1e-3
     assert (out / "plan.png").read_bytes().startswith(b"\x89PNG")
     assert f"{found['length']:.2f} m" in text
     assert ("maxjax" in text.splitlines()[2]) == (method == "solver")  # beside it, always A*
@@ -432,6 +435,10 @@ def test_demo_passes_a_corner_and_draws_it(terminal: Terminal, tmp_path: Path) -
     assert 60 <= np.linalg.norm(goal - start) <= 91
     for end in (start, goal):
         assert 3 <= end[2] <= 15
+    # The path is the same through its file, without two points in one place.
+    path = np.loadtxt(tmp_path / "path.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(path, np.array(found["path"]))
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).min() > 1e-3
     # The true city stands in the straight line, and clear of the path.
     buildings = occupied & ~ground
     assert not verify(np.stack([start, goal]), buildings, buildings, grid).ok
@@ -457,6 +464,8 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     assert out.strip().endswith("all good")
     for piece in ("jax", "mujoco", "devices", "residual", "certificate"):
         assert piece in out
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    assert "pip install 'maxjax[viz]'" in terminal("check")[1]
     monkeypatch.setattr(check, "versions", lambda: {"jax": "0.10.2", "mujoco": "3.17.0", "mujoco-mjx": "3.16.0"})
     monkeypatch.setattr(check, "_RESIDUAL", 0.0)
     code, out, err = terminal("check")
@@ -464,6 +473,17 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     assert "all good" not in out
     for piece in ("miscompiles", "does not match", "residual"):
         assert piece in err
+
+
+def test_text_in_brackets_is_printed_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:
+    text = "[viz] :house: [/]"
+    report.show(report.table(text, {text: {text: text}}))
+    report.complain(text)
+    with report.progress(text):
+        pass
+    out, err = capfd.readouterr()
+    assert out.count(text) == 4
+    assert err == f"{text}\n{text} ...\n"
 
 
 def test_as_a_module_in_a_process_of_its_own(tmp_path: Path) -> None:

@@ -40,15 +40,20 @@ FIRST_FLIGHT = "the first flight compiles, a minute or two"
 _QUIET = 5.0
 
 
+def _console(*, stderr: bool = False) -> Console:
+    """A console that shows text as it is: no `[tags]`, no `:names:` of emoji."""
+    return Console(stderr=stderr, markup=False, emoji=False)
+
+
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[None]:
     """Show on stderr what is being done, on a terminal with a running clock."""
-    console = Console(stderr=True)
+    console = _console(stderr=True)
     if not console.is_terminal:
         console.print(f"{what} ...", highlight=False, soft_wrap=True)
         yield
         return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         bar.add_task(what, total=None)
         yield
@@ -62,7 +67,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
         A function (done, arrived, computed) to call as trials finish: how many more, how many of them arrived, and how
         many of them took time, the others having been there before.
     """
-    console = Console(stderr=True)
+    console = _console(stderr=True)
     begun = shown = time.monotonic()
     done = arrived = 0
     computed: list[tuple[float, int]] = []
@@ -80,7 +85,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
         return text + f", about {_clock(each * (total - done))} left" * (done < total)
 
     if console.is_terminal:
-        columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
         bar = Progress(*columns, console=console, transient=True)
     else:
         bar = None
@@ -230,14 +235,14 @@ def describe(plan: Plan, asked: float, start: Point3, goal: Point3) -> dict[str,
 
 def show(*tables: Table) -> None:
     """Print tables on stdout."""
-    console = Console()
+    console = _console()
     for one in tables:
         console.print(one)
 
 
 def complain(message: str) -> None:
     """Print a sentence on stderr."""
-    Console(stderr=True).print(message, highlight=False, soft_wrap=True, markup=False)
+    _console(stderr=True).print(message, highlight=False, soft_wrap=True)
 
 
 def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:

@@ -294,13 +294,14 @@ def _metres(
     path: Float[np.ndarray, "t 3"], start: Float[np.ndarray, " 3"], goal: Float[np.ndarray, " 3"], grid: Grid
 ) -> Float[np.ndarray, "s 3"]:
     """World coordinates of a path, without repeated points."""
-    world = np.asarray(grid.origin) + grid.spacing * path.astype(np.float64)
+    # Before the ends are set: those of a path of fewer points than the array holds are repeated in index coordinates.
+    x, y, z = (path[1:] != path[:-1]).T
+    world = np.asarray(grid.origin) + grid.spacing * path[np.concatenate([[True], x | y | z])].astype(np.float64)
     # To the bit where given, unless `pose` moved an end off the face of a blocked voxel.
     for end, given in ((0, start), (-1, goal)):
         if np.abs(world[end] - given).max() < 1e-4 * grid.spacing:
             world[end] = given
-    x, y, z = (world[1:] != world[:-1]).T
-    return np.asarray(world[np.concatenate([[True], x | y | z])].astype(np.float32))
+    return np.asarray(world.astype(np.float32))
 
 
 # Paths that are verified in one go, and maps that these may span: so few that they stay in a core's cache.
