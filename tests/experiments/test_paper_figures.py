@@ -13,8 +13,11 @@ import pytest
 pytest.importorskip("matplotlib")
 from PIL import Image
 
-from experiments import paper_figures
-from experiments.paper_figures import TINY, main, volumes_of, weights_of, worst_flights
+from experiments.paper_figures import planned as module
+from experiments.paper_figures.architecture import volumes_of, weights_of
+from experiments.paper_figures.flights import worst_flights
+from experiments.paper_figures.planned import Choice, planned
+from experiments.paper_figures.study import TINY, main
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.nn.autoencoder import CONFIGS, apply, init
@@ -86,6 +89,6 @@ def test_flights_are_left_out_without_a_folder(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_a_problem_that_cannot_be_solved_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper_figures, "problems", lambda *_: [])
+    monkeypatch.setattr(module, "problems", lambda *_: [])
     with pytest.raises(ValueError, match="candidates: expected one of 1 problems of downtown"):
-        paper_figures.field_of("downtown", dataclasses.replace(TINY, seed=9))
+        planned("downtown", Choice(TINY.candidates, TINY.shape, TINY.margin, seed=9))

@@ -1,0 +1,114 @@
+"""The problem that a figure shows: its plan, conductivity and potential."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+import maxjax
+from benchmarks.common.problems import Problem, problems
+from maxjax.planning.planner import Stopwatch, potential_field
+from maxjax.viz import figures as style
+
+
+@dataclasses.dataclass(frozen=True)
+class Planned:
+    """A planned problem and its fields.
+
+    Attributes:
+        problem: see there.
+        grid: of it.
+        plan: by the solver.
+        blocked: within the margin of the plan.
+        sigma, phi: conductivity and potential there.
+    """
+
+    problem: Problem
+    grid: maxjax.Grid
+    plan: maxjax.Plan
+    blocked: Bool[np.ndarray, "nx ny nz"]
+    sigma: Float[np.ndarray, "nx ny nz"]
+    phi: Float[np.ndarray, "nx ny nz"]
+
+    @property
+    def obstacle(self) -> Bool[np.ndarray, "nx ny nz"]:
+        """Occupied voxels, ground left out."""
+        return np.asarray(self.problem.occupied & ~self.problem.ground)
+
+    @property
+    def log_potential(self) -> Float[np.ndarray, "nx ny nz"]:
+        """Its logarithm; NaN where no current flows."""
+        return np.asarray(np.log(np.where(self.phi > 0, self.phi, np.nan)))
+
+    @property
+    def normalised(self) -> Float[np.ndarray, "nx ny nz"]:
+        """The log-potential from 0, the least of the map, to 1 at the goal."""
+        return np.asarray(1 - self.log_potential / np.nanmin(self.log_potential))
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """What a problem is chosen from.
+
+    Attributes:
+        candidates: problems of a map.
+        shape: of the grid, voxels of 2 m around the origin.
+        margin: [m].
+        seed: of the cities.
+    """
+
+    candidates: int
+    shape: tuple[int, int, int]
+    margin: float
+    seed: int
+
+
+@functools.lru_cache(maxsize=4)
+def planned(name: str, choice: Choice) -> Planned:
+    """A solved problem: of those with the largest margin, in free space at the goal's height, the longest detour.
+
+    Raises:
+        ValueError: if no problem of the map is solvable.
+    """
+    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), choice.shape, 2.0)
+    best: tuple[tuple[float, ...], Problem, maxjax.Plan, np.ndarray] | None = None
+    for problem in problems(name, choice.candidates, choice.seed, grid):
+        plan = maxjax.plan(
+            problem.occupied, problem.start, problem.goal, grid, margin=choice.margin, ground=problem.ground
+        )
+        if plan.status != maxjax.Status.OK:
+            continue
+        volume = jnp.asarray(problem.occupied)
+        blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(problem.ground)))
+        sampled = dense(plan.path.astype(np.float64), 0.5)[:, :2]
+        x, y = np.floor((sampled - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
+        clear = float(np.mean(~blocked[x, y, style.level_of(grid, float(problem.goal[2]))]))
+        rank = (plan.margin, min(clear, 0.95), plan.length / math.dist(problem.start, problem.goal))
+        if best is None or rank > best[0]:
+            best = rank, problem, plan, blocked
+    if best is None:
+        raise ValueError(f"candidates: expected one of {choice.candidates} problems of {name} to be solvable")
+    _, problem, plan, blocked = best
+    goal = grid.index_of(jnp.asarray(problem.goal))
+    sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
+    # The program that the plan was made by.
+    phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential, Stopwatch()).phi
+    return Planned(problem, grid, plan, blocked, np.asarray(sigma), np.asarray(phi))
+
+
+def ends(found: Planned) -> tuple[np.ndarray, np.ndarray]:
+    """X and y of start and goal [m]."""
+    x, y, _ = np.stack([found.problem.start, found.problem.goal]).T.astype(np.float64)
+    return x, y
+
+
+def dense(path: np.ndarray, step: float) -> np.ndarray:
+    """A point every `step` metres."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / step)))
+    return np.stack([np.interp(at, along, path[:, axis]) for axis in range(3)], axis=-1)
