@@ -28,7 +28,9 @@ import numpy as np
 import tyro
 
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
-from maxjax.campaigns.campaign import Campaign, Table, draw_trials, fly_batch, world_of
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
+from maxjax.campaigns.outcomes import Table
 from maxjax.core.status import Status
 from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
 

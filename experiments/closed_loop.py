@@ -25,7 +25,8 @@ import tyro
 
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
-from maxjax.campaigns.campaign import Campaign, fly_trials
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig

@@ -42,7 +42,8 @@ from benchmarks.common.oracle import judge
 from benchmarks.common.problems import Problem, case_of, draw_ends
 from experiments import random_problems as offline
 from maxjax.campaigns import trials as rules
-from maxjax.campaigns.campaign import FINDERS, on_host
+from maxjax.campaigns.campaign import FINDERS
+from maxjax.campaigns.outcomes import on_host
 from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm

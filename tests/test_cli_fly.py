@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.campaigns import campaign as module
+from maxjax.campaigns import execution as module
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, main, report

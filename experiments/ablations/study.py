@@ -23,7 +23,8 @@ from benchmarks.common.problems import Problem, case_of, problems
 from experiments.ablations.parts import bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
 from experiments.closed_loop import figures_of
-from maxjax.campaigns.campaign import Campaign, fly_trials
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import summarise
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE

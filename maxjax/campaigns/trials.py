@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid
 from maxjax.core.streams import named
+from maxjax.core.threads import concurrently
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import dilate
 from maxjax.worlds.distance import distances, horizontal_distance
@@ -98,11 +99,11 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
         raise ValueError(f"indices: expected a sequence of at least one, given {indices}")
     if seed < 0 or wanted.min() < 0 or wanted.max() >= 2**31 or seed + wanted.max() // CITY_TRIALS >= 2**31:
         raise ValueError(f"trial: expected seed and indices from 0 to 2^31 - 1, given seed {seed} and {indices}")
-    blocks, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
+    groups, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
     key = named(jax.random.key(seed), f"trials {name}")
     tables = [
-        draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * block))
-        for block, (geoms, air) in zip(blocks, _truths(name, [int(seed + b) for b in blocks]), strict=True)
+        draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * group))
+        for group, (geoms, air) in zip(groups, _truths(name, [int(seed + group) for group in groups]), strict=True)
     ]
     rows = jnp.asarray(CITY_TRIALS * place + wanted % CITY_TRIALS)
     start, goal, valid, excluded = (jnp.concatenate(column)[rows] for column in zip(*tables, strict=True))
@@ -115,10 +116,10 @@ def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "
     def voxels(geoms: Geoms) -> tuple[np.ndarray, np.ndarray]:
         return occupancy(geoms, TRUTH)
 
-    with ThreadPoolExecutor() as pool:
-        geoms = [make_scene(name, city).geoms for city in cities]
-        for solids, (occupied, ground) in zip(geoms, pool.map(voxels, geoms), strict=True):
-            yield solids, open_air(jnp.asarray(occupied), jnp.asarray(ground))
+    geoms = [make_scene(name, city).geoms for city in cities]
+    maps = concurrently(voxels, geoms, os.cpu_count() or 1)
+    for solids, (occupied, ground) in zip(geoms, maps, strict=True):
+        yield solids, open_air(jnp.asarray(occupied), jnp.asarray(ground))
 
 
 @jax.jit

@@ -12,16 +12,17 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.campaigns.campaign import Campaign, draw_trials, fly_trials, on_host, outcome_of, watch, world_of
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import draw_trials, fly_trials, world_of
 from maxjax.campaigns.ledger import Ledger
-from maxjax.campaigns.outcomes import Outcome, summarise
+from maxjax.campaigns.outcomes import Outcome, on_host, outcome_of, summarise
 from maxjax.cli import report
 from maxjax.core.grid import Grid
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import Flight, FlightConfig
+from maxjax.sim.flight import Flight, FlightConfig, watch
 from maxjax.viz.flights import Look
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms

@@ -17,7 +17,9 @@ Frames: world, ENU, metres.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +29,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from maxjax.core.batching import settle
 from maxjax.core.status import Status
 from maxjax.core.streams import ITERATIONS, Stream, stream
+from maxjax.core.threads import interruptible
 from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
@@ -41,7 +44,7 @@ from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene
 
-__all__ = ["Flight", "FlightConfig", "FlightLog", "World", "fly", "stages_of", "take_off"]
+__all__ = ["Flight", "FlightConfig", "FlightLog", "World", "fly", "stages_of", "take_off", "watch"]
 
 Stage = Callable[[World, Flight], Flight]
 
@@ -76,19 +79,42 @@ def fly(
     if not 1 <= config.plans <= ITERATIONS:
         raise ValueError(f"plans: expected 1 to {ITERATIONS}, given {config.plans}")
     world = World(geoms, start, goal, key, config.disturbances)
-    flight = take_off(world, config)
-    stages = stages_of(config)
 
     def going(_: World, flight: Flight) -> Bool[Array, ""]:
         return ~flight.done
+
+    # Most trials of a set need about as many iterations; the few that need more are then computed by themselves.
+    return settle(going, iteration_of(config), world, take_off(world, config), parts=8).log
+
+
+def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
+    """`fly` with its loop on the host: the flight before its first planning iteration, and after each.
+
+    For inspection of everything that evolves; up to rounding the flight is that of `fly`.
+    """
+    begin, iterate = jax.jit(functools.partial(take_off, config=config)), jax.jit(iteration_of(config))
+
+    def completed(function: Callable[..., Flight], *arguments: Any) -> Flight:
+        flight: Flight = interruptible(lambda: jax.block_until_ready(function(*arguments)))
+        return flight
+
+    flight = completed(begin, world)
+    yield flight
+    while not flight.done:
+        flight = completed(iterate, world, flight)
+        yield flight
+
+
+def iteration_of(config: FlightConfig) -> Stage:
+    """One planning iteration: its stages one after the other."""
+    stages = stages_of(config)
 
     def iterate(world: World, flight: Flight) -> Flight:
         for stage in stages:
             flight = stage(world, flight)
         return flight
 
-    # Most trials of a set take about as many iterations; the few that take long go on by themselves.
-    return settle(going, iterate, world, flight, parts=8).log
+    return iterate
 
 
 def stages_of(config: FlightConfig) -> tuple[Stage, ...]:

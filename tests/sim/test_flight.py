@@ -10,14 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from maxjax.campaigns.campaign import watch
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
 from maxjax.planning.judge import verify
 from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
-from maxjax.sim.flight import Flight, FlightConfig, World
+from maxjax.sim.flight import Flight, FlightConfig, World, watch
 from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane

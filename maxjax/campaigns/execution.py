@@ -1,0 +1,200 @@
+"""A campaign in batches over devices, kept in its folder as they finish.
+
+A batch is `fly` under `vmap`, one compiled program; each device flies an equal part, and the last batch is filled up
+with copies. With a folder, the outcomes of each batch are in its ledger before the next one flies, and a campaign that
+was killed goes on from there.
+
+Device work runs in daemon threads (`core.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two writes
+of the ledger, while a device program that runs goes on. A process that is to end before that program has to end
+without the interpreter's clean-up (`os._exit`).
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.errors import JaxRuntimeError
+from jaxtyping import Array, Float, Key
+
+from maxjax.campaigns.batch_size import first_size, halved, round_up
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.outcomes import Outcome, Table, on_host, outcome_of
+from maxjax.campaigns.trials import draw_many
+from maxjax.core.threads import concurrently, interruptible
+from maxjax.sim.flight import FlightConfig, FlightLog, World, fly
+from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.scenes import make_scene
+
+
+def fly_trials(
+    campaign: Campaign,
+    *,
+    batch: int | None = None,
+    folder: Path | None = None,
+    devices: Sequence[jax.Device] | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Iterator[list[Outcome]]:
+    """Fly a campaign, or what is missing of it.
+
+    Args:
+        campaign: what to fly.
+        batch: flights at a time, rounded up to a multiple of the number of devices; None: what suits the devices.
+        folder: where to keep outcomes and positions; made if missing. None: nowhere.
+        devices: to fly on; None: all.
+        warn: called with a sentence when a batch did not fit and is split.
+
+    Yields:
+        Outcomes, one a trial in all: first those that the folder holds already, then those of trials that cannot be
+        flown, then those of each batch as it finishes.
+
+    Raises:
+        ValueError: if the folder holds another campaign, or damaged files; for a batch below 1.
+        MemoryError: if not even one flight fits.
+        OSError: if the folder cannot be written.
+        KeyboardInterrupt: at once, without waiting for the batch that flies; the folder is whole.
+    """
+    devices = jax.devices() if devices is None else devices
+    if batch is not None and batch < 1:
+        raise ValueError(f"batch: expected at least 1, given {batch}")
+    ledger = None if folder is None else campaign.ledger(folder)
+    known = {} if ledger is None else dict(ledger.outcomes)
+    if known:
+        yield list(known.values())
+    if len(known) == len(campaign.trials):
+        return
+
+    drawn = interruptible(lambda: draw_trials(campaign))
+    invalid = [outcome_of(campaign, drawn, int(row)) for row in np.nonzero(~drawn["valid"])[0]]
+    invalid = [outcome for outcome in invalid if outcome.trial not in known]
+    if invalid:
+        if ledger is not None:
+            ledger.append(invalid)
+        yield invalid
+    if np.any(drawn["valid"]):
+        before = None if ledger is None else ledger.batch
+        size = first_size(campaign.config, devices, batch or before, warn)
+        yield from _fly_drawn(campaign, drawn, size, ledger, devices, warn)
+
+
+def _fly_drawn(
+    campaign: Campaign,
+    drawn: Table,
+    size: int,
+    ledger: Ledger | None,
+    devices: Sequence[jax.Device],
+    warn: Callable[[str], None],
+) -> Iterator[list[Outcome]]:
+    """Fly the valid trials that the ledger lacks, `size` or fewer at a time; arguments as of `fly_trials`."""
+    rows = np.nonzero(drawn["valid"])[0]
+    known = frozenset() if ledger is None else frozenset(ledger.outcomes)
+    size = min(size, round_up(len(rows), len(devices)))
+    first = 0
+    while first < len(rows):
+        if ledger is not None:
+            ledger.note_batch(size)
+        chunk = rows[first : first + size]
+        indices = [campaign.trials[row] for row in chunk]
+        missing = [index for index in indices if index not in known]
+        if missing:
+            started = time.perf_counter()
+            # The whole batch though some of it be known: the composition of a batch may change its rounding.
+            try:
+                log = fly_batch(campaign, drawn, chunk, size, devices)
+            except JaxRuntimeError as error:
+                if "RESOURCE_EXHAUSTED" not in str(error):
+                    raise
+                size = halved(size, devices, warn)
+                continue
+            outcomes = [outcome_of(campaign, drawn, int(row), log, place) for place, row in enumerate(chunk)]
+            outcomes = [outcome for outcome in outcomes if outcome.trial in missing]
+            if ledger is not None:
+                ledger.keep_positions(indices, log["position"])
+                ledger.append(outcomes)
+                ledger.note_time(indices, time.perf_counter() - started)
+            yield outcomes
+        first += len(chunk)
+
+
+def fly_batch(
+    campaign: Campaign, drawn: Table, rows: Sequence[int] | np.ndarray, size: int, devices: Sequence[jax.Device]
+) -> Table:
+    """The logs of some trials; one compiled program for each `size`.
+
+    Args:
+        campaign: what to fly.
+        drawn: its trials, in order.
+        rows: the ones to fly, `size` at most.
+        size: of the batch, a multiple of the number of devices.
+        devices: to fly on.
+    """
+    if size % len(devices) or not 0 < len(rows) <= size:
+        raise ValueError(
+            f"fly_batch: expected 1 to size rows and size a multiple of {len(devices)} devices, "
+            f"given {len(rows)} rows, size {size}"
+        )
+    filled = np.asarray([*rows, *[rows[-1]] * (size - len(rows))])
+    cities, places = np.unique(drawn["city"][filled], return_inverse=True)
+    each = [_city(campaign.map, int(city)) for city in cities]
+    geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
+    keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
+    batch = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
+    logs = _fly_split(batch, campaign.flight, devices)
+    return {name: values[: len(rows)] for name, values in logs.items()}
+
+
+# Geoms, start, goal and key of each flight.
+_Batch = tuple[Geoms, Float[Array, "b 3"], Float[Array, "b 3"], Key[Array, " b"]]
+
+
+def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device]) -> Table:
+    """Fly a batch, an equal part on each device: the same program everywhere, without synchronisation between devices.
+
+    A program that spans the devices would do the same work, but XLA crashes when it compiles this one for several GPUs.
+    """
+    share = len(batch[1]) // len(devices)
+
+    def part(place: int) -> Table:
+        own = jax.tree.map(lambda x: x[place * share : (place + 1) * share], batch)
+        return on_host(_fly_part(*jax.device_put(own, devices[place]), config))
+
+    # In threads, so that the devices' programs are compiled at a time as well.
+    parts = list(concurrently(part, range(len(devices)), len(devices)))
+    return {name: np.concatenate([logs[name] for logs in parts]) for name in parts[0]}
+
+
+@jax.jit
+def _fly_part(
+    geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
+) -> FlightLog:
+    """`fly` for a part of a batch."""
+    if len(start) == 1:
+        # Under `vmap` there would be twice as much to compile.
+        only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
+        logs: FlightLog = jax.tree.map(lambda x: x[None], fly(*only, config))
+    else:
+        logs = jax.vmap(fly, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
+    return logs
+
+
+@functools.lru_cache(maxsize=256)
+def _city(name: str, seed: int) -> Geoms:
+    return make_scene(name, seed).geoms
+
+
+def draw_trials(campaign: Campaign) -> Table:
+    """The trials of a campaign, in order."""
+    return on_host(draw_many(campaign.map, campaign.seed, campaign.trials))
+
+
+def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
+    """The world of one trial, as its flight in a batch has it."""
+    key = jax.random.fold_in(campaign.key, campaign.trials[row])
+    start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
+    return World(_city(campaign.map, int(drawn["city"][row])), start, goal, key, campaign.flight.disturbances)

@@ -1,0 +1,402 @@
+"""The execution of campaigns. Its bookkeeping is tested on a flight that takes no time; what needs a process of its own
+(real flights on two devices, an interrupt) is a program at the end of this file."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.errors import JaxRuntimeError
+
+from maxjax.campaigns import batch_size
+from maxjax.campaigns import execution as module
+from maxjax.campaigns import ledger as bookkeeping
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import fly_trials
+from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, summarise
+from maxjax.campaigns.trials import Trial
+from maxjax.core.status import Status
+from maxjax.sim import flight
+from maxjax.sim.astar_finder import search
+from maxjax.sim.disturbances import Disturbances
+from maxjax.sim.flight import FlightConfig, FlightLog, World, watch
+from maxjax.sim.lidar import Lidar
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import upright_boxes
+
+# --- The bookkeeping, on flights along the straight line; some of them end badly. ---
+
+BAD_DRAW = 5
+
+
+def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
+    chance, noise = jax.random.uniform(key), jax.random.normal(jax.random.fold_in(key, 1), (20, 3))
+    along = jnp.linspace(0.0, 1.0, 20)[:, None]
+    position = start + along * (goal - start) + 0.1 * noise
+    status = jnp.where(chance < 0.2, Status.IN_CONTACT, jnp.where(chance < 0.3, Status.OUT_OF_PLANS, Status.OK))
+    steps = (5 + 20 * chance).astype(jnp.int32)
+    row = jnp.arange(20)
+    return FlightLog(
+        status=status.astype(jnp.int32),
+        position=jnp.where((row <= steps)[:, None], position, jnp.nan),
+        flown_length=jnp.linalg.norm(goal - start) * (1 + chance),
+        duration=0.1 * steps + config.disturbances.wind,
+        planning_iterations=steps,
+        failed_plans=jnp.int32(1),
+        clearance=geoms.size[0, 2] + chance,
+        margin=jnp.where(row < steps, 8.0 - 2.0 * (row % 2), jnp.nan),
+        certified=(steps - 1).astype(jnp.int32),
+    )
+
+
+def fake_draw(name: str, seed: int, indices: range) -> Trial:
+    wanted = np.asarray(indices)
+    points = np.random.default_rng(seed).uniform(-50, 50, (1000, 2, 3)).astype(np.float32)[wanted]
+    return Trial(
+        jnp.asarray(points[:, 0]),
+        jnp.asarray(points[:, 1]),
+        jnp.asarray(seed + wanted // 3, jnp.int32),
+        jnp.asarray(wanted != BAD_DRAW),
+        jnp.asarray(wanted % 2, jnp.int32),
+    )
+
+
+# Compiled once for all tests, apart from the program of real flights.
+fake_part = jax.jit(inspect.unwrap(module._fly_part))
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_fly_part", fake_part)
+    monkeypatch.setattr(module, "fly", fake_fly)
+    monkeypatch.setattr(module, "draw_many", fake_draw)
+    monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
+
+
+def flown(campaign: Campaign, **options: Any) -> list[Outcome]:
+    return [outcome for some in fly_trials(campaign, **options) for outcome in some]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """What has to be the same whatever happened on the way."""
+    found = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    del found["times.json"]
+    return found
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_trial_alone_equals_the_same_in_a_batch() -> None:
+    together = {outcome.trial: outcome for outcome in flown(Campaign("suburb", 3, range(10)), batch=4)}
+    assert sorted(together) == list(range(10))
+    for trial in (0, 7, 9):
+        (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1)))
+        assert alone == together[trial]
+    assert len({outcome.duration for outcome in together.values()}) > 3
+
+
+@pytest.mark.usefixtures("quick")
+def test_another_map_or_seed_is_another_campaign() -> None:
+    (one,), (two,), (three,) = (flown(Campaign(*which)) for which in (("suburb", 0), ("downtown", 0), ("suburb", 1)))
+    assert len({one.flown_length, two.flown_length, three.flown_length}) == 3
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
+    campaign = Campaign("suburb", 0, range(7))
+    outcomes = {outcome.trial: outcome for outcome in flown(campaign, batch=2)}
+    assert outcomes[BAD_DRAW].status == INVALID_DRAW
+    assert outcomes[BAD_DRAW].start is None
+    assert outcomes[BAD_DRAW].excluded == 1
+    summary = summarise(list(outcomes.values()))
+    assert (summary["trials"], summary["flown"], summary["invalid_draws"]) == (7, 6, 1)
+    assert BAD_DRAW not in [failure["index"] for failure in summary["failures"]]
+    (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1)))
+    assert only == outcomes[BAD_DRAW]
+    assert summarise([only])["success_rate"] is None
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_summary_is_that_of_its_outcomes() -> None:
+    campaign = Campaign("suburb", 0, range(30))
+    outcomes = flown(campaign, batch=8)
+    found = summarise(outcomes[::-1])
+    arrived = [outcome for outcome in outcomes if outcome.status == "OK"]
+    bad = [outcome for outcome in outcomes if outcome.status not in ("OK", INVALID_DRAW)]
+    assert len(bad) > 2
+    assert found["success_rate"] == len(arrived) / 29
+    assert found["collisions"] == sum(outcome.status == "IN_CONTACT" for outcome in outcomes)
+    for name in ("flown_length", "planning_iterations"):
+        values = np.array([getattr(outcome, name) for outcome in arrived])
+        np.testing.assert_allclose([found[name]["mean"], found[name]["std"]], [values.mean(), values.std()], atol=1e-4)
+    assert [failure["index"] for failure in found["failures"]] == sorted(outcome.trial for outcome in bad)
+    ratio = [outcome.flown_length / np.linalg.norm(np.subtract(outcome.start, outcome.goal)) for outcome in arrived]
+    np.testing.assert_allclose(found["detour"]["p95"], np.percentile(ratio, 95), atol=1e-3)
+    for outcome in arrived:
+        assert outcome.certified == 1.0
+        assert sum(outcome.margins.values()) == min(outcome.planning_iterations, 20)
+    json.dumps(found, allow_nan=False)
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("lines", [0, 1, 4, 6, 9])
+@pytest.mark.parametrize("torn", [b"", b'{"trial": 7, "ci'])
+def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, torn: bytes) -> None:
+    campaign = Campaign("suburb", 0, range(10), config=FlightConfig(Disturbances(wind=3.0)))
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    expected = flown(campaign, batch=4, folder=whole)
+    shutil.copytree(whole, broken)
+    rows = (broken / bookkeeping.ROWS).read_bytes().splitlines(keepends=True)
+    (broken / bookkeeping.ROWS).write_bytes(b"".join(rows[:lines]) + torn)
+    again = flown(campaign, folder=broken)
+    assert files(broken) == files(whole)
+    assert summarise(again) == summarise(expected)
+
+
+@pytest.mark.usefixtures("quick")
+def test_each_batch_is_on_the_disk_when_it_is_told(tmp_path: Path) -> None:
+    campaign = Campaign("suburb", 0, range(9))
+    run = fly_trials(campaign, batch=3, folder=tmp_path)
+    told = [*next(run), *next(run)]
+    run.close()
+    kept = campaign.ledger(tmp_path)
+    assert list(kept.outcomes.values()) == told
+    assert sorted(kept.positions()) == sorted(outcome.trial for outcome in told if outcome.flown)
+    np.testing.assert_allclose(kept.positions()[0][0], told[1].start, atol=0.5)
+    fresh = flown(campaign, folder=tmp_path)
+    assert sorted(outcome.trial for outcome in fresh) == list(range(9))
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
+    flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+    with pytest.raises(ValueError, match=r"another campaign: seed was 0 there, is 1 here"):
+        flown(Campaign("suburb", 1, range(2)), folder=tmp_path)
+    windy = FlightConfig(Disturbances(wind=1.0))
+    with pytest.raises(ValueError, match=r"disturbances was .*choose another folder"):
+        flown(Campaign("suburb", 0, range(2), config=windy), folder=tmp_path)
+    rows = tmp_path / bookkeeping.ROWS
+    rows.write_text("nonsense\n" + rows.read_text())
+    with pytest.raises(ValueError, match="line 1 is no outcome"):
+        flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+    (tmp_path / bookkeeping.CONFIG).unlink()
+    with pytest.raises(ValueError, match=r"no config\.json"):
+        flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign, most, real = Campaign("suburb", 0, range(9)), 2, module.fly_batch
+    expected = flown(campaign, batch=2)
+
+    def small(campaign: Campaign, drawn: Any, rows: Any, size: int, devices: Any) -> dict[str, np.ndarray]:
+        if size > most:
+            raise JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes.\nAnd so on.")
+        return real(campaign, drawn, rows, size, devices)
+
+    monkeypatch.setattr(module, "fly_batch", small)
+    warnings: list[str] = []
+    assert flown(campaign, batch=8, folder=tmp_path, warn=warnings.append) == expected
+    assert [("8 flights" in one, "with 4" in one) for one in warnings] == [(True, True), (False, False)]
+    assert all("does not fit" in one and "\n" not in one for one in warnings)
+    assert campaign.ledger(tmp_path).batch == 2
+    most = 0
+    with pytest.raises(MemoryError, match="one flight does not fit"):
+        flown(campaign, batch=8)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_batch_beyond_the_computers_memory_is_split_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch_size, "free_memory", lambda device: 1e9 + 3 * 70e6 + 1)
+    warnings: list[str] = []
+    assert len(flown(Campaign("suburb", 0, range(5)), batch=8, warn=warnings.append)) == 5
+    assert "going on with 2" in warnings[-1]
+
+
+def test_no_batch_is_refused() -> None:
+    with pytest.raises(ValueError, match="batch"):
+        next(fly_trials(Campaign("suburb"), batch=0))
+
+
+# --- Real flights, in a process of their own. ---
+
+TINY = FlightConfig(shape=(25, 25, 11), spacing=4.0, lidar=Lidar(rays=4096, channels=32), plans=40, period=2.0)
+FAR_BELOW = -500.0
+CASES = ("good", "start in a box", "goal in a box", "goal outside", "same", "empty scan", "maybe NaN", "way back")
+EXPECTED = {
+    "good": Status.OK,
+    "start in a box": Status.START_OCCUPIED,
+    "goal in a box": Status.GOAL_OCCUPIED,
+    "goal outside": Status.GOAL_OUTSIDE_MAP,
+    "same": Status.START_EQUALS_GOAL,
+    "empty scan": Status.EMPTY_SCAN,
+    "maybe NaN": Status.NONFINITE_INPUT,
+    "way back": Status.OK,
+}
+
+
+def town() -> Geoms:
+    rows = jnp.array([[0.0, 0.0, 4.0, 8.0, 0.0, 30.0, 0.2], [20.0, 22.0, 5.0, 5.0, 0.0, 25.0, 0.0]])
+    return concatenate([ground_plane(), upright_boxes(rows)])
+
+
+def cases(odd: tuple[float, float, float]) -> tuple[Geoms, jax.Array, jax.Array, jax.Array]:
+    here, there, inside = (-22.0, 1.0, 8.0), (22.0, -1.0, 9.0), (0.0, 0.0, 5.0)
+    ends = [
+        (here, there),
+        (inside, there),
+        (here, inside),
+        (here, (80.0, 0.0, 8.0)),
+        (here, (-21.0, 1.0, 8.0)),
+        (here, there),
+        (odd, there),
+        (there, here),
+    ]
+    city = town()
+    hollow = dataclasses.replace(city, position=city.position.at[:, 2].add(FAR_BELOW))
+    geoms = jax.tree.map(lambda *x: jnp.stack(x), *[hollow if case == "empty scan" else city for case in CASES])
+    keys = jax.vmap(jax.random.key)(jnp.arange(len(CASES)))
+    return geoms, *(jnp.array(points) for points in zip(*ends, strict=True)), keys
+
+
+def settle(going: Any, step: Any, data: Any, state: Any, *, parts: int) -> Any:
+    """What `core.lowering.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
+    return jax.lax.while_loop(lambda state: going(data, state), lambda state: step(data, state), state)
+
+
+def _real_flights(out: Path) -> None:
+    """All cases on two devices, with and without a NaN, and one flight watched from the host."""
+    flight.settle = settle
+    config = dataclasses.replace(TINY, find=search)
+    nan = float("nan")
+    logs = {
+        name: module._fly_split(cases(start), config, jax.devices())
+        for name, start in (("nan", (-22.0, nan, 8.0)), ("fine", (-22.0, 3.0, 8.0)))
+    }
+    world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
+    watched = list(watch(World(*world, config.disturbances), config))
+    module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
+    module._fly_part = fake_part
+    campaign = Campaign("suburb", 0, range(9))
+    two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
+    np.savez(
+        out / "found.npz",
+        devices=jax.device_count(),
+        periods=len(watched) - 1,
+        campaigns_agree=sorted(map(str, two)) == sorted(map(str, one)),
+        alone=watched[-1].log.position,
+        alone_status=watched[-1].log.status,
+        **{
+            f"{name}_{field.name}": log[field.name]
+            for name, log in logs.items()
+            for field in dataclasses.fields(FlightLog)
+        },
+    )
+
+
+def environment(flags: str = "") -> dict[str, str]:
+    """Of a process that runs this file."""
+    root = Path(__file__).parents[2]
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def fly_elsewhere(out: Path) -> dict[str, np.ndarray]:
+    """What `_real_flights` finds on two devices."""
+    # Compiling is nearly all that this costs, and none of what is tested depends on LLVM's optimisations.
+    flags = environment("--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0")
+    command = [sys.executable, __file__, "real flights", str(out)]
+    done = subprocess.run(command, env=flags, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-4000:]
+    with np.load(out / "found.npz") as archive:
+        return dict(archive)
+
+
+def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
+    # One test, since several would each start the process anew where tests run in parallel.
+    found = fly_elsewhere(tmp_path)
+    assert found["devices"] == 2
+    assert found["campaigns_agree"]
+
+    # Bad ends and missing scans have statuses of their own, and nothing is planned between bad ends.
+    assert {case: Status(code) for case, code in zip(CASES, found["nan_status"], strict=True)} == EXPECTED
+    for case, iterations in zip(CASES, found["nan_planning_iterations"], strict=True):
+        assert (iterations > 1) == (case in ("good", "empty scan", "way back"))
+
+    # A NaN touches no other flight.
+    odd = CASES.index("maybe NaN")
+    others = [place for place in range(len(CASES)) if place != odd]
+    for field in dataclasses.fields(FlightLog):
+        with_nan, without = found[f"nan_{field.name}"], found[f"fine_{field.name}"]
+        np.testing.assert_array_equal(with_nan[others], without[others])
+    assert found["fine_planning_iterations"][odd] > 1
+
+    # A flight that is stepped from the host equals itself in the batch, but for the rounding of two programs. In the
+    # end that may decide between two plans of one length, so the first ten seconds are compared.
+    assert found["alone_status"] == Status.OK
+    assert found["periods"] > 5
+    np.testing.assert_allclose(found["alone"][:100], found["fine_position"][0][:100], atol=0.02)
+
+
+# --- An interrupt, in a process of its own. ---
+
+SLOW = Campaign("suburb", 0, range(10))
+
+
+def _interrupted(folder: Path) -> None:
+    """Batches of which the second takes minutes, all in the program that the first one compiled."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def slow_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
+        log = fake_fly(geoms, start, goal, key, config)
+        turns = jnp.where(jnp.all(start == fake_draw("suburb", 0, range(10)).start[6]), 2**31 - 1, 1)
+        # Neither zero nor known to be one, so that no turn can be left out.
+        turned = jax.lax.fori_loop(0, turns, lambda _, x: jnp.cos(x), log.flown_length)
+        return dataclasses.replace(log, flown_length=log.flown_length + jnp.where(turned > 2.0, 1.0, 0.0))
+
+    module.fly, module.draw_many, module._city = slow_fly, fake_draw, lambda name, seed: ground_plane()
+    try:
+        for some in fly_trials(SLOW, batch=4, folder=folder):
+            print(len(some), flush=True)
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
+        os._exit(130)
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_interrupt_ends_a_running_batch_and_the_folder_goes_on(tmp_path: Path) -> None:
+    folder, whole = tmp_path / "interrupted", tmp_path / "whole"
+    command = [sys.executable, __file__, "interrupted", str(folder)]
+    with subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(2)] == ["1\n", "4\n"]  # the trial without ends, a batch
+        time.sleep(1.0)
+        assert process.poll() is None
+        sent = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        rest = process.stdout.read()
+        assert process.wait() == 130
+        assert time.monotonic() - sent < 2.0
+    assert rest == "interrupted\n"
+    lines = (folder / bookkeeping.ROWS).read_bytes()
+    assert lines.endswith(b"\n")
+    assert [json.loads(line)["trial"] for line in lines.splitlines()] == [BAD_DRAW, 0, 1, 2, 3]
+    flown(SLOW, folder=folder)
+    flown(SLOW, batch=4, folder=whole)
+    assert files(folder) == files(whole)
+
+
+if __name__ == "__main__":
+    {"real flights": _real_flights, "interrupted": _interrupted}[sys.argv[1]](Path(sys.argv[2]))
