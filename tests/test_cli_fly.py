@@ -25,7 +25,7 @@ from maxjax.core.status import Status
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
 from maxjax.sim.lidar import Scan
-from maxjax.sim.window import empty
+from maxjax.sim.rolling_map import empty
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
 
@@ -76,7 +76,7 @@ def fake_watch(world: Any, config: FlightConfig) -> Iterator[Flight]:
         flight = object.__new__(Flight)  # of its parts, those that pictures are made of
         flight.__dict__.update(
             scan=Scan(points, jnp.ones(6), jnp.arange(6) < 5),
-            window=empty(world.start, (9, 9, 5), 2.0),
+            rolling_map=empty(world.start, (9, 9, 5), 2.0),
             path=jnp.broadcast_to(world.goal, (8, 3)).at[0].set(world.start),
             log=dataclasses.replace(log, position=jnp.where(known, log.position, jnp.nan)),
         )

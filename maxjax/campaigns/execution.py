@@ -5,8 +5,7 @@ with copies. With a folder, the outcomes of each batch are in its ledger before 
 was killed goes on from there.
 
 Device work runs in daemon threads (`core.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two writes
-of the ledger, while a device program that runs goes on. A process that is to end before that program has to end
-without the interpreter's clean-up (`os._exit`).
+of the ledger, while a device program that runs goes on; it does not keep the process alive.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.campaigns.outcomes import Outcome
+from maxjax.core.interruption import finishing
 from maxjax.core.serialize import atomic_write, read_npz
 
 CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
@@ -80,9 +81,9 @@ class Ledger:
         if not outcomes:
             return
         lines = "".join(json.dumps(dataclasses.asdict(o), allow_nan=False) + "\n" for o in outcomes)
-        with open(self.folder / ROWS, "ab") as file:
+        # One call of the system's `write`: KeyboardInterrupt comes before or after it, not between two lines.
+        with finishing(), open(self.folder / ROWS, "ab", buffering=0) as file:
             file.write(lines.encode())
-            file.flush()
             os.fsync(file.fileno())
         self.outcomes.update({outcome.trial: outcome for outcome in outcomes})
 

@@ -20,7 +20,7 @@ from maxjax.cli import report
 from maxjax.core.grid import Grid
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
-from maxjax.sim import window as mapping
+from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, watch
 from maxjax.viz.flights import Look
@@ -219,9 +219,9 @@ def looks_of(flights: Sequence[Flight]) -> list[Look]:
     for flight in flights[1:]:
         position = np.asarray(flight.log.position)
         there = int(np.isfinite(position).all(axis=1).sum())
-        window = flight.window
-        solid = np.asarray(mapping.occupied(window) & ~mapping.ground(window))
-        corner = window.spacing * (np.asarray(window.corner, np.float64) - 0.5)
+        rolling_map = flight.rolling_map
+        solid = np.asarray(mapping.occupied(rolling_map) & ~mapping.ground(rolling_map))
+        corner = rolling_map.spacing * (np.asarray(rolling_map.corner, np.float64) - 0.5)
         path = np.asarray(flight.path)
         moves = np.nonzero(np.any(np.diff(path, axis=0), axis=1))[0]
         points = np.asarray(flight.scan.points)
@@ -230,7 +230,7 @@ def looks_of(flights: Sequence[Flight]) -> list[Look]:
                 scan=points[np.asarray(flight.scan.hit)],
                 known=np.asarray(solid.any(axis=2)),
                 lower=(float(corner[0]), float(corner[1])),
-                spacing=window.spacing,
+                spacing=rolling_map.spacing,
                 path=path[: moves[-1] + 2 if len(moves) else 1],
                 flown=position[before:there],
             )

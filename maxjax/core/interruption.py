@@ -43,18 +43,19 @@ def end_on_interrupt(sentence: str) -> None:
 
 
 @contextlib.contextmanager
-def finishing(temporary: Path) -> Iterator[None]:
+def finishing(temporary: Path | None = None) -> Iterator[None]:
     """Keep an interruption from ending the process within this block, a second at most.
 
     Args:
         temporary: file that is gone when the block ends; where the block takes longer, the interruption removes it.
     """
+    names = set() if temporary is None else {temporary}
     with _writing:
-        _unfinished.add(temporary)
+        _unfinished.update(names)
         try:
             yield
         finally:
-            _unfinished.discard(temporary)
+            _unfinished.difference_update(names)
 
 
 def _wait(reader: socket.socket, writer: socket.socket, sentence: str) -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,11 +28,10 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from maxjax.core.batching import settle
 from maxjax.core.status import Status
 from maxjax.core.streams import ITERATIONS, Stream, stream
-from maxjax.core.threads import interruptible
 from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
+from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
-from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, corrupt, mean_wind, pose_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, believed
 from maxjax.sim.lidar import Scan, scan
@@ -92,16 +90,11 @@ def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
 
     For inspection of everything that evolves; up to rounding the flight is that of `fly`.
     """
-    begin, iterate = jax.jit(functools.partial(take_off, config=config)), jax.jit(iteration_of(config))
-
-    def completed(function: Callable[..., Flight], *arguments: Any) -> Flight:
-        flight: Flight = interruptible(lambda: jax.block_until_ready(function(*arguments)))
-        return flight
-
-    flight = completed(begin, world)
+    flight = jax.jit(functools.partial(take_off, config=config))(world)
+    iterate = jax.jit(iteration_of(config))
     yield flight
     while not flight.done:
-        flight = completed(iterate, world, flight)
+        flight = iterate(world, flight)
         yield flight
 
 
@@ -172,7 +165,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         gust=gust,
         scan=Scan(jnp.full((rays, 3), nothing), jnp.full(rays, jnp.inf), jnp.zeros(rays, bool)),
         hits=none,
-        window=mapping.empty(start, config.shape, config.spacing),
+        rolling_map=mapping.empty(start, config.shape, config.spacing),
         path=path,
         waiting=path,
         waits=jnp.array(False),
@@ -200,9 +193,9 @@ def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
 def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """The scan into the map, which moves along."""
     at = believed(world, flight)
-    window = mapping.recentre(flight.window, at)
-    window = mapping.fuse(window, flight.scan, config.lidar, at, flight.vehicle.rotation, config.snapshot)
-    return dataclasses.replace(flight, window=window)
+    rolling_map = mapping.recentre(flight.rolling_map, at)
+    rolling_map = mapping.fuse(rolling_map, flight.scan, config.lidar, at, flight.vehicle.rotation, config.snapshot)
+    return dataclasses.replace(flight, rolling_map=rolling_map)
 
 
 def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:

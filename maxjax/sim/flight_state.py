@@ -2,8 +2,8 @@
 
     FlightConfig, World, Flight, FlightLog
 
-Frames: world, ENU, metres. The window moves with the vehicle by whole voxels; `to_local` is the frame of
-`FlightConfig.grid`, whose origin is the window's middle voxel.
+Frames: world, ENU, metres. The rolling map moves with the vehicle by whole voxels; `to_local` is the frame of
+`FlightConfig.grid`, whose origin is the middle voxel of the rolling map.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import route
 from maxjax.planning.problem import Problem
 from maxjax.sim import controller as control
+from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
-from maxjax.sim import window as mapping
 from maxjax.sim.disturbances import Disturbances, pose_error
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.reference import Limits, Reference
@@ -152,7 +152,7 @@ class Flight:
         gust: [m/s].
         scan: the latest, its points where the vehicle believes them to be.
         hits: returns of all scans so far.
-        window: the map.
+        rolling_map: what the scans have shown around the vehicle.
         path: that is flown, verified [m].
         waiting: the latest one, flown a period later if the planner is late [m].
         waits: whether `waiting` was verified; if not, the vehicle stops on what it has.
@@ -171,7 +171,7 @@ class Flight:
     gust: Float[Array, "3"]
     scan: Scan
     hits: Int32[Array, ""]
-    window: mapping.Window
+    rolling_map: mapping.RollingMap
     path: Path
     waiting: Path
     waits: Bool[Array, ""]
@@ -191,10 +191,10 @@ def believed(world: World, flight: Flight) -> Float[Array, "3"]:
 
 
 def to_local(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
-    """World coordinates in the frame of `config.grid`, whose origin is the window's middle voxel."""
-    return x - config.spacing * (flight.window.corner + jnp.asarray(config.shape) // 2)
+    """World coordinates in the frame of `config.grid`, whose origin is the middle voxel of the rolling map."""
+    return x - config.spacing * (flight.rolling_map.corner + jnp.asarray(config.shape) // 2)
 
 
 def to_world(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """From that frame to world coordinates."""
-    return x + config.spacing * (flight.window.corner + jnp.asarray(config.shape) // 2)
+    return x + config.spacing * (flight.rolling_map.corner + jnp.asarray(config.shape) // 2)

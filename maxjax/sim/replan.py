@@ -29,7 +29,7 @@ from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.sight import clear, span_codes
-from maxjax.sim import window as mapping
+from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, believed, to_local, to_world
 from maxjax.sim.lookout import step_to, still_open
 from maxjax.sim.reference import Course, Reference, evaluate, profile, sample
@@ -102,11 +102,11 @@ def _seek(
     world: World, flight: Flight, start: Float[Array, "3"], config: FlightConfig
 ) -> tuple[Path, Int32[Array, ""], Bool[Array, ""], Problem]:
     """A path from `start` to the goal, its status after verification, whether its field was certified; the problem."""
-    grid, ground = config.grid, mapping.ground(flight.window)
+    grid, ground = config.grid, mapping.ground(flight.rolling_map)
     # Where the vehicle is, nothing else can be, whatever a false return says.
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = to_local(flight, config, start), to_local(flight, config, world.goal)
-    occupied = mapping.occupied(flight.window) | ground
+    occupied = mapping.occupied(flight.rolling_map) | ground
     problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
     found, status, certified = config.find(problem, grid)
     path = to_world(flight, config, grid.to_world(found))
@@ -120,7 +120,7 @@ def _seek(
 
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
     """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin's reach [m]."""
-    obstacles = mapping.occupied(flight.window) & ~mapping.ground(flight.window)
+    obstacles = mapping.occupied(flight.rolling_map) & ~mapping.ground(flight.rolling_map)
     squared = squared_distance(obstacles, reach_of(config.margin, config.grid))
     return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
 
@@ -150,7 +150,10 @@ def _look_elsewhere(
     A step is made to its end: half-way, what it is to show would be as hidden as before.
     """
     grid, limits = config.grid, config.limits
-    seen, occupied = mapping.seen(flight.window), mapping.occupied(flight.window) | mapping.ground(flight.window)
+    seen, occupied = (
+        mapping.seen(flight.rolling_map),
+        mapping.occupied(flight.rolling_map) | mapping.ground(flight.rolling_map),
+    )
     here = grid.fractional_index(to_local(flight, config, start))
     points = sample(path, limits).points
     voxels, known = _known(flight, points, at, config)
@@ -176,7 +179,7 @@ def _known(
     """The voxels that points lie in, and whether they were seen free; the vehicle's own is known without looking."""
     voxels = config.grid.index_of(to_local(flight, config, points))
     here = jnp.all(voxels == config.grid.index_of(to_local(flight, config, at)), axis=1)
-    return voxels, _values(mapping.seen(flight.window), voxels) | here
+    return voxels, _values(mapping.seen(flight.rolling_map), voxels) | here
 
 
 def _values(volume: Shaped[Array, "nx ny nz"], voxels: Int32[Array, "n 3"]) -> Shaped[Array, " n"]:

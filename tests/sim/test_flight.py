@@ -14,7 +14,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
 from maxjax.planning.judge import verify
-from maxjax.sim import window as mapping
+from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
 from maxjax.sim.flight import Flight, FlightConfig, World, watch
 from maxjax.sim.flight_state import LOG_PERIOD
@@ -81,8 +81,8 @@ def test_nothing_was_ever_near_to_the_judgement_of_mujoco(flights: list[Flight])
     assert min(gaps) - 0.3 < float(flights[-1].log.clearance) <= min(gaps) + 1e-3
 
 
-def window_grid(flight: Flight) -> Grid:
-    x, y, z = (float(v) for v in mapping.origin(flight.window))
+def grid_of(flight: Flight) -> Grid:
+    x, y, z = (float(v) for v in mapping.origin(flight.rolling_map))
     return Grid(CONFIG.shape, CONFIG.spacing, (x, y, z))
 
 
@@ -92,9 +92,9 @@ def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[
         margin = float(flight.log.margin[flight.log.planning_iterations - 1])
         if np.isnan(margin):
             continue
-        grid, path = window_grid(flight), np.asarray(flight.path)
-        ground = np.asarray(mapping.ground(flight.window))
-        ground, occupied = np.array(ground), np.asarray(mapping.occupied(flight.window)) | ground
+        grid, path = grid_of(flight), np.asarray(flight.path)
+        ground = np.asarray(mapping.ground(flight.rolling_map))
+        ground, occupied = np.array(ground), np.asarray(mapping.occupied(flight.rolling_map)) | ground
         here = tuple(np.asarray(grid.index_of(jnp.asarray(path[0]))))
         occupied[here], ground[here] = False, False
         moved = np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])
@@ -108,8 +108,8 @@ def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[
 
 def test_it_can_stop_within_what_it_has_seen(flights: list[Flight]) -> None:
     for flight in flights[1:]:
-        grid, reference = window_grid(flight), flight.reference
-        known = np.asarray(mapping.seen(flight.window))
+        grid, reference = grid_of(flight), flight.reference
+        known = np.asarray(mapping.seen(flight.rolling_map))
         here = np.asarray(grid.index_of(jnp.asarray(flight.path[0])))
         voxels = np.asarray(grid.index_of(jnp.asarray(reference.course.points)))
         inside = np.all((voxels >= 0) & (voxels < CONFIG.shape), axis=1)

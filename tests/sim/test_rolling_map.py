@@ -1,4 +1,4 @@
-"""The rolling map: frames, evidence, carving against ray marching in truth, and safety under disturbed scans."""
+"""The rolling map: frames, evidence, free space against ray marching in truth, and safety under disturbed scans."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim import window as module
+from maxjax.sim import rolling_map as module
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.sim.window import Window, empty, fuse, ground, occupied, origin, recentre, seen
+from maxjax.sim.rolling_map import RollingMap, empty, fuse, ground, occupied, origin, recentre, seen
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
 from maxjax.worlds.raycast import cast_rays
 from maxjax.worlds.scenes import occupancy
@@ -45,9 +45,9 @@ def street() -> Geoms:
 STREET = street()
 
 
-def grid_of(window: Window) -> Grid:
-    x, y, z = (float(c) for c in origin(window))
-    return Grid(window.cells.shape, window.spacing, (x, y, z))
+def grid_of(rolling_map: RollingMap) -> Grid:
+    x, y, z = (float(c) for c in origin(rolling_map))
+    return Grid(rolling_map.cells.shape, rolling_map.spacing, (x, y, z))
 
 
 def lost(result: Scan, kept: np.ndarray) -> Scan:
@@ -64,23 +64,23 @@ def hand_scan(distance: np.ndarray, lidar: Lidar = CLEAN) -> Scan:
 
 
 def test_lattice_recentring_and_forgetting() -> None:
-    """Against NumPy: a voxel keeps its world place as long as the window holds it."""
+    """Against NumPy: a voxel keeps its world place as long as the map holds it."""
     rng = np.random.default_rng(0)
-    window = empty(jnp.array([0.9, -1.1, 13.0]), (9, 7, 5))
-    assert np.array_equal(window.corner, [0 - 4, -1 - 3, 7 - 2])
-    np.testing.assert_allclose(origin(window), [-8.0, -8.0, 10.0])
+    rolling_map = empty(jnp.array([0.9, -1.1, 13.0]), (9, 7, 5))
+    assert np.array_equal(rolling_map.corner, [0 - 4, -1 - 3, 7 - 2])
+    np.testing.assert_allclose(origin(rolling_map), [-8.0, -8.0, 10.0])
     cells = rng.integers(0, 7, (9, 7, 5)).astype(np.uint8)
-    window = dataclasses.replace(window, cells=jnp.asarray(cells))
-    world = {tuple(i + np.asarray(window.corner)): cells[tuple(i)] for i in np.argwhere(cells >= 0)}
+    rolling_map = dataclasses.replace(rolling_map, cells=jnp.asarray(cells))
+    world = {tuple(i + np.asarray(rolling_map.corner)): cells[tuple(i)] for i in np.argwhere(cells >= 0)}
     for position in ([0.9, -1.1, 13.0], [3.1, -1.1, 11.5], [-7.0, 6.0, 13.0], [1e4, 0.0, 0.0]):
-        moved = jit_recentre(window, jnp.array(position))
+        moved = jit_recentre(rolling_map, jnp.array(position))
         middle = np.floor(np.array(position) / 2.0 + 0.5)
         assert np.array_equal(moved.corner, middle - [4, 3, 2])
         expected = [world.get(tuple(i + np.asarray(moved.corner)), 0) for i in np.argwhere(np.ones(cells.shape, bool))]
         assert np.array_equal(np.asarray(moved.cells).ravel(), expected)
-    still = jit_recentre(window, jnp.array([jnp.nan, 0.0, 0.0]))
+    still = jit_recentre(rolling_map, jnp.array([jnp.nan, 0.0, 0.0]))
     assert np.array_equal(still.cells, cells)
-    assert np.array_equal(still.corner, window.corner)
+    assert np.array_equal(still.corner, rolling_map.corner)
 
 
 def test_hits_land_in_the_voxels_of_their_points() -> None:
@@ -90,9 +90,9 @@ def test_hits_land_in_the_voxels_of_their_points() -> None:
     result = jit_scan(STREET, CLEAN, position, turn, KEY)
     for drift in (0.0, 0.7):
         believed = position + drift
-        window = jit_fuse(empty(believed, SHAPE), result, CLEAN, believed, turn)
+        rolling_map = jit_fuse(empty(believed, SHAPE), result, CLEAN, believed, turn)
         points = np.asarray(result.points, float)[np.asarray(result.hit)] + drift
-        index = np.floor((points - np.asarray(origin(window), float)) / 2.0 + 0.5).astype(int)
+        index = np.floor((points - np.asarray(origin(rolling_map), float)) / 2.0 + 0.5).astype(int)
         inside = np.all((index >= 0) & (index < SHAPE), axis=1)
         # Points within rounding of a face may fall to either side.
         clear = np.all(np.abs((points / 2.0 + 0.5) % 1.0 - 0.5) < 0.499, axis=1)
@@ -100,30 +100,32 @@ def test_hits_land_in_the_voxels_of_their_points() -> None:
         mine[tuple(index[inside].T)] = True
         sure = np.zeros(SHAPE, bool)
         sure[tuple(index[inside & clear].T)] = True
-        given = np.asarray(occupied(window))
+        given = np.asarray(occupied(rolling_map))
         assert np.all(given[sure])
         assert np.sum(given & ~mine) <= 30
-        assert not np.any(given & np.asarray(seen(window)))
+        assert not np.any(given & np.asarray(seen(rolling_map)))
 
 
 def test_seen_voxels_lie_in_sight_and_hold_nothing() -> None:
     """Oracle: rays from the sensor to points inside each voxel, cast through the true scene."""
     position = jnp.array([0.0, -2.0, 6.0])
-    window = jit_fuse(empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL)
-    free = np.asarray(seen(window))
-    truth, _ = occupancy(STREET, grid_of(window))
+    rolling_map = jit_fuse(
+        empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL
+    )
+    free = np.asarray(seen(rolling_map))
+    truth, _ = occupancy(STREET, grid_of(rolling_map))
     assert not np.any(free & truth)
     rng = np.random.default_rng(1)
     index = np.argwhere(free)
     index = index[rng.choice(len(index), 1500, replace=False)]
-    points = np.asarray(origin(window)) + 2.0 * (index + rng.uniform(-0.5, 0.5, index.shape))
+    points = np.asarray(origin(rolling_map)) + 2.0 * (index + rng.uniform(-0.5, 0.5, index.shape))
     ray = points - np.asarray(position)
     length = np.linalg.norm(ray, axis=1)
     distance = np.asarray(cast_rays(STREET, position, jnp.asarray(ray / length[:, None], jnp.float32)))
     assert np.mean(distance >= length) > 0.999
 
     # And most of what is in plain sight is seen: the cone of the sensor above the ground, short of the wall.
-    center = np.asarray(origin(window)) + 2.0 * np.argwhere(np.ones(SHAPE, bool)) - np.asarray(position)
+    center = np.asarray(origin(rolling_map)) + 2.0 * np.argwhere(np.ones(SHAPE, bool)) - np.asarray(position)
     distance = np.linalg.norm(center, axis=1)
     level = np.abs(np.degrees(np.arcsin(center[:, 2] / np.maximum(distance, 1.0)))) < 35.0
     near = (distance < 25.0) & level & (center[:, 2] > -5.0) & (np.abs(center[:, 1]) < 6.0) & ~truth.ravel()
@@ -137,24 +139,24 @@ def test_evidence_counts_saturates_and_fades() -> None:
     ghost[straight] = 10.0
     zero = jnp.zeros(3)
     for hits, looks in ((1, 2), (2, 4), (3, 6), (9, 6)):
-        window = empty(zero, SHAPE)
-        cell = tuple(np.array([5, 0, 0]) - np.asarray(window.corner))
+        rolling_map = empty(zero, SHAPE)
+        cell = tuple(np.array([5, 0, 0]) - np.asarray(rolling_map.corner))
         for _ in range(hits):
-            window = jit_fuse(window, hand_scan(ghost), CLEAN, zero, LEVEL)
-            assert occupied(window)[cell]
+            rolling_map = jit_fuse(rolling_map, hand_scan(ghost), CLEAN, zero, LEVEL)
+            assert occupied(rolling_map)[cell]
         for look in range(looks):
-            assert occupied(window)[cell]
-            assert not seen(window)[cell]
-            window = jit_fuse(window, hand_scan(clear), CLEAN, zero, LEVEL)
-            assert bool(occupied(window)[cell]) == (look < looks - 1)
-        assert seen(window)[cell]
-        window = jit_fuse(window, hand_scan(ghost), CLEAN, zero, LEVEL)
-        assert occupied(window)[cell]
-        assert not seen(window)[cell]
+            assert occupied(rolling_map)[cell]
+            assert not seen(rolling_map)[cell]
+            rolling_map = jit_fuse(rolling_map, hand_scan(clear), CLEAN, zero, LEVEL)
+            assert bool(occupied(rolling_map)[cell]) == (look < looks - 1)
+        assert seen(rolling_map)[cell]
+        rolling_map = jit_fuse(rolling_map, hand_scan(ghost), CLEAN, zero, LEVEL)
+        assert occupied(rolling_map)[cell]
+        assert not seen(rolling_map)[cell]
 
 
 def test_what_did_not_return_is_clear_only_beside_returns() -> None:
-    """Empty scan: nothing changes. Blind sector: nothing carved in it. Sky above a street: free to the range."""
+    """Empty scan: no change. Sector without returns: nothing seen free. Sky above a street: free to the range."""
     zero = jnp.zeros(3)
     start = empty(zero, SHAPE)
     nothing = jit_fuse(start, hand_scan(np.full(CLEAN.rays, np.inf)), CLEAN, zero, LEVEL)
@@ -162,13 +164,13 @@ def test_what_did_not_return_is_clear_only_beside_returns() -> None:
     image = np.full((64, 512), np.inf)
     image[:20] = 40.0
     image[:, 64:192] = np.inf
-    window = jit_fuse(start, hand_scan(image.ravel()), CLEAN, zero, LEVEL)
-    free = np.asarray(seen(window))
-    x, y, z = (2.0 * np.indices(SHAPE)[a] + float(origin(window)[a]) for a in range(3))
+    rolling_map = jit_fuse(start, hand_scan(image.ravel()), CLEAN, zero, LEVEL)
+    free = np.asarray(seen(rolling_map))
+    x, y, z = (2.0 * np.indices(SHAPE)[a] + float(origin(rolling_map)[a]) for a in range(3))
     azimuth = np.degrees(np.arctan2(y, x)) % 360.0
     far = np.hypot(x, y) > 6.0
-    blind = (azimuth > 46.0) & (azimuth < 134.0) & far
-    assert not free[blind].any()
+    empty_sector = (azimuth > 46.0) & (azimuth < 134.0) & far
+    assert not free[empty_sector].any()
     open_sky = (azimuth > 160.0) & far & (z > 2.0) & (z < 0.7 * np.hypot(x, y))
     assert free[open_sky].mean() > 0.99
 
@@ -178,7 +180,7 @@ def test_disturbed_scans_never_erase_what_stands(disturbed: str) -> None:
     """Twelve poses along the street: every voxel of wall, block and lamp that was hit stays, whatever is lost."""
     lidar = {"dropout": Lidar(dropout=0.5), "noise": Lidar(range_noise=0.2)}.get(disturbed, CLEAN)
     rng = np.random.default_rng(5)
-    window = empty(jnp.array([-12.0, 0.0, 5.0]), SHAPE)
+    rolling_map = empty(jnp.array([-12.0, 0.0, 5.0]), SHAPE)
     met: set[tuple[int, ...]] = set()
     for step in range(12):
         position = jnp.array([-12.0 + 2.0 * step, 0.0, 5.0])
@@ -190,27 +192,27 @@ def test_disturbed_scans_never_erase_what_stands(disturbed: str) -> None:
             kept = np.ones((64, 512), bool)
             kept[:, dead] = False
             result = lost(result, kept.ravel())
-        window = jit_fuse(jit_recentre(window, position), result, lidar, position, rotation)
-        truth, _ = occupancy(STREET, grid_of(window))
+        rolling_map = jit_fuse(jit_recentre(rolling_map, position), result, lidar, position, rotation)
+        truth, _ = occupancy(STREET, grid_of(rolling_map))
         hit = np.asarray(result.points)[np.asarray(result.hit)]
-        index = np.unique(np.floor(hit / 2.0 + 0.5).astype(int), axis=0) - np.asarray(window.corner)
+        index = np.unique(np.floor(hit / 2.0 + 0.5).astype(int), axis=0) - np.asarray(rolling_map.corner)
         index = index[np.all((index >= 0) & (index < SHAPE), axis=1)]
-        met |= {tuple(i) for i in index + np.asarray(window.corner)}
-        # The window moves on along x: what has left it does not come back.
-        index = np.array(sorted(met)) - np.asarray(window.corner)
+        met |= {tuple(i) for i in index + np.asarray(rolling_map.corner)}
+        # The map moves on along x: what has left it does not come back.
+        index = np.array(sorted(met)) - np.asarray(rolling_map.corner)
         index = index[index[:, 0] >= 0]
         index = index[truth[tuple(index.T)]]
-        gone = ~np.asarray(occupied(window))[tuple(index.T)]
+        gone = ~np.asarray(occupied(rolling_map))[tuple(index.T)]
         # Returns within rounding of a face may be counted to the neighbour here and there.
         assert gone.sum() <= (3 if disturbed == "noise" else 1)
         pole = {(5, -3, k) for k in range(1, 4)} & met
         if np.linalg.norm(np.array([9.2, -6.3]) - np.asarray(position)[:2]) < 20.0:
-            assert all(occupied(window)[tuple(np.array(p) - np.asarray(window.corner))] for p in pole)
+            assert all(occupied(rolling_map)[tuple(np.array(p) - np.asarray(rolling_map.corner))] for p in pole)
         # Nothing that is solid passes for free.
-        assert np.sum(np.asarray(seen(window)) & truth) <= 2
+        assert np.sum(np.asarray(seen(rolling_map)) & truth) <= 2
     assert len(met) > 300
-    false = np.asarray(occupied(window)) & ~truth
-    assert false.sum() <= (0.15 if disturbed == "noise" else 0.02) * occupied(window).sum()
+    false = np.asarray(occupied(rolling_map)) & ~truth
+    assert false.sum() <= (0.15 if disturbed == "noise" else 0.02) * occupied(rolling_map).sum()
 
 
 def test_snapshot_knows_only_the_latest_scan() -> None:
@@ -228,13 +230,15 @@ def test_snapshot_knows_only_the_latest_scan() -> None:
 
 def test_ground_is_the_layer_of_z_zero() -> None:
     position = jnp.array([0.0, -2.0, 6.0])
-    window = jit_fuse(empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL)
-    low = np.asarray(ground(window))
-    layer = -int(window.corner[2])
-    assert float(origin(window)[2]) + 2.0 * layer == 0.0
+    rolling_map = jit_fuse(
+        empty(position, SHAPE), jit_scan(STREET, CLEAN, position, LEVEL, KEY), CLEAN, position, LEVEL
+    )
+    low = np.asarray(ground(rolling_map))
+    layer = -int(rolling_map.corner[2])
+    assert float(origin(rolling_map)[2]) + 2.0 * layer == 0.0
     assert low[:, :, : layer + 1].all()
     assert not low[:, :, layer + 1 :].any()
-    _, truth = occupancy(STREET, grid_of(window))
+    _, truth = occupancy(STREET, grid_of(rolling_map))
     assert np.array_equal(low, truth)
 
 
@@ -243,15 +247,15 @@ def test_batches_equal_the_loop_and_a_nan_touches_no_other() -> None:
     rotations = jnp.broadcast_to(LEVEL, (3, 3, 3))
     at = jnp.nan_to_num(positions)
     scans = jax.tree.map(lambda *a: jnp.stack(a), *[jit_scan(STREET, CLEAN, p, LEVEL, KEY) for p in at])
-    windows = jax.vmap(functools.partial(empty, shape=SHAPE))(at)
+    maps = jax.vmap(functools.partial(empty, shape=SHAPE))(at)
 
-    def step(window: Window, result: Scan, position: jax.Array, rotation: jax.Array) -> Window:
-        return fuse(recentre(window, position), result, CLEAN, position, rotation)
+    def step(rolling_map: RollingMap, result: Scan, position: jax.Array, rotation: jax.Array) -> RollingMap:
+        return fuse(recentre(rolling_map, position), result, CLEAN, position, rotation)
 
-    batch = jax.jit(jax.vmap(step))(windows, scans, positions, rotations)
+    batch = jax.jit(jax.vmap(step))(maps, scans, positions, rotations)
     for i in range(2):
-        window, result, position, rotation = jax.tree.map(lambda a, i=i: a[i], (windows, scans, positions, rotations))
-        one = jit_fuse(jit_recentre(window, position), result, CLEAN, position, rotation)
+        rolling_map, result, position, rotation = jax.tree.map(lambda a, i=i: a[i], (maps, scans, positions, rotations))
+        one = jit_fuse(jit_recentre(rolling_map, position), result, CLEAN, position, rotation)
         assert np.mean(np.asarray(batch.cells[i]) != np.asarray(one.cells)) < 1e-4
         assert np.array_equal(batch.corner[i], one.corner)
     assert not np.any(batch.cells[2])
