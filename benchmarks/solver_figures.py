@@ -33,7 +33,7 @@ from benchmarks.common.screened_system import angles_of, blas_threads, reference
 from maxjax.fields.connectivity import geodesic
 from maxjax.solvers import walk
 from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for
-from maxjax.viz.figures import PATHS, STYLE, load_matplotlib, save_figure
+from maxjax.viz.style import PATHS, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import MAPS
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ import maxjax
 from benchmarks.common import markdown
 from maxjax.core.serialize import atomic_write
 from maxjax.solvers.potential import TIGHT_TOLERANCE
-from maxjax.viz import figures as style
+from maxjax.viz import marks, plan_view, style
 from maxjax.worlds.scenes import make_scene, occupancy
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def metres(voxels: np.ndarray, grid: maxjax.Grid) -> Float[np.ndarray, "..."]:
 
 @contextlib.contextmanager
 def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """A figure in the style of `maxjax.viz.figures`, written as a PNG of 150 dots an inch when its block ends."""
+    """A figure in the style of `maxjax.viz`, written as a PNG of 150 dots an inch when its block ends."""
     rc_context, new_figure = style.load_matplotlib()
     with rc_context(style.STYLE):
         drawn = new_figure(figsize=(width, height))
@@ -151,7 +151,7 @@ def draw_city(
     altitude: float,
     around: np.ndarray | None = None,
 ) -> None:
-    """The plan view of `maxjax.viz.figures`, of the whole grid or of a square around some points [m]."""
+    """The plan view of `maxjax.viz`, of the whole grid or of a square around some points [m]."""
     lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
     if around is not None:
         low, high = around[:, :2].min(axis=0), around[:, :2].max(axis=0)
@@ -160,12 +160,12 @@ def draw_city(
         middle = np.clip((low + high) / 2, np.minimum(lower + reach, 0), np.maximum(upper - reach, 0))
         lower, upper = np.maximum(lower, middle - reach), np.minimum(upper, middle + reach)
     bar = axes.inset_axes((1.02, 0.0, 0.02, 1.0))
-    style.draw_plan(axes, bar, obstacle, grid, (lower, upper), altitude)
+    plan_view.draw_plan(axes, bar, obstacle, grid, (lower, upper), altitude)
 
 
 def draw_mark(axes: Axes, point: np.ndarray, marker: str, color: str, label: str | None, size: float = 8.0) -> None:
     """A mark with a black edge."""
-    style.draw_mark(axes, float(point[0]), float(point[1]), marker, size, color, label)
+    marks.draw_mark(axes, float(point[0]), float(point[1]), marks.Mark(marker, size, color, label))
 
 
 def table(columns: Mapping[str, str], rows: Iterable[Mapping[str, object]]) -> str:

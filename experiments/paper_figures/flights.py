@@ -17,8 +17,7 @@ from experiments.differentiable.field import city, draw_city, figure
 from experiments.paper_figures.slices import draw_legend
 from maxjax.campaigns.ledger import ROWS, Ledger
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.viz import figures as style
-from maxjax.viz import flights as flown_style
+from maxjax.viz import marks, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,12 +93,12 @@ def _draw_flight(axes: Axes, flight: Flown, obstacle: np.ndarray, grid: maxjax.G
     assert outcome.goal is not None
     start, goal = np.array(outcome.start), np.array(outcome.goal)
     draw_city(axes, obstacle, grid, float(np.median(line[:, 2])), np.stack([*line, start, goal]))
-    color = flown_style.ARRIVED if outcome.arrived else flown_style.FAILED
+    color = style.ARRIVED if outcome.arrived else style.FAILED
     axes.plot(*np.stack([start, goal])[:, :2].T, color="black", linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=4)
     axes.plot(*line[:, :2].T, color="white", linewidth=3.0, zorder=5, solid_capstyle="round")
     axes.plot(*line[:, :2].T, color=color, linewidth=1.6, zorder=6, solid_capstyle="round")
-    for point, face in ((start, "white"), (goal, flown_style.GOAL)):
-        style.draw_mark(axes, point[0], point[1], "s", _size(point[2]), face, None)
+    for point, face in ((start, "white"), (goal, style.GOAL)):
+        marks.draw_mark(axes, point[0], point[1], marks.Mark("s", _size(point[2]), face))
     what = f"{flight.detour:.2f} of the straight line" if outcome.arrived else outcome.status
     axes.set_title(f"{flight.map}, trial {outcome.trial}: {what}", fontsize=8)
 
@@ -112,14 +111,14 @@ def _flight_legend(failed: bool) -> list[Any]:
         mark.set(markeredgecolor="black", markeredgewidth=0.8)
         return mark
 
-    lines = [Line2D([], [], color=flown_style.ARRIVED, linewidth=1.6, label="flown")]
+    lines = [Line2D([], [], color=style.ARRIVED, linewidth=1.6, label="flown")]
     if failed:
-        lines.append(Line2D([], [], color=flown_style.FAILED, linewidth=1.6, label="flown, did not arrive"))
+        lines.append(Line2D([], [], color=style.FAILED, linewidth=1.6, label="flown, did not arrive"))
     lines.append(Line2D([], [], color="black", linewidth=0.7, linestyle=(0, (1, 1.5)), label="straight line"))
     low, high = _HEIGHTS
     return [
         *lines,
         square(low, "white", f"start, {low:g} m high"),
         square(high, "white", f"start, {high:g} m high"),
-        square((low + high) / 2, flown_style.GOAL, f"goal, {(low + high) / 2:g} m high"),
+        square((low + high) / 2, style.GOAL, f"goal, {(low + high) / 2:g} m high"),
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.differentiable.field import COLORS, figure
 from experiments.paper_figures.planned import Planned, dense, ends
-from maxjax.viz import figures as style
+from maxjax.viz import marks, plan_view
 
 _ELEVATION = 34.0  # of the eye [degrees]
 
@@ -23,7 +23,7 @@ def draw_path(found: Planned, file: Path) -> Path:
         _draw_solid(view, found, low, high)
         plan = drawn.add_axes((0.62, 0.13, 0.37, 0.82))
         path = found.plan.path.astype(np.float64)
-        style.draw_plan(
+        plan_view.draw_plan(
             plan,
             plan.inset_axes((1.04, 0.0, 0.035, 0.7)),
             found.obstacle,
@@ -31,9 +31,9 @@ def draw_path(found: Planned, file: Path) -> Path:
             (low[:2], high[:2]),
             float(np.median(path[:, 2])),
         )
-        style.draw_field(plan, np.nan_to_num(found.log_potential, nan=-np.inf), found.blocked, found.grid, path)
-        line = style.draw_path(plan, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
-        style.draw_ends(plan, *ends(found), labelled=True)
+        plan_view.draw_field(plan, np.nan_to_num(found.log_potential, nan=-np.inf), found.blocked, found.grid, path)
+        line = marks.draw_path(plan, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
+        marks.draw_ends(plan, *ends(found), labelled=True)
         handles = [line, *(h for h in plan.get_legend_handles_labels()[0] if h is not line)]
         drawn.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=5, borderaxespad=0.0)
         for axes, letter in ((-0.03, "a"), (0.52, "b")):

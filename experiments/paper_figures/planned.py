@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 import maxjax
 from benchmarks.common.problems import Problem, problems
 from maxjax.planning.planner import Stopwatch, potential_field
-from maxjax.viz import figures as style
+from maxjax.viz import plan_view
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ def planned(name: str, choice: Choice) -> Planned:
         blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(problem.ground)))
         sampled = dense(plan.path.astype(np.float64), 0.5)[:, :2]
         x, y = np.floor((sampled - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
-        clear = float(np.mean(~blocked[x, y, style.level_of(grid, float(problem.goal[2]))]))
+        clear = float(np.mean(~blocked[x, y, plan_view.level_of(grid, float(problem.goal[2]))]))
         rank = (plan.margin, min(clear, 0.95), plan.length / math.dist(problem.start, problem.goal))
         if best is None or rank > best[0]:
             best = rank, problem, plan, blocked

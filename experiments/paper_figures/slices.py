@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.differentiable.field import figure
 from experiments.paper_figures.planned import Planned, ends
-from maxjax.viz import figures as style
+from maxjax.viz import marks, plan_view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +27,12 @@ def draw_training(found: Planned, file: Path) -> Path:
         lower, upper = (np.array(corner[:2]) for corner in (found.grid.lower, found.grid.upper))
         bar = panels[0].inset_axes((1.03, 0.0, 0.035, 1.0))
         path = found.plan.path.astype(np.float64)
-        style.draw_plan(panels[0], bar, found.obstacle, found.grid, (lower, upper), float(found.problem.goal[2]))
+        plan_view.draw_plan(panels[0], bar, found.obstacle, found.grid, (lower, upper), float(found.problem.goal[2]))
         _draw_slice(panels[1], found, np.log10(np.where(found.sigma > 0, found.sigma, np.nan)), r"$\log_{10}\sigma$")
         _draw_slice(panels[2], found, found.normalised, "normalised log-potential", scale="levels")
         for axes, title in zip(panels, ("training map", "conductivity", "field"), strict=True):
-            line = style.draw_path(axes, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
-            style.draw_ends(axes, *ends(found), labelled=True)
+            line = marks.draw_path(axes, path[:, 0], path[:, 1], 0, f"path, {found.plan.length:.1f} m")
+            marks.draw_ends(axes, *ends(found), labelled=True)
             axes.set_title(title, fontsize=9)
             if axes is not panels[0]:
                 axes.set_ylabel("")
@@ -55,8 +55,8 @@ def draw_fields(unseen: Mapping[str, Planned], file: Path) -> Path:
             for column, (label, volume, options) in enumerate(panels):
                 axes = drawn.add_axes((0.06 + 0.245 * column, 0.54 - 0.46 * row, 0.185, 0.38))
                 _draw_slice(axes, found, volume, "", **options)
-                line = style.draw_path(axes, path[:, 0], path[:, 1], 0, "path")
-                style.draw_ends(axes, *ends(found), labelled=True)
+                line = marks.draw_path(axes, path[:, 0], path[:, 1], 0, "path")
+                marks.draw_ends(axes, *ends(found), labelled=True)
                 if column:
                     axes.set(ylabel="")
                     axes.tick_params(labelleft=False)
@@ -81,7 +81,7 @@ def _draw_slice(
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
     grid = found.grid
-    level = style.level_of(grid, float(found.problem.goal[2]))
+    level = plan_view.level_of(grid, float(found.problem.goal[2]))
     extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
     obstacle, blocked = (mask[:, :, level] for mask in (found.obstacle, found.blocked))
     values = np.ma.masked_invalid(np.where(blocked | (found.phi[:, :, level] <= 0), np.nan, volume[:, :, level]))

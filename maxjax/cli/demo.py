@@ -21,6 +21,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
 from maxjax.planning.planner import Plan, Stopwatch
+from maxjax.viz.figures import Overlay
 from maxjax.worlds.scenes import Scene, make_scene, occupancy
 
 MARGIN = 8.0
@@ -149,16 +150,9 @@ def run(out: Path, seed: int) -> int:
     figure = None
     if plan.status == Status.OK:
         with report.progress("Drawing"):
-            figure = planning.draw(
-                world,
-                plans,
-                start,
-                goal,
-                title=f"downtown:{seed}, planned from one scan",
-                obstacles=city,
-                points=returns.points,
-                around=_AROUND,
-            )
+            title = f"downtown:{seed}, planned from one scan"
+            overlay = Overlay(points=returns.points, title=title, around=_AROUND)
+            figure = planning.draw(world, plans, start, goal, overlay, city)
     files = report.write_plan(out, content, figure)
     columns = {}
     for method, found in plans.items():

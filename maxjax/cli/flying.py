@@ -23,7 +23,7 @@ from maxjax.core.serialize import atomic_write
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, watch
-from maxjax.viz.flights import Look
+from maxjax.viz.film import Look
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import make_scene, occupancy
@@ -146,8 +146,9 @@ def _watch(campaign: Campaign, ledger: Ledger) -> tuple[list[Outcome], list[Flig
 
 def _draw(campaign: Campaign, out: Path, outcomes: Sequence[Outcome], flights: list[Flight]) -> list[Path]:
     """flights.png: the flights of the first city; flight.gif: the only one. Those of an earlier run are taken away."""
-    from maxjax.viz.figures import save_figure
-    from maxjax.viz.flights import figure_flights, film_flight
+    from maxjax.viz.film import Filmed, film_flight
+    from maxjax.viz.flights import Flown, figure_flights
+    from maxjax.viz.style import save_figure
 
     picture, film = out / "flights.png", out / "flight.gif"
     for old in (picture, film):
@@ -161,30 +162,16 @@ def _draw(campaign: Campaign, out: Path, outcomes: Sequence[Outcome], flights: l
     positions = campaign.ledger(out).positions()
     shown = [outcome for outcome in here if outcome.trial in positions]
     title = f"{campaign.map}:{flown[0].city}, method {campaign.method}" + _weather(campaign)
-    figure = figure_flights(
-        obstacle,
-        _CITY,
-        {outcome.trial: positions[outcome.trial] for outcome in shown},
-        {outcome.trial: np.asarray(outcome.goal) for outcome in shown},
-        {outcome.trial: outcome.status for outcome in shown if not outcome.arrived},
-        title=title,
-        caption=_caption(flown, shown),
-    )
+    lines = [Flown(one.trial, positions[one.trial], np.asarray(one.goal), one.arrived) for one in shown]
+    figure = figure_flights(obstacle, _CITY, lines, title=title, caption=_caption(flown, shown))
     save_figure(figure, picture)
     if not flights or len(positions[flown[0].trial]) < 2:
         return [picture]
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
     clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(scene.geoms, where))
-    content = film_flight(
-        looks,
-        obstacle,
-        _CITY,
-        np.asarray(flown[0].goal),
-        clearance,
-        radius=campaign.config.radius,
-        title=f"{title}, trial {flown[0].trial}: {flown[0].status}",
-    )
+    filmed = Filmed(looks, np.asarray(flown[0].goal), clearance, campaign.config.radius)
+    content = film_flight(filmed, obstacle, _CITY, title=f"{title}, trial {flown[0].trial}: {flown[0].status}")
     atomic_write(film, content)
     return [picture, film]
 

@@ -20,6 +20,7 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate, rungs
 from maxjax.planning.planner import Plan, Stopwatch, potential_field
 from maxjax.solvers.potential import solve_potential
+from maxjax.viz.figures import Overlay
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,7 +73,7 @@ def run(
             with report.progress("Drawing"):
                 if method in _FIELDS:
                     plans["astar"] = plan_in(world, start, goal, "astar", margin, Stopwatch())
-                figure = draw(world, plans, start, goal, title=Path(map).name, around=_AROUND)
+                figure = draw(world, plans, start, goal, Overlay(title=Path(map).name, around=_AROUND))
         files = report.write_plan(out, content, figure)
     if json:
         sys.stdout.write(report.dumps(content))
@@ -114,15 +115,7 @@ def plan_in(world: World, start: Point3, goal: Point3, method: str, margin: floa
 
 
 def draw(
-    world: World,
-    plans: Mapping[str, Plan],
-    start: Point3,
-    goal: Point3,
-    *,
-    title: str,
-    obstacles: World | None = None,
-    points: Float[np.ndarray, "n 3"] | None = None,
-    around: float = 14.0,
+    world: World, plans: Mapping[str, Plan], start: Point3, goal: Point3, overlay: Overlay, city: World | None = None
 ) -> Figure:
     """The figure of one or more plans, in the map's coordinates; with the potential that the first one climbed.
 
@@ -130,27 +123,18 @@ def draw(
         world: the map that was planned in.
         plans: by method; those without a path are left out.
         start, goal: [m].
-        title: headline.
-        obstacles: the map to show, if another one, on the same grid; None: `world`.
-        points: returns of a scan [m].
-        around: width of the map shown around the paths [m].
+        overlay: title, returns, and width of the map around the paths.
+        city: the map to show, if another one, on the same grid; None: `world`.
     """
-    from maxjax.viz.figures import figure_plan
+    from maxjax.viz.figures import Voxels, figure_plan
 
-    shown = world if obstacles is None else obstacles
+    shown = world if city is None else city
+    paths = {NAMES[name]: world.globalize(plan.path) for name, plan in plans.items() if plan.status == Status.OK}
     first = next(iter(plans.values()))
-    return figure_plan(
-        shown.occupied,
-        shown.ground,
-        world.file_grid,
-        {NAMES[name]: world.globalize(plan.path) for name, plan in plans.items() if plan.status == Status.OK},
-        start=np.asarray(start),
-        goal=np.asarray(goal),
-        log_potential=_log_potential(world, goal, first.margin) if first.method in _FIELDS else None,
-        points=points,
-        title=title,
-        around=around,
-    )
+    if first.method in _FIELDS:
+        overlay = dataclasses.replace(overlay, log_potential=_log_potential(world, goal, first.margin))
+    voxels = Voxels(shown.occupied, shown.ground, world.file_grid)
+    return figure_plan(voxels, paths, np.asarray(start), np.asarray(goal), overlay)
 
 
 def _log_potential(world: World, goal: Point3, margin: float) -> Float[np.ndarray, "nx ny nz"]:

@@ -259,7 +259,7 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]
     Raises:
         OSError: if they cannot be written.
     """
-    from maxjax.viz.figures import save_figure
+    from maxjax.viz.style import save_figure
 
     out.mkdir(parents=True, exist_ok=True)
     summary, path, picture = out / "plan.json", out / "path.csv", out / "plan.png"

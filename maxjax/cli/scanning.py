@@ -106,7 +106,8 @@ def run(map: str, pose: Point3, out: Path | None, json: bool) -> int:
 
 
 def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: Path) -> None:
-    from maxjax.viz.figures import figure_scan, save_figure
+    from maxjax.viz.figures import figure_scan
+    from maxjax.viz.style import save_figure
 
     with report.progress("Drawing"):
         world = build_world(scene, pose, pose, None, None, Stopwatch())

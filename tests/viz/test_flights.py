@@ -1,21 +1,20 @@
-"""Pictures of flights show what they say; films open, move and stay small."""
+"""Pictures of flights show what they say."""
 
 from __future__ import annotations
 
-import io
+import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
 from maxjax.core.grid import Grid
-from maxjax.viz import flights as module
-from maxjax.viz.flights import Look, figure_flights, film_flight
+from maxjax.viz.flights import Flown, figure_flights
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib import pyplot  # noqa: E402
 from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
-from PIL import Image  # noqa: E402
 
 GRID = Grid((60, 60, 20), 2.0, (-59.0, -59.0, 1.0))
 GOAL = np.array([30.0, 5.0, 8.0])
@@ -34,17 +33,15 @@ def line(end: np.ndarray = GOAL, points: int = 61) -> np.ndarray:
     return start + along * (end - start) + np.sin(np.pi * along) * np.array([0.0, 30.0, 4.0])
 
 
-def figure(**changes: Any) -> Any:
-    flown = {3: line(), 4: line(GOAL + 4.0), 9: line(GOAL - 12.0)[:30]}
-    goals = {3: GOAL, 4: GOAL + 4.0, 9: GOAL - 12.0}
-    inputs = {
-        "flown": flown,
-        "goals": goals,
-        "failed": {9: "IN_CONTACT"},
-        "title": "Town",
-        "caption": "2 of 3 arrived.",
-    }
-    return figure_flights(town(), GRID, **(inputs | changes))
+FLIGHTS = [
+    Flown(3, line(), GOAL, True),
+    Flown(4, line(GOAL + 4.0), GOAL + 4.0, True),
+    Flown(9, line(GOAL - 12.0)[:30], GOAL - 12.0, False),
+]
+
+
+def figure(flights: Sequence[Flown] = FLIGHTS) -> Any:
+    return figure_flights(town(), GRID, flights, title="Town", caption="2 of 3 arrived.")
 
 
 def test_flights_are_lines_in_metres_that_failed_ones_differ_from() -> None:
@@ -61,7 +58,8 @@ def test_flights_are_lines_in_metres_that_failed_ones_differ_from() -> None:
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert {"start", "goal", "flown, arrived (2)"} < set(labels)
     assert any("failed (1)" in label for label in labels)
-    assert "failed" not in " ".join(text.get_text() for text in figure(failed={}).legends[0].get_texts())
+    unharmed = [dataclasses.replace(flight, arrived=True) for flight in FLIGHTS]
+    assert "failed" not in " ".join(text.get_text() for text in figure(unharmed).legends[0].get_texts())
 
 
 def test_everything_flown_is_in_view_and_nothing_hides_it() -> None:
@@ -86,57 +84,6 @@ def test_everything_flown_is_in_view_and_nothing_hides_it() -> None:
 
 def test_figures_refuse_what_they_cannot_show() -> None:
     with pytest.raises(ValueError, match="at least one flight"):
-        figure(flown={})
+        figure([])
     with pytest.raises(ValueError, match="obstacle"):
-        figure_flights(town()[1:], GRID, {1: line()}, {1: GOAL}, {})
-
-
-def looks(periods: int) -> list[Look]:
-    flown = line(points=10 * periods + 1)
-    known = town().any(axis=2)
-    parts = []
-    for period in range(periods):
-        part = flown[10 * period + (period > 0) : 10 * period + 11]
-        scan = np.random.default_rng(period).uniform(-50, 50, (400, 3))
-        path = np.stack([part[0], 0.5 * (part[0] + GOAL), GOAL])
-        parts.append(Look(scan, known, (-60.0, -60.0), 2.0, path, part))
-    return parts
-
-
-def film(periods: int = 4) -> tuple[bytes, int]:
-    parts = looks(periods)
-    count = sum(len(part.flown) for part in parts)
-    return film_flight(parts, town(), GRID, GOAL, np.linspace(2.0, 9.0, count), radius=0.5, title="Town"), count
-
-
-def test_a_film_moves_at_ten_frames_a_second() -> None:
-    content, count = film()
-    assert content.startswith(b"GIF89a")
-    with Image.open(io.BytesIO(content)) as opened:
-        assert opened.size == (960, 540)
-        assert opened.n_frames == -(-(count - 1) // 2) + 1
-        assert opened.info["duration"] == 100
-        first = np.asarray(opened.convert("RGB"), np.int16)
-        opened.seek(opened.n_frames - 1)
-        last = np.asarray(opened.convert("RGB"), np.int16)
-    assert 0.001 < (np.abs(first - last).sum(axis=2) > 30).mean() < 0.5
-    blue, green = (
-        tuple(int(color[at : at + 2], 16) for at in (1, 3, 5)) for color in (module.ARRIVED, module._PLANNED)
-    )
-    assert (last == blue).all(axis=2).sum() > (first == blue).all(axis=2).sum() > 0
-    assert (first == green).all(axis=2).any()
-    assert not pyplot.get_fignums()
-
-
-def test_a_film_that_is_too_large_loses_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    content, _ = film()
-    monkeypatch.setattr(module, "_LARGEST", len(content) // 2)
-    smaller, _ = film()
-    assert len(smaller) <= len(content) // 2
-    with Image.open(io.BytesIO(smaller)) as opened:
-        assert opened.n_frames > 2
-
-
-def test_a_film_needs_a_flight() -> None:
-    with pytest.raises(ValueError, match="positions"):
-        film_flight([], town(), GRID, GOAL, np.zeros(0), radius=0.5, title="")
+        figure_flights(town()[1:], GRID, FLIGHTS)

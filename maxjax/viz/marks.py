@@ -1,0 +1,70 @@
+"""Lines and marks that all figures share: paths with a white halo, ends and other places with a black edge."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maxjax.viz.style import GOAL, PATHS, RETURN
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+
+@dataclasses.dataclass(frozen=True)
+class Mark:
+    """A symbol.
+
+    Attributes:
+        marker: of matplotlib.
+        size: [pt].
+        color: of its face.
+        label: in the legend; None: left out of it.
+    """
+
+    marker: str
+    size: float
+    color: str
+    label: str | None = None
+
+
+def draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, number: int, label: str | None) -> Line2D:
+    """A line with a white halo, so that it stands out against dark roofs; the first path lies on top."""
+    color, dashes = PATHS[number % len(PATHS)]
+    width = 1.8 if number == 0 else 1.5
+    axes.plot(x, y, color="white", linewidth=width + 1.4, zorder=5, solid_capstyle="round")
+    (line,) = axes.plot(x, y, color=color, linewidth=width, linestyle=dashes, zorder=7 - 0.1 * number, label=label)
+    return line
+
+
+def draw_ends(axes: Axes, x: np.ndarray, y: np.ndarray, *, labelled: bool) -> None:
+    """Marks at a start and a goal, in this order, as the legend of every figure has them."""
+    draw_mark(axes, x[0], y[0], Mark("o", 5.5, "white", "start" if labelled else None))
+    draw_mark(axes, x[1], y[1], Mark("*", 10.0, GOAL, "goal" if labelled else None))
+
+
+def draw_mark(axes: Axes, x: float, y: float, mark: Mark) -> None:
+    """One mark with a black edge, above all lines."""
+    axes.plot(
+        x,
+        y,
+        mark.marker,
+        markersize=mark.size,
+        markerfacecolor=mark.color,
+        markeredgecolor="black",
+        markeredgewidth=0.8,
+        linestyle="",
+        zorder=9,
+        label=mark.label,
+        clip_on=False,
+    )
+
+
+def draw_returns(axes: Axes, points: np.ndarray, label: str) -> None:
+    """Returns of a scan (n, 3) as dots, seen from above."""
+    x, y, _ = points.T
+    axes.plot(x, y, ",", color=RETURN, rasterized=True, zorder=4)
+    axes.plot([], [], ".", color=RETURN, markersize=3.0, label=label)

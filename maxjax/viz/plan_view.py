@@ -1,0 +1,123 @@
+"""A map from above: heights of the obstacles, their outline at an altitude, level lines of the potential.
+
+height in a column = top of its highest obstacle [m], ground left out
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maxjax.core.grid import Grid
+from maxjax.viz.style import FIELD, HEIGHTS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Lower and upper corner (x, y) of what is shown [m].
+View = tuple[np.ndarray, np.ndarray]
+
+
+def view_around(grid: Grid, points: np.ndarray, around: float) -> View:
+    """Corners of the part of the map around these points: at least 3 to 5 in shape, never beyond the grid."""
+    lower, upper = points[:, :2].min(axis=0) - around, points[:, :2].max(axis=0) + around
+    slack = np.maximum(0.6 * (upper - lower).max() - (upper - lower), 0.0)
+    lower, upper = lower - 0.5 * slack, upper + 0.5 * slack
+    return np.maximum(lower, grid.lower[:2]), np.minimum(upper, grid.upper[:2])
+
+
+def square_around(points: np.ndarray, grid: Grid, around: float) -> View:
+    """The square part of the map around these points (n, 3) and so much more [m], inside the grid."""
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    half = min(0.5 * float((high - low).max()) + around, 0.5 * float(np.min(np.subtract(grid.upper, grid.lower)[:2])))
+    middle = np.clip(0.5 * (low + high), np.array(grid.lower[:2]) + half, np.array(grid.upper[:2]) - half)
+    return middle - half, middle + half
+
+
+def draw_plan(
+    axes: Axes,
+    bar: Axes,
+    obstacle: np.ndarray,
+    grid: Grid,
+    view: View,
+    altitude: float,
+) -> None:
+    """Heights of the obstacles from above, and their outline at an altitude [m]."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LinearSegmentedColormap
+
+    (x0, y0, z0), (x1, y1, _) = grid.lower, grid.upper
+    nz = grid.shape[2]
+    top = np.where(obstacle.any(axis=2), z0 + grid.spacing * (nz - obstacle[:, :, ::-1].argmax(axis=2)), np.nan)
+    inside = [slice(*_index_range(grid, axis, view)) for axis in (0, 1)]
+    seen = top[inside[0], inside[1]]
+    shown = seen[np.isfinite(seen)]
+    limits = (shown.min(), max(shown.max(), shown.min() + grid.spacing)) if len(shown) else (0.0, 1.0)
+    image = axes.imshow(
+        top.T,
+        origin="lower",
+        extent=(x0, x1, y0, y1),
+        cmap=LinearSegmentedColormap.from_list("heights", HEIGHTS),
+        vmin=limits[0],
+        vmax=limits[1],
+        interpolation="nearest",
+    )
+    axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]")
+    outline = LineCollection(
+        list(_edges(obstacle[:, :, level_of(grid, altitude)], grid)),
+        colors="black",
+        linewidths=0.5,
+        label=f"obstacle at z = {altitude:.0f} m",
+    )
+    axes.add_collection(outline, autolim=False)
+    axes.set(xlim=(view[0][0], view[1][0]), ylim=(view[0][1], view[1][1]), aspect="equal")
+    axes.set(xlabel="East, x [m]", ylabel="North, y [m]")
+    # National grids have coordinates of six digits, which are to be read as they are.
+    axes.ticklabel_format(useOffset=False, style="plain")
+
+
+def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:
+    """Level lines of the log-potential at the path's median altitude, evenly spaced over what is in view."""
+    from matplotlib.lines import Line2D
+
+    altitude = float(np.median(path[:, 2]))
+    level = level_of(grid, altitude)
+    values = np.asarray(log_potential[:, :, level], np.float64)
+    values = np.ma.masked_where(occupied[:, :, level] | ~np.isfinite(values), values)
+    x, y = (grid.origin[axis] + grid.spacing * np.arange(grid.shape[axis]) for axis in (0, 1))
+    view = (
+        np.array([axes.get_xlim()[0], axes.get_ylim()[0]]),
+        np.array([axes.get_xlim()[1], axes.get_ylim()[1]]),
+    )
+    inside = [slice(*_index_range(grid, axis, view)) for axis in (0, 1)]
+    seen = values[inside[0], inside[1]].compressed()
+    if len(seen) == 0 or seen.min() == seen.max():
+        return
+    levels = np.linspace(seen.min(), seen.max(), 24)[1:-1]
+    axes.contour(x, y, values.T, levels=levels, colors=FIELD, linewidths=0.5, linestyles="solid")
+    label = f"log-potential at z = {altitude:.0f} m"
+    axes.add_line(Line2D([], [], color=FIELD, linewidth=0.8, label=label))
+
+
+def level_of(grid: Grid, altitude: float) -> int:
+    """Index along z of the voxels at an altitude."""
+    return int(np.clip(math.floor((altitude - grid.lower[2]) / grid.spacing), 0, grid.shape[2] - 1))
+
+
+def _index_range(grid: Grid, axis: int, view: View) -> tuple[int, int]:
+    """First index and end of the voxels of one axis that lie in view."""
+    first, last = ((corner[axis] - grid.lower[axis]) / grid.spacing for corner in view)
+    return max(0, math.floor(first)), min(grid.shape[axis], math.ceil(last))
+
+
+def _edges(mask: np.ndarray, grid: Grid) -> np.ndarray:
+    """Outline of a horizontal slice: the segments (n, 2, 2) [m] between its voxels and free ones."""
+    padded = np.pad(mask, 1).astype(np.int8)
+    corner = np.array(grid.lower[:2])
+    i, j = np.nonzero(np.diff(padded, axis=0)[:, 1:-1])
+    east = np.stack([np.stack([i, j], -1), np.stack([i, j + 1], -1)], axis=1)
+    i, j = np.nonzero(np.diff(padded, axis=1)[1:-1])
+    north = np.stack([np.stack([i, j], -1), np.stack([i + 1, j], -1)], axis=1)
+    return np.asarray(corner + grid.spacing * np.concatenate([east, north]))
