@@ -34,7 +34,8 @@ from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.problems import problems
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
-from maxjax.nn.autoencoder import CONFIGS, Params, apply, apply_folded, init
+from maxjax.nn.architecture import CONFIGS
+from maxjax.nn.autoencoder import Params, apply, apply_folded, init
 from maxjax.nn.encoding import encode
 from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped

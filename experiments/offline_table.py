@@ -9,7 +9,7 @@ warm-up, compilation apart. `find` is the time between dilation and verification
 
 Methods: those of `maxjax.plan`; `fast marching`, the travel time from the goal by scikit-fmm (second order), climbed
 and tightened as ours is, so that only the field differs; and networks, where weights are there: `network` (maxjax's,
-with positive sweeps until certified), `network alone`, or a name of `maxjax.nn.autoencoder.CONFIGS`, alone or not.
+with positive sweeps until certified), `network alone`, or a name of `maxjax.nn.architecture.CONFIGS`, alone or not.
 
 Lengths are compared over the problems that solver and A* both solve (`shared`), and given over each method's own
 successes too. `turning` is the sum of the absolute angles between consecutive segments, per metre; the paper measures
@@ -40,7 +40,7 @@ from benchmarks.common.paper import PAPER
 from benchmarks.common.problems import Problem, problems
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.api import METHODS, path_finder
-from maxjax.nn.autoencoder import CONFIGS
+from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.planner import (

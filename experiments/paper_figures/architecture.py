@@ -12,7 +12,8 @@ import jax
 
 from experiments.differentiable.field import COLORS, figure
 from maxjax.nn import layers
-from maxjax.nn.autoencoder import CONFIGS, Autoencoder, init
+from maxjax.nn.architecture import CONFIGS, Autoencoder
+from maxjax.nn.autoencoder import init
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,9 +69,9 @@ def draw_architecture(file: Path) -> Path:
             network = CONFIGS[name]
             _draw_network(axes, network)
             kept = ", encoder features kept for the decoder" if network.skips else ""
-            block = f", blocks of {network.block}³ voxels as channels" if network.block > 1 else ""
+            patch = f", blocks of {network.patch}³ voxels as channels" if network.patch > 1 else ""
             kernels = "·".join(f"{k}³" for k in sorted(set(network.kernels)))
-            text = f"{title}: {weights_of(network):,} weights, kernels {kernels}{block}{kept}"
+            text = f"{title}: {weights_of(network):,} weights, kernels {kernels}{patch}{kept}"
             axes.set_title(text, fontsize=9, loc="left")
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch

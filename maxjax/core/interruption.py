@@ -62,7 +62,7 @@ def _wait(reader: socket.socket, writer: socket.socket, sentence: str) -> None:
     """End the process when SIGINT has come; the writer is an argument so that it stays open."""
     while signal.SIGINT not in reader.recv(64):
         pass
-    # Never released, so that no other file is begun.
+    # Never released, so that no other file is started.
     if not _writing.acquire(timeout=_PATIENCE):
         for temporary in list(_unfinished):
             with contextlib.suppress(OSError):

@@ -33,7 +33,7 @@ def on_every_device(function: Callable[..., Result], *arguments: Any) -> Result:
     """function(*arguments), of whole arrays, on each device alike."""
     if slabs() == 1:
         return function(*arguments)
-    # XLA's partitioner would cut up again what is merely said to lie on each device.
+    # XLA's partitioner would cut up again what is only annotated to lie on each device.
     alone = jax.shard_map(function, in_specs=PartitionSpec(), out_specs=PartitionSpec(), check_vma=False)
     result: Result = alone(*arguments)
     return result

@@ -98,10 +98,10 @@ def chain(edges: Iterable[tuple[T, T]]) -> list[list[T]] | None:
     for first in list(around):
         while around[first]:
             ring, at = [first], first
-            while (ahead := around[at].pop()) != first:
-                around[ahead].remove(at)
-                ring.append(ahead)
-                at = ahead
+            while (following := around[at].pop()) != first:
+                around[following].remove(at)
+                ring.append(following)
+                at = following
             around[first].remove(at)
             rings.append(ring)
     return rings

@@ -1,12 +1,12 @@
-"""From fields to what a network reads, and from what it says to a potential.
+"""From fields to what a network reads, and from its output to a potential.
 
     y = −ℓ log φ = y₀ + unit · network(x)        φ = exp(−y / ℓ)
 
 y is the log-potential in units of the screening length: a distance in voxels, by Varadhan about the geodesic one to the
-goal, whatever ℓ is. 0 at the goal; larger is further. The unit makes what the network has to say of order one: 100
-voxels without a start, 10 with one.
+goal, whatever ℓ is. 0 at the goal; larger is further. The unit makes the output of order one: 100 voxels without a
+start, 10 with one.
 
-The start y₀ is 0 (`nothing`, the paper: the network says all of y), or the closed law of free space (`free`). Where σ
+The start y₀ is 0 (`nothing`, the paper: the output is all of y), or the closed law of free space (`free`). Where σ
 falls as 1/r and nothing is in the way, φ = K₀(r/ℓ), a modified Bessel function; on the lattice, with its decay θ and
 K₀'s leading term kept finite at the goal,
 
@@ -94,7 +94,7 @@ def decode(y: Volume, component: Bool[Array, "nx ny nz"], goal: Bool[Array, "nx 
         goal: True at the goal.
         length: screening length ℓ [voxels].
     """
-    # Finite whatever a network says: NaN becomes the farthest.
+    # Finite whatever the output: NaN becomes the farthest.
     nats = jnp.nan_to_num(y / length, nan=_NATS, posinf=_NATS, neginf=-_NATS)
     phi = jnp.exp(-jnp.clip(nats, -_NATS, _NATS))
     return jnp.where(goal, 1.0, jnp.where(component, jnp.maximum(phi, float(np.finfo(np.float32).tiny)), 0.0))

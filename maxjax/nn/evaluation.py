@@ -20,7 +20,8 @@ from jaxtyping import Array, Float
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.fields.gradient import gradient
-from maxjax.nn.autoencoder import Autoencoder, Params, apply_folded
+from maxjax.nn.architecture import Autoencoder
+from maxjax.nn.autoencoder import Params, apply_folded
 from maxjax.nn.dataset import Scenes
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.layers import Formulation
@@ -41,18 +42,18 @@ def evaluate(
     def one(scene: Scenes) -> dict[str, Float[Array, ""]]:
         sigma = conductivity(scene.blocked, scene.goal_index, grid)
         x, base = encode(network.start, network.flood, sigma, scene.goal_index, scene.steps, scene.screening_length)
-        said = base + UNIT[network.start] * apply_folded(params, x[None], network, by=by)[0]
-        return errors(said, scene)
+        predicted = base + UNIT[network.start] * apply_folded(params, x[None], network, by=by)[0]
+        return errors(predicted, scene)
 
     found: dict[str, Float[Array, " n"]] = lax.map(one, scenes)
     return found
 
 
-def errors(said: Float[Array, "nx ny nz"], scene: Scenes) -> dict[str, Float[Array, ""]]:
+def errors(predicted: Float[Array, "nx ny nz"], scene: Scenes) -> dict[str, Float[Array, ""]]:
     """Errors of one scene.
 
     Args:
-        said: predicted y [voxels].
+        predicted: y [voxels].
         scene: the truth.
     """
     counts, true = scene.steps > 0, scene.target
@@ -61,8 +62,8 @@ def errors(said: Float[Array, "nx ny nz"], scene: Scenes) -> dict[str, Float[Arr
     def norm(x: Array) -> Array:
         return jnp.sqrt(jnp.sum(jnp.where(counts, x, 0) ** 2))
 
-    error = norm(said - true)
-    ours, best = gradient(said, counts), gradient(true, counts)
+    error = norm(predicted - true)
+    ours, best = gradient(predicted, counts), gradient(true, counts)
     sizes = jnp.linalg.norm(ours, axis=-1) * jnp.linalg.norm(best, axis=-1)
     known = counts & (sizes > 1e-9)
     cosine = jnp.sum(ours * best, axis=-1) / jnp.where(known, sizes, 1)

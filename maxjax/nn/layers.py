@@ -11,8 +11,8 @@ voxels 2j − 1 and 2j read the coarse pair (x[j−1], x[j]) and nothing else:
     y[2j − 1] = w₀ x[j−1] + (w₁ + w₂) x[j]        y[2j] = (w₀ + w₁) x[j−1] + w₂ x[j]
 
 In three dimensions eight phase kernels of 2³ taps, which are one convolution with eight times the channels on the
-coarse grid: 27/8 fewer products than on the fine one, and no fine volume in memory. Its result comes in *blocks*:
-block j along an axis holds the fine voxels 2j − 1 and 2j as channels. A convolution with k = 3 from blocks gives the
+coarse grid: 27/8 fewer products than on the fine one, and no fine volume in memory. Its result comes in *patches*:
+patch j along an axis holds the fine voxels 2j − 1 and 2j as channels. A convolution with k = 3 from patches gives the
 voxels 2j and 2j + 1, by 2³ taps again; max-pooling behind it is a maximum over channels.
 
 An odd fine axis, 2n + 1: the coarse one is continued by its last voxel, and what exceeds the grid is cut off.
@@ -83,7 +83,7 @@ def pad(x: Volumes, widths: Sequence[tuple[int, int]]) -> Volumes:
 
 
 def pool(x: Volumes) -> Volumes:
-    """Maximum over blocks of two along each axis; an odd last voxel is left out."""
+    """Maximum over patches of two along each axis; an odd last voxel is left out."""
     for axis in range(1, x.ndim - 1):
         even = x.shape[axis] // 2 * 2
         # Two strided views: the gradient of a maximum of two is cheap, that of a reduction over windows is not.
@@ -107,8 +107,8 @@ def crop(x: Volumes, space: Sequence[int]) -> Volumes:
     return lax.slice(x, (0,) * x.ndim, (x.shape[0], *space, x.shape[-1]))
 
 
-def blocks(x: Volumes) -> Volumes:
-    """Blocks of two along each axis as channels, voxels of a block in order, channels within; even axes."""
+def patches(x: Volumes) -> Volumes:
+    """Patches of two along each axis as channels, voxels of a patch in order, channels within; even axes."""
     n, *space, c = x.shape
     d = len(space)
     x = x.reshape(n, *(part for m in space for part in (m // 2, 2)), c)
@@ -116,8 +116,8 @@ def blocks(x: Volumes) -> Volumes:
     return x.transpose(order).reshape(n, *(m // 2 for m in space), 2**d * c)
 
 
-def unblock(x: Volumes) -> Volumes:
-    """Inverse of `blocks`."""
+def unpatch(x: Volumes) -> Volumes:
+    """Inverse of `patches`."""
     n, *space, c = x.shape
     d = len(space)
     x = x.reshape(n, *space, *(2,) * d, c // 2**d)
@@ -148,15 +148,15 @@ def fold_up(kernel: Kernel) -> Kernel:
     return folded.transpose(order).reshape(*(2,) * d, i, 2**d * o)
 
 
-def fold_blocks(kernel: Kernel) -> Kernel:
-    """Kernel (2, …, 2^d · i, 2^d · o) from blocks 2j − 1, 2j to blocks 2j, 2j + 1, from (3, …, i, o)."""
+def fold_patches(kernel: Kernel) -> Kernel:
+    """Kernel (2, …, 2^d · i, 2^d · o) from patches 2j − 1, 2j to patches 2j, 2j + 1, from (3, …, i, o)."""
     _check_three(kernel)
     d, (i, o) = kernel.ndim - 2, kernel.shape[-2:]
-    # (phase out, block, phase in, tap): voxel 2j + out reads 2j + out + t − 1, number out + t from the block's first.
+    # (phase out, patch, phase in, tap): voxel 2j + out reads 2j + out + t − 1, number out + t from the patch's first.
     along = np.zeros((2, 2, 2, 3), np.float32)
     for out, tap in itertools.product(range(2), range(3)):
         along[out, (out + tap) // 2, (out + tap) % 2, tap] = 1
-    folded = _phases(kernel, along)  # i, o, (out, block, in) per axis
+    folded = _phases(kernel, along)  # i, o, (out, patch, in) per axis
     order = (
         *(3 + 3 * a for a in range(d)),
         *(4 + 3 * a for a in range(d)),
@@ -172,13 +172,13 @@ def _check_three(kernel: Kernel) -> None:
         raise ValueError(f"kernel: expected three taps along each axis, given {kernel.shape[:-2]}")
 
 
-def shifted_blocks(x: Volumes) -> Volumes:
-    """Blocks of the voxels 2j − 1 and 2j, zeros beyond the grid: what a kernel of `fold_blocks` reads."""
-    return blocks(pad(x, [(1, 1 + m % 2) for m in x.shape[1:-1]]))
+def shifted_patches(x: Volumes) -> Volumes:
+    """Patches of the voxels 2j − 1 and 2j, zeros beyond the grid: what a kernel of `fold_patches` reads."""
+    return patches(pad(x, [(1, 1 + m % 2) for m in x.shape[1:-1]]))
 
 
 def convolve_up(x: Volumes, folded: Kernel, space: Sequence[int], *, by: Formulation = "direct") -> Volumes:
-    """Upsampling to `space` and a convolution, in shifted blocks.
+    """Upsampling to `space` and a convolution, in shifted patches.
 
     Args:
         x: coarse volumes.
@@ -187,7 +187,7 @@ def convolve_up(x: Volumes, folded: Kernel, space: Sequence[int], *, by: Formula
         by: see `convolve`. Static.
 
     Returns:
-        Blocks of the voxels 2j − 1 and 2j, j from 0 to n; the first voxel and, on even axes, the last one lie beyond
+        Patches of the voxels 2j − 1 and 2j, j from 0 to n; the first voxel and, on even axes, the last one lie beyond
         the grid and hold what the formula gives there.
     """
     x = pad(x, [(1, 1)] * len(space))
@@ -199,14 +199,14 @@ def convolve_up(x: Volumes, folded: Kernel, space: Sequence[int], *, by: Formula
 
 
 def from_shifted(x: Volumes, space: Sequence[int]) -> Volumes:
-    """Voxels of shifted blocks."""
-    fine = unblock(x)
+    """Voxels of shifted patches."""
+    fine = unpatch(x)
     return lax.slice(fine, (0, *(1 for _ in space), 0), (x.shape[0], *(1 + m for m in space), fine.shape[-1]))
 
 
-def inside_shifted(space: Sequence[int]) -> Bool[np.ndarray, "*blocks phases"]:
-    """Whether a shifted block's voxels lie in the grid."""
-    mask: Bool[np.ndarray, "*blocks phases"] = np.ones((1,), bool)
+def inside_shifted(space: Sequence[int]) -> Bool[np.ndarray, "*patches phases"]:
+    """Whether a shifted patch's voxels lie in the grid."""
+    mask: Bool[np.ndarray, "*patches phases"] = np.ones((1,), bool)
     for m in space:
         voxel = 2 * np.arange(m // 2 + 1)[:, None] - 1 + np.arange(2)
         axis = (voxel >= 0) & (voxel < m)
@@ -215,8 +215,8 @@ def inside_shifted(space: Sequence[int]) -> Bool[np.ndarray, "*blocks phases"]:
     return mask
 
 
-def pool_blocks(x: Volumes, dimensions: int) -> Volumes:
-    """`pool` of blocks: the maximum over the voxels of each."""
+def pool_patches(x: Volumes, dimensions: int) -> Volumes:
+    """`pool` of patches: the maximum over the voxels of each."""
     *outer, c = x.shape
     return jnp.max(x.reshape(*outer, 2**dimensions, c // 2**dimensions), axis=-2)
 

@@ -27,7 +27,8 @@ from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.connectivity import geodesic
-from maxjax.nn.autoencoder import CONFIGS, Autoencoder, Params, apply_folded, cast, fold, init
+from maxjax.nn.architecture import CONFIGS, Autoencoder
+from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.encoding import UNIT, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.solvers.potential import Potential, screening_length_for, solve_potential
@@ -35,8 +36,8 @@ from maxjax.solvers.potential import Potential, screening_length_for, solve_pote
 WEIGHTS = Path(__file__).parent / "weights"
 # Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
 MAX_SWEEPS = 64
-# Standard deviation of the smoothing of what a network says [voxels]: local maxima of a voxel or two would hold up the
-# ascent, and cost the sweeps more than all the rest. The paper smooths too, by 5.
+# Standard deviation of the smoothing of a predicted log-potential [voxels]: local maxima of a voxel or two would hold
+# up the ascent, and cost the sweeps more than all the rest. The paper smooths too, by 5.
 _SMOOTHING = 1.0
 # Fields of `Autoencoder` that older files lack, and what they mean by it.
 _LATER = {"coarse": False}
@@ -51,7 +52,7 @@ class Model:
     """A network and its weights; two are equal only if they are one, so it can be a static argument.
 
     Attributes:
-        name: in `autoencoder.CONFIGS`.
+        name: in `architecture.CONFIGS`.
         network: architecture.
         params: weights as `autoencoder.fold` and `cast` leave them.
         by: how convolutions are computed.
@@ -81,7 +82,7 @@ def predict_potential(
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 
-    What the network says is smoothed within the walls. With sweeps, it is then improved by positive sweeps
+    The prediction is smoothed within the walls. With sweeps, it is then improved by positive sweeps
     φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not suffice, the solver takes over. Without sweeps,
     `certified` tells whether an ascent is known to arrive, and a status of OK only that there is a field to climb.
 
@@ -109,12 +110,12 @@ def predict_potential(
 
 
 def certified_from(
-    said: LogPotential, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], max_sweeps: int
+    start: LogPotential, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], max_sweeps: int
 ) -> Potential:
-    """The potential from whatever says a log-potential, a network or a formula; the rest is `predict_potential`'s.
+    """The potential from any predicted log-potential, of a network or a formula; the rest is `predict_potential`'s.
 
     Args:
-        said: where the sweeps start from. Static.
+        start: the log-potential from which the sweeps start. Static.
         sigma, goal_index, max_sweeps: as of `predict_potential`.
     """
     finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0))
@@ -122,8 +123,8 @@ def certified_from(
     component, steps = geodesic(sigma > 0, goal_index)
     length = screening_length_for(steps)
     goal = stencil.cell(sigma.shape, goal_index) & component
-    # A network turns one NaN into many; with a bad sigma nothing it says is used.
-    y = said(jnp.where(finite, sigma, 0), goal_index, steps, length)
+    # A network turns one NaN into many; with a bad sigma its output is not used.
+    y = start(jnp.where(finite, sigma, 0), goal_index, steps, length)
     log_phi = slope.log_potential(decode(y, component, goal, length))
     phi = decode(-length * slope.smooth(log_phi, component, _SMOOTHING), component, goal, length)
     operator = stencil.assemble(sigma, 1 / length**2)
@@ -187,7 +188,7 @@ def save_model(
 
     Args:
         path: file, .npz.
-        name: in `autoencoder.CONFIGS`.
+        name: in `architecture.CONFIGS`.
         params: of `autoencoder.init`, trained.
         metadata: anything that JSON can hold.
 
@@ -200,7 +201,7 @@ def save_model(
         half = jax.tree.map(lambda w: np.asarray(w).astype(np.float16), params)
     if not all(np.isfinite(w).all() for w in jax.tree.leaves(half)):
         raise ValueError(f"{name}: expected finite weights within float16's range")
-    save_pytree(path, half, metadata={**(metadata or {}), "model": name, "network": dataclasses.asdict(network)})
+    save_pytree(path, half, metadata={**(metadata or {}), "model": name, "network": _described(network)})
 
 
 def shipped() -> list[str]:
@@ -213,7 +214,7 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     """A trained network.
 
     Args:
-        name: in `autoencoder.CONFIGS`.
+        name: in `architecture.CONFIGS`.
         path: file of `save_model`; by default the one that comes with maxjax.
 
     Raises:
@@ -222,13 +223,12 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     network = _network(name)
     file = WEIGHTS / f"{name}.npz" if path is None else Path(path)
     if path is None and not file.exists():
-        there = ", ".join(shipped()) or "none"
+        names = ", ".join(shipped()) or "none"
         raise ValueError(
-            f"model: no weights of {name!r} come with maxjax (there are: {there}); train it, or give a path"
+            f"model: no weights of {name!r} come with maxjax (there are: {names}); train it, or give a path"
         )
     metadata = load_metadata(file)
-    # Through JSON, which turns tuples into lists.
-    given, expected = metadata.get("network"), _as_json(dataclasses.asdict(network))
+    given, expected = metadata.get("network"), _described(network)
     if isinstance(given, dict):
         given = _LATER | given
     if metadata.get("model") != name or given != expected:
@@ -245,6 +245,13 @@ def _network(name: str) -> Autoencoder:
     if name not in CONFIGS:
         raise ValueError(f"model: expected one of {', '.join(CONFIGS)}, given {name!r}")
     return CONFIGS[name]
+
+
+def _described(network: Autoencoder) -> dict[str, Any]:
+    """An architecture as it stands in a file: tuples as JSON's lists, and the edge of a patch as "block"."""
+    description = {key: _as_json(value) for key, value in dataclasses.asdict(network).items()}
+    description["block"] = description.pop("patch")
+    return description
 
 
 def _as_json(value: Any) -> Any:

@@ -34,7 +34,8 @@ from maxjax.core.serialize import atomic_write
 from maxjax.fields import stencil
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn import optimizer
-from maxjax.nn.autoencoder import CONFIGS, Autoencoder, Params, apply_folded, cast, fold, init
+from maxjax.nn.architecture import CONFIGS, Autoencoder
+from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
 from maxjax.nn.dataset import Scenes
 from maxjax.nn.encoding import UNIT, encode
@@ -52,7 +53,7 @@ class Training:
     """A recipe; static. Its defaults are the paper's, as far as the paper tells.
 
     Attributes:
-        model: name in `autoencoder.CONFIGS`.
+        model: name in `architecture.CONFIGS`.
         epochs: passes over the scenes.
         batch: scenes a step.
         rate: peak learning rate.
@@ -98,7 +99,7 @@ RECIPES: dict[str, Training] = {
     "tiny": Training("tiny", epochs=8, batch=4, slope=1.0, turned=True),
     "maxjax_slim": Training("maxjax_slim", warmup=200, slope=1.0, turned=True),
     "maxjax_half": Training("maxjax_half", warmup=200, slope=1.0, turned=True),
-    "maxjax_blind": Training("maxjax_blind", warmup=200, slope=1.0, turned=True),
+    "maxjax_no_flood": Training("maxjax_no_flood", warmup=200, slope=1.0, turned=True),
 }
 
 
@@ -146,9 +147,9 @@ def loss(params: Params, training: Training, scenes: Scenes, grid: Grid, key: PR
     """
     network = training.network
     x, wanted, counts = jax.vmap(lambda scene: inputs_of(network, scene, grid))(scenes)
-    said = apply_folded(cast(fold(params, network), training.precision), x, network, key=key, by=training.by)
+    predicted = apply_folded(cast(fold(params, network), training.precision), x, network, key=key, by=training.by)
     weight = counts.astype(jnp.float32)
-    error = weight * (said - wanted)
+    error = weight * (predicted - wanted)
     total = jnp.sum(error**2)
     if training.slope:
         total = total + training.slope * jnp.sum(jax.vmap(_roughness)(error, weight))
@@ -279,7 +280,7 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     _keep_lines(folder / LOG, done)
     for epoch in range(done, last):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         state, each = run(state, scenes)
         losses = np.asarray(each)
         if not np.isfinite(losses).all():
@@ -288,7 +289,7 @@ def train(
                 f"loss: not finite in epoch {epoch}, step {step}; stopped; an earlier epoch's checkpoint is kept. "
                 "Lower the learning rate"
             )
-        line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - begun, 3)}
+        line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - start, 3)}
         if (epoch + 1) % every == 0 or epoch + 1 == last:
             if validation is not None:
                 folded = cast(fold(state.params, training.network), training.precision)

@@ -12,7 +12,7 @@ two terms above are what is evaluated and differentiated.
 
 The normal is n ∝ p_i / (s + r_i − 1) with r_i = (e_i / e)², e the least semi-axis, where s > 0 solves |u(s)| = 1,
 u_i = r_i (p_i / e_i) / (s + r_i − 1) (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
-hyperellipsoid"). 1 / |u(s)| is concave, rising and almost straight, as in trust regions: Newton's method on it, begun
+hyperellipsoid"). 1 / |u(s)| is concave, rising and almost straight, as in trust regions: Newton's method on it, started
 on the low side, rises to the root without overshoot (Conn, Gould and Toint, Trust-Region Methods, section 7.3).
 
 Geoms are grouped by their static types; inside a group everything is elementwise, without gathers or small matrix

@@ -10,7 +10,8 @@ import jax
 import pytest
 
 from experiments import network_accuracy, network_cost, network_training
-from maxjax.nn.autoencoder import CONFIGS, init
+from maxjax.nn.architecture import CONFIGS
+from maxjax.nn.autoencoder import init
 from maxjax.nn.model import save_model
 from maxjax.nn.training import RECIPES
 

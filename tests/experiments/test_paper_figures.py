@@ -20,7 +20,8 @@ from experiments.paper_figures.planned import Choice, planned
 from experiments.paper_figures.study import TINY, main
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.nn.autoencoder import CONFIGS, apply, init
+from maxjax.nn.architecture import CONFIGS
+from maxjax.nn.autoencoder import apply, init
 
 
 def outcome(trial: int, status: str, flown: float) -> Outcome:
@@ -69,7 +70,7 @@ def test_the_boxes_of_the_architecture_are_its_volumes(name: str) -> None:
     assert weights_of(network) == sum(math.prod(x.shape) for x in jax.tree.leaves(params))
     x = jax.ShapeDtypeStruct((1, 101, 101, 101, network.inputs), np.float32)
     assert jax.eval_shape(lambda p, x: apply(p, x, network), params, x).shape == (1, 101, 101, 101)
-    assert boxes[-1].voxels == -(-101 // network.block)
+    assert boxes[-1].voxels == -(-101 // network.patch)
 
 
 def test_all_figures_are_drawn_and_small(folder: Path, tmp_path: Path) -> None:

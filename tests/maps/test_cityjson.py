@@ -169,9 +169,9 @@ def test_delft_is_where_its_faces_are(data: Path) -> None:
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     low, high = np.full((2, len(points)), np.nan)
     for building in found.buildings:
-        there = contains(building, points)
-        low[there] = np.fmin(low[there], building.base)
-        high[there] = np.fmax(high[there], building.top)
+        held = contains(building, points)
+        low[held] = np.fmin(low[held], building.base)
+        high[held] = np.fmax(high[held], building.top)
     np.testing.assert_array_equal(np.isnan(low), np.isnan(base.ravel()))
     covered = ~np.isnan(low)
     assert covered.sum() > 500
@@ -210,11 +210,11 @@ def broken(**change: Any) -> dict[str, Any]:
         (broken(CityObjects=[1]), "malformed CityJSON: AttributeError"),
     ],
 )
-def test_what_is_wrong_is_said(save: Callable[[object], Path], content: object, message: str) -> None:
+def test_an_error_names_what_is_wrong(save: Callable[[object], Path], content: object, message: str) -> None:
     with pytest.raises(MapError, match=message):
         load_cityjson(save(content))
 
 
-def test_a_missing_file_is_said(tmp_path: Path) -> None:
+def test_an_error_names_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(MapError, match="cannot be read"):
         load_cityjson(tmp_path / "none.json")

@@ -115,13 +115,13 @@ def test_what_has_no_height_or_outline_is_counted(path: Path) -> None:
         (osm("<way/>"), "malformed OSM: KeyError"),
     ],
 )
-def test_what_is_wrong_is_said(path: Path, content: str, message: str) -> None:
+def test_an_error_names_what_is_wrong(path: Path, content: str, message: str) -> None:
     path.write_text(content)
     with pytest.raises(MapError, match=message):
         load_osm(path)
 
 
-def test_a_missing_file_is_said(path: Path) -> None:
+def test_an_error_names_a_missing_file(path: Path) -> None:
     with pytest.raises(MapError, match="cannot be read"):
         load_osm(path)
 

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid
-from maxjax.nn.autoencoder import Autoencoder
+from maxjax.nn.architecture import Autoencoder
 
 GRID = Grid((12, 12, 12), 2.0, (0.0, 0.0, 0.0))
-MINI = Autoencoder(((4,), (6,)), ((6,), (4,)), (3, 3), start="free", flood=True, skips=True, block=2, dropout=0.2)
+MINI = Autoencoder(((4,), (6,)), ((6,), (4,)), (3, 3), start="free", flood=True, skips=True, patch=2, dropout=0.2)
 
 
 @dataclasses.dataclass(frozen=True)

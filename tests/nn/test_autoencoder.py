@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from maxjax.nn import layers
-from maxjax.nn.autoencoder import CONFIGS, MAXJAX, PAPER, PAPER_2D, Autoencoder, apply, apply_folded, fold, init
+from maxjax.nn.architecture import CONFIGS, MAXJAX, PAPER, PAPER_2D, Autoencoder
+from maxjax.nn.autoencoder import apply, apply_folded, fold, init
 
 # Narrow copies: what is tested does not depend on the number of channels.
 NARROW = ((2,), (3,), (4,), (5,), (6,))
@@ -125,11 +126,11 @@ def test_what_does_not_fit_is_refused_with_both_shapes() -> None:
         Autoencoder(((4,),), ((4,),), (4,))
 
 
-def test_a_coarse_output_is_spread_within_its_block_and_along_free_ways_only() -> None:
-    """Two rooms behind a wall of one voxel: what is said in one of them does not reach the other."""
+def test_a_coarse_output_is_spread_within_its_patch_and_along_free_ways_only() -> None:
+    """Two rooms behind a wall of one voxel: what is predicted in one of them does not reach the other."""
     config = SMALL["coarse"]
     params = jax.tree.map(jnp.zeros_like, init(jax.random.key(0), config))
-    # The head passes the brightness of a block's first voxel on.
+    # The head passes the brightness of a patch's first voxel on.
     kernel = params["head"]["kernel"].at[1, 1, 1, -config.inputs * config.channels, 0].set(1.0)
     params["head"]["kernel"] = kernel
     free = np.ones((17, 16, 16), bool)

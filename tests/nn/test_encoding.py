@@ -1,4 +1,4 @@
-"""What networks read and say: the law of free space against SciPy, and potentials that are sound whatever is said."""
+"""What networks read and predict: the law of free space against SciPy, and sound potentials from any prediction."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def test_in_the_open_the_flood_adds_little_and_behind_walls_what_they_do() -> No
     np.testing.assert_allclose(x[..., 2], base / 100, rtol=1e-6)
     expected = law(steps.astype(jnp.float32), jnp.float32(2.0)) - base
     np.testing.assert_allclose(x[..., 3], expected / 10, atol=1e-5)
-    blind, nothing = encode("nothing", False, sigma, goal, steps, jnp.float32(2.0))
-    np.testing.assert_array_equal(blind, x[..., :1])
+    plain, nothing = encode("nothing", False, sigma, goal, steps, jnp.float32(2.0))
+    np.testing.assert_array_equal(plain, x[..., :1])
     assert not nothing.any()
 
 
-def test_a_potential_is_sound_whatever_the_network_says() -> None:
-    said = jnp.asarray([[[0.0, 5.0, jnp.nan, jnp.inf, -jnp.inf, 1e30, 3.0]]])
+def test_a_potential_is_sound_whatever_the_network_predicts() -> None:
+    predicted = jnp.asarray([[[0.0, 5.0, jnp.nan, jnp.inf, -jnp.inf, 1e30, 3.0]]])
     component = jnp.asarray([[[True, True, True, True, True, True, False]]])
     goal = jnp.asarray([[[True, False, False, False, False, False, False]]])
-    phi = np.asarray(decode(said, component, goal, jnp.float32(2.0)))[0, 0]
+    phi = np.asarray(decode(predicted, component, goal, jnp.float32(2.0)))[0, 0]
     assert np.isfinite(phi).all()
     assert phi[0] == 1
     assert phi[6] == 0

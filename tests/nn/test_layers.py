@@ -31,7 +31,7 @@ def test_convolution_is_scipys_correlation(size: tuple[int, ...], by: str) -> No
                 np.testing.assert_allclose(y[n, ..., o], sum(parts), rtol=1e-4, atol=1e-4)
 
 
-def test_pooling_is_the_maximum_of_blocks_and_drops_an_odd_voxel() -> None:
+def test_pooling_is_the_maximum_of_patches_and_drops_an_odd_voxel() -> None:
     x = random(2, 5, 6, 3)
     expected = np.asarray(x)[:, :4].reshape(2, 2, 2, 3, 2, 3).max(axis=(2, 4))
     np.testing.assert_array_equal(layers.pool(x), expected)
@@ -46,11 +46,11 @@ def test_upsampling_repeats_and_continues_odd_axes() -> None:
 
 
 @pytest.mark.parametrize("space", SPACES)
-def test_blocks_hold_their_voxels_in_order(space: tuple[int, ...]) -> None:
+def test_patches_hold_their_voxels_in_order(space: tuple[int, ...]) -> None:
     even = tuple(n // 2 * 2 for n in space)
     x = random(2, *even, 3)
-    found = layers.blocks(x)
-    np.testing.assert_array_equal(layers.unblock(found), x)
+    found = layers.patches(x)
+    np.testing.assert_array_equal(layers.unpatch(found), x)
     corner = np.asarray(x)[(0, *(slice(0, 2) for _ in even))]
     np.testing.assert_array_equal(found[(0, *(0 for _ in even))], corner.reshape(-1))
 
@@ -67,20 +67,20 @@ def test_folded_upsampling_is_upsampling_and_convolution(space: tuple[int, ...],
 
 
 @pytest.mark.parametrize("space", SPACES)
-def test_a_folded_convolution_from_shifted_blocks_gives_blocks(space: tuple[int, ...]) -> None:
+def test_a_folded_convolution_from_shifted_patches_gives_patches(space: tuple[int, ...]) -> None:
     x, kernel = random(2, *space, 3), random(*(3 for _ in space), 3, 4, seed=1)
-    found = layers.convolve(layers.shifted_blocks(x), layers.fold_blocks(kernel), same=False)
+    found = layers.convolve(layers.shifted_patches(x), layers.fold_patches(kernel), same=False)
     plain = layers.convolve(x, kernel)
     tolerance = 1e-5 * np.abs(plain).max()
-    np.testing.assert_allclose(layers.crop(layers.unblock(found), space), plain, atol=tolerance)
+    np.testing.assert_allclose(layers.crop(layers.unpatch(found), space), plain, atol=tolerance)
     coarse = [n // 2 for n in space]
-    pooled = layers.crop(layers.pool_blocks(found, len(space)), coarse)
+    pooled = layers.crop(layers.pool_patches(found, len(space)), coarse)
     np.testing.assert_allclose(pooled, layers.pool(plain), atol=tolerance)
 
 
 @pytest.mark.parametrize("space", SPACES)
-def test_shifted_blocks_know_which_voxels_lie_in_the_grid(space: tuple[int, ...]) -> None:
-    ones = layers.shifted_blocks(jnp.ones((1, *space, 1)))[0]
+def test_shifted_patches_know_which_voxels_lie_in_the_grid(space: tuple[int, ...]) -> None:
+    ones = layers.shifted_patches(jnp.ones((1, *space, 1)))[0]
     inside = layers.inside_shifted(space)
     np.testing.assert_array_equal(ones[tuple(slice(0, n) for n in inside.shape[:-1])], inside)
     assert inside.sum() == np.prod(space)

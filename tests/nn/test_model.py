@@ -17,7 +17,8 @@ from nn.scenes import GRID, MINI, Boxes
 from maxjax import Status, conductivity, plan, plan_batch, solve_potential
 from maxjax.campaigns.campaign import Campaign
 from maxjax.nn import model as module
-from maxjax.nn.autoencoder import CONFIGS, init
+from maxjax.nn.architecture import CONFIGS
+from maxjax.nn.autoencoder import init
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
 from maxjax.planning.planner import PotentialLike
 

@@ -18,7 +18,8 @@ import pytest
 from nn.scenes import GRID, MINI, Boxes
 
 from maxjax.nn import checkpoint, training
-from maxjax.nn.autoencoder import CONFIGS, fold
+from maxjax.nn.architecture import CONFIGS
+from maxjax.nn.autoencoder import fold
 from maxjax.nn.checkpoint import MANIFEST
 from maxjax.nn.dataset import Scenes, generate
 from maxjax.nn.evaluation import errors, evaluate, summary

@@ -13,7 +13,7 @@ from benchmarks.common.problems import problems
 from maxjax import Grid, Potential, Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn import model as model_module
-from maxjax.nn.autoencoder import CONFIGS
+from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
 from maxjax.planning.problem import pose
 
