@@ -120,9 +120,9 @@ def city(config: Config) -> City:
     return City(config.shape, tile, np.array([x + nx // 2 - _TILE // 2, y + ny // 2 - _TILE // 2, z], np.int32))
 
 
-def sharded(posed: City, count: int) -> Float[Array, "nx ny nz"]:
+def sharded(town: City, count: int) -> Float[Array, "nx ny nz"]:
     """The city's sigma on the first so many devices."""
-    return shard_sigma(posed, city_mesh(jax.devices()[:count]))
+    return shard_sigma(town, city_mesh(jax.devices()[:count]))
 
 
 def compile_solve(sigma: Float[Array, "nx ny nz"], goal_index: Int32[np.ndarray, " 3"]) -> Compiled:
@@ -138,9 +138,9 @@ def main(config: Config) -> list[Row]:
     """Solve on every number of devices; save and return the rows."""
     if config.distributed:
         jax.distributed.initialize()
-    posed = city(config)
+    town = city(config)
     # Slabs grow as devices become fewer, so that a device's peak, which is never reset, is that of its last row.
-    rows = [_row(posed, count, config) for count in sorted(set(config.devices), reverse=True)][::-1]
+    rows = [_row(town, count, config) for count in sorted(set(config.devices), reverse=True)][::-1]
     timed = {row["devices"]: row for row in rows if "median" in row}
     if 1 in timed:
         for row in timed.values():
@@ -150,18 +150,18 @@ def main(config: Config) -> list[Row]:
     return list(rows)
 
 
-def _row(posed: City, count: int, config: Config) -> dict[str, Any]:
+def _row(town: City, count: int, config: Config) -> dict[str, Any]:
     row = {"what": f"city: {count} device{'s' * (count > 1)}", "devices": count}
     present = jax.device_count()
     if count > present or (config.distributed and count != present):
         only = "runs on all together" if config.distributed else "present"
         return row | {"note": f"not run: {present} devices {only}"}
     print(f"{count} devices", file=sys.stderr, flush=True)
-    sigma = sharded(posed, count)
+    sigma = sharded(town, count)
     start = time.perf_counter()
-    compiled = compile_solve(sigma, posed.goal_index)
+    compiled = compile_solve(sigma, town.goal_index)
     compile_s = time.perf_counter() - start
-    solve = functools.partial(compiled, sigma, posed.goal_index)
+    solve = functools.partial(compiled, sigma, town.goal_index)
     timing = measure(solve, config.repeats)
     potential = solve()
     voxels = int(np.prod(config.shape))

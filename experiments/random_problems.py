@@ -111,19 +111,19 @@ def main(config: Config) -> list[Row]:
 
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name in MAPS:
-            posed = problems(name, config.problems, config.seed, grid)
-            plans = [solve(p, "solver") for p in posed]
-            cases = [case_of(p, q, config.margin, grid) for p, q in zip(posed, plans, strict=True)]
+            drawn = problems(name, config.problems, config.seed, grid)
+            plans = [solve(p, "solver") for p in drawn]
+            cases = [case_of(p, q, config.margin, grid) for p, q in zip(drawn, plans, strict=True)]
             cases = [dataclasses.replace(case, measured=k % config.measured == 0) for k, case in enumerate(cases)]
             judged = pool.map_async(judge, cases)
-            rivals = [solve(p, "astar") for p in posed]
+            rivals = [solve(p, "astar") for p in drawn]
             rows.append(row_of(name, plans, rivals, judged.get(), grid))
             print(rows[-1], file=sys.stderr, flush=True)
         share = -(-config.sealed // len(MAPS))
         open_ones = [problem for name in MAPS for problem in problems(name, share, config.seed, grid)][: config.sealed]
-        posed = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
-        plans = [solve(p, "solver") for p in posed]
-        verdicts = pool.map(judge, [case_of(p, q, config.margin, grid) for p, q in zip(posed, plans, strict=True)])
+        drawn = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
+        plans = [solve(p, "solver") for p in drawn]
+        verdicts = pool.map(judge, [case_of(p, q, config.margin, grid) for p, q in zip(drawn, plans, strict=True)])
         rows.append(
             {
                 "map": "sealed",

@@ -29,7 +29,7 @@ def section(document: Document) -> str:
     config = document["config"]
     parts = [
         f"### Offline ({device(document)})\n\n"
-        f"{config['problems']} problems a map, margin {config['margin']:g} m unless said. One part changed at a time;\n"
+        f"{config['problems']} problems a map, margin {config['margin']:g} m as a rule. One part changed at a time;\n"
         "every path before the same verification. Climbed: length of the ascent before tightening, over the eikonal\n"
         "geodesic (between voxel centres: a taut path along faces is a little shorter); tight: after it.\n"
         "Means over a variant's own successes: who fails keeps the easier ones.\n"

@@ -111,7 +111,7 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
 
 
 def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "nx ny nz"]]]:
-    """Solids of each city, and the voxels that the open air above its roofs joins; maps are made ahead, in threads."""
+    """Solids of each city, and the voxels that the open air above its roofs joins; maps are made early, in threads."""
 
     def voxels(geoms: Geoms) -> tuple[np.ndarray, np.ndarray]:
         return occupancy(geoms, TRUTH)

@@ -33,8 +33,8 @@ def run() -> int:
     found = versions()
     rows = dict(found)
     for module, extra in _EXTRAS.items():
-        there = importlib.util.find_spec(module) is not None
-        rows[module] = "installed" if there else f"missing; if needed: pip install 'maxjax[{extra}]'"
+        present = importlib.util.find_spec(module) is not None
+        rows[module] = "installed" if present else f"missing; if needed: pip install 'maxjax[{extra}]'"
     rows |= {"devices": device(), "backend": jax.default_backend()}
     wrong = []
     if found["jax"] in _MISCOMPILES:
@@ -45,7 +45,7 @@ def run() -> int:
     occupied = np.zeros(_GRID.shape, bool)
     occupied[10], occupied[10, 15:17, 15:17] = True, False
     goal = jnp.array([3, 4, 5], jnp.int32)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     with report.progress("Solving a small potential"):
         solve = jax.jit(functools.partial(solve_potential, tolerance=_RESIDUAL))
         potential = solve(conductivity(jnp.asarray(occupied), goal, _GRID), goal)
@@ -54,7 +54,7 @@ def run() -> int:
         "solve": f"{status.name}, {int(potential.iterations)} iterations, {int(potential.sweeps)} sweeps",
         "residual": f"{residual:.1e}",
         "certificate": f"{int(potential.uncertified)} voxels without a higher neighbour",
-        "time with compilation": f"{time.perf_counter() - begun:.1f} s",
+        "time with compilation": f"{time.perf_counter() - start:.1f} s",
     }
     if status != Status.OK or not bool(potential.certified):
         wrong.append(f"the solve ended as {status.name}: {status.advice}")

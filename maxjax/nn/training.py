@@ -105,7 +105,7 @@ RECIPES: dict[str, Training] = {
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class State:
+class TrainingState:
     """What training carries from step to step.
 
     Attributes:
@@ -117,10 +117,10 @@ class State:
     moments: Moments
 
 
-def start(training: Training) -> State:
+def start(training: Training) -> TrainingState:
     """The state before the first step."""
     params = init(jax.random.key(training.seed), training.network)
-    return State(params, optimizer.init(params))
+    return TrainingState(params, optimizer.init(params))
 
 
 def steps_per_epoch(training: Training, scenes: int) -> int:
@@ -190,7 +190,7 @@ def turn(scene: Scenes, key: PRNGKeyArray) -> Scenes:
 @functools.lru_cache(maxsize=4)
 def epoch_program(
     training: Training, count: int, grid: Grid, mesh: Mesh
-) -> Callable[[State, Scenes], tuple[State, Array]]:
+) -> Callable[[TrainingState, Scenes], tuple[TrainingState, Array]]:
     """One epoch as a jitted function (state, scenes) ↦ (state, loss of each step); the state given is consumed.
 
     The same function for the same arguments, so that it is compiled once.
@@ -212,22 +212,22 @@ def epoch_program(
     settings = AdamW(training.rate, steps * training.epochs, training.warmup, training.decay)
     shared = NamedSharding(mesh, PartitionSpec("batch"))
 
-    def step(state: State, given: tuple[Array, PRNGKeyArray], scenes: Scenes) -> tuple[State, Array]:
+    def step(state: TrainingState, given: tuple[Array, PRNGKeyArray], scenes: Scenes) -> tuple[TrainingState, Array]:
         chosen, key = given
         batch = jax.tree.map(lambda leaf: lax.with_sharding_constraint(leaf[chosen], shared), scenes)
         dropped, turned = jax.random.split(key)
         if training.turned:
             batch = jax.vmap(turn)(batch, jax.random.split(turned, training.batch))
         value, slope = jax.value_and_grad(loss)(state.params, training, batch, grid, dropped)
-        return State(*optimizer.update(settings, state.params, state.moments, slope)), value
+        return TrainingState(*optimizer.update(settings, state.params, state.moments, slope)), value
 
-    def epoch(state: State, scenes: Scenes) -> tuple[State, Array]:
+    def epoch(state: TrainingState, scenes: Scenes) -> tuple[TrainingState, Array]:
         number = state.moments.step // steps
         order, *keys = jax.random.split(jax.random.fold_in(jax.random.key(training.seed + 1), number), steps + 1)
         chosen = jnp.resize(jax.random.permutation(order, count), (steps, training.batch))
         return lax.scan(lambda state, given: step(state, given, scenes), state, (chosen, jnp.stack(keys)))
 
-    program: Callable[[State, Scenes], tuple[State, Array]] = jax.jit(epoch, donate_argnums=0)
+    program: Callable[[TrainingState, Scenes], tuple[TrainingState, Array]] = jax.jit(epoch, donate_argnums=0)
     return program
 
 
@@ -252,7 +252,7 @@ def train(
     every: int = 20,
     mesh: Mesh | None = None,
     report: Callable[[Mapping[str, Any]], None] | None = None,
-) -> State:
+) -> TrainingState:
     """Train, or go on from the checkpoint in `folder`; bit for bit as if it had never stopped.
 
     Args:
@@ -302,7 +302,7 @@ def train(
     return state
 
 
-def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], steps: int) -> tuple[State, int]:
+def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], steps: int) -> tuple[TrainingState, int]:
     found = load_metadata(folder)
     if found is None:
         return start(training), 0
@@ -312,7 +312,7 @@ def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], step
             f"{folder}: its checkpoint is of another configuration ({', '.join(wrong)} differ: "
             f"{[found.get(name) for name in wrong]} there); choose another folder"
         )
-    state: State = load_checkpoint(folder, start(training))
+    state: TrainingState = load_checkpoint(folder, start(training))
     return state, int(state.moments.step) // steps
 
 

@@ -7,7 +7,7 @@ swept over rays / channels azimuths spaced evenly over the full turn; channel-ma
 from the sensor's x.
 
 Why -45 to +45 degrees: it is the field of a 90-degree short-range city LiDAR, level with the vehicle. At 3 to
-15 m above a street of 20 m it sees the ground from 3 to 15 m ahead and facades up to 10 m above itself on
+15 m above a street of 20 m it sees the ground from 3 to 15 m away and facades up to 10 m above itself on
 both sides of the street, at once. A downward hemisphere would miss the bridges and overhangs above, an upward
 one the cars and trees below. What stays unseen are the cones above and below the vehicle. With 64 channels
 and 512 azimuths neighbouring rays are 1.4 and 0.7 degrees apart: at 80 m as far as a voxel of 2 m is high,

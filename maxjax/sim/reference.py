@@ -16,7 +16,7 @@ start with the opposite sign keep x̃(0) = x(0), and widths that end before the 
 
 Speed ṡ = v along s, in three limits: v ≤ caps and limits.speed; |x̃''| v² ≤ lateral; |v̇| ≤ acceleration. With v² for
 the unknown, the last is a slope: the backward pass is the lower envelope min_j (v_j² + 2 a |s − s_j|) over the points
-ahead, the forward pass that over the points behind, each one cumulative minimum. v̇ is constant between samples. As
+to come, the forward pass that over the points passed, each one cumulative minimum. v̇ is constant between samples. As
 |x̃'| ≤ 1 up to the interplay of unequal widths (which is divided out), no acceleration exceeds acceleration +
 lateral.
 """
@@ -236,8 +236,8 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
     rise = 2.0 * limits.acceleration * s
     backward = lax.cummin(allowed + rise, reverse=True) - rise
     # The least deceleration that meets every cap, then the speed that no braking can avoid.
-    ahead = s > 0.0
-    needed = jnp.max(jnp.where(ahead, (start - allowed) / jnp.where(ahead, 2.0 * s, 1.0), 0.0))
+    following = s > 0.0
+    needed = jnp.max(jnp.where(following, (start - allowed) / jnp.where(following, 2.0 * s, 1.0), 0.0))
     unavoidable = start - 2.0 * jnp.clip(needed, limits.acceleration, limits.braking) * s
     forward = jnp.maximum(backward, unavoidable).at[0].set(start)
     square = jnp.maximum(lax.cummin(forward - rise) + rise, 0.0)
@@ -246,10 +246,10 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
     mean = 0.5 * (speed[1:] + speed[:-1])
     moves = mean > 0.0
     takes = jnp.where(moves, jnp.diff(s) / jnp.where(moves, mean, 1.0), _NEVER)
-    # A path that ends or is not begun has no length left to cover.
+    # A path that ends or has not started has no length left to cover.
     time = jnp.concatenate([jnp.zeros(1), jnp.cumsum(takes)])
     duration = jnp.sum(jnp.where(moves, takes, 0.0))
-    excess = jnp.max(jnp.where(ahead, speed - _sqrt(allowed), 0.0))
+    excess = jnp.max(jnp.where(following, speed - _sqrt(allowed), 0.0))
     return Reference(course, speed, time, duration, jnp.where(excess > 1e-2, excess, 0.0))
 
 

@@ -253,16 +253,16 @@ def town() -> Geoms:
 
 
 def cases(odd: tuple[float, float, float]) -> tuple[Geoms, jax.Array, jax.Array, jax.Array]:
-    here, there, inside = (-22.0, 1.0, 8.0), (22.0, -1.0, 9.0), (0.0, 0.0, 5.0)
+    here, beyond, inside = (-22.0, 1.0, 8.0), (22.0, -1.0, 9.0), (0.0, 0.0, 5.0)
     ends = [
-        (here, there),
-        (inside, there),
+        (here, beyond),
+        (inside, beyond),
         (here, inside),
         (here, (80.0, 0.0, 8.0)),
         (here, (-21.0, 1.0, 8.0)),
-        (here, there),
-        (odd, there),
-        (there, here),
+        (here, beyond),
+        (odd, beyond),
+        (beyond, here),
     ]
     city = town()
     hollow = dataclasses.replace(city, position=city.position.at[:, 2].add(FAR_BELOW))

@@ -23,7 +23,7 @@ from maxjax.nn.autoencoder import fold
 from maxjax.nn.checkpoint import MANIFEST
 from maxjax.nn.dataset import Scenes, generate
 from maxjax.nn.evaluation import errors, evaluate, summary
-from maxjax.nn.training import LOG, State, Training, train, turn
+from maxjax.nn.training import LOG, Training, TrainingState, train, turn
 
 RECIPE = Training("mini", epochs=4, batch=2, rate=3e-3, slope=1.0, turned=True, precision="float32", by="product")
 
@@ -38,7 +38,7 @@ def scenes() -> Scenes:
     return generate(Boxes(), jax.random.key(0), 4, GRID, chunk=4)
 
 
-def leaves(state: State) -> list[np.ndarray]:
+def leaves(state: TrainingState) -> list[np.ndarray]:
     return [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
 
 

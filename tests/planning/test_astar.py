@@ -95,10 +95,10 @@ def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Pa
 
 def test_empty_space_leaves_one_natural_successor_per_axis_subset() -> None:
     for arrival, step in enumerate(module._STEPS):
-        ahead = [module._STEPS[k] for k in module._successors(0, arrival)]
+        onward = [module._STEPS[k] for k in module._successors(0, arrival)]
         # The steps along some of the axes of the last one, and nothing else.
-        assert len(ahead) == 2 ** np.count_nonzero(step) - 1
-        assert all(n in (0, s) for a in ahead for n, s in zip(a, step, strict=True))
+        assert len(onward) == 2 ** np.count_nonzero(step) - 1
+        assert all(n in (0, s) for a in onward for n, s in zip(a, step, strict=True))
     assert len(module._successors(0, module._AT_START)) == 26
 
 

@@ -31,7 +31,7 @@ jit_recentre = jax.jit(recentre)
 
 
 def street() -> Geoms:
-    """Ground, a wall along x at y = 8 to 10 m, a block ahead, and a lamp post of 12 cm radius."""
+    """Ground, a wall along x at y = 8 to 10 m, a block in front, and a lamp post of 12 cm radius."""
     boxes = Geoms(
         jnp.array([[0.0, 9.0, 6.0], [26.3, -5.1, 5.0]]),
         jnp.broadcast_to(jnp.eye(3), (2, 3, 3)),

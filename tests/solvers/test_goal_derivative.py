@@ -57,8 +57,8 @@ def test_equals_central_differences_between_goals_one_voxel_apart() -> None:
         found = at(START, goal, sigma)
         assert found.status == Status.OK
         for axis, step in enumerate(np.eye(3, dtype=int)):
-            ahead, behind = (unit_source(sigma, tuple(goal + s), START) for s in (step, -step))
-            assert found.gradient[axis] == pytest.approx(-LENGTH * math.log(ahead / behind) / 2, abs=2e-3)
+            plus, minus = (unit_source(sigma, tuple(goal + s), START) for s in (step, -step))
+            assert found.gradient[axis] == pytest.approx(-LENGTH * math.log(plus / minus) / 2, abs=2e-3)
 
 
 def test_equals_differences_of_this_solver_where_the_surroundings_are_alike() -> None:
@@ -73,8 +73,8 @@ def test_equals_differences_of_this_solver_where_the_surroundings_are_alike() ->
         return -LENGTH * jnp.log(phi[start])
 
     for axis, step in enumerate(np.eye(3, dtype=np.int32)):
-        ahead, behind = (distance(jnp.asarray(goal + s, jnp.int32)) for s in (step, -step))
-        assert found.gradient[axis] == pytest.approx(float(ahead - behind) / 2, abs=2e-2)
+        plus, minus = (distance(jnp.asarray(goal + s, jnp.int32)) for s in (step, -step))
+        assert found.gradient[axis] == pytest.approx(float(plus - minus) / 2, abs=2e-2)
     assert found.gradient @ (goal - np.array(start)) > 0  # further from the start, the distance grows
 
 

@@ -2,9 +2,8 @@
 
     minimise  Σ ‖v_{k+1} − v_k‖  over  v_0 = start, …, v_T = goal  with steps in {−1, 0, 1}³,
 
-where a step is legal only if every voxel of the block that it spans (2, 2×2 or 2×2×2 voxels) is free. The
-heuristic h is the octile distance: the shortest length in empty space, hence consistent. Three ideas make it
-fast:
+where a step is legal only if every voxel that it spans (2, 2×2 or 2×2×2 voxels) is free. The heuristic h is the
+octile distance: the shortest length in empty space, hence consistent. Three ideas make it fast:
 
 **Window codes.** The 3×3×3 window of a voxel is packed into 27 bits, for all voxels at once by three passes
 of shifts. The legal steps are a function of that one integer: looked up in the loop, not computed.
@@ -225,32 +224,32 @@ def _cost(step: Index3) -> float:
 @functools.lru_cache(maxsize=2**16)
 def _successors(code: int, arrival: int) -> list[int]:
     """Steps (indices into `_STEPS`) to try from a voxel with this window code, reached by step `arrival`."""
-    return [k for k, block, detours in _rules(arrival) if not code & block and all(code & detour for detour in detours)]
+    return [k for k, span, detours in _rules(arrival) if not code & span and all(code & detour for detour in detours)]
 
 
 @functools.cache
 def _rules(arrival: int) -> list[tuple[int, int, list[int]]]:
-    """Steps on from a voxel reached by `arrival`: each its index, its block, and the detours that prune it.
+    """Steps on from a voxel reached by `arrival`: each its index, its span code, and the detours that prune it.
 
     Block and detours are window codes of the voxels that have to be free for them.
     """
     if arrival == _AT_START:
-        return [(k, _block((0, 0, 0), n), []) for k, n in enumerate(_STEPS)]
+        return [(k, _span_code((0, 0, 0), n), []) for k, n in enumerate(_STEPS)]
     x, y, z = _STEPS[arrival]
     p = (-x, -y, -z)
     rules = []
     for k, n in enumerate(_STEPS):
         if n == p:
             continue
-        detours = {_block(p, n)} if _adjacent(p, n) else set()
+        detours = {_span_code(p, n)} if _adjacent(p, n) else set()
         for via in _STEPS:
             if _adjacent(p, via) and _adjacent(via, n):
                 last = _cost(_difference(n, via))
                 length = _cost(_difference(via, p)) + last
                 through = _cost(p) + _cost(n)
                 if length < through or (length == through and last < _cost(n)):
-                    detours.add(_block(p, via) | _block(via, n))
-        rules.append((k, _block((0, 0, 0), n), sorted(detours, key=int.bit_count)))
+                    detours.add(_span_code(p, via) | _span_code(via, n))
+        rules.append((k, _span_code((0, 0, 0), n), sorted(detours, key=int.bit_count)))
     return rules
 
 
@@ -262,7 +261,7 @@ def _adjacent(a: Index3, b: Index3) -> bool:
     return _difference(a, b) in _STEPS
 
 
-def _block(a: Index3, b: Index3) -> int:
-    """Window code of all voxels of the block that the step between window positions `a` and `b` spans."""
+def _span_code(a: Index3, b: Index3) -> int:
+    """Window code of all voxels that the step between window positions `a` and `b` spans."""
     spans = (range(min(p, q), max(p, q) + 1) for p, q in zip(a, b, strict=True))
     return sum(1 << 9 * (x + 1) + 3 * (y + 1) + (z + 1) for x, y, z in itertools.product(*spans))
