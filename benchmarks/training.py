@@ -24,7 +24,8 @@ import maxjax
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
-from maxjax.nn.training import RECIPES, Training, copied, data_mesh, epoch_program, start
+from maxjax.nn.recipes import RECIPES, Training
+from maxjax.nn.training import copied, data_mesh, epoch_program, start
 from maxjax.planning.problem import pose
 
 # Scenes of the paper's training set, and how many different ones are drawn here.

@@ -27,7 +27,7 @@ from maxjax.cli.training import TINY_GRID, ScannedCity
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn.autoencoder import init
-from maxjax.nn.dataset import Scenes, generate, usable
+from maxjax.nn.dataset import Chunks, Scenes, generate, usable
 from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
 from maxjax.nn.layers import count
@@ -76,7 +76,7 @@ def main(config: Config) -> list[Row]:
         key = jax.random.fold_in(jax.random.key(config.seed), 1000 + number)
         # Some more than wanted: in a few places no goal can be reached.
         drawn = -(-(config.scenes + config.scenes // 16) // config.chunk) * config.chunk
-        found = usable(generate(ScannedCity(name, grid), key, drawn, grid, chunk=config.chunk))
+        found = usable(generate(ScannedCity(name, grid), key, drawn, grid, Chunks(config.chunk)))
         scenes = jax.tree.map(lambda leaf: leaf[: config.scenes], found)
         judged = {"analytic": (0, _analytic(scenes, grid))}
         for model in models:

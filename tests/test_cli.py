@@ -27,7 +27,7 @@ from maxjax.cli import check, main, report
 from maxjax.cli.commands import _train
 from maxjax.cli.demo import corners
 from maxjax.maps import PointCloud, load_map
-from maxjax.nn.training import RECIPES
+from maxjax.nn.recipes import RECIPES
 from maxjax.planning.planner import Plan
 from maxjax.worlds.scenes import make_scene, occupancy
 

@@ -29,9 +29,10 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
-from maxjax.nn.dataset import Scenes, generate, usable
+from maxjax.nn.dataset import Chunks, Scenes, generate, usable
 from maxjax.nn.model import save_model
-from maxjax.nn.training import LOG, RECIPES, Training, train
+from maxjax.nn.recipes import RECIPES, Training
+from maxjax.nn.training import LOG, Run, train
 from maxjax.planning.problem import pose
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.worlds.geoms import Geoms, rotation_z
@@ -149,9 +150,7 @@ def run(
         done = functools.partial(_show_done, name, count)
         # Some more than wanted: in a few places no goal can be reached.
         drawn = -(-(count + count // 16) // chunk) * chunk
-        found = usable(
-            generate(ScannedCity("midtown", grid), key, drawn, grid, chunk=chunk, folder=folder, report=done)
-        )
+        found = usable(generate(ScannedCity("midtown", grid), key, drawn, grid, Chunks(chunk, folder), report=done))
         sets.append(jax.tree.map(lambda leaf, n=count: leaf[:n], found))
         report.complain(
             f"{name}: {len(found.status)} of {drawn} usable, {len(sets[-1].status)} taken, "
@@ -184,7 +183,7 @@ def _train(name: str, recipe: Training, grid: Grid, scenes: Scenes, validation: 
         figures = ", ".join(f"{key} {value:.4g}" for key, value in line.items() if key != "epoch")
         report.complain(f"{name}, epoch {seen[-1]} of {recipe.epochs}: {figures}; {left:.0f} s left")
 
-    state = train(recipe, scenes, grid, out, validation=validation, report=show)
+    state = train(recipe, scenes, grid, Run(out), validation=validation, report=show)
     lines = [json.loads(line) for line in (out / LOG).read_text().splitlines()]
     metadata = {
         "training": dataclasses.asdict(recipe),

@@ -1,12 +1,13 @@
 """Architectures of the autoencoders that predict the potential: static data, and one table of names.
 
 `PAPER` is the network of Bong and Beltrame (arXiv 2605.10880, section III-B): five levels of one 3³ convolution,
-nothing kept, 101 → 50 → 25 → 12 → 6 → 3 voxels and back, 4,121,409 weights; a voxel of its bottleneck sees 94.
+no skip connections, 101 → 50 → 25 → 12 → 6 → 3 voxels and back, 4,121,409 weights; the receptive field of its
+bottleneck is 94 voxels.
 `PAPER_2D` is the planar original with kernels from 11² to 3², and `PAPER_LARGE` the same kernels in three dimensions.
 The paper does not list them; of the sequences that fall from 11 to 3, 11-11-7-5-3 in the encoder with its 3³ decoder
-comes to 6.26 million weights, where the paper says 6.25.
+comes to 6.26 million weights, the paper states 6.25.
 
-`MAXJAX` keeps encoder features for the decoder, and works on patches of 2³ voxels: they enter as channels of a grid of
+`MAXJAX` has skip connections, and works on patches of 2³ voxels: they enter as channels of a grid of
 51³ and leave as its channels. The finest grid, where most of the work of the paper's network is, then holds no
 features.
 """
@@ -26,16 +27,16 @@ class Autoencoder:
     """Architecture; static.
 
     Attributes:
-        encoder: for each level, finest first, the channels behind each of its convolutions.
+        encoder: for each level, finest first, output channels of each of its convolutions.
         decoder: the same, coarsest first; as many levels.
         kernels: taps along an axis of the encoder's convolutions, level by level; all others have 3.
         dimensions: of the grid.
         start: what the output is added to (`nn.encoding`).
-        flood: whether the inputs tell how a flood from the goal spreads.
+        flood: whether the distance by a flood from the goal is among the inputs.
         skips: whether encoder features are kept for the decoder.
         patch: edge of the patches that enter and leave as channels [voxels], 1 or 2.
-        coarse: whether one number is predicted for each patch. Its voxels repeat it, smoothed along free ways only:
-            this upsampling does not reach through walls, which the inputs must tell.
+        coarse: whether one number is predicted for each patch. Its voxels repeat it, smoothed within free space: this
+            upsampling does not reach through walls, so the flood must be among the inputs.
         dropout: share of the bottleneck's features that training drops.
 
     Raises:

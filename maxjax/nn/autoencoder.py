@@ -4,8 +4,9 @@
     decoder level:  x ← upsample(x), with what was kept;  x ← relu(conv(x)), once or more
     head:           y = conv(x), one number a voxel
 
-`apply` is the definition. `apply_folded` is the same function to rounding, with kernels folded as `nn.layers` tells: no
-volume is upsampled, and the paper's finest level too works on patches.
+`apply` is the definition. `apply_folded` is the same function to rounding, with kernels folded as `nn.layers` derives:
+no volume is upsampled, and the finest level of the paper's network works on patches too. Architectures are in
+`nn.architecture`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.encoding import JOINED
 from maxjax.nn.layers import Formulation, Volumes
 
-# Standard deviation of the smoothing behind a coarse output [voxels].
+# Standard deviation of the smoothing after a coarse output [voxels].
 _SPREAD = 1.0
 
 # Layers of `{"kernel", "bias"}`: lists of levels in "encoder" and "decoder", one in "head".
@@ -60,7 +61,7 @@ def init(key: PRNGKeyArray, config: Autoencoder) -> Params:
         width = channels[-1]
     if config.skips:
         width += config.inputs * config.channels
-    # An output near zero to begin with: for a difference, the start itself.
+    # The first output is near zero: a difference then predicts the start itself.
     return {"encoder": encoder, "decoder": decoder, "head": layer(3, width, config.outputs, gain=1e-4)}
 
 
@@ -90,7 +91,7 @@ def fold(params: Params, config: Autoencoder) -> Params:
 def cast(params: Params, dtype: str) -> Params:
     """Folded weights in the precision to compute in; the first and the last convolution stay float32.
 
-    What enters and leaves is as fine as a hundredth of a voxel among hundreds, and features are not.
+    Inputs and outputs resolve a hundredth of a voxel among hundreds; features do not need to.
     """
     lower: Params = jax.tree.map(lambda w: w.astype(dtype), params)
     (first, *others), *deeper = lower["encoder"]
@@ -103,7 +104,7 @@ def _patched(layer: Layer) -> Layer:
 
 
 def _in_patches(config: Autoencoder) -> bool:
-    """Whether the finest level is one plain convolution a side, which patches can take over."""
+    """Whether the finest level is one 3³ convolution a side, which can work on patches."""
     single = len(config.encoder[0]) == len(config.decoder[-1]) == 1
     return single and not config.skips and config.patch == 1 and config.kernels[0] == 3
 
@@ -111,7 +112,7 @@ def _in_patches(config: Autoencoder) -> bool:
 def apply(
     params: Params, x: Volumes, config: Autoencoder, *, key: PRNGKeyArray | None = None
 ) -> Float[Array, " n *space"]:
-    """The network, as the head of this module defines it.
+    """The network, as defined at the head of this module.
 
     Args:
         params: of `init`.
@@ -162,12 +163,33 @@ def apply_folded(
         by: see `layers.convolve`; static.
     """
     spaces = _checked(x, config)
-    given = x
-    inputs = x = _enter(x, config)
-    whole, dtype = _in_patches(config), params["decoder"][0][0]["kernel"].dtype
+    inputs = _enter(x, config)
+    deepest, kept = _encode_folded(params, inputs, config, by)
+    y = _drop(deepest, config, key)
+    for depth, (level, space, side) in enumerate(
+        zip(params["decoder"], reversed(spaces[:-1]), reversed(kept), strict=True)
+    ):
+        first, *others = level
+        y = layers.convolve_up(y, first["kernel"], space, by=by)
+        if _in_patches(config) and depth == len(spaces) - 2:
+            return _leave_in_patches(_relu(y, first), params["head"], space, by)
+        y = layers.from_shifted(y, space)
+        if config.skips:
+            y = y + layers.convolve(side, first["side"], by=by)
+        y = _relu(y, first)
+        for layer in others:
+            y = _relu(_convolve(y, layer, by), layer)
+    if config.skips:
+        y = jnp.concatenate([y.astype(inputs.dtype), inputs], axis=-1)
+    return _leave(_convolve(y, params["head"], by), params["head"], x, config)
+
+
+def _encode_folded(params: Params, x: Volumes, config: Autoencoder, by: Formulation) -> tuple[Volumes, list[Volumes]]:
+    """Features of the bottleneck, and of each level before its pooling."""
+    dtype = params["decoder"][0][0]["kernel"].dtype
     kept = []
     for depth, level in enumerate(params["encoder"]):
-        if whole and depth == 0:
+        if _in_patches(config) and depth == 0:
             (layer,) = level
             space = x.shape[1:-1]
             x = layers.convolve(layers.shifted_patches(x), layer["kernel"], same=False, by=by)
@@ -180,23 +202,7 @@ def apply_folded(
             x = _relu(_convolve(x, layer, by), layer).astype(dtype)
         kept.append(x)
         x = layers.pool(x)
-    x = _drop(x, config, key)
-    for depth, (level, space, side) in enumerate(
-        zip(params["decoder"], reversed(spaces[:-1]), reversed(kept), strict=True)
-    ):
-        first, *others = level
-        x = layers.convolve_up(x, first["kernel"], space, by=by)
-        if whole and depth == len(spaces) - 2:
-            return _leave_in_patches(_relu(x, first), params["head"], space, by)
-        x = layers.from_shifted(x, space)
-        if config.skips:
-            x = x + layers.convolve(side, first["side"], by=by)
-        x = _relu(x, first)
-        for layer in others:
-            x = _relu(_convolve(x, layer, by), layer)
-    if config.skips:
-        x = jnp.concatenate([x.astype(inputs.dtype), inputs], axis=-1)
-    return _leave(_convolve(x, params["head"], by), params["head"], given, config)
+    return x, kept
 
 
 def _checked(x: Volumes, config: Autoencoder) -> list[tuple[int, ...]]:

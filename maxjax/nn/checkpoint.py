@@ -59,7 +59,7 @@ def save_checkpoint(folder: str | os.PathLike[str], tree: Any, step: int, metada
 
 
 def load_metadata(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """The metadata of the checkpoint in a folder; None where there is none.
+    """The metadata of the checkpoint in a folder; None if it has none.
 
     Raises:
         ValueError: for a manifest that cannot be read.

@@ -2,18 +2,17 @@
 
     scene i = label(draw(fold_in(key, i)))        draw: key ↦ (blocked, goal)
 
-A scene is a pure function of its key: the same in any batch, and made again rather than kept. What is drawn (cities,
-scans, goals) is the caller's, as an argument; here it is labelled with the solver's field and stored.
+A scene is a pure function of its key: the same in any batch. The caller's `draw` makes cities, scans and goals; this
+module labels them with the solver's field and stores them.
 
 On disk, optionally: one checked file a chunk of scenes (`core.serialize`), named by its first scene. A run that was
-killed goes on with the chunks that are missing.
+killed resumes with the missing chunks.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -75,14 +74,26 @@ def label(blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid
     return Scenes(blocked, goal_index, steps.astype(jnp.uint16), target, solved.screening_length, solved.status)
 
 
+@dataclasses.dataclass(frozen=True)
+class Chunks:
+    """How scenes are made and kept.
+
+    Attributes:
+        size: scenes made at a time.
+        folder: where chunks are kept and looked for; None: nowhere. One folder serves one draw, key and grid.
+    """
+
+    size: int = 16
+    folder: Path | None = None
+
+
 def generate(
     draw: Draw,
     key: PRNGKeyArray,
     count: int,
     grid: Grid,
+    chunks: Chunks = Chunks(),
     *,
-    chunk: int = 16,
-    folder: str | os.PathLike[str] | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Scenes:
     """Scenes 0 to count − 1 of a key, on the device.
@@ -92,28 +103,27 @@ def generate(
         key: of the set; another key, other scenes.
         count: scenes.
         grid: of the scenes.
-        chunk: scenes made at a time.
-        folder: where chunks are kept and looked for; None: nowhere. One folder serves one draw, key and grid.
-        report: called with the number of scenes that are there, after each chunk.
+        chunks: how many are made at a time, and where they are kept.
+        report: called with the number of scenes made or read so far, after each chunk.
 
     Raises:
         ValueError: for fewer than one scene, or a kept chunk that is damaged, cut short or of other scenes.
         OSError: if a chunk cannot be written; those before it stay.
     """
+    chunk, folder = chunks.size, chunks.folder
     if count < 1 or chunk < 1:
         raise ValueError(f"scenes: expected at least one, given {count} in chunks of {chunk}")
 
     make = functools.partial(_make, draw, grid)
     shape = jax.eval_shape(make, key, jax.ShapeDtypeStruct((chunk,), jnp.int32))
-    kept = None if folder is None else Path(folder)
-    if kept is not None:
-        kept.mkdir(parents=True, exist_ok=True)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
     # Written in place: parts joined at the end would take the memory twice.
     scenes = jax.tree.map(lambda leaf: jnp.zeros((count, *leaf.shape[1:]), leaf.dtype), shape)
     identity = {"key": np.asarray(jax.random.key_data(key)).tolist(), "grid": dataclasses.asdict(grid)}
     for first in range(0, count, chunk):
         # The last chunk is drawn whole, so that a longer set begins with a shorter one's files.
-        path = None if kept is None else kept / f"scenes-{first:06d}-{chunk}.npz"
+        path = None if folder is None else folder / f"scenes-{first:06d}-{chunk}.npz"
         part = _kept(path, shape, identity) if path is not None and path.exists() else None
         if part is None:
             part = make(key, jnp.arange(first, first + chunk, dtype=jnp.int32))
@@ -165,7 +175,7 @@ def usable(scenes: Scenes) -> Scenes:
 
 
 def _stamp(identity: dict[str, object]) -> np.ndarray:
-    """What tells one set of scenes from another, as plain numbers."""
+    """The identity of a set of scenes, as plain numbers."""
     return np.frombuffer(repr(sorted(identity.items())).encode(), np.uint8)
 
 

@@ -6,16 +6,16 @@ y is the log-potential in units of the screening length: a distance in voxels, b
 goal, whatever ℓ is. 0 at the goal; larger is further. The unit makes the output of order one: 100 voxels without a
 start, 10 with one.
 
-The start y₀ is 0 (`nothing`, the paper: the output is all of y), or the closed law of free space (`free`). Where σ
+The start y₀ is 0 (`nothing`, the paper: the output is all of y), or the closed form of free space (`free`). Where σ
 falls as 1/r and nothing is in the way, φ = K₀(r/ℓ), a modified Bessel function; on the lattice, with its decay θ and
 K₀'s leading term kept finite at the goal,
 
     y₀(r) = ℓ (θ r + ½ log(1 + r))        2 (cosh θ − 1) = 1/ℓ²        r: Euclidean distance to the goal, walls ignored
 
 Input: log(1 + σ) / log(1 + σ_goal) for each voxel: 0 in obstacles, 1 at the goal, falling with the distance from it.
-A network that reads the flood is also given what walls do to distance: the goal's component; y₀; and by how much y₀
-grows when r is the number of steps in which a flood from the goal arrives (`fields.connectivity.geodesic`, from which
-the solver starts as well). y₀ of the flood is right behind walls, but coarse: it stays an input.
+A network with the flood among its inputs is also given how walls lengthen distances: the goal's component; y₀; and the
+increase of y₀ when r is the number of steps in which a flood from the goal arrives (`fields.connectivity.geodesic`,
+from which the solver starts as well). y₀ of the flood is right in the shadow of walls, but coarse: it stays an input.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Volume = Float[Array, "nx ny nz"]
 
 # What an output of 1 means [voxels].
 UNIT: dict[Start, float] = {"nothing": 100.0, "free": 10.0}
-# Channels that the flood adds; the first of them tells the goal's component.
+# Channels that the flood adds; the first of them is the goal's component.
 FLOOD_CHANNELS = 3
 JOINED = 1
 # Beyond, φ leaves float32's normal numbers [nats].

@@ -4,16 +4,16 @@
 
 Shapes: x (n, *space, i), w (*k, i, o).
 
-Folding. Nearest-neighbour upsampling repeats each coarse value, u[v] = x[⌊v/2⌋], so neighbouring taps of a convolution
-behind it read the same number, and their weights can be added up beforehand. Along one axis, with k = 3, the fine
-voxels 2j − 1 and 2j read the coarse pair (x[j−1], x[j]) and nothing else:
+Folding. Nearest-neighbour upsampling repeats each coarse value, u[v] = x[⌊v/2⌋], so neighbouring taps of the
+next convolution read the same number, and their weights can be added up beforehand. Along one axis, with k = 3, the
+fine voxels 2j − 1 and 2j read the coarse pair (x[j−1], x[j]) and nothing else:
 
     y[2j − 1] = w₀ x[j−1] + (w₁ + w₂) x[j]        y[2j] = (w₀ + w₁) x[j−1] + w₂ x[j]
 
 In three dimensions eight phase kernels of 2³ taps, which are one convolution with eight times the channels on the
 coarse grid: 27/8 fewer products than on the fine one, and no fine volume in memory. Its result comes in *patches*:
 patch j along an axis holds the fine voxels 2j − 1 and 2j as channels. A convolution with k = 3 from patches gives the
-voxels 2j and 2j + 1, by 2³ taps again; max-pooling behind it is a maximum over channels.
+voxels 2j and 2j + 1, by 2³ taps again; the max-pooling after it is a maximum over channels.
 
 An odd fine axis, 2n + 1: the coarse one is continued by its last voxel, and what exceeds the grid is cut off.
 """
@@ -223,7 +223,7 @@ def pool_patches(x: Volumes, dimensions: int) -> Volumes:
 
 @functools.cache
 def receptive_field(kernels: tuple[int, ...]) -> int:
-    """Voxels along an axis that one voxel behind stages of a convolution and a pooling sees."""
+    """Voxels along an axis that one voxel depends on after levels of a convolution and a pooling each."""
     field, stride = 1, 1
     for kernel in kernels:
         field += (kernel - 1) * stride + stride

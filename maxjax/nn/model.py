@@ -21,6 +21,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
+from maxjax.core import lowering
 from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields import gradient as slope
@@ -82,9 +83,9 @@ def predict_potential(
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 
-    The prediction is smoothed within the walls. With sweeps, it is then improved by positive sweeps
+    The prediction is smoothed within free space. With sweeps, it is then improved by positive sweeps
     φ_i ← Σ_j w_ij φ_j / d_i until it is certified; where they do not suffice, the solver takes over. Without sweeps,
-    `certified` tells whether an ascent is known to arrive, and a status of OK only that there is a field to climb.
+    `certified` states whether an ascent is proved to arrive; a status of OK only that the field can be climbed.
 
     Args:
         model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
@@ -197,7 +198,7 @@ def save_model(
         OSError: if the file cannot be written.
     """
     network = _network(name)
-    with np.errstate(over="ignore"):  # asked below
+    with np.errstate(over="ignore"):  # checked below
         half = jax.tree.map(lambda w: np.asarray(w).astype(np.float16), params)
     if not all(np.isfinite(w).all() for w in jax.tree.leaves(half)):
         raise ValueError(f"{name}: expected finite weights within float16's range")
@@ -235,7 +236,7 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
         raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
     shapes = jax.eval_shape(lambda: init(jax.random.key(0), network))
     half = load_pytree(file, jax.tree.map(lambda leaf: np.empty(leaf.shape, np.float16), shapes))
-    gpu = jax.default_backend() == "gpu"
+    gpu = lowering.target() == "gpu"
     folded = fold(jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), half), network)
     params = cast(folded, "bfloat16") if gpu else folded
     return Model(name, network, params, "direct" if gpu else "planes", metadata)

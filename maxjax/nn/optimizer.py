@@ -4,7 +4,7 @@
     w ← w − η_t ( m̂ / (√v̂ + ε) + λ w )        m̂ = m / (1 − β₁ᵗ),  v̂ = v / (1 − β₂ᵗ),  t = 1, 2, …
 
 The decay λ stands beside the gradient's step, not inside the gradient, so that it is not divided by √v̂. The rate falls
-from its peak to zero along half a cosine (Loshchilov and Hutter 2017), behind a linear rise of a few steps.
+from its peak to zero along half a cosine (Loshchilov and Hutter 2017), after a linear rise of a few steps.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class AdamW:
 
     Attributes:
         rate: learning rate η at its peak.
-        steps: length of the schedule; the rate is zero behind it.
+        steps: length of the schedule; the rate is zero after it.
         warmup: steps in which the rate rises from zero.
         decay: λ.
         beta1, beta2: β₁, β₂.

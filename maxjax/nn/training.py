@@ -5,9 +5,9 @@
 e is the error of the log-potential y; x, y₀ and the unit are those of `nn.encoding`. s = 0 is the mean squared error
 of the paper. With s > 0 the differences between neighbours count as well, which are what an ascent reads.
 
-Everything random is a function of (seed, epoch, step): the order of the scenes, the symmetries, what is dropped. So a
-run that stopped after an epoch goes on as if it never had. Several devices: each takes its share of every batch, the
-weights are copies, and XLA adds the gradients up.
+Everything random is a function of (seed, epoch, step): the order of the scenes, the symmetries, dropout. A run that
+stopped after an epoch resumes with the same numbers. With several devices each takes its share of every batch; weights
+are replicated, and XLA sums the gradients.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import dataclasses
 import functools
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,79 +33,22 @@ from maxjax.core.serialize import atomic_write
 from maxjax.fields import stencil
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn import optimizer
-from maxjax.nn.architecture import CONFIGS, Autoencoder
+from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
 from maxjax.nn.dataset import Scenes
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.evaluation import evaluate, summary
-from maxjax.nn.layers import Formulation
 from maxjax.nn.optimizer import AdamW, Moments
+from maxjax.nn.recipes import Training
 
-Precision = Literal["float32", "bfloat16"]
 LOG = "log.jsonl"
-
-
-@jax.tree_util.register_static
-@dataclasses.dataclass(frozen=True)
-class Training:
-    """A recipe; static. Its defaults are the paper's, as far as the paper tells.
-
-    Attributes:
-        model: name in `architecture.CONFIGS`.
-        epochs: passes over the scenes.
-        batch: scenes a step.
-        rate: peak learning rate.
-        warmup: steps in which the rate rises.
-        decay: of AdamW.
-        slope: s of the loss [voxels²].
-        turned: whether each scene is seen in one of its eight symmetries about the vertical, drawn anew each time.
-        precision: of convolutions; weights, sums and the loss stay float32.
-        by: how convolutions are computed (`layers.convolve`).
-        seed: of weights, order, symmetries and dropout.
-    """
-
-    model: str = "paper"
-    epochs: int = 200
-    batch: int = 8
-    rate: float = 1e-3
-    warmup: int = 0
-    decay: float = 1e-2
-    slope: float = 0.0
-    turned: bool = False
-    precision: Precision = "bfloat16"
-    by: Formulation = "direct"
-    seed: int = 0
-
-    @property
-    def network(self) -> Autoencoder:
-        """The architecture.
-
-        Raises:
-            ValueError: for an unknown model, with the list of models.
-        """
-        if self.model not in CONFIGS:
-            raise ValueError(f"model: expected one of {', '.join(CONFIGS)}, given {self.model!r}")
-        return CONFIGS[self.model]
-
-
-RECIPES: dict[str, Training] = {
-    "paper": Training("paper"),
-    "paper_difference": Training("paper_difference"),
-    # XLA's own convolution takes nearly twice as long with kernels of 11³ (`benchmarks.training`).
-    "paper_large": Training("paper_large", by="planes"),
-    "maxjax": Training("maxjax", warmup=200, slope=1.0, turned=True),
-    "tiny": Training("tiny", epochs=8, batch=4, slope=1.0, turned=True),
-    "maxjax_slim": Training("maxjax_slim", warmup=200, slope=1.0, turned=True),
-    "maxjax_half": Training("maxjax_half", warmup=200, slope=1.0, turned=True),
-    "maxjax_no_flood": Training("maxjax_no_flood", warmup=200, slope=1.0, turned=True),
-}
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class TrainingState:
-    """What training carries from step to step.
+    """Loop carry of training: from step to step, epoch to epoch and run to run.
 
     Attributes:
         params: weights, float32.
@@ -241,56 +183,58 @@ def copied(tree: Any, mesh: Mesh) -> Any:
     return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
 
 
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """How far to train, and what is left on disk.
+
+    Attributes:
+        folder: of the checkpoint and of log.jsonl, one line an epoch.
+        epochs: where to stop; by default at the recipe's end.
+        every: epochs between checkpoints; the last epoch always leaves one.
+    """
+
+    folder: Path
+    epochs: int | None = None
+    every: int = 20
+
+
 def train(
     training: Training,
     scenes: Scenes,
     grid: Grid,
-    folder: str | os.PathLike[str],
+    run: Run,
     *,
     validation: Scenes | None = None,
-    epochs: int | None = None,
-    every: int = 20,
-    mesh: Mesh | None = None,
     report: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> TrainingState:
-    """Train, or go on from the checkpoint in `folder`; bit for bit as if it had never stopped.
+    """Train on all devices, or resume from the checkpoint in the folder; bit for bit as if it had never stopped.
 
     Args:
         training: recipe; a checkpoint must be of the same.
         scenes: to train on.
         grid: of the scenes.
-        folder: of the checkpoint and of log.jsonl, one line an epoch.
+        run: folder, epochs, checkpoints.
         validation: scenes whose errors are logged with each checkpoint.
-        epochs: where to stop; by default at the recipe's end.
-        every: epochs between checkpoints; the last epoch always leaves one.
-        mesh: devices; by default all.
         report: called with each line of the log.
 
     Raises:
         ValueError: for a loss that is not finite, with its epoch; for a checkpoint of another recipe, or a damaged one.
         OSError: if a file cannot be written. The last checkpoint stays in all of these cases.
     """
-    folder, mesh = Path(folder), mesh or data_mesh()
-    count = len(scenes.status)
-    steps, last = steps_per_epoch(training, count), training.epochs if epochs is None else epochs
+    folder, mesh, count = run.folder, data_mesh(), len(scenes.status)
+    steps, last = steps_per_epoch(training, count), training.epochs if run.epochs is None else run.epochs
     identity = {"training": dataclasses.asdict(training), "scenes": count, "grid": dataclasses.asdict(grid)}
     state, done = _resumed(training, folder, _plain(identity), steps)
     state, scenes = copied(state, mesh), copied(scenes, mesh)
-    run = epoch_program(training, count, grid, mesh)
+    program = epoch_program(training, count, grid, mesh)
     folder.mkdir(parents=True, exist_ok=True)
     _keep_lines(folder / LOG, done)
     for epoch in range(done, last):
-        start = time.perf_counter()
-        state, each = run(state, scenes)
-        losses = np.asarray(each)
-        if not np.isfinite(losses).all():
-            step = int(np.argmin(np.isfinite(losses)))
-            raise ValueError(
-                f"loss: not finite in epoch {epoch}, step {step}; stopped; an earlier epoch's checkpoint is kept. "
-                "Lower the learning rate"
-            )
-        line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - start, 3)}
-        if (epoch + 1) % every == 0 or epoch + 1 == last:
+        start_s = time.perf_counter()
+        state, each = program(state, scenes)
+        losses = _finite(np.asarray(each), epoch)
+        line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - start_s, 3)}
+        if (epoch + 1) % run.every == 0 or epoch + 1 == last:
             if validation is not None:
                 folded = cast(fold(state.params, training.network), training.precision)
                 line |= summary(evaluate(folded, validation, training.network, grid, training.by))
@@ -302,6 +246,17 @@ def train(
     return state
 
 
+def _finite(losses: Float[np.ndarray, " n"], epoch: int) -> Float[np.ndarray, " n"]:
+    """The losses of an epoch's steps, if all are finite."""
+    if not np.isfinite(losses).all():
+        step = int(np.argmin(np.isfinite(losses)))
+        raise ValueError(
+            f"loss: not finite in epoch {epoch}, step {step}; stopped; an earlier epoch's checkpoint is kept. "
+            "Lower the learning rate"
+        )
+    return losses
+
+
 def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], steps: int) -> tuple[TrainingState, int]:
     found = load_metadata(folder)
     if found is None:
@@ -310,14 +265,14 @@ def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], step
     if wrong:
         raise ValueError(
             f"{folder}: its checkpoint is of another configuration ({', '.join(wrong)} differ: "
-            f"{[found.get(name) for name in wrong]} there); choose another folder"
+            f"{[found.get(name) for name in wrong]} in the folder); choose another one"
         )
     state: TrainingState = load_checkpoint(folder, start(training))
     return state, int(state.moments.step) // steps
 
 
 def _keep_lines(path: Path, epochs: int) -> None:
-    """Drop what a killed run logged behind its last checkpoint."""
+    """Drop what a killed run logged after its last checkpoint."""
     lines = path.read_text().splitlines()[:epochs] if path.exists() else []
     atomic_write(path, "".join(line + "\n" for line in lines))
 

@@ -13,7 +13,7 @@ from experiments import network_accuracy, network_cost, network_training
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init
 from maxjax.nn.model import save_model
-from maxjax.nn.training import RECIPES
+from maxjax.nn.recipes import RECIPES
 
 ERRORS = ("l2", "l2_worst", "l2_normalised", "angle_median_deg", "angle_95_deg")
 

@@ -11,7 +11,7 @@ import pytest
 from nn.scenes import GRID, Boxes
 
 from maxjax import Status, conductivity, solve_potential
-from maxjax.nn.dataset import Scenes, generate, usable
+from maxjax.nn.dataset import Chunks, Scenes, generate, usable
 
 KEY = jax.random.key(3)
 
@@ -22,13 +22,13 @@ def same(a: Scenes, b: Scenes) -> bool:
 
 @pytest.fixture(scope="module")
 def scenes() -> Scenes:
-    return generate(Boxes(), KEY, 5, GRID, chunk=4)
+    return generate(Boxes(), KEY, 5, GRID, Chunks(4))
 
 
 def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
-    fewer = generate(Boxes(), KEY, 3, GRID, chunk=4)
+    fewer = generate(Boxes(), KEY, 3, GRID, Chunks(4))
     assert same(fewer, jax.tree.map(lambda leaf: leaf[:3], scenes))
-    other = generate(Boxes(), jax.random.key(4), 3, GRID, chunk=4)
+    other = generate(Boxes(), jax.random.key(4), 3, GRID, Chunks(4))
     assert not same(other, fewer)
 
 
@@ -46,27 +46,27 @@ def test_targets_are_the_solvers_log_potential(scenes: Scenes) -> None:
 
 
 def test_kept_chunks_are_read_back_and_missing_ones_made_again(tmp_path: Path, scenes: Scenes) -> None:
-    first = generate(Boxes(), KEY, 5, GRID, chunk=4, folder=tmp_path)
+    first = generate(Boxes(), KEY, 5, GRID, Chunks(4, tmp_path))
     files = sorted(tmp_path.iterdir())
     assert len(files) == 2
     before = files[0].stat().st_mtime_ns
     files[1].unlink()
-    again = generate(Boxes(), KEY, 5, GRID, chunk=4, folder=tmp_path)
+    again = generate(Boxes(), KEY, 5, GRID, Chunks(4, tmp_path))
     assert same(first, scenes)
     assert same(again, scenes)
     assert files[0].stat().st_mtime_ns == before
 
 
 def test_damaged_or_foreign_chunks_are_refused(tmp_path: Path) -> None:
-    generate(Boxes(), KEY, 2, GRID, chunk=4, folder=tmp_path)
+    generate(Boxes(), KEY, 2, GRID, Chunks(4, tmp_path))
     with pytest.raises(ValueError, match="another key or grid"):
-        generate(Boxes(), jax.random.key(8), 2, GRID, chunk=4, folder=tmp_path)
+        generate(Boxes(), jax.random.key(8), 2, GRID, Chunks(4, tmp_path))
     (file,) = tmp_path.iterdir()
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
     with pytest.raises(ValueError, match=file.name):
-        generate(Boxes(), KEY, 2, GRID, chunk=4, folder=tmp_path)
+        generate(Boxes(), KEY, 2, GRID, Chunks(4, tmp_path))
 
 
 def test_scenes_without_a_field_are_left_out(scenes: Scenes) -> None:

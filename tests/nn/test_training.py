@@ -21,9 +21,10 @@ from maxjax.nn import checkpoint, training
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import fold
 from maxjax.nn.checkpoint import MANIFEST
-from maxjax.nn.dataset import Scenes, generate
+from maxjax.nn.dataset import Chunks, Scenes, generate
 from maxjax.nn.evaluation import errors, evaluate, summary
-from maxjax.nn.training import LOG, Training, TrainingState, train, turn
+from maxjax.nn.recipes import Training
+from maxjax.nn.training import LOG, Run, TrainingState, train, turn
 
 RECIPE = Training("mini", epochs=4, batch=2, rate=3e-3, slope=1.0, turned=True, precision="float32", by="product")
 
@@ -35,7 +36,7 @@ def _mini(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def scenes() -> Scenes:
-    return generate(Boxes(), jax.random.key(0), 4, GRID, chunk=4)
+    return generate(Boxes(), jax.random.key(0), 4, GRID, Chunks(4))
 
 
 def leaves(state: TrainingState) -> list[np.ndarray]:
@@ -47,7 +48,7 @@ def test_one_scene_is_learnt_by_heart(tmp_path: Path, scenes: Scenes) -> None:
     recipe = dataclasses.replace(RECIPE, epochs=150, batch=1, turned=False, rate=5e-3, slope=0.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGS, "mini", dataclasses.replace(MINI, dropout=0.0))
-        state = train(recipe, one, GRID, tmp_path, validation=one, every=150)
+        state = train(recipe, one, GRID, Run(tmp_path, every=150), validation=one)
         lines = [json.loads(line) for line in (tmp_path / LOG).read_text().splitlines()]
         before = training.start(recipe).params
         start = summary(evaluate(fold(before, CONFIGS["mini"]), one, CONFIGS["mini"], GRID))
@@ -58,15 +59,15 @@ def test_one_scene_is_learnt_by_heart(tmp_path: Path, scenes: Scenes) -> None:
 
 
 def test_a_killed_run_goes_on_bit_for_bit(tmp_path: Path, scenes: Scenes) -> None:
-    whole = train(RECIPE, scenes, GRID, tmp_path / "whole", every=2)
+    whole = train(RECIPE, scenes, GRID, Run(tmp_path / "whole", every=2))
 
     def kill(line: Any) -> None:
         if line["epoch"] == 3:  # behind the checkpoint of epoch 2
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(RECIPE, scenes, GRID, tmp_path / "killed", every=2, report=kill)
-    resumed = train(RECIPE, scenes, GRID, tmp_path / "killed", every=2)
+        train(RECIPE, scenes, GRID, Run(tmp_path / "killed", every=2), report=kill)
+    resumed = train(RECIPE, scenes, GRID, Run(tmp_path / "killed", every=2))
     for a, b in zip(leaves(whole), leaves(resumed), strict=True):
         np.testing.assert_array_equal(a, b)
     logs = [
@@ -75,24 +76,24 @@ def test_a_killed_run_goes_on_bit_for_bit(tmp_path: Path, scenes: Scenes) -> Non
     ]
     assert len(logs[0]) == 4
     assert logs[0] == logs[1]
-    again = train(RECIPE, scenes, GRID, tmp_path / "whole")
+    again = train(RECIPE, scenes, GRID, Run(tmp_path / "whole"))
     for a, b in zip(leaves(whole), leaves(again), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(tmp_path: Path, scenes: Scenes) -> None:
-    train(RECIPE, scenes, GRID, tmp_path, epochs=2)
+    train(RECIPE, scenes, GRID, Run(tmp_path, epochs=2))
     kept = (tmp_path / MANIFEST).read_bytes()
     broken = dataclasses.replace(scenes, target=scenes.target.at[1].set(jnp.nan))
     with pytest.raises(ValueError, match="not finite in epoch 2"):
-        train(RECIPE, broken, GRID, tmp_path)
+        train(RECIPE, broken, GRID, Run(tmp_path))
     assert (tmp_path / MANIFEST).read_bytes() == kept
 
 
 def test_a_checkpoint_of_another_recipe_is_refused(tmp_path: Path, scenes: Scenes) -> None:
-    train(RECIPE, scenes, GRID, tmp_path, epochs=1)
+    train(RECIPE, scenes, GRID, Run(tmp_path, epochs=1))
     with pytest.raises(ValueError, match="another configuration \\(training"):
-        train(dataclasses.replace(RECIPE, rate=1e-3), scenes, GRID, tmp_path)
+        train(dataclasses.replace(RECIPE, rate=1e-3), scenes, GRID, Run(tmp_path))
 
 
 @pytest.mark.parametrize("name", ["save_pytree", "atomic_write"])
