@@ -2,7 +2,7 @@
 
     python -m experiments.network_accuracy                # 100 scenes a map; two CPU cores: 12 minutes, H200: 2 minutes
 
-Scenes as in training (`maxjax.cli.training`: one scan of 32,768 rays from a place in the open, its voxels with their
+Scenes as in training (`maxjax.sim.scanned_city`: one scan of 32,768 rays from a place in the open, its voxels with a
 margin, a goal), but of `downtown` and `suburb`: the networks were trained on `midtown` alone. The truth is the solver's
 certified potential. Errors are those of `maxjax.nn.evaluation`, scene by scene; the rows hold means over the scenes.
 `analytic` is the closed law of free space, which the default network adds to: what it says without any network.
@@ -23,7 +23,6 @@ from jaxtyping import Array, Float
 
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
-from maxjax.cli.training import TINY_GRID, ScannedCity
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn.autoencoder import init
@@ -32,6 +31,7 @@ from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
 from maxjax.nn.layers import count
 from maxjax.nn.model import load_model, shipped
+from maxjax.sim.scanned_city import TINY_GRID, ScannedCity
 
 RESULTS = Path(__file__).parent / "results"
 # The paper, section IV: relative L2 in its dense and its open city.

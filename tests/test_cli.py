@@ -24,8 +24,7 @@ from scipy import ndimage
 
 from maxjax import Grid, Status, verify
 from maxjax.cli import check, main, report
-from maxjax.cli.commands import _train
-from maxjax.cli.demo import corners
+from maxjax.cli.options import TrainOptions
 from maxjax.maps import PointCloud, load_map
 from maxjax.nn.recipes import RECIPES
 from maxjax.planning.planner import Plan
@@ -305,7 +304,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
         code, text, err = terminal(command, *rest, "--out", out)
         assert (code, text) == (2, "")
         assert "cannot be written" in err
-        assert "..." not in err  # nothing had begun
+        assert "..." not in err  # no progress was shown
     assert os.listdir(tmp_path) == [Path(small).name]
 
 
@@ -445,19 +444,6 @@ def test_demo_passes_a_corner_and_draws_it(terminal: Terminal, tmp_path: Path) -
     assert verify(np.array(found["path"]), buildings, buildings, grid).clearance > 4
 
 
-def test_corners_are_repeatable_and_look_into_both_streets() -> None:
-    grid = Grid()
-    occupied, ground = occupancy(make_scene("downtown", 1).geoms, grid)
-    buildings = occupied & ~ground
-    found = corners(buildings, grid, 1)
-    assert found == corners(buildings, grid, 1)
-    for corner in found:
-        sensor, start, goal = map(np.array, (corner.sensor, corner.start, corner.goal))
-        assert 60 <= np.linalg.norm((goal - start)[:2]) <= 90
-        for end in (start, goal):
-            assert verify(np.stack([sensor, end]), buildings, buildings, grid).ok
-
-
 def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = terminal("check")
     assert code == 0
@@ -545,5 +531,5 @@ def a_row_lies_between(points: np.ndarray, start: Sequence[float], goal: Sequenc
 
 
 def test_the_help_of_training_names_every_recipe() -> None:
-    named = re.findall(r"\w+", (_train.__doc__ or "").split("recipes:")[1].split(".")[0])
+    named = re.findall(r"\w+", (TrainOptions.__doc__ or "").split("recipes:")[1].split(".")[0])
     assert sorted(named) == sorted(RECIPES.keys() - {"tiny"})

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from maxjax.campaigns import execution as module
+from maxjax.campaigns import replay
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, main, report
@@ -26,6 +27,7 @@ from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
 from maxjax.sim.lidar import Scan
 from maxjax.sim.rolling_map import empty
+from maxjax.viz import campaign as pictures
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
 
@@ -111,8 +113,8 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(module, "fly", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: town())
-    monkeypatch.setattr(flying, "watch", fake_watch)
-    monkeypatch.setattr(flying, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
+    monkeypatch.setattr(replay, "watch", fake_watch)
+    monkeypatch.setattr(pictures, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
     return Terminal(capfd)
 
 

@@ -16,7 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from maxjax.cli import report
+from maxjax.cli.options import CheckOptions
 from maxjax.core.grid import Grid
+from maxjax.core.lowering import target
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
@@ -28,14 +30,14 @@ _EXTRAS = {"matplotlib": "viz", "laspy": "las", "lazrs": "las"}
 _MISCOMPILES = ("0.10.2",)
 
 
-def run() -> int:
+def run(_: CheckOptions) -> int:
     """Print versions, device and a tiny solve; 0 if all is good, else 1 with what is wrong."""
     found = versions()
     rows = dict(found)
     for module, extra in _EXTRAS.items():
-        present = importlib.util.find_spec(module) is not None
-        rows[module] = "installed" if present else f"missing; if needed: pip install 'maxjax[{extra}]'"
-    rows |= {"devices": device(), "backend": jax.default_backend()}
+        installed = importlib.util.find_spec(module) is not None
+        rows[module] = "installed" if installed else f"missing; if needed: pip install 'maxjax[{extra}]'"
+    rows |= {"devices": device(), "backend": target()}
     wrong = []
     if found["jax"] in _MISCOMPILES:
         wrong.append(f"jax {found['jax']} miscompiles on CPU: pip install 'jax>=0.10,!=0.10.2'")
@@ -45,7 +47,7 @@ def run() -> int:
     occupied = np.zeros(_GRID.shape, bool)
     occupied[10], occupied[10, 15:17, 15:17] = True, False
     goal = jnp.array([3, 4, 5], jnp.int32)
-    start = time.perf_counter()
+    started = time.perf_counter()
     with report.progress("Solving a small potential"):
         solve = jax.jit(functools.partial(solve_potential, tolerance=_RESIDUAL))
         potential = solve(conductivity(jnp.asarray(occupied), goal, _GRID), goal)
@@ -54,7 +56,7 @@ def run() -> int:
         "solve": f"{status.name}, {int(potential.iterations)} iterations, {int(potential.sweeps)} sweeps",
         "residual": f"{residual:.1e}",
         "certificate": f"{int(potential.uncertified)} voxels without a higher neighbour",
-        "time with compilation": f"{time.perf_counter() - start:.1f} s",
+        "time with compilation": f"{time.perf_counter() - started:.1f} s",
     }
     if status != Status.OK or not bool(potential.certified):
         wrong.append(f"the solve ended as {status.name}: {status.advice}")

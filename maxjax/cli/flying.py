@@ -2,55 +2,61 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-from jaxtyping import Bool
-
 from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import draw_trials, fly_trials, world_of
+from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.ledger import Ledger
-from maxjax.campaigns.outcomes import Outcome, on_host, outcome_of, summarise
+from maxjax.campaigns.outcomes import Outcome, summarise
+from maxjax.campaigns.replay import replay
 from maxjax.cli import report
-from maxjax.core.grid import Grid
+from maxjax.cli.options import FlyOptions
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
-from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import Flight, FlightConfig, watch
-from maxjax.viz.film import Look
-from maxjax.worlds.distance import distance
-from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.scenes import make_scene, occupancy
-
-# The cities of all maps, by the metre.
-_CITY = Grid((300, 300, 134), 1.0, (-149.5, -149.5, 0.5))
-_CONFIG = FlightConfig()
+from maxjax.sim.flight import Flight, FlightConfig
 
 
-def run(
-    map: str,
-    trials: int | None,
-    seed: int,
-    method: str,
-    batch: int | None,
-    disturbances: Disturbances,
-    snapshot: bool,
-    reactive: float,
-    trial: int | None,
-    out: Path | None,
-    json: bool,
-) -> int:
-    """Fly, show and write; arguments as on the command line. Returns 0: failed flights are a result.
+def run(options: FlyOptions) -> int:
+    """Fly, show and write. Returns 0: failed flights are a result.
 
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
+    campaign, out = campaign_of(options), options.out
+    report.check_output(out)
+    ledger = None if out is None else campaign.ledger(out)
+    outcomes, flights = _fly(campaign, options, ledger)
+    origin = {"configuration": campaign.configuration(), "versions": versions(), "device": device()}
+    content = report.plain({**summarise(outcomes), **origin})
+    files: list[Path] = []
+    if out is not None:
+        with report.progress("Drawing"):
+            files = _draw(campaign, out, flights)
+        atomic_write(out / "summary.json", report.dumps(content))
+        files.append(out / "summary.json")
+    if options.json:
+        sys.stdout.write(report.dumps(content))
+        return 0
+    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.method}"
+    report.show(report.table(title, {"": _rows(content, outcomes)}))
+    for failure in content["failures"]:
+        print(f"trial {failure['index']}: {failure['status']}; again: {failure['command']}")
+    if files:
+        print(*files, sep="\n")
+    return 0
+
+
+def campaign_of(options: FlyOptions) -> Campaign:
+    """The campaign that options describe.
+
+    Raises:
+        ValueError: for what cannot be flown.
+    """
+    trials, trial, batch = options.trials, options.trial, options.batch
     if trials is not None and trial is not None:
         raise ValueError("--trials and --trial: expected one of them, given both")
     if trials is not None and trials < 1:
@@ -60,39 +66,32 @@ def run(
     if batch is not None and batch < 1:
         raise ValueError(f"--batch: expected at least 1, given {batch}")
     first, count = (trial, 1) if trial is not None else (0, trials or 1)
-    config = dataclasses.replace(_CONFIG, disturbances=disturbances, snapshot=snapshot, reactive=reactive)
-    campaign = Campaign(map, seed, range(first, first + count), method, config)
-    report.check_output(out)
-    ledger = None if out is None else campaign.ledger(out)
+    disturbances = Disturbances(
+        wind=options.wind,
+        range_noise=options.noise,
+        dropout=options.dropout,
+        dead_sector=options.dead_sector,
+        blackout=options.blackout,
+        drift=options.drift,
+        latency=float(options.latency),
+    )
+    config = FlightConfig(disturbances=disturbances, snapshot=options.snapshot, reactive=options.reactive)
+    return Campaign(options.map, options.seed, range(first, first + count), options.method, config)
 
-    flights: list[Flight] = []
-    outcomes: list[Outcome] = []
+
+def _fly(campaign: Campaign, options: FlyOptions, ledger: Ledger | None) -> tuple[list[Outcome], list[Flight]]:
+    """The outcomes of a campaign, and of a single trial with a folder the flight after each planning iteration."""
     with report.tally(len(campaign.trials)) as tell:
-        if trial is not None and ledger is not None:
-            outcomes, flights = _watch(campaign, ledger)
-            tell(1, sum(outcome.arrived for outcome in outcomes), 1)
-        else:
-            for some in fly_trials(campaign, batch=batch, folder=out, warn=report.complain):
-                outcomes += some
-                fresh = sum(outcome.flown for outcome in some) if ledger is None or _new(some, ledger) else 0
-                tell(len(some), sum(outcome.arrived for outcome in some), fresh)
-    origin = {"configuration": campaign.configuration(), "versions": versions(), "device": device()}
-    content = report.plain({**summarise(outcomes), **origin})
-    files: list[Path] = []
-    if out is not None:
-        with report.progress("Drawing"):
-            files = _draw(campaign, out, outcomes, flights)
-        atomic_write(out / "summary.json", report.dumps(content))
-        files.append(out / "summary.json")
-    if json:
-        sys.stdout.write(report.dumps(content))
-        return 0
-    report.show(report.table(f"{map}, seed {seed}, method {method}", {"": _rows(content, outcomes)}))
-    for failure in content["failures"]:
-        print(f"trial {failure['index']}: {failure['status']}; again: {failure['command']}")
-    if files:
-        print(*files, sep="\n")
-    return 0
+        if options.trial is not None and ledger is not None:
+            outcome, flights = replay(campaign, ledger)
+            tell(1, outcome.arrived, 1)
+            return [outcome], flights
+        outcomes: list[Outcome] = []
+        for some in fly_trials(campaign, batch=options.batch, folder=options.out, warn=report.complain):
+            outcomes += some
+            fresh = sum(outcome.flown for outcome in some) if ledger is None or _new(some, ledger) else 0
+            tell(len(some), sum(outcome.arrived for outcome in some), fresh)
+        return outcomes, []
 
 
 def _new(outcomes: Sequence[Outcome], before: Ledger) -> bool:
@@ -128,99 +127,20 @@ def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str
     return rows
 
 
-def _watch(campaign: Campaign, ledger: Ledger) -> tuple[list[Outcome], list[Flight]]:
-    """Fly the only trial of a campaign step by step; its outcome, and the flight after each planning iteration."""
-    drawn = draw_trials(campaign)
-    flights: list[Flight] = []
-    if drawn["valid"][0]:
-        flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
-        logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
-        outcome = outcome_of(campaign, drawn, 0, logs)
-        ledger.keep_positions([outcome.trial], logs["position"])
-    else:
-        outcome = outcome_of(campaign, drawn, 0)
-    if outcome.trial not in ledger.outcomes:
-        ledger.append([outcome])
-    return [outcome], flights
-
-
-def _draw(campaign: Campaign, out: Path, outcomes: Sequence[Outcome], flights: list[Flight]) -> list[Path]:
-    """flights.png: the flights of the first city; flight.gif: the only one. Those of an earlier run are taken away."""
-    from maxjax.viz.film import Filmed, film_flight
-    from maxjax.viz.flights import Flown, figure_flights
+def _draw(campaign: Campaign, out: Path, flights: Sequence[Flight]) -> list[Path]:
+    """flights.png: the flights of the first city; flight.gif: the only one. Those of an earlier run are removed."""
+    from maxjax.viz.campaign import figure_campaign, film_trial
     from maxjax.viz.style import save_figure
 
     picture, film = out / "flights.png", out / "flight.gif"
     for old in (picture, film):
         old.unlink(missing_ok=True)
-    flown = sorted((outcome for outcome in outcomes if outcome.flown), key=lambda outcome: outcome.trial)
-    if not flown:
+    ledger = campaign.ledger(out)
+    if not any(outcome.flown for outcome in ledger.outcomes.values()):
         return []
-    here = [outcome for outcome in flown if outcome.city == flown[0].city]
-    scene = make_scene(campaign.map, flown[0].city)
-    obstacle = _obstacle(scene.geoms)
-    positions = campaign.ledger(out).positions()
-    shown = [outcome for outcome in here if outcome.trial in positions]
-    title = f"{campaign.map}:{flown[0].city}, method {campaign.method}" + _weather(campaign)
-    lines = [Flown(one.trial, positions[one.trial], np.asarray(one.goal), one.arrived) for one in shown]
-    figure = figure_flights(obstacle, _CITY, lines, title=title, caption=_caption(flown, shown))
-    save_figure(figure, picture)
-    if not flights or len(positions[flown[0].trial]) < 2:
+    save_figure(figure_campaign(campaign, ledger), picture)
+    trial = campaign.trials[0]
+    if not flights or len(ledger.positions()[trial]) < 2:
         return [picture]
-    looks = looks_of(flights)
-    where = np.concatenate([look.flown for look in looks])
-    clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(scene.geoms, where))
-    filmed = Filmed(looks, np.asarray(flown[0].goal), clearance, campaign.config.radius)
-    content = film_flight(filmed, obstacle, _CITY, title=f"{title}, trial {flown[0].trial}: {flown[0].status}")
-    atomic_write(film, content)
+    atomic_write(film, film_trial(campaign, ledger.outcomes[trial], flights))
     return [picture, film]
-
-
-def _obstacle(geoms: Geoms) -> Bool[np.ndarray, "nx ny nz"]:
-    occupied, ground = occupancy(geoms, _CITY)
-    return np.asarray(occupied & ~ground)
-
-
-def _weather(campaign: Campaign) -> str:
-    strengths = [f"{name.replace('_', ' ')} {value:g}" for name, value in campaign.strengths.items() if value]
-    return "".join(f", {strength}" for strength in strengths)
-
-
-def _caption(flown: Sequence[Outcome], shown: Sequence[Outcome]) -> str:
-    def counts(some: Sequence[Outcome]) -> str:
-        return f"{sum(outcome.arrived for outcome in some)} of {len(some)} arrived"
-
-    caption = f"{counts(shown)} without contact"
-    others = [outcome for outcome in flown if outcome.city != flown[0].city]
-    if others:
-        cities = len({outcome.city for outcome in others})
-        caption += f"; not shown: {len(others)} flights in {cities} more cit{'y' if cities == 1 else 'ies'}, "
-        caption += counts(others)
-    return caption + "."
-
-
-def looks_of(flights: Sequence[Flight]) -> list[Look]:
-    """What a flight knew in each planning period, and where it was then, from its states before and after each."""
-    looks = []
-    before = 0
-    for flight in flights[1:]:
-        position = np.asarray(flight.log.position)
-        there = int(np.isfinite(position).all(axis=1).sum())
-        rolling_map = flight.rolling_map
-        solid = np.asarray(mapping.occupied(rolling_map) & ~mapping.ground(rolling_map))
-        corner = rolling_map.spacing * (np.asarray(rolling_map.corner, np.float64) - 0.5)
-        path = np.asarray(flight.path)
-        moves = np.nonzero(np.any(np.diff(path, axis=0), axis=1))[0]
-        points = np.asarray(flight.scan.points)
-        looks.append(
-            Look(
-                scan=points[np.asarray(flight.scan.hit)],
-                known=np.asarray(solid.any(axis=2)),
-                lower=(float(corner[0]), float(corner[1])),
-                spacing=rolling_map.spacing,
-                path=path[: moves[-1] + 2 if len(moves) else 1],
-                flown=position[before:there],
-            )
-        )
-        before = there
-    return looks

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from maxjax import api
 from maxjax.cli import report
+from maxjax.cli.options import PlanOptions
 from maxjax.cli.world import World, build_world, load_source
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
@@ -31,54 +32,36 @@ NAMES = {"solver": "maxjax", "network": "maxjax, network", "astar": "A*", "rrtst
 _FIELDS = ("solver", "network")
 
 
-def run(
-    map: str,
-    start: Point3,
-    goal: Point3,
-    center: Point3 | None,
-    method: str,
-    margin: float,
-    ground: float | None,
-    out: Path | None,
-    json: bool,
-) -> int:
-    """Plan, show and write; arguments as on the command line. Returns the exit code.
+def run(options: PlanOptions) -> int:
+    """Plan, show and write. Returns the exit code.
 
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
+    map, start, goal, out = options.map, options.start, options.goal, options.out
     report.check_output(out)
     watch = Stopwatch()
     with report.progress(f"Reading {map}"):
-        source = load_source(map)
-        world = build_world(source, start, goal, center, ground, watch)
-    rungs(margin, world.grid)
-    with report.progress(f"Planning, method {method}; {report.FIRST_RUN}"):
-        plan = plan_in(world, start, goal, method, margin, watch)
-    configuration = {
-        "map": map,
-        "start": start,
-        "goal": goal,
-        "center": center,
-        "method": method,
-        "margin": margin,
-        "ground": ground,
-    }
+        world = build_world(load_source(map), start, goal, options.center, options.ground, watch)
+    rungs(options.margin, world.grid)
+    with report.progress(f"Planning, method {options.method}; {report.FIRST_RUN}"):
+        plan = plan_in(world, start, goal, options.method, options.margin, watch)
     message = report.explain(plan, world, start, goal) if plan.status != Status.OK else plan.status.advice
+    configuration = {name: value for name, value in vars(options).items() if name not in ("out", "json")}
     content = report.document(plan, world, message, configuration)
-    plans = {method: plan}
+    plans: dict[str, Plan] = {options.method: plan}
     if out is not None:
         figure = None
         if plan.status == Status.OK:
             with report.progress("Drawing"):
-                if method in _FIELDS:
-                    plans["astar"] = plan_in(world, start, goal, "astar", margin, Stopwatch())
+                if options.method in _FIELDS:
+                    plans["astar"] = plan_in(world, start, goal, "astar", options.margin, Stopwatch())
                 figure = draw(world, plans, start, goal, Overlay(title=Path(map).name, around=_AROUND))
         files = report.write_plan(out, content, figure)
-    if json:
+    if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        columns = {NAMES[name]: report.describe(found, margin, start, goal) for name, found in plans.items()}
+        columns = {NAMES[name]: report.describe(found, options.margin, start, goal) for name, found in plans.items()}
         report.show(report.table(Path(map).name, columns))
         if out is not None:
             print(*files, sep="\n")

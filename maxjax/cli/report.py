@@ -68,7 +68,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
         many of them took time, the others having been there before.
     """
     console = _console(stderr=True)
-    begun = shown = time.monotonic()
+    started = shown = time.monotonic()
     done = arrived = 0
     computed: list[tuple[float, int]] = []
 
@@ -80,7 +80,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
             return text + f"; {FIRST_FLIGHT}" * (done < total)
         # What came first was compiled as well: if there is more to go by, it does not count.
         counted = computed[1:] or computed
-        since = computed[0][0] if len(computed) > 1 else begun
+        since = computed[0][0] if len(computed) > 1 else started
         each = (computed[-1][0] - since) / sum(count for _, count in counted)
         return text + f", about {_clock(each * (total - done))} left" * (done < total)
 

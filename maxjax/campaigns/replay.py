@@ -1,0 +1,33 @@
+"""One trial by itself, one planning period after the other: what it did, and all that it knew on the way."""
+
+from __future__ import annotations
+
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import draw_trials, world_of
+from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.outcomes import Outcome, on_host, outcome_of
+from maxjax.sim.flight import Flight, watch
+
+
+def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
+    """Fly the first trial of a campaign step by step.
+
+    Args:
+        campaign: of one trial.
+        ledger: where its outcome, unless already kept, and its positions go.
+
+    Returns:
+        Its outcome, and the flight after each planning iteration; none if it cannot be flown.
+    """
+    drawn = draw_trials(campaign)
+    flights: list[Flight] = []
+    if drawn["valid"][0]:
+        flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
+        logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
+        outcome = outcome_of(campaign, drawn, 0, logs)
+        ledger.keep_positions([outcome.trial], logs["position"])
+    else:
+        outcome = outcome_of(campaign, drawn, 0)
+    if outcome.trial not in ledger.outcomes:
+        ledger.append([outcome])
+    return outcome, flights

@@ -1,0 +1,160 @@
+"""The options of each command: what is typed, with its help. Nothing here imports what a command needs to run."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+Point3 = tuple[float, float, float]
+
+_Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
+_Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
+_OptionalXyz = Annotated[Point3 | None, tyro.conf.arg(metavar="X Y Z")]
+_Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+_OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
+_Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+_OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+_Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
+_Seed = Annotated[int, tyro.conf.arg(metavar="S")]
+_Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanOptions:
+    """Plan a path through a map and verify it.
+
+    Coordinates are those of the map: metres, z up. The grid has 101 x 101 x 101 voxels of 2 m; a voxel map brings its
+    own.
+
+    Attributes:
+        map: A file (.npz, .ply, .las, .laz), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+        start: Start of the path [m].
+        goal: End of the path [m].
+        center: Middle of the grid [m]; by default half-way between start and goal.
+        method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
+        margin: Distance to keep from obstacles [m]; lowered by one voxel at a time where it seals start or goal in.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        out: Folder for plan.json, path.csv and plan.png.
+        json: Print the content of plan.json, and nothing else, on stdout.
+    """
+
+    map: _Map
+    start: _Xyz
+    goal: _Xyz
+    center: _OptionalXyz = None
+    method: Literal["solver", "network", "astar", "rrtstar", "apf"] = "solver"
+    margin: _Metres = 8.0
+    ground: _OptionalMetres = None
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class ScanOptions:
+    """Simulate one LiDAR scan in a city: 32,768 rays, 100 m range, level attitude.
+
+    Attributes:
+        map: A simulated city: midtown:SEED, downtown:SEED, suburb:SEED; its ground is z = 0.
+        pose: Position of the sensor [m].
+        out: Folder for scan.npz (its points, which `maxjax plan` reads) and scan.png.
+        json: Print the counts as JSON, and nothing else, on stdout.
+    """
+
+    map: _Map
+    pose: _Xyz
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class FlyOptions:
+    """Fly trials in closed loop: sense, map, plan, follow, until the goal, contact, or no plan is left.
+
+    Start and goal are 50 to 80 m apart, 3 to 15 m high; 50 trials share a city. Killed and started again with the same
+    --out, a campaign goes on where it was.
+
+    Attributes:
+        map: A simulated map: midtown, downtown, suburb.
+        trials: Number of trials, from trial 0 on; 1 by default.
+        seed: Seed of the first city.
+        method: solver: climb the conduction potential. network: one that a network predicts. astar: search the grid.
+        batch: Flights at a time; by default what suits the device.
+        wind: Mean speed of the wind [m/s], with gusts in proportion.
+        noise: Standard deviation of measured distances [m].
+        dropout: Share of returns lost, 0 to 1.
+        dead_sector: Width of a sector without any returns [deg].
+        blackout: How long no scan holds any return, some seconds after take-off [s].
+        drift: Greatest error of the believed position [m].
+        latency: Fly each plan one planning period late.
+        snapshot: Plan from the latest scan alone.
+        reactive: Gain of the reactive layer [m/s^2]; 0 leaves it out.
+        trial: Fly this trial only; with --out, film it.
+        out: Folder for trials.jsonl, summary.json, flights.png and, of one trial, flight.gif.
+        json: Print the content of summary.json, and nothing else, on stdout.
+    """
+
+    map: _Map
+    trials: _Count = None
+    seed: _Seed = 0
+    method: Literal["solver", "network", "astar"] = "solver"
+    batch: _Count = None
+    wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
+    noise: _Metres = 0.0
+    dropout: Annotated[float, tyro.conf.arg(metavar="P")] = 0.0
+    dead_sector: Annotated[float, tyro.conf.arg(metavar="DEG")] = 0.0
+    blackout: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
+    drift: _Metres = 0.0
+    latency: _Flag = False
+    snapshot: _Flag = False
+    reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0
+    trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions:
+    """Train networks that predict the potential, on simulated scans of midtown.
+
+    A run that was killed goes on from its last checkpoint, bit for bit.
+
+    Attributes:
+        config: Networks and their recipes: paper, paper_difference, paper_large, maxjax, maxjax_slim, maxjax_half,
+            maxjax_no_flood.
+        out: Folder; each network has its own in it, with weights, log and checkpoint.
+        tiny: A small network on a few scenes of 33 x 33 x 33 voxels, to see that all works.
+        epochs: By default those of the recipe, 200.
+        scenes: Number of training scenes.
+        cache: Folder to keep the scenes in.
+        seed: Seed of scenes and weights.
+    """
+
+    config: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ("maxjax",)
+    out: _Folder = Path("maxjax-train")
+    tiny: _Flag = False
+    epochs: _Count = None
+    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = 749
+    cache: _OptionalFolder = None
+    seed: _Seed = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class DemoOptions:
+    """Plan around a street corner from one simulated LiDAR scan, by the field and by A*.
+
+    Attributes:
+        out: Folder for plan.json, path.csv and plan.png.
+        seed: Seed of the city, of the scan's noise and of the choice of the corner.
+    """
+
+    out: _Folder = Path("maxjax-demo")
+    seed: _Seed = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckOptions:
+    """Show versions and devices, and solve and certify a small potential."""
