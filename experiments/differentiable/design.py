@@ -10,7 +10,7 @@ middle (y, z) of a square gate is sought that minimises
 whose derivative is one adjoint solve for the whole fleet: the gate's edges are smooth, σ in the wall is that of the
 street times a window function of (y, z), and −ℓ log φ is differentiable in σ.
 
-Where to begin is told by the same derivative. With the wall closed but for a hair (σ = 10⁻⁶ of free space), every voxel
+The same derivative gives where to begin. With the wall closed but for a hair (σ = 10⁻⁶ of free space), every voxel
 of the wall carries its share of the way from the starts: −∂ mean log φ / ∂ log σ, summed over what a gate would open,
 ranks all positions of the gate at once. A second search begins at the north end of the wall, seventy metres off.
 
@@ -29,7 +29,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Float
 
 import maxjax
 from benchmarks.common.harness import Row, save
@@ -43,15 +43,13 @@ from experiments.differentiable.field import (
     figure,
     free_points,
     heights,
-    log_potential,
     metres,
     table,
 )
+from experiments.differentiable.gate import Works, mean_length, shares
 from maxjax.nn.optimizer import AdamW, init, update
 
 NAME = "differentiable_design"
-# Width of the gate's edges [voxels]; what a closed wall conducts beside free space.
-_EDGE, _CLOSED = 0.7, 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,68 +85,6 @@ class Config:
 TINY = Config(shape=(24, 24, 14), starts=6, margin=2.0, half=2, steps=3, lattice=(8, 8, 1))
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Works:
-    """What the gate is cut into.
-
-    Attributes:
-        sigma: conductivity of the city without the wall.
-        wall: 1 in the voxels that the wall and its margin take, 0 elsewhere.
-        goal: voxel.
-        starts: voxels.
-        length: ℓ [voxels].
-    """
-
-    sigma: Float[Array, "nx ny nz"]
-    wall: Float[Array, "nx ny nz"]
-    goal: Int32[Array, " 3"]
-    starts: Int32[Array, "n 3"]
-    length: Float[Array, ""]
-
-
-def window(gate: Float[Array, " 2"], half: float, shape: tuple[int, ...]) -> Float[Array, "1 ny nz"]:
-    """1 inside the gate, 0 outside, in between over `_EDGE`."""
-    y, z = (
-        jax.nn.sigmoid((half + 0.5 - jnp.abs(jnp.arange(n, dtype=gate.dtype) - middle)) / _EDGE)
-        for n, middle in zip(shape[1:], gate, strict=True)
-    )
-    return y[None, :, None] * z[None, None, :]
-
-
-def mean_length(gate: Float[Array, " 2"], works: Works, half: float) -> Float[Array, ""]:
-    """L [voxels] of a gate with its middle at (y, z) [voxels]."""
-    opened = _CLOSED + (1 - _CLOSED) * window(gate, half, works.sigma.shape)
-    return _length(works.sigma * (1 - works.wall * (1 - opened)), works)
-
-
-def _length(sigma: Float[Array, "nx ny nz"], works: Works) -> Float[Array, ""]:
-    return -works.length * jnp.mean(log_potential(sigma, works.goal, works.length, works.starts))
-
-
-def shares(works: Works) -> Float[Array, "nx ny nz"]:
-    """Of every voxel of the closed wall, −∂L/∂ log σ: what opening it would take off L, to first order."""
-    closed = works.sigma * (1 - works.wall * (1 - _CLOSED))
-    slope: Array = jax.grad(_length)(closed, works)
-    return -slope * closed * works.wall
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What the figure shows: gates in voxels (y, z)."""
-
-    grid: maxjax.Grid
-    occupied: np.ndarray
-    ground: np.ndarray
-    slab: int
-    starts: np.ndarray
-    goal: np.ndarray
-    share: np.ndarray
-    tracks: dict[str, np.ndarray]
-    lattice: np.ndarray  # (n, 3): y, z, mean length [m]
-    paths: dict[str, list[np.ndarray]]
-
-
 def search(gate: Float[np.ndarray, " 2"], works: Works, config: Config) -> Float[np.ndarray, "t 3"]:
     """AdamW from a gate: y, z [voxels] and L [m] of every step; the best one is meant, not the last."""
     settings = AdamW(rate=config.rate, steps=config.steps, decay=0.0, beta2=0.9)
@@ -164,27 +100,53 @@ def search(gate: Float[np.ndarray, " 2"], works: Works, config: Config) -> Float
     return np.array(track)
 
 
-def run(config: Config) -> tuple[list[Row], Outcome]:
-    """Rank, search, judge."""
-    nx, ny, nz = config.shape
-    grid = maxjax.Grid(config.shape, 2.0, (1.0 - nx, 1.0 - ny, -1.0))
-    occupied, ground = city("downtown", config.seed, grid)
-    below = jnp.asarray(ground)
-    reach = int(config.margin / grid.spacing)
-    slab = nx // 2
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """The city, before any wall.
 
-    def walled(gate: Float[np.ndarray, " 2"] | None) -> np.ndarray:
-        volume = occupied.copy()
-        volume[slab] = True
-        if gate is not None:
-            # Cut wider by the margin, so that `half` is left within it. A building behind it stays.
-            y, z = np.round(gate).astype(int)
-            wide = config.half + reach
-            hole = slice(max(y - wide, 0), y + wide + 1), slice(max(z - wide, 0), z + wide + 1)
-            volume[slab][hole] = occupied[slab][hole]
+    Attributes:
+        grid: see there.
+        occupied, ground: voxels.
+        slab: index along x of the wall.
+        starts, goal: voxels on either side of it.
+        works: what the mean length is a function of.
+    """
+
+    grid: maxjax.Grid
+    occupied: np.ndarray
+    ground: np.ndarray
+    slab: int
+    starts: np.ndarray
+    goal: np.ndarray
+    works: Works
+
+    def walled(self, gate: Float[np.ndarray, " 2"], config: Config) -> np.ndarray:
+        """The city with the wall and a gate in it."""
+        volume = self.occupied.copy()
+        volume[self.slab] = True
+        # Cut wider by the margin, so that `half` is left within it. A building in the hole stays.
+        y, z = np.round(gate).astype(int)
+        wide = config.half + int(config.margin / self.grid.spacing)
+        hole = slice(max(y - wide, 0), y + wide + 1), slice(max(z - wide, 0), z + wide + 1)
+        volume[self.slab][hole] = self.occupied[self.slab][hole]
         return volume
 
-    blocked = np.asarray(maxjax.dilate(jnp.asarray(occupied), config.margin, grid, below))
+    def flights(self, gate: Float[np.ndarray, " 2"], config: Config) -> tuple[list[np.ndarray], float]:
+        """Paths through a gate, and their mean length [m]; NaN where some start has no path at the full margin."""
+        ends = metres(self.starts, self.grid), metres(self.goal, self.grid)
+        plans = maxjax.plan_fleet(self.walled(gate, config), *ends, self.grid, margin=config.margin, ground=self.ground)
+        ok = (plans.status == maxjax.Status.OK) & (plans.margin >= config.margin - 1e-6)
+        return [plan.path for plan in plans], float(plans.length.mean()) if ok.all() else np.nan
+
+
+def place_of(config: Config) -> Place:
+    """The city of these settings, its starts and its goal."""
+    nx, ny, _ = config.shape
+    grid = maxjax.Grid(config.shape, 2.0, (1.0 - nx, 1.0 - ny, -1.0))
+    occupied, ground = city("downtown", config.seed, grid)
+    reach = int(config.margin / grid.spacing)
+    slab = nx // 2
+    blocked = np.asarray(maxjax.dilate(jnp.asarray(occupied), config.margin, grid, jnp.asarray(ground)))
     near = np.arange(nx)[:, None, None] - slab
     rng = np.random.default_rng([config.seed, 2])
     street = heights(grid, 3.0, 15.0)
@@ -198,21 +160,31 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
         jnp.asarray(starts),
         jnp.float32(config.length),
     )
-    share = np.asarray(shares(works)).sum(axis=0)
+    return Place(grid, occupied, ground, slab, starts, goal, works)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What the figure shows: gates in voxels (y, z)."""
+
+    place: Place
+    share: np.ndarray
+    tracks: dict[str, np.ndarray]
+    lattice: np.ndarray  # (n, 3): y, z, mean length [m]
+    paths: dict[str, list[np.ndarray]]
+
+
+def run(config: Config) -> tuple[list[Row], Outcome]:
+    """Rank, search, judge."""
+    place = place_of(config)
+    _, ny, nz = config.shape
+    share = np.asarray(shares(place.works)).sum(axis=0)
     # Share of all that a gate would open, for every middle that it could have.
     edge = config.half + 1
     opened = np.lib.stride_tricks.sliding_window_view(share, (2 * config.half + 1,) * 2).sum(axis=(2, 3))
     first = np.array(np.unravel_index(int(np.argmax(opened)), opened.shape), np.float64) + config.half
     naive = np.array([7 * ny / 8, edge + nz / 4])
-    tracks = {name: search(gate, works, config) for name, gate in (("ranked", first), ("north end", naive))}
-
-    def flights(gate: Float[np.ndarray, " 2"]) -> tuple[list[np.ndarray], float]:
-        plans = maxjax.plan_fleet(
-            walled(gate), metres(starts, grid), metres(goal, grid), grid, margin=config.margin, ground=ground
-        )
-        ok = (plans.status == maxjax.Status.OK) & (plans.margin >= config.margin - 1e-6)
-        # A gate that leaves some start without a way is no gate.
-        return [plan.path for plan in plans], float(plans.length.mean()) if ok.all() else np.nan
+    tracks = {name: search(gate, place.works, config) for name, gate in (("ranked", first), ("north end", naive))}
 
     rows: list[Row] = []
     best = {name: track[np.argmin(track[:, 2])] for name, track in tracks.items()}
@@ -220,29 +192,24 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
     gates |= {"ranked first": first, "from there, optimised": best["ranked"][:2]}
     paths: dict[str, list[np.ndarray]] = {}
     for name, gate in gates.items():
-        paths[name], mean = flights(gate)
-        rows.append(_row(name, gate, mean, grid))
-    along, up, levels = config.lattice
-    lattice = np.array(
-        [
-            [y, z, flights(np.array([y, z]))[1]]
-            for z in edge + up * np.arange(levels)
-            for y in np.arange(edge, ny - edge, along)
-        ]
-    )
+        paths[name], mean = place.flights(gate, config)
+        rows.append(_row(name, gate, mean, place.grid))
+    lattice = _tried(place, config)
     valid = lattice[np.isfinite(lattice[:, 2])]
     top = valid[np.argmin(valid[:, 2])]
-    rows.append({**_row("brute force, best", top[:2], float(top[2]), grid), "gates_tried": len(lattice)})
-    rows.append({**_row("brute force, median", None, float(np.median(valid[:, 2])), grid), "gates_tried": len(lattice)})
-    rows.append(
-        {
-            "gate": "solves: ranking, a search, brute force",
-            "ranking": 2,
-            "search": 2 * config.steps,
-            "gates_tried": len(lattice),
-        }
-    )
-    return rows, Outcome(grid, occupied, ground, slab, starts, goal, share, tracks, lattice, paths)
+    count = {"gates_tried": len(lattice)}
+    rows.append({**_row("brute force, best", top[:2], float(top[2]), place.grid), **count})
+    rows.append({**_row("brute force, median", None, float(np.median(valid[:, 2])), place.grid), **count})
+    rows.append({"gate": "solves: ranking, a search, brute force", "ranking": 2, "search": 2 * config.steps, **count})
+    return rows, Outcome(place, share, tracks, lattice, paths)
+
+
+def _tried(place: Place, config: Config) -> Float[np.ndarray, "n 3"]:
+    """y, z [voxels] and mean length [m] of gates all over the wall."""
+    along, up, levels = config.lattice
+    edge, ny = config.half + 1, config.shape[1]
+    gates = [[y, z] for z in edge + up * np.arange(levels) for y in np.arange(edge, ny - edge, along)]
+    return np.array([[*gate, place.flights(np.array(gate), config)[1]] for gate in gates])
 
 
 def _row(name: str, gate: np.ndarray | None, mean: float, grid: maxjax.Grid) -> dict[str, str | int | float | None]:
@@ -252,23 +219,23 @@ def _row(name: str, gate: np.ndarray | None, mean: float, grid: maxjax.Grid) -> 
 
 
 def figures(outcome: Outcome, folder: Path) -> None:
-    """Flights before and after on the city, and the wall with what it was told about its gates."""
+    """Flights before and after on the city, and the wall with the shares and the gates tried."""
     from matplotlib.colors import LogNorm
 
-    grid, slab = outcome.grid, outcome.slab
-    x = grid.origin[0] + grid.spacing * slab
+    place, grid = outcome.place, outcome.place.grid
+    x = grid.origin[0] + grid.spacing * place.slab
     names = ("north end of the wall", "from there, optimised")
     with figure(folder / f"{NAME}.png", 7.2, 3.7) as drawn:
         plan = drawn.add_axes((0.08, 0.14, 0.42, 0.8))
-        draw_city(plan, outcome.occupied & ~outcome.ground, grid, 10.0)
+        draw_city(plan, place.occupied & ~place.ground, grid, 10.0)
         plan.axvline(x, color="black", linewidth=2.0, zorder=5)
         for name, color, label in zip(
             names, (COLORS[1], COLORS[0]), ("gate at the north end", "gate found"), strict=True
         ):
             for k, path in enumerate(path for path in outcome.paths[name][::4] if len(path)):
                 plan.plot(*path[:, :2].T, color=color, linewidth=0.6, zorder=6, label=label if k == 0 else None)
-        draw_mark(plan, metres(outcome.goal, grid), "*", "#F0E442", "goal", 9.0)
-        plan.plot(*metres(outcome.starts, grid)[:, :2].T, ".", color="black", markersize=2.0, zorder=7, label="start")
+        draw_mark(plan, metres(place.goal, grid), "*", "#F0E442", "goal", 9.0)
+        plan.plot(*metres(place.starts, grid)[:, :2].T, ".", color="black", markersize=2.0, zorder=7, label="start")
         plan.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=4, fontsize=6.5, columnspacing=1.0)
         wall = drawn.add_axes((0.67, 0.6, 0.33, 0.34))
         (_, y0, z0), (_, y1, z1) = grid.lower, grid.upper

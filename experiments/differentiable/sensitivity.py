@@ -105,72 +105,92 @@ def ball(radius: float) -> Float[np.ndarray, "k k k"]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What the figure shows: places in voxels, path in metres."""
+class Flight:
+    """A start and a goal in a city.
 
+    Attributes:
+        config: settings.
+        grid: of the volumes.
+        occupied, ground: voxels.
+        start, goal: voxels.
+    """
+
+    config: Config
     grid: maxjax.Grid
-    occupied: np.ndarray
-    ground: np.ndarray
-    strength: np.ndarray
-    places: np.ndarray
-    predicted: np.ndarray
-    measured: np.ndarray
-    path: np.ndarray
-    detour: np.ndarray
+    occupied: Bool[np.ndarray, "nx ny nz"]
+    ground: Bool[np.ndarray, "nx ny nz"]
+    start: Int32[np.ndarray, " 3"]
+    goal: Int32[np.ndarray, " 3"]
+
+    def planned(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> maxjax.Plan:
+        """The plan where these voxels are occupied."""
+        points = metres(self.start, self.grid)[None], metres(self.goal, self.grid)
+        return maxjax.plan_fleet(occupied, *points, self.grid, margin=self.config.margin, ground=self.ground)[0]
+
+    def sigma(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
+        """The conductivity where these voxels are occupied."""
+        blocked = maxjax.dilate(jnp.asarray(occupied), self.config.margin, self.grid, jnp.asarray(self.ground))
+        return maxjax.conductivity(blocked, jnp.asarray(self.goal), self.grid)
+
+    def distance(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> float:
+        """D where these voxels are occupied [voxels]."""
+        length = jnp.float32(self.config.length)
+        at = jnp.asarray(self.start)[None]
+        return float(-length * log_potential(self.sigma(occupied), jnp.asarray(self.goal), length, at)[0])
+
+
+def drawn(config: Config, rng: np.random.Generator) -> Flight:
+    """Of a hundred pairs of points in a city, the one with most walls between them: a path that has to turn."""
+    nx, ny, nz = config.shape
+    grid = maxjax.Grid(config.shape, 2.0, (1.0 - nx, 1.0 - ny, -1.0 if nz < 101 else -99.0))
+    occupied, ground = city(config.map, config.seed, grid)
+    free = ~np.asarray(maxjax.dilate(jnp.asarray(occupied), config.margin, grid, jnp.asarray(ground)))
+    ends = free_points(rng, free, heights(grid, 3.0, 15.0), 200)
+    gap = np.linalg.norm(ends[:, None] - ends[None], axis=-1)
+    pairs = np.argwhere((gap >= config.apart[0]) & (gap <= config.apart[1]))[:100]
+    lines = np.round(np.linspace(ends[pairs[:, 0]], ends[pairs[:, 1]], 200)).astype(int)
+    start, goal = ends[pairs[np.argmax((~free)[tuple(np.moveaxis(lines, -1, 0))].sum(axis=0))]]
+    return Flight(config, grid, occupied, ground, start, goal)
 
 
 def run(config: Config) -> tuple[list[Row], Outcome]:
     """One map of the sensitivity, and what obstacles really do."""
-    nx, ny, nz = config.shape
-    grid = maxjax.Grid(config.shape, 2.0, (1.0 - nx, 1.0 - ny, -1.0 if nz < 101 else -99.0))
-    occupied, ground = city(config.map, config.seed, grid)
-    below = jnp.asarray(ground)
-
-    def blocked(volume: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:
-        return np.asarray(maxjax.dilate(jnp.asarray(volume), config.margin, grid, below))
-
-    free = ~blocked(occupied)
     rng = np.random.default_rng([config.seed, 4])
-    ends = free_points(rng, free, heights(grid, 3.0, 15.0), 200)
-    gap = np.linalg.norm(ends[:, None] - ends[None], axis=-1)
-    pairs = np.argwhere((gap >= config.apart[0]) & (gap <= config.apart[1]))[:100]
-    # Of these the pair with most walls between its ends: a path that has to turn.
-    lines = np.round(np.linspace(ends[pairs[:, 0]], ends[pairs[:, 1]], 200)).astype(int)
-    start, goal = ends[pairs[np.argmax((~free)[tuple(np.moveaxis(lines, -1, 0))].sum(axis=0))]]
-    length = jnp.float32(config.length)
-
-    def planned(volume: Bool[np.ndarray, "nx ny nz"]) -> maxjax.Plan:
-        points = metres(start, grid)[None], metres(goal, grid)
-        return maxjax.plan_fleet(volume, *points, grid, margin=config.margin, ground=ground)[0]
-
-    def distance(volume: Bool[np.ndarray, "nx ny nz"]) -> float:
-        sigma = maxjax.conductivity(jnp.asarray(blocked(volume)), jnp.asarray(goal), grid)
-        return float(-length * log_potential(sigma, jnp.asarray(goal), length, jnp.asarray(start)[None])[0])
-
-    sigma = maxjax.conductivity(jnp.asarray(~free), jnp.asarray(goal), grid)
-    before, slope = lengthening(sigma, jnp.asarray(goal), jnp.asarray(start), length)
+    flight = drawn(config, rng)
+    grid, occupied, length = flight.grid, flight.occupied, jnp.float32(config.length)
+    before, slope = lengthening(flight.sigma(occupied), jnp.asarray(flight.goal), jnp.asarray(flight.start), length)
     radius = config.margin / grid.spacing
     strength = -signal.fftconvolve(np.asarray(slope, np.float64), ball(radius), mode="same")
     # An obstacle may stand in any voxel that is free itself and far enough from both ends.
-    off = np.minimum(
-        *(np.linalg.norm(np.moveaxis(np.indices(grid.shape), 0, -1) - end, axis=-1) for end in (start, goal))
-    )
+    voxels = np.moveaxis(np.indices(grid.shape), 0, -1)
+    off = np.minimum(*(np.linalg.norm(voxels - end, axis=-1) for end in (flight.start, flight.goal)))
     candidates = ~occupied & (off > 2 * radius + 2)
     places = _places(rng, np.where(candidates, strength, -np.inf), config, radius)
-    reference = planned(occupied)
+    reference = flight.planned(occupied)
     assert reference.status == maxjax.Status.OK, reference.status
     plans, changes = [], []
     for place in places:
         changed = occupied.copy()
         changed[tuple(place)] = True
-        plans.append(planned(changed))
-        changes.append(grid.spacing * (distance(changed) - float(before)))
+        plans.append(flight.planned(changed))
+        changes.append(grid.spacing * (flight.distance(changed) - float(before)))
     predicted = grid.spacing * strength[tuple(places.T)]
-    longer = np.array([plan.length - reference.length for plan in plans])
+    measured = np.stack([changes, [plan.length - reference.length for plan in plans]])
     kept = np.array([plan.status == maxjax.Status.OK and plan.margin == reference.margin for plan in plans])
+    rows = _rows(predicted, measured, kept, config)
+    rows[-1] = {**rows[-1], "path_m": round(float(reference.length), 2), **_correlations(predicted, measured, kept)}
+    worst = plans[int(np.argmax(np.where(kept, measured[1], -np.inf)))]
+    strength = np.where(candidates, strength, np.nan)
+    return rows, Outcome(flight, strength, places, predicted, measured, reference.path, worst.path)
+
+
+def _rows(
+    predicted: Float[np.ndarray, " n"], measured: Float[np.ndarray, "2 n"], kept: Bool[np.ndarray, " n"], config: Config
+) -> list[Row]:
+    """A row for each way of choosing places, and one for all of them; means over those that kept the margin."""
     kind = np.repeat(["strongest", "drawn over the ranks", "drawn from free space"], _counts(config))
+    field, longer = measured
     rows: list[Row] = []
-    measured = np.array(changes)
     for name in dict.fromkeys(kind.tolist()):
         chosen = (kind == name) & kept
         rows.append(
@@ -179,26 +199,31 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
                 "count": int((kind == name).sum()),
                 "same_margin": int(chosen.sum()),
                 "predicted_m": round(float(predicted[chosen].mean()), 3),
-                "field_change_m": round(float(measured[chosen].mean()), 3),
+                "field_change_m": round(float(field[chosen].mean()), 3),
                 "path_change_mean_m": round(float(longer[chosen].mean()), 3),
                 "path_change_most_m": round(float(longer[chosen].max()), 3),
             }
         )
-    rows.append(
-        {
-            "places": "all",
-            "count": len(places),
-            "same_margin": int(kept.sum()),
-            "path_m": round(float(reference.length), 2),
-            "rank_correlation_field": round(float(stats.spearmanr(predicted[kept], measured[kept])[0]), 3),
-            "rank_correlation_path": round(float(stats.spearmanr(predicted[kept], longer[kept])[0]), 3),
-        }
-    )
-    worst = int(np.argmax(np.where(kept, longer, -np.inf)))
-    return rows, Outcome(
-        grid, occupied, ground, np.where(candidates, strength, np.nan), places, predicted, np.stack([measured, longer]),
-        reference.path, plans[worst].path,
-    )  # fmt: skip
+    return [*rows, {"places": "all", "count": len(kept), "same_margin": int(kept.sum())}]
+
+
+def _correlations(predicted: np.ndarray, measured: np.ndarray, kept: np.ndarray) -> dict[str, float]:
+    """Rank correlation of the prediction with the change of the field and of the path."""
+    field, path = (round(float(stats.spearmanr(predicted[kept], change[kept])[0]), 3) for change in measured)
+    return {"rank_correlation_field": field, "rank_correlation_path": path}
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What the figure shows: places in voxels, paths in metres."""
+
+    flight: Flight
+    strength: np.ndarray
+    places: np.ndarray
+    predicted: np.ndarray
+    measured: np.ndarray
+    path: np.ndarray
+    detour: np.ndarray
 
 
 def _counts(config: Config) -> tuple[int, int, int]:
@@ -227,10 +252,10 @@ def figures(outcome: Outcome, folder: Path) -> None:
     """The map of the sensitivity on the city, and prediction against what happened."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    grid, path = outcome.grid, outcome.path
+    flight, grid, path = outcome.flight, outcome.flight.grid, outcome.path
     with figure(folder / f"{NAME}.png", 7.2, 3.6) as drawn:
         plan = drawn.add_axes((0.08, 0.14, 0.42, 0.76))
-        draw_city(plan, outcome.occupied & ~outcome.ground, grid, float(np.median(path[:, 2])), path)
+        draw_city(plan, flight.occupied & ~flight.ground, grid, float(np.median(path[:, 2])), path)
         best = np.nanmax(np.where(np.isnan(outcome.strength), -np.inf, outcome.strength), axis=2)
         seen = np.where(best > 0.01 * best.max(), grid.spacing * best, np.nan)
         (x0, y0, _), (x1, y1, _) = grid.lower, grid.upper

@@ -15,7 +15,8 @@ import pytest
 from references import random_blocks
 
 from benchmarks.common.harness import Row
-from experiments.differentiable import design, inverse, learning, sensitivity
+from experiments.differentiable import demonstrations, design, inverse, learning, priced, sensitivity
+from experiments.differentiable import gate as gate_module
 from experiments.differentiable.field import table
 
 SHAPE = (10, 11, 9)
@@ -63,10 +64,10 @@ def test_the_gradient_by_the_gate_equals_central_differences() -> None:
     with jax.enable_x64(True):
         wall = np.zeros(SHAPE)
         wall[5] = 1
-        works = design.Works(
+        works = gate_module.Works(
             double(~BLOCKED), double(wall), jnp.asarray(GOAL), jnp.asarray([START, START - 1]), double(2.0)
         )
-        objective = functools.partial(design.mean_length, works=works, half=1.0)
+        objective = functools.partial(gate_module.mean_length, works=works, half=1.0)
         gate = np.array([4.3, 3.7])
         np.testing.assert_allclose(jax.grad(objective)(double(gate)), differences(objective, gate), rtol=1e-5)
 
@@ -87,11 +88,11 @@ def test_the_jacobian_of_the_bearings_equals_central_differences() -> None:
         free = ~BLOCKED
         height = np.broadcast_to(np.arange(SHAPE[2]) / 5.0, SHAPE)
         distance = 1 + np.random.default_rng(7).uniform(0, 4, SHAPE)
-        town = learning.Town(jnp.asarray(free), double(distance), double(height))
+        town = priced.Town(jnp.asarray(free), double(distance), double(height))
         at = jnp.asarray(np.argwhere(free)[5::60], jnp.int32)
-        read = functools.partial(learning.bearings, town=town, goal=jnp.asarray(GOAL), length=double(2.5), voxels=at)
+        read = functools.partial(priced.bearings, town=town, goal=jnp.asarray(GOAL), length=double(2.5), voxels=at)
         theta = np.log([2.0, 1.5, 0.3])
-        value, slope = learning.linearized(double(theta), town, jnp.asarray(GOAL), double(2.5), at)
+        value, slope = priced.linearized(double(theta), town, jnp.asarray(GOAL), double(2.5), at)
         read = jax.jit(read)
         np.testing.assert_allclose(value, read(double(theta)), rtol=1e-6, atol=1e-7)
         np.testing.assert_allclose(np.moveaxis(slope, -1, 0), differences(read, theta), rtol=1e-4, atol=1e-5)
@@ -103,14 +104,14 @@ def test_the_demonstrator_takes_the_cheapest_way() -> None:
     n[4] = 100.0
     n[4, 6, 1] = 1.0
     free = np.ones(n.shape, bool)
-    (path,) = learning.demonstrate(free, n, np.array([0, 4, 1]), np.array([[8, 4, 1]]))
+    (path,) = demonstrations.demonstrate(free, n, np.array([0, 4, 1]), np.array([[8, 4, 1]]))
     assert [4.0, 6.0, 1.0] in path.tolist()
-    (path,) = learning.demonstrate(free, np.ones(n.shape), np.array([0, 4, 1]), np.array([[8, 4, 1]]))
+    (path,) = demonstrations.demonstrate(free, np.ones(n.shape), np.array([0, 4, 1]), np.array([[8, 4, 1]]))
     np.testing.assert_array_equal(path, [[x, 4, 1] for x in range(8, -1, -1)])
 
 
 def run(module: ModuleType, folder: Path) -> tuple[list[Row], str]:
-    """Rows and section of a module at its small size; the figure is there, and no larger than it may be."""
+    """Rows and section of a module at its small size; the figure exists, and is no larger than allowed."""
     config = dataclasses.replace(module.TINY, out=folder, figures=folder)
     rows = module.main(config)
     (image,) = folder.glob(f"{module.NAME}.png")
