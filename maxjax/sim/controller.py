@@ -84,8 +84,8 @@ class Controller:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Memory:
-    """What the controller remembers; batch axes lead.
+class Observer:
+    """Estimates of the disturbance observer; batch axes lead.
 
     Attributes:
         velocity: v̂ [m/s].
@@ -96,9 +96,9 @@ class Memory:
     disturbance: Float[Array, "*batch 3"]
 
 
-def init(state: State) -> Memory:
-    """No disturbance known yet."""
-    return Memory(state.velocity, jnp.zeros_like(state.velocity))
+def init(state: State) -> Observer:
+    """The observer at take-off: the present velocity, no disturbance."""
+    return Observer(state.velocity, jnp.zeros_like(state.velocity))
 
 
 def mix(vehicle: Vehicle, collective: Float[Array, ""], moment: Float[Array, "3"]) -> Float[Array, "4"]:
@@ -120,19 +120,19 @@ def mix(vehicle: Vehicle, collective: Float[Array, ""], moment: Float[Array, "3"
 
 
 def step(
-    controller: Controller, vehicle: Vehicle, memory: Memory, state: State, setpoint: Setpoint
-) -> tuple[Memory, Float[Array, "4"]]:
-    """One turn of the control loop, every `vehicle.timestep`.
+    controller: Controller, vehicle: Vehicle, observer: Observer, state: State, setpoint: Setpoint
+) -> tuple[Observer, Float[Array, "4"]]:
+    """One iteration of the control loop, every `vehicle.timestep`.
 
     Args:
         controller: static.
         vehicle: static.
-        memory: from `init` or the turn before.
+        observer: from `init` or the iteration before.
         state: of one vehicle, as it is; `vmap` for batches.
         setpoint: from `reference.evaluate`, best with `controller.lead`.
 
     Returns:
-        The memory, and the thrusts to command [N], all within the motors' range.
+        The observer, and the thrusts to command [N], all within the motors' range.
 
     Raises:
         ValueError: for wrong shapes.
@@ -149,7 +149,7 @@ def step(
     # Smooth, and never longer than `approach`.
     wanted = wanted / jnp.sqrt(1.0 + jnp.sum(wanted * wanted) / controller.approach**2)
     acceleration = setpoint.acceleration + 2.0 * omega * (setpoint.velocity + wanted - state.velocity)
-    force = _tilted(controller, acceleration - memory.disturbance)
+    force = _tilted(controller, acceleration - observer.disturbance)
 
     direction = force / jnp.sqrt(jnp.sum(force * force))
     collective = vehicle.mass * jnp.sum(force * rotation[:, 2])
@@ -157,11 +157,11 @@ def step(
     command = mix(vehicle, jnp.maximum(collective, 0.0), moment)
 
     dt, rate = vehicle.timestep, controller.observer
-    miss = state.velocity - memory.velocity
+    miss = state.velocity - observer.velocity
     explained = jnp.sum(state.thrust) / vehicle.mass * rotation[:, 2] - GRAVITY * up
-    velocity = memory.velocity + dt * (explained + memory.disturbance + 2.0 * rate * miss)
-    disturbance = memory.disturbance + dt * rate**2 * miss
-    return Memory(velocity, jnp.clip(disturbance, -controller.disturbance, controller.disturbance)), command
+    velocity = observer.velocity + dt * (explained + observer.disturbance + 2.0 * rate * miss)
+    disturbance = observer.disturbance + dt * rate**2 * miss
+    return Observer(velocity, jnp.clip(disturbance, -controller.disturbance, controller.disturbance)), command
 
 
 def _tilted(controller: Controller, acceleration: Float[Array, "3"]) -> Float[Array, "3"]:

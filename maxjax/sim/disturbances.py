@@ -1,7 +1,11 @@
-"""What a flight has to put up with: wind, a worse sensor, a pose that drifts, a planner that is late.
+"""Disturbances of a flight: wind, a degraded sensor, drift of the estimated position, latency of the planner.
 
-All of it is data: a batch of flights can have as many disturbances as it has flights, and zeros are a calm day. The key
-of the flight decides the rest: which way the wind blows, when the sensor fails, where the pose drifts to.
+    air velocity       = wind · e_w + gusts (`vehicle.gust`, scaled by wind / 10 m/s)
+    position estimate  = position + drift · e_d · ½ (1 − cos(2π t / 20 s))
+    range              = measured range + noise · N(0, 1),    lost with probability `dropout` or in an outage
+
+Strengths are arrays, so that each flight of a batch has its own; zeros are calm. The key of the flight determines the
+level directions e_w and e_d, the azimuth of the dead sector and the time of the blackout.
 """
 
 from __future__ import annotations
@@ -18,9 +22,9 @@ from maxjax.sim.lidar import Lidar, Scan
 
 # Mean wind speed that the intensities of `vehicle.Gusts` are stated for [m/s]; gusts scale with the mean wind.
 GUST_REFERENCE_WIND = 10.0
-# A blackout of the sensor begins this long after take-off [s].
+# The blackout of the sensor starts this long after take-off, uniformly distributed [s].
 _BLACKOUT = (2.0, 6.0)
-# The pose drifts out to its greatest error and back in this time [s].
+# The position error grows to its maximum and returns to zero in this time [s].
 _DRIFT_PERIOD = 20.0
 
 Number = Float[Array, "*batch"] | float
@@ -32,13 +36,13 @@ class Disturbances:
     """Strengths; each may be a number or an array with the flights' batch axes.
 
     Attributes:
-        wind: mean speed of the wind [m/s], level, from a direction of the flight's own; with gusts in proportion.
+        wind: mean speed of the wind [m/s], level, in a random direction; gusts scale with it.
         range_noise: standard deviation of measured distances [m], on top of the sensor's own.
         dropout: share of returns lost, on top of the sensor's own.
         dead_sector: width of a sector of azimuths without any returns, fixed to the vehicle [deg].
-        blackout: how long no scan holds any return, some seconds after take-off [s].
-        drift: greatest error of the believed position [m].
-        latency: planning periods between a scan and the flight along the plan made from it, 0 or 1.
+        blackout: duration of an interval without any returns, some seconds after take-off [s].
+        drift: greatest error of the estimated position [m].
+        latency: planning periods between a scan and the flight along the plan computed from it, 0 or 1.
     """
 
     wind: Number = 0.0
@@ -70,46 +74,55 @@ def _direction(key: PRNGKeyArray) -> Float[Array, "3"]:
 
 
 def mean_wind(disturbances: Disturbances, key: PRNGKeyArray) -> Float[Array, "3"]:
-    """Velocity of the air without gusts, world frame [m/s]; the flight's key."""
+    """Air velocity without gusts, world frame [m/s]; the flight's key."""
     return disturbances.wind * _direction(stream(key, Stream.WIND_DIRECTION))
 
 
-def pose_error(disturbances: Disturbances, key: PRNGKeyArray, time: Float[Array, ""]) -> Float[Array, "3"]:
-    """Believed minus true position [m] at a time [s]; zero at take-off, `drift` at most; the flight's key."""
+def position_error(disturbances: Disturbances, key: PRNGKeyArray, time: Float[Array, ""]) -> Float[Array, "3"]:
+    """Estimated minus true position [m] at a time [s]; zero at take-off, `drift` at most; the flight's key."""
     phase = 0.5 - 0.5 * jnp.cos(2.0 * math.pi * time / _DRIFT_PERIOD)
     return disturbances.drift * phase * _direction(stream(key, Stream.DRIFT_DIRECTION))
 
 
-def corrupt(
+def outage(disturbances: Disturbances, lidar: Lidar, key: PRNGKeyArray, time: Float[Array, ""]) -> Bool[Array, " r"]:
+    """Rays without returns because the sensor fails: its dead sector, and all of them in the blackout.
+
+    Args:
+        disturbances: strengths.
+        lidar: the sensor's model. Static.
+        key: the flight's.
+        time: since take-off [s].
+    """
+    sector_key, blackout_key = jax.random.split(stream(key, Stream.SENSOR_OUTAGE))
+    columns = lidar.rays // lidar.channels
+    azimuth = jnp.tile(jnp.arange(columns) / columns, lidar.channels)
+    from_edge = jnp.mod(azimuth - jax.random.uniform(sector_key), 1.0)
+    dark_for = time - jax.random.uniform(blackout_key, minval=_BLACKOUT[0], maxval=_BLACKOUT[1])
+    dead = from_edge < jnp.asarray(disturbances.dead_sector) / 360.0
+    return dead | ((dark_for >= 0.0) & (dark_for < disturbances.blackout))
+
+
+def degrade(
     scan: Scan,
     disturbances: Disturbances,
     lidar: Lidar,
     origin: Float[Array, "3"],
+    failed: Bool[Array, " r"],
     key: PRNGKeyArray,
-    draw: PRNGKeyArray,
-    time: Float[Array, ""],
 ) -> Scan:
-    """The scan as a worse sensor measures it.
+    """The scan with more noise and fewer returns.
 
     Args:
-        scan: as `lidar.scan` gives it.
+        scan: as `lidar.scan` returns it.
         disturbances: strengths.
         lidar: the sensor's model. Static.
         origin: of the rays [m].
-        key: the flight's.
-        draw: this scan's.
-        time: since take-off [s].
+        failed: rays without returns, from `outage`.
+        key: this scan's.
     """
-    noise_key, loss_key = jax.random.split(draw)
-    sector_key, blackout_key = jax.random.split(stream(key, Stream.SENSOR_OUTAGE))
-    columns = lidar.rays // lidar.channels
-    azimuth = jnp.tile(jnp.arange(columns) / columns, lidar.channels)
-    behind = jnp.mod(azimuth - jax.random.uniform(sector_key), 1.0)
-    begun = time - jax.random.uniform(blackout_key, minval=_BLACKOUT[0], maxval=_BLACKOUT[1])
-    lost: Bool[Array, " r"] = jax.random.uniform(loss_key, behind.shape) < disturbances.dropout
-    lost |= behind < jnp.asarray(disturbances.dead_sector) / 360.0
-    lost |= (begun >= 0.0) & (begun < disturbances.blackout)
-    hit = scan.hit & ~lost
+    noise_key, dropout_key = jax.random.split(key)
+    dropped = jax.random.uniform(dropout_key, scan.hit.shape) < disturbances.dropout
+    hit = scan.hit & ~(dropped | failed)
     distance = jnp.where(hit, scan.distance, 0.0)
     noisy = distance + disturbances.range_noise * jax.random.normal(noise_key, distance.shape)
     noisy = jnp.clip(noisy, 0.0, lidar.max_range)

@@ -1,15 +1,18 @@
-"""One flight in closed loop: sense → fuse → plan → follow, until the goal, contact, or no plan is left.
+"""One flight in closed loop: sense → fuse → plan → follow, until goal, contact, or the last planning iteration.
 
     fly(scene, start, goal, key, config) -> FlightLog
 
 A planning iteration is a tuple of pure stages, each (world, flight) ↦ flight:
 
-1. `sense`: a scan from where the vehicle is, as disturbed as the configuration says.
-2. `fuse`: the scan into the rolling map, from where the vehicle believes to be.
-3. `plan` (`sim.replan`): a path from here to the goal, verified against the map as it is now, and a reference along it
-   that ends before the first place that was not seen free; without a path the vehicle brakes, and looks from elsewhere.
-4. `follow`: one planning period of physics along the reference. At every physics step the exact distance to every solid
-   is taken.
+1. `sense`: a scan from the true position, degraded by the disturbances.
+2. `fuse`: the scan into the rolling map, at the estimated position.
+3. `plan` (`sim.replan`): a path from the estimated position to the goal, verified on the present map, and a reference
+   along it that ends before the first voxel that was not seen free. Without a path the vehicle brakes and moves to
+   another viewpoint.
+4. `follow`: one planning period of physics along the reference. The exact distance to every solid is computed at every
+   physics step.
+
+Coordinates are float32, which resolves 1 mm up to 16 km from the origin: cities are centred before they are flown in.
 
 Frames: world, ENU, metres.
 """
@@ -32,8 +35,8 @@ from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
-from maxjax.sim.disturbances import GUST_REFERENCE_WIND, corrupt, mean_wind, pose_error
-from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, believed
+from maxjax.sim.disturbances import GUST_REFERENCE_WIND, degrade, mean_wind, outage, position_error
+from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, estimated_position
 from maxjax.sim.lidar import Scan, scan
 from maxjax.sim.reactive import push
 from maxjax.sim.reference import evaluate, profile, sample
@@ -59,14 +62,13 @@ def fly(
     Args:
         scene: the city.
         start, goal: world frame [m].
-        key: of everything random.
-        config: how.
+        key: of all random numbers of the flight.
+        config: how to fly.
 
     Returns:
-        The log. Its status is OK only if the vehicle came within `config.tolerance` of the goal and nothing within
-        `config.radius` of its centre on the way. START_OCCUPIED, GOAL_OCCUPIED: an end is in contact;
-        GOAL_OUTSIDE_MAP: the goal is further away than the rolling map reaches; START_EQUALS_GOAL: nearer than the
-        tolerance; NONFINITE_INPUT.
+        The log. Its status is OK only if the vehicle came within `config.tolerance` of the goal and no solid within
+        `config.radius` of its centre. START_OCCUPIED, GOAL_OCCUPIED: an end is in contact; GOAL_OUTSIDE_MAP: the goal
+        is further away than the rolling map reaches; START_EQUALS_GOAL: nearer than the tolerance; NONFINITE_INPUT.
 
     Raises:
         ValueError: for wrong shapes, or more plans than a random stream has indices.
@@ -120,7 +122,7 @@ def stages_of(config: FlightConfig) -> tuple[Stage, ...]:
 
 
 def take_off(world: World, config: FlightConfig) -> Flight:
-    """The flight before its first iteration: hovering at the start, its map empty. Bad ends are over at once."""
+    """The flight before its first iteration: hovering at the start, its map empty; already done for unusable ends."""
     start, goal = world.start, world.goal
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     start, goal = (jnp.where(finite, x, 0.0) for x in (start, goal))
@@ -145,35 +147,35 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     ).astype(jnp.int32)
     vehicle = physics.hover(config.vehicle, start)
     path = jnp.broadcast_to(start, (Ascent().steps + 1, 3))
-    nothing, zero = jnp.float32(jnp.nan), jnp.float32(0.0)
+    nan, zero = jnp.float32(jnp.nan), jnp.float32(0.0)
     none, rays = jnp.int32(0), config.lidar.rays
     log = FlightLog(
         status=status,
-        position=jnp.full((config.plans * config.notes + 1, 3), nothing).at[0].set(start),
+        position=jnp.full((config.plans * config.log_samples + 1, 3), nan).at[0].set(start),
         flown_length=zero,
         duration=zero,
         planning_iterations=none,
         failed_plans=none,
         clearance=clearance,
-        margin=jnp.full(config.plans, nothing),
+        margin=jnp.full(config.plans, nan),
         certified=none,
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
     return Flight(
         vehicle=vehicle,
-        memory=control.init(vehicle),
+        observer=control.init(vehicle),
         gust=gust,
-        scan=Scan(jnp.full((rays, 3), nothing), jnp.full(rays, jnp.inf), jnp.zeros(rays, bool)),
-        hits=none,
+        scan=Scan(jnp.full((rays, 3), nan), jnp.full(rays, jnp.inf), jnp.zeros(rays, bool)),
+        returns=none,
         rolling_map=mapping.empty(start, config.shape, config.spacing),
         path=path,
-        waiting=path,
-        waits=jnp.array(False),
+        pending_path=path,
+        pending_valid=jnp.array(False),
         reference=profile(sample(path, config.limits), jnp.zeros(config.limits.samples), zero, config.limits),
-        since=zero,
+        reference_time=zero,
         yaw=zero,
-        looks=none,
-        stepping=none,
+        viewpoints=none,
+        viewpoint_periods=none,
         failures=none,
         done=status != Status.OK,
         log=log,
@@ -181,81 +183,98 @@ def take_off(world: World, config: FlightConfig) -> Flight:
 
 
 def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """One scan from the true pose, its points placed where the vehicle believes them."""
-    draw, noise = jax.random.split(stream(world.key, Stream.SCAN, flight.log.planning_iterations))
-    at = flight.vehicle.position
-    seen = scan(world.geoms, config.lidar, at, flight.vehicle.rotation, draw)
-    seen = corrupt(seen, world.disturbances, config.lidar, at, world.key, noise, flight.log.duration)
-    seen = dataclasses.replace(seen, points=seen.points + (believed(world, flight) - at))
-    return dataclasses.replace(flight, scan=seen, hits=flight.hits + jnp.sum(seen.hit, dtype=jnp.int32))
+    """One scan from the true pose, its points shifted to the estimated position."""
+    sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, flight.log.planning_iterations))
+    position, lidar = flight.vehicle.position, config.lidar
+    failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
+    measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key)
+    measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
+    measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
+    returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
+    return dataclasses.replace(flight, scan=measured, returns=returns)
 
 
 def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """The scan into the map, which moves along."""
-    at = believed(world, flight)
-    rolling_map = mapping.recentre(flight.rolling_map, at)
-    rolling_map = mapping.fuse(rolling_map, flight.scan, config.lidar, at, flight.vehicle.rotation, config.snapshot)
-    return dataclasses.replace(flight, rolling_map=rolling_map)
+    """The map recentred on the estimated position, with the scan in it."""
+    position = estimated_position(world, flight)
+    recentred = mapping.recentre(flight.rolling_map, position)
+    fused = mapping.fuse(recentred, flight.scan, config.lidar, position, flight.vehicle.rotation, config.snapshot)
+    return dataclasses.replace(flight, rolling_map=fused)
 
 
 def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """One planning period of physics; a flight that is over stays as it is."""
-    vehicle = config.vehicle
-    steps = round(LOG_PERIOD / vehicle.timestep)
+    """One planning period of physics; a flight that is done does not change."""
+    steps = round(LOG_PERIOD / config.vehicle.timestep)
+    key = stream(world.key, Stream.GUSTS, flight.log.planning_iterations)
+    noise = jax.random.normal(key, (config.log_samples, steps, 3))
     wind = mean_wind(world.disturbances, world.key)
-    strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
-    noise = jax.random.normal(stream(world.key, Stream.GUSTS, flight.log.planning_iterations), (config.notes, steps, 3))
 
     def step(flight: Flight, noise: Float[Array, "3"]) -> tuple[Flight, None]:
-        log, before = flight.log, flight.vehicle
-        error = pose_error(world.disturbances, world.key, log.duration)
-        setpoint = evaluate(flight.reference, flight.since, flight.yaw, config.controller.lead)
-        believed = dataclasses.replace(before, position=before.position + error)
-        if config.reactive > 0:
-            extra = push(flight.scan.points, believed.position, setpoint.velocity, config.reactive)
-            setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
-        memory, command = control.step(config.controller, vehicle, flight.memory, believed, setpoint)
-        gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
-        after = physics.step(vehicle, before, command, wind + strength * gust)
-        clearance = distance(world.geoms, after.position)
-        finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
-        touches = clearance <= config.radius
-        arrives = jnp.linalg.norm(world.goal - after.position) <= config.tolerance
-        status = jnp.select([~finite, touches], [Status.NONFINITE_STATE, Status.IN_CONTACT], Status.OK)
-        log = dataclasses.replace(
-            log,
-            status=jnp.where(log.status == Status.OK, status, log.status).astype(jnp.int32),
-            flown_length=log.flown_length + jnp.linalg.norm(after.position - before.position),
-            duration=log.duration + vehicle.timestep,
-            clearance=jnp.minimum(log.clearance, clearance),
-        )
-        moved = dataclasses.replace(
-            flight,
-            vehicle=after,
-            memory=memory,
-            gust=gust,
-            since=flight.since + vehicle.timestep,
-            done=~finite | touches | arrives,
-            log=log,
-        )
-        return _unless(flight.done, flight, moved), None
+        return _unless(flight.done, flight, _physics_step(world, flight, config, wind, noise)), None
 
-    def note(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
+    def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
         row, noise = inputs
-        was_over = flight.done
+        was_done = flight.done
         flight, _ = lax.scan(step, flight, noise)
-        position = jnp.where(was_over, jnp.nan, flight.vehicle.position)
+        position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
         log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
         return dataclasses.replace(flight, log=log), None
 
-    rows = 1 + config.notes * (flight.log.planning_iterations - 1) + jnp.arange(config.notes)
-    flight, _ = lax.scan(note, flight, (rows, noise))
+    rows = 1 + config.log_samples * (flight.log.planning_iterations - 1) + jnp.arange(config.log_samples)
+    flight, _ = lax.scan(log_sample, flight, (rows, noise))
     last = ~flight.done & (flight.log.planning_iterations >= config.plans)
     status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
     return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
 
 
+def _physics_step(
+    world: World, flight: Flight, config: FlightConfig, wind: Float[Array, "3"], noise: Float[Array, "3"]
+) -> Flight:
+    """One time step of controller, gusts and vehicle, and what it adds to the log.
+
+    Args:
+        world: that the flight is in.
+        flight: before the step.
+        config: how to fly.
+        wind: mean air velocity [m/s].
+        noise: standard normal numbers that drive the gusts.
+    """
+    log, before, vehicle = flight.log, flight.vehicle, config.vehicle
+    error = position_error(world.disturbances, world.key, log.duration)
+    setpoint = evaluate(flight.reference, flight.reference_time, flight.yaw, config.controller.lead)
+    estimated = dataclasses.replace(before, position=before.position + error)
+    if config.reactive > 0:
+        extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
+        setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
+    observer, command = control.step(config.controller, vehicle, flight.observer, estimated, setpoint)
+    gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
+    strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
+    after = physics.step(vehicle, before, command, wind + strength * gust)
+
+    clearance = distance(world.geoms, after.position)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
+    touches = clearance <= config.radius
+    arrives = jnp.linalg.norm(world.goal - after.position) <= config.tolerance
+    status = jnp.select([~finite, touches], [Status.NONFINITE_STATE, Status.IN_CONTACT], Status.OK)
+    log = dataclasses.replace(
+        log,
+        status=jnp.where(log.status == Status.OK, status, log.status).astype(jnp.int32),
+        flown_length=log.flown_length + jnp.linalg.norm(after.position - before.position),
+        duration=log.duration + vehicle.timestep,
+        clearance=jnp.minimum(log.clearance, clearance),
+    )
+    return dataclasses.replace(
+        flight,
+        vehicle=after,
+        observer=observer,
+        gust=gust,
+        reference_time=flight.reference_time + vehicle.timestep,
+        done=~finite | touches | arrives,
+        log=log,
+    )
+
+
 def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:
-    """`before` where the flight is over, leaf by leaf: what a step leaves alone costs nothing."""
+    """`before` where the flight is over, leaf by leaf: what a step leaves alone costs nan."""
     kept: Flight = jax.tree.map(lambda x, y: x if x is y else jnp.where(over, x, y), before, after)
     return kept

@@ -1,4 +1,4 @@
-"""What a flight is made of: how to fly, what cannot change, what evolves, what is told of it.
+"""The data of a flight: its configuration, what it cannot change, what evolves, and its log.
 
     FlightConfig, World, Flight, FlightLog
 
@@ -23,7 +23,7 @@ from maxjax.planning.problem import Problem
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
-from maxjax.sim.disturbances import Disturbances, pose_error
+from maxjax.sim.disturbances import Disturbances, position_error
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.reference import Limits, Reference
 from maxjax.solvers.potential import solve_potential
@@ -61,14 +61,14 @@ class FlightConfig:
         lidar, vehicle, controller, limits, gusts: see there.
         shape: of the rolling map, voxels.
         spacing: of its voxels [m].
-        margin: distance to keep from obstacles [m], lowered by one voxel at a time where it seals start or goal in.
-        least_margin: but never below this [m].
+        margin: distance to keep from obstacles [m], lowered by one voxel at a time where it separates start and goal.
+        least_margin: lower bound of the margin [m].
         period: of planning [s].
         plans: planning iterations at most.
         tolerance: distance at which the goal counts as reached [m].
-        radius: of the sphere around the vehicle that must stay clear of every solid [m].
-        snapshot: plan from the latest scan alone, as the paper does, not from the fused map.
-        reactive: gain of the reactive layer [m/s²]; 0 leaves it out.
+        radius: of the sphere around the vehicle that must not touch any solid [m].
+        snapshot: plan on the latest scan alone, as the paper does, instead of the fused map.
+        reactive: gain of the reactive layer [m/s²]; 0: none.
     """
 
     disturbances: Disturbances = Disturbances()  # noqa: RUF009 (frozen)
@@ -96,7 +96,7 @@ class FlightConfig:
         return Grid(self.shape, self.spacing, (x, y, z))
 
     @property
-    def notes(self) -> int:
+    def log_samples(self) -> int:
         """Positions logged in a planning period."""
         return round(self.period / LOG_PERIOD)
 
@@ -104,18 +104,18 @@ class FlightConfig:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class FlightLog:
-    """What became of a flight; batch axes lead.
+    """The result of a flight; batch axes lead.
 
     Attributes:
-        status: OK where the goal was reached without contact; IN_CONTACT, OUT_OF_PLANS, or why there was no plan.
-        position: every 0.1 s [m], the start first; NaN once the flight is over.
+        status: OK where the goal was reached without contact; IN_CONTACT, OUT_OF_PLANS, or why planning failed.
+        position: every 0.1 s [m], the start first; NaN after the end of the flight.
         flown_length: [m].
         duration: [s].
-        planning_iterations: plans asked for.
-        failed_plans: those that found no path, so that the vehicle held.
+        planning_iterations: number of plans computed.
+        failed_plans: those without a path, at which the vehicle brakes and holds.
         clearance: least distance from the centre of the vehicle to any solid [m].
-        margin: used by each plan [m]; NaN where there was none.
-        certified: how many of the paths found climbed a certified field.
+        margin: of each plan [m]; NaN where there was none.
+        certified: number of paths that climb a certified field.
     """
 
     status: Int32[Array, "*batch"]
@@ -132,7 +132,7 @@ class FlightLog:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """What a flight cannot change: the city, its ends, its key, its disturbances."""
+    """What a flight cannot change: solids, start and goal [m], random key, disturbances."""
 
     geoms: Geoms
     start: Float[Array, "3"]
@@ -144,50 +144,50 @@ class World:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """What evolves.
+    """What evolves during a flight.
 
     Attributes:
         vehicle: its true state.
-        memory: of the controller.
-        gust: [m/s].
-        scan: the latest, its points where the vehicle believes them to be.
-        hits: returns of all scans so far.
+        observer: the controller's disturbance observer.
+        gust: air velocity in addition to the mean wind [m/s].
+        scan: the latest; its points at the estimated position.
+        returns: number of returns in all scans so far.
         rolling_map: what the scans have shown around the vehicle.
-        path: that is flown, verified [m].
-        waiting: the latest one, flown a period later if the planner is late [m].
-        waits: whether `waiting` was verified; if not, the vehicle stops on what it has.
+        path: the verified path that is flown [m].
+        pending_path: the latest path [m]; with latency it is flown one period later.
+        pending_valid: whether `pending_path` was verified; if not, the vehicle brakes along its present reference.
         reference: along `path`.
-        since: time since the reference began [s].
-        yaw: heading that is asked for [rad].
-        looks: steps aside that were begun.
-        stepping: planning periods left for the one under way.
-        failures: plans in a row without a path.
+        reference_time: time since the start of the reference [s].
+        yaw: heading setpoint [rad].
+        viewpoints: number of viewpoints that the vehicle has set out for.
+        viewpoint_periods: planning periods left for the present one; 0: none.
+        failures: consecutive plans without a path.
         done: whether the flight is over.
         log: so far.
     """
 
     vehicle: physics.State
-    memory: control.Memory
+    observer: control.Observer
     gust: Float[Array, "3"]
     scan: Scan
-    hits: Int32[Array, ""]
+    returns: Int32[Array, ""]
     rolling_map: mapping.RollingMap
     path: Path
-    waiting: Path
-    waits: Bool[Array, ""]
+    pending_path: Path
+    pending_valid: Bool[Array, ""]
     reference: Reference
-    since: Float[Array, ""]
+    reference_time: Float[Array, ""]
     yaw: Float[Array, ""]
-    looks: Int32[Array, ""]
-    stepping: Int32[Array, ""]
+    viewpoints: Int32[Array, ""]
+    viewpoint_periods: Int32[Array, ""]
     failures: Int32[Array, ""]
     done: Bool[Array, ""]
     log: FlightLog
 
 
-def believed(world: World, flight: Flight) -> Float[Array, "3"]:
-    """Where the vehicle thinks it is [m]."""
-    return flight.vehicle.position + pose_error(world.disturbances, world.key, flight.log.duration)
+def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:
+    """Position of the vehicle with its estimation error [m]."""
+    return flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
 
 
 def to_local(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:

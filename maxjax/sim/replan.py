@@ -1,16 +1,17 @@
-"""The planning stage of a flight: seek a path, refer to it, or look from elsewhere.
+"""The planning stage of a flight: find a path, verify it, derive the reference, or move to another viewpoint.
 
-    (world, flight) ↦ flight with a fresh reference
+    (world, flight) ↦ flight with a new reference
 
-A path from here to the goal at the largest margin that joins them, never below `least_margin`, is verified against the
-map as it is now, on the device (`sight.clear`: every voxel that an edge touches). A path that fails is not flown: the
-vehicle brakes and holds on the last one that passed, and looks again. Where it holds, or where a path leads into what
-cannot be seen from here (straight up, say), it turns and steps aside within what it has seen, for another view
-(`sim.lookout`).
+The path leads from the estimated position to the goal at the largest margin that joins them, at least `least_margin`.
+It is verified on the present map, on the device (`sight.clear`: every voxel that an edge touches). A path that fails
+is not flown: the vehicle brakes along the last one that passed. Where it has come to rest, or where a path leads into
+voxels outside the field of view (straight up, for example), it turns and moves to a viewpoint within the voxels seen
+free (`sim.viewpoint`).
 
-Unknown space is free for the path and closed for the reference along it, which is slower near obstacles and ends before
-the first place that was not seen free: a plan goes through what is hidden, the vehicle never faster than it can look.
-Paths are planned in the index coordinates of the window.
+Unknown space is free for the path and blocked for the reference. The reference is slower near obstacles and ends before
+the first voxel that was not seen free, so that the vehicle can always stop within known free space.
+
+Paths are planned in index coordinates of the rolling map.
 """
 
 from __future__ import annotations
@@ -30,80 +31,124 @@ from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, pose
 from maxjax.planning.sight import clear, span_codes
 from maxjax.sim import rolling_map as mapping
-from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, believed, to_local, to_world
-from maxjax.sim.lookout import step_to, still_open
+from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
 from maxjax.sim.reference import Course, Reference, evaluate, profile, sample
+from maxjax.sim.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
 
-# Plans in a row that may fail before the flight gives up.
+# Consecutive failed plans after which the flight ends.
 _FAILURES = 20
-# The vehicle stops this far before what it has not seen [m].
+# The reference ends this far before the first voxel not seen free [m].
 _STAND_OFF = 1.5
-# What counts as the way ahead, from here [m]; straight up, where there is none. Metres of a hidden way to look at.
-_AHEAD, _LOOKED_AT = 6.0, 8
-# Planning periods that a step aside may take, the distance at which it is done [m], and the part of a voxel by which
-# every look that was needed makes the next one more a matter of chance.
-_STEP, _STEPPED, _RESTLESS = 4, 0.5, 0.25
-# Speed allowed at 2 m between the centres of the vehicle's voxel and an obstacle's, and what each metre more adds.
+# Distance along the path of the point that a viewpoint without a view of the unseen path has to approach [m]; without
+# a path, that far straight up.
+_FURTHER = 6.0
+# Unseen voxels that a viewpoint should show, a metre of path apart.
+_UNSEEN = 8
+# Planning periods that the way to a viewpoint may take, and the distance at which it is reached [m].
+_PERIODS, _REACHED = 4, 0.5
+# Jitter of the choice of a viewpoint for each earlier one [voxels].
+_JITTER = 0.25
+# Speed allowed with 2 m between the centres of the vehicle's voxel and an obstacle's [m/s], and its increase a metre.
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
-# A path is taken up when the vehicle moves across it no faster than this [m/s]: it drifts off by 0.4 m then.
+# Greatest velocity across a new path [m/s]; the vehicle leaves the path by 0.4 m then.
 _SIDEWAYS = 2.0
-# A reference that will not get further than this in one period is stuck [m].
+# A reference shorter than this in one period makes no progress [m].
 _STUCK = 0.5
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A path that was planned and verified.
+
+    Attributes:
+        start: its first point [m].
+        path: [m], world frame.
+        status: of planning and verification.
+        certified: whether it climbs a certified field.
+        problem: that it solves.
+    """
+
+    start: Float[Array, "3"]
+    path: Path
+    status: Int32[Array, ""]
+    certified: Bool[Array, ""]
+    problem: Problem
+
+    @property
+    def ok(self) -> Bool[Array, ""]:
+        """Whether it may be flown."""
+        return self.status == Status.OK
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sidestep:
+    """The straight way to a viewpoint.
+
+    Attributes:
+        exists: whether there is a viewpoint to set out for.
+        continues: whether the vehicle is on the way to one and may continue.
+        path: to the present viewpoint if it continues, else to the next one [m].
+    """
+
+    exists: Bool[Array, ""]
+    continues: Bool[Array, ""]
+    path: Path
+
+
 def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A verified path and the reference along it; without one the vehicle brakes, then looks from elsewhere."""
-    at, gap = believed(world, flight), _gap(flight, config)
+    """A verified path and the reference along it; without one the vehicle brakes, then moves to a viewpoint."""
+    position, gap = estimated_position(world, flight), _gap(flight, config)
     late = jnp.asarray(world.disturbances.latency) > 0
-    awaited = _refer(flight, flight.waiting, flight.waits, gap, at, config)
-    start = jnp.where(late, evaluate(awaited, jnp.float32(config.period)).position, at)
-    path, status, certified, problem = _seek(world, flight, start, config)
-    ok = status == Status.OK
-    direct = _refer(flight, path, ok, gap, at, config)
-    reference = _choose(late, awaited, direct)
+    pending = _refer(flight, flight.pending_path, flight.pending_valid, gap, position, config)
+    start = jnp.where(late, evaluate(pending, jnp.float32(config.period)).position, position)
+    candidate = _seek(world, flight, start, config)
+    ok = candidate.ok
+    direct = _refer(flight, candidate.path, ok, gap, position, config)
+    reference = _choose(late, pending, direct)
 
-    ahead = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
-    stuck = jnp.linalg.norm(ahead) < _STUCK
-    begins, goes_on, aside = _look_elsewhere(world, flight, path, ok, start, at, problem, config)
-    begins &= (stuck | ~ok) & ~goes_on
-    steps = begins | goes_on
-    reference = _choose(steps & ~late, _refer(flight, aside, steps, gap, at, config), reference)
-    fresh = jnp.where(steps, aside, path)
+    progress = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
+    stuck = jnp.linalg.norm(progress) < _STUCK
+    sidestep = _sidestep(world, flight, candidate, position, config)
+    continues = sidestep.continues
+    begins = sidestep.exists & (stuck | ~ok) & ~continues
+    moves = begins | continues
+    reference = _choose(moves & ~late, _refer(flight, sidestep.path, moves, gap, position, config), reference)
+    path = jnp.where(moves, sidestep.path, candidate.path)
 
-    blind, iteration = flight.hits == 0, flight.log.planning_iterations
-    failures = jnp.where(ok & ~blind, 0, flight.failures + 1)
+    unsensed, iteration = flight.returns == 0, flight.log.planning_iterations
+    failures = jnp.where(ok & ~unsensed, 0, flight.failures + 1)
     gives_up = failures >= _FAILURES
-    reason = jnp.where(blind, Status.EMPTY_SCAN, status)
+    reason = jnp.where(unsensed, Status.EMPTY_SCAN, candidate.status)
     log = dataclasses.replace(
         flight.log,
         status=jnp.where(gives_up, reason, flight.log.status).astype(jnp.int32),
         planning_iterations=iteration + 1,
         failed_plans=flight.log.failed_plans + ~ok,
-        margin=flight.log.margin.at[iteration].set(jnp.where(ok, problem.margin, jnp.nan)),
-        certified=flight.log.certified + (ok & certified),
+        margin=flight.log.margin.at[iteration].set(jnp.where(ok, candidate.problem.margin, jnp.nan)),
+        certified=flight.log.certified + (ok & candidate.certified),
     )
     return dataclasses.replace(
         flight,
-        path=jnp.where(late, flight.waiting, fresh),
-        waiting=fresh,
-        waits=ok | steps,
+        path=jnp.where(late, flight.pending_path, path),
+        pending_path=path,
+        pending_valid=ok | moves,
         reference=reference,
-        since=jnp.float32(0.0),
-        yaw=jnp.where(stuck & ~goes_on, _heading(flight) + 0.5 * math.pi, flight.yaw),
-        looks=flight.looks + begins,
-        stepping=jnp.where(goes_on, flight.stepping - 1, jnp.where(begins, _STEP, 0)),
+        reference_time=jnp.float32(0.0),
+        yaw=jnp.where(stuck & ~continues, _heading(flight) + 0.5 * math.pi, flight.yaw),
+        viewpoints=flight.viewpoints + begins,
+        viewpoint_periods=jnp.where(continues, flight.viewpoint_periods - 1, jnp.where(begins, _PERIODS, 0)),
         failures=failures,
         done=flight.done | gives_up,
         log=log,
     )
 
 
-def _seek(
-    world: World, flight: Flight, start: Float[Array, "3"], config: FlightConfig
-) -> tuple[Path, Int32[Array, ""], Bool[Array, ""], Problem]:
-    """A path from `start` to the goal, its status after verification, whether its field was certified; the problem."""
+def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: FlightConfig) -> Candidate:
+    """A path from `start` to the goal."""
     grid, ground = config.grid, mapping.ground(flight.rolling_map)
-    # Where the vehicle is, nothing else can be, whatever a false return says.
+    # The vehicle's own voxel holds no obstacle; a return there is false.
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = to_local(flight, config, start), to_local(flight, config, world.goal)
     occupied = mapping.occupied(flight.rolling_map) | ground
@@ -111,11 +156,11 @@ def _seek(
     found, status, certified = config.find(problem, grid)
     path = to_world(flight, config, grid.to_world(found))
     bits = materialise(span_codes(problem.blocked))
-    # What is verified is the path as it will be flown, after its way through world coordinates.
+    # Verified after the conversion to world coordinates and back, as it will be flown.
     on_grid = grid.fractional_index(to_local(flight, config, path))
     passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))
     status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
-    return path, status, certified, problem
+    return Candidate(start, path, status, certified, problem)
 
 
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
@@ -131,59 +176,59 @@ def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
 
 
 def _heading(flight: Flight) -> Float[Array, ""]:
-    """Which way the vehicle's x points [rad]; a turn asked for from here is begun at once, however slow it is."""
+    """Heading of body x [rad], from which a turn is commanded."""
     return jnp.arctan2(flight.vehicle.rotation[1, 0], flight.vehicle.rotation[0, 0])
 
 
-def _look_elsewhere(
-    world: World,
-    flight: Flight,
-    path: Path,
-    ok: Bool[Array, ""],
-    start: Float[Array, "3"],
-    at: Float[Array, "3"],
-    problem: Problem,
-    config: FlightConfig,
-) -> tuple[Bool[Array, ""], Bool[Array, ""], Path]:
-    """Whether there is a voxel to step to, whether a step is under way and may go on, and the straight way there.
+def _sidestep(
+    world: World, flight: Flight, candidate: Candidate, position: Float[Array, "3"], config: FlightConfig
+) -> Sidestep:
+    """The way to the next viewpoint, or to the present one.
 
-    A step is made to its end: half-way, what it is to show would be as hidden as before.
+    A viewpoint is held until it is reached: on the way there, the unseen voxels would still be hidden.
     """
-    grid, limits = config.grid, config.limits
-    seen, occupied = (
-        mapping.seen(flight.rolling_map),
-        mapping.occupied(flight.rolling_map) | mapping.ground(flight.rolling_map),
-    )
-    here = grid.fractional_index(to_local(flight, config, start))
-    points = sample(path, limits).points
-    voxels, known = _known(flight, points, at, config)
-    unknown = jnp.where(jnp.all(known), 0, jnp.argmin(known)) + jnp.arange(_LOOKED_AT) * round(1.0 / limits.spacing)
-    above = start + jnp.array([0.0, 0.0, _AHEAD])
-    ahead = jnp.where(ok, points[min(round(_AHEAD / limits.spacing), limits.samples - 1)], above)
-    ahead = grid.fractional_index(to_local(flight, config, ahead))
-    hidden = jnp.where(ok, voxels[jnp.minimum(unknown, len(voxels) - 1)], jnp.floor(ahead + 0.5).astype(jnp.int32))
-    restless = _RESTLESS * flight.looks.astype(jnp.float32)
+    grid, path = config.grid, candidate.path
+    rolling_map, blocked = flight.rolling_map, candidate.problem.blocked
+    occupied = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    view = MapView(mapping.seen(rolling_map), occupied, blocked)
+    start = grid.fractional_index(to_local(flight, config, candidate.start))
+    unseen = _unseen(flight, candidate, position, config)
+    jitter = _JITTER * flight.viewpoints.astype(jnp.float32)
     key = stream(world.key, Stream.VIEWPOINT, flight.log.planning_iterations)
-    fresh, exists = step_to(seen, occupied, problem.blocked, here, hidden, ahead, config.lidar, restless, key)
-    before = grid.fractional_index(to_local(flight, config, flight.waiting[-1]))
-    goes_on = (flight.stepping > 0) & still_open(seen, problem.blocked, here, before)
-    goes_on &= config.spacing * jnp.linalg.norm(before - here) > _STEPPED
-    end = to_world(flight, config, grid.to_world(jnp.where(goes_on, before, fresh)))
+    chosen = next_viewpoint(view, start, unseen, config.lidar, jitter, key)
+    present = grid.fractional_index(to_local(flight, config, flight.pending_path[-1]))
+    continues = (flight.viewpoint_periods > 0) & still_reachable(view, start, present)
+    continues &= config.spacing * jnp.linalg.norm(present - start) > _REACHED
+    end = to_world(flight, config, grid.to_world(jnp.where(continues, present, chosen.position)))
     rows = jnp.arange(path.shape[0])[:, None]
-    return exists, goes_on, jnp.where(rows > 0, end, start)
+    return Sidestep(chosen.exists, continues, jnp.where(rows > 0, end, candidate.start))
+
+
+def _unseen(flight: Flight, candidate: Candidate, position: Float[Array, "3"], config: FlightConfig) -> UnseenPath:
+    """The unseen part of a path; without a path, a point straight up."""
+    grid, limits, ok = config.grid, config.limits, candidate.ok
+    points = sample(candidate.path, limits).points
+    voxels, known = _known(flight, points, position, config)
+    first = jnp.where(jnp.all(known), 0, jnp.argmin(known))
+    rows = first + jnp.arange(_UNSEEN) * round(1.0 / limits.spacing)
+    above = candidate.start + jnp.array([0.0, 0.0, _FURTHER])
+    further = jnp.where(ok, points[min(round(_FURTHER / limits.spacing), limits.samples - 1)], above)
+    further = grid.fractional_index(to_local(flight, config, further))
+    on_path = voxels[jnp.minimum(rows, len(voxels) - 1)]
+    return UnseenPath(jnp.where(ok, on_path, jnp.floor(further + 0.5).astype(jnp.int32)), further)
 
 
 def _known(
-    flight: Flight, points: Float[Array, "n 3"], at: Float[Array, "3"], config: FlightConfig
+    flight: Flight, points: Float[Array, "n 3"], position: Float[Array, "3"], config: FlightConfig
 ) -> tuple[Int32[Array, "n 3"], Bool[Array, " n"]]:
-    """The voxels that points lie in, and whether they were seen free; the vehicle's own is known without looking."""
+    """The voxels that hold points, and whether they were seen free; the vehicle's own voxel counts as seen."""
     voxels = config.grid.index_of(to_local(flight, config, points))
-    here = jnp.all(voxels == config.grid.index_of(to_local(flight, config, at)), axis=1)
-    return voxels, _values(mapping.seen(flight.rolling_map), voxels) | here
+    own = jnp.all(voxels == config.grid.index_of(to_local(flight, config, position)), axis=1)
+    return voxels, _values(mapping.seen(flight.rolling_map), voxels) | own
 
 
 def _values(volume: Shaped[Array, "nx ny nz"], voxels: Int32[Array, "n 3"]) -> Shaped[Array, " n"]:
-    """Of some voxels; outside the grid, those of the nearest face."""
+    """Values at voxels; outside the grid, those at the nearest face."""
     i, j, k = jnp.clip(voxels, 0, jnp.asarray(volume.shape) - 1).T
     return volume[i, j, k]
 
@@ -193,19 +238,20 @@ def _refer(
     path: Path,
     valid: Bool[Array, ""],
     gap: Float[Array, "nx ny nz"],
-    at: Float[Array, "3"],
+    position: Float[Array, "3"],
     config: FlightConfig,
 ) -> Reference:
-    """The reference from here along a path; if it is not `valid`, to a stop along the one that is flown already.
+    """The reference along a path; if the path is not `valid`, to a stop along the present course.
 
-    So too where the path leads off sideways from a fast flight: turning at speed would carry the vehicle far beside it.
+    A path that leads sideways from a fast flight is not valid either: the turn would carry the vehicle far beside it.
     """
     limits = config.limits
     fresh = sample(path, limits)
     _, across = _along(flight.vehicle.velocity, fresh.tangent[0])
     valid = valid & (across <= _SIDEWAYS)
-    course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, _rest_of(flight.reference, flight.since))
-    voxels, known = _known(flight, course.points, at, config)
+    remaining = _remaining(flight.reference, flight.reference_time)
+    course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, remaining)
+    voxels, known = _known(flight, course.points, position, config)
     caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (_values(gap, voxels) - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
@@ -215,16 +261,16 @@ def _refer(
 
 
 def _along(velocity: Float[Array, "3"], tangent: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Speed along a direction, backwards counting as none, and the speed that is left [m/s]."""
+    """Speed along a direction, 0 if backwards, and the speed of the rest [m/s]."""
     unit = tangent / jnp.maximum(jnp.linalg.norm(tangent), 1e-6)
     speed = jnp.maximum(jnp.dot(velocity, unit), 0.0)
     return speed, jnp.linalg.norm(velocity - speed * unit)
 
 
-def _rest_of(reference: Reference, since: Float[Array, ""]) -> Course:
-    """What is left of the course of a reference after a time."""
+def _remaining(reference: Reference, time: Float[Array, ""]) -> Course:
+    """The course of a reference from a time on."""
     course = reference.course
     last = course.arclength.size - 1
-    first = jnp.clip(jnp.sum(reference.time <= since) - 1, 0, last)
+    first = jnp.clip(jnp.sum(reference.time <= time) - 1, 0, last)
     left: Course = jax.tree.map(lambda x: x[jnp.minimum(first + jnp.arange(last + 1), last)], course)
     return dataclasses.replace(left, arclength=left.arclength - left.arclength[0])

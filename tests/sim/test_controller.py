@@ -14,7 +14,7 @@ from jaxtyping import Array
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim import controller as control
-from maxjax.sim.controller import Controller, Memory, mix
+from maxjax.sim.controller import Controller, Observer, mix
 from maxjax.sim.reactive import RANGE, push
 from maxjax.sim.reference import Limits, Setpoint, evaluate, profile, sample
 from maxjax.sim.vehicle import Gusts, State, Vehicle, gust, hover, step
@@ -41,7 +41,7 @@ def padded(points: list[list[float]]) -> np.ndarray:
 
 def fly(
     path: Array, state: State, wind: Array, noise: Array, jump: Array, spin: Array
-) -> tuple[State, Memory, Setpoint]:
+) -> tuple[State, Observer, Setpoint]:
     """Follow a path from a state in wind with gusts.
 
     `jump` is added to the positions asked for after half the time, `spin` to the heading once a second.
@@ -56,13 +56,13 @@ def fly(
     gusts = Gusts()
 
     def turn(
-        carry: tuple[State, Memory, Array], now: tuple[Setpoint, Array]
-    ) -> tuple[tuple[State, Memory, Array], tuple[State, Memory]]:
-        state, memory, g = carry
+        carry: tuple[State, Observer, Array], now: tuple[Setpoint, Array]
+    ) -> tuple[tuple[State, Observer, Array], tuple[State, Observer]]:
+        state, observer, g = carry
         setpoint, n = now
         g = gust(gusts, g, n, DT)
-        new, command = control.step(CONTROLLER, VEHICLE, memory, state, setpoint)
-        return (step(VEHICLE, state, command, wind + g), new, g), (state, memory)
+        new, command = control.step(CONTROLLER, VEHICLE, observer, state, setpoint)
+        return (step(VEHICLE, state, command, wind + g), new, g), (state, observer)
 
     start = (state, control.init(state), jnp.zeros(3))
     _, (states, memories) = lax.scan(turn, start, (setpoints, noise))
@@ -107,8 +107,8 @@ def inputs() -> tuple[np.ndarray, State, Array, Array, Array, Array]:
 
 
 @pytest.fixture(scope="module")
-def flown() -> tuple[State, Memory, Setpoint]:
-    result: tuple[State, Memory, Setpoint] = flights(*inputs())
+def flown() -> tuple[State, Observer, Setpoint]:
+    result: tuple[State, Observer, Setpoint] = flights(*inputs())
     return result
 
 
@@ -124,11 +124,11 @@ def tilt(state: State) -> np.ndarray:
     return np.rad2deg(np.arccos(np.clip(np.asarray(state.rotation)[..., 2, 2], -1.0, 1.0)))
 
 
-def test_hover_holds(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_hover_holds(flown: tuple[State, Observer, Setpoint]) -> None:
     np.testing.assert_allclose(flown[0].position[0], np.tile([0, 0, 10.0], (STEPS, 1)), atol=1e-3)
 
 
-def test_step_response_settles_with_little_overshoot(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_step_response_settles_with_little_overshoot(flown: tuple[State, Observer, Setpoint]) -> None:
     moved = np.asarray(flown[0].position[1])[STEPS // 2 :] - [0, 0, 10.0]
     share = moved / np.array([2.0, -1.0, 0.5])
     assert share.max() < 1.15
@@ -137,18 +137,18 @@ def test_step_response_settles_with_little_overshoot(flown: tuple[State, Memory,
     np.testing.assert_allclose(share[int(2.5 / DT) :], 1.0, atol=0.05)
 
 
-def test_steady_wind_is_found_and_withstood(flown: tuple[State, Memory, Setpoint]) -> None:
-    state, memory, _ = flown
+def test_steady_wind_is_found_and_withstood(flown: tuple[State, Observer, Setpoint]) -> None:
+    state, observer, _ = flown
     np.testing.assert_allclose(
         np.asarray(state.position[2])[SETTLE + 300 :], np.tile([0, 0, 10.0], (1100, 1)), atol=0.01
     )
     # At rest thrust, weight and what the observer found balance.
     thrust = float(state.thrust[2, -1].sum()) / VEHICLE.mass * np.asarray(state.rotation)[2, -1, :, 2]
-    np.testing.assert_allclose(thrust - [0, 0, 9.81] + np.asarray(memory.disturbance)[2, -1], 0.0, atol=0.02)
-    assert np.linalg.norm(memory.disturbance[2, -1]) > 1.0
+    np.testing.assert_allclose(thrust - [0, 0, 9.81] + np.asarray(observer.disturbance)[2, -1], 0.0, atol=0.02)
+    assert np.linalg.norm(observer.disturbance[2, -1]) > 1.0
 
 
-def test_tilt_is_limited_and_height_kept_on_the_way(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_tilt_is_limited_and_height_kept_on_the_way(flown: tuple[State, Observer, Setpoint]) -> None:
     state = jax.tree.map(lambda a: a[3], flown[0])
     assert 20.0 < tilt(state).max() < CONTROLLER.tilt + 3.0
     assert np.abs(np.asarray(state.position)[:, 2] - 10.0).max() < 0.5
@@ -156,14 +156,14 @@ def test_tilt_is_limited_and_height_kept_on_the_way(flown: tuple[State, Memory, 
     assert np.linalg.norm(state.velocity, axis=1).max() < 1.15 * CONTROLLER.approach
 
 
-def test_recovers_from_beyond_the_horizontal(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_recovers_from_beyond_the_horizontal(flown: tuple[State, Observer, Setpoint]) -> None:
     state = jax.tree.map(lambda a: a[4], flown[0])
     assert tilt(state)[0] > 90.0
     assert tilt(state)[200:].max() < 30.0
     np.testing.assert_allclose(state.position[-1], [0, 0, 10.0], atol=0.02)
 
 
-def test_corners_and_climbs_are_tracked_in_still_air_and_in_gusts(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_corners_and_climbs_are_tracked_in_still_air_and_in_gusts(flown: tuple[State, Observer, Setpoint]) -> None:
     states, _, setpoints = flown
     for k in range(5, len(CASES)):
         path = padded(PATHS[CASES[k][0]])
@@ -177,7 +177,7 @@ def test_corners_and_climbs_are_tracked_in_still_air_and_in_gusts(flown: tuple[S
         assert np.all((np.asarray(states.thrust[k]) >= 0.0) & (np.asarray(states.thrust[k]) <= VEHICLE.thrust))
 
 
-def test_nan_stays_within_its_trial(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_nan_stays_within_its_trial(flown: tuple[State, Observer, Setpoint]) -> None:
     path, state, wind, noise, jump, spin = inputs()
     spoilt = flights(path, state, wind.at[5, 0].set(jnp.nan), noise.at[0, 700].set(jnp.nan), jump, spin)
     assert np.all(np.isnan(spoilt[0].position[5, -1]))
@@ -186,7 +186,7 @@ def test_nan_stays_within_its_trial(flown: tuple[State, Memory, Setpoint]) -> No
         assert np.array_equal(np.delete(a, [0, 5], 0), np.delete(b, [0, 5], 0))
 
 
-def test_batch_equals_loop(flown: tuple[State, Memory, Setpoint]) -> None:
+def test_batch_equals_loop(flown: tuple[State, Observer, Setpoint]) -> None:
     states, memories, setpoints = flown
     single = jax.jit(control.step, static_argnums=(0, 1))
     many = jax.jit(jax.vmap(control.step, (None, None, 0, 0, 0)), static_argnums=(0, 1))
@@ -242,9 +242,9 @@ def test_derivatives_through_vehicle_and_controller_are_finite_at_rest() -> None
     def after(velocity: Array, rate: Array, target: Array, wind: Array) -> Array:
         state = dataclasses.replace(rest, velocity=velocity, rate=rate)
         setpoint = Setpoint(target, jnp.zeros(3), jnp.zeros(3), jnp.float32(0.0))
-        memory, command = control.step(CONTROLLER, VEHICLE, control.init(state), state, setpoint)
+        observer, command = control.step(CONTROLLER, VEHICLE, control.init(state), state, setpoint)
         new = step(VEHICLE, state, command, wind)
-        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((memory, new)))
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((observer, new)))
 
     # Compiled without optimisation: it runs once.
     once = jax.jit(jax.grad(after, (0, 1, 2, 3)), compiler_options={"xla_backend_optimization_level": 0})

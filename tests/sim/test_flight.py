@@ -15,7 +15,7 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
 from maxjax.planning.judge import verify
 from maxjax.sim import rolling_map as mapping
-from maxjax.sim.disturbances import SETS, Disturbances, corrupt, mean_wind, pose_error
+from maxjax.sim.disturbances import SETS, Disturbances, degrade, mean_wind, outage, position_error
 from maxjax.sim.flight import Flight, FlightConfig, World, watch
 from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
@@ -119,10 +119,15 @@ def test_it_can_stop_within_what_it_has_seen(flights: list[Flight]) -> None:
         assert np.all(seen[moving]) or reference.excess > 0
 
 
-def test_stands_and_looks_where_every_beam_is_lost() -> None:
-    blind = Disturbances(blackout=1e3, dropout=1.0)
+def worsened(measured: Scan, disturbances: Disturbances, time: float) -> Scan:
+    """A scan from the start, degraded as in a flight."""
+    failed = outage(disturbances, LIDAR, KEY, jnp.float32(time))
+    return degrade(measured, disturbances, LIDAR, jnp.asarray(START), failed, KEY)
+
+
+def test_a_scan_whose_beams_are_all_lost_holds_no_points() -> None:
     measured = scan(town(), LIDAR, jnp.asarray(START), jnp.eye(3), KEY)
-    found = corrupt(measured, blind, LIDAR, jnp.asarray(START), KEY, KEY, jnp.float32(10.0))
+    found = worsened(measured, Disturbances(blackout=1e3, dropout=1.0), 10.0)
     assert not np.any(found.hit)
     assert np.all(np.isnan(found.points))
     assert np.all(np.isinf(found.distance))
@@ -133,7 +138,7 @@ def test_calm_leaves_a_scan_as_it_is_and_each_disturbance_does_what_it_says() ->
     measured = scan(town(), LIDAR, origin, jnp.eye(3), KEY)
 
     def worse(time: float = 0.0, **strengths: float) -> Scan:
-        return corrupt(measured, Disturbances(**strengths), LIDAR, origin, KEY, KEY, jnp.float32(time))
+        return worsened(measured, Disturbances(**strengths), time)
 
     calm, hit = worse(), np.asarray(measured.hit)
     np.testing.assert_array_equal(calm.hit, hit)
@@ -158,8 +163,10 @@ def test_calm_leaves_a_scan_as_it_is_and_each_disturbance_does_what_it_says() ->
 
 def test_wind_and_drift_are_as_strong_as_they_say() -> None:
     assert np.linalg.norm(mean_wind(SETS["wind"], KEY)) == pytest.approx(10.0, rel=1e-5)
-    errors = [np.linalg.norm(pose_error(SETS["drift"], KEY, jnp.float32(time))) for time in np.arange(0.0, 40.0, 0.5)]
+    errors = [
+        np.linalg.norm(position_error(SETS["drift"], KEY, jnp.float32(time))) for time in np.arange(0.0, 40.0, 0.5)
+    ]
     assert errors[0] == 0.0
     assert max(errors) == pytest.approx(1.0, rel=1e-3)
-    assert np.all(np.asarray(pose_error(SETS["calm"], KEY, jnp.float32(7.0))) == 0.0)
+    assert np.all(np.asarray(position_error(SETS["calm"], KEY, jnp.float32(7.0))) == 0.0)
     assert all(value == 0.0 for value in dataclasses.asdict(SETS["calm"]).values())
