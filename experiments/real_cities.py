@@ -49,7 +49,7 @@ from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
 from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.real_city import TOLERANCE, city, footprint_rows, inside, inside_boxes, window
+from maxjax.worlds.real_city import TOLERANCE, city, crop, footprint_rows, inside, inside_boxes
 from maxjax.worlds.scenes import occupancy
 
 RESULTS = Path(__file__).parent / "results"
@@ -153,7 +153,7 @@ def _tiles(footprints: Footprints, config: Config) -> list[Window]:
     ]
     tiles = []
     for centre in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2):
-        kept = [window(boxes, centre, config.half) for boxes in rows]
+        kept = [crop(boxes, centre, config.half) for boxes in rows]
         there = [k for k, boxes in enumerate(kept) if len(boxes)]
         if there:
             floors = np.array([buildings[k].base for k in there])

@@ -1,4 +1,4 @@
-"""Midtown and downtown: 4 by 4 lots between streets, each lot one block of `blocks`.
+"""Midtown and downtown: 4 by 4 lots between streets, each lot one city block of `blocks`.
 
 Lots fill the square |x|, |y| <= 120 m with streets of random width between them; every lot draws a recipe
 from a fixed count, bridges join facades across streets, and the kerbs carry lamps and parked vehicles.
@@ -27,7 +27,15 @@ _VEHICLES = 16
 
 @dataclasses.dataclass(frozen=True)
 class BlockCity:
-    """What tells block cities apart: recipe counts (16 lots in all), heights and street widths [m]."""
+    """Parameters of a city of blocks.
+
+    Attributes:
+        lots: number of lots of each recipe, 16 in all.
+        height: least and greatest height of buildings [m].
+        street: least and greatest width of streets [m].
+        staggered: whether cross streets are offset from row to row.
+        bridges: whether footbridges cross streets.
+    """
 
     lots: dict[str, int]
     height: tuple[float, float]
@@ -68,7 +76,7 @@ def _kerb(
     half: Float[Array, "m 2"],
     gap: float,
 ) -> tuple[Float[Array, "n 2"], Float[Array, " n"]]:
-    """Points `gap` [m] outside the given sides (4 a lot) of the lots; the street's direction there [rad]."""
+    """Points `gap` [m] outside the given sides (4 a lot) of the lots, and the street's direction there [rad]."""
     lot, side = sides // 4, sides % 4
     axis, sign = side % 2, jnp.where(side < 2, -1.0, 1.0)
     along = 1.5 * (u - 0.5)
@@ -95,7 +103,7 @@ def _bridges(
 
     def inside(lot: Int[Array, ""], point: Float[Array, "3"]) -> Bool[Array, ""]:
         x, y, half_length, half_width, bottom, top, yaw = rows[lot].T
-        # Turned facades recede from the street: only square ones carry a bridge.
+        # Rotated facades recede from the street: bridges join only buildings aligned with the lot.
         within = (jnp.abs(point[0] - x) < half_length - 2.0) | (jnp.abs(point[1] - y) < half_width - 2.0)
         within &= (jnp.abs(point[0] - x) < half_length) & (jnp.abs(point[1] - y) < half_width)
         return jnp.any(within & (yaw == 0.0) & (point[2] - 1.0 > bottom) & (point[2] + 4.0 < top))
@@ -130,7 +138,7 @@ def _bridges(
 
 
 def block_city(key: PRNGKeyArray, city: BlockCity) -> Geoms:
-    """A city of 4 by 4 lots; see `blocks` for what may stand on one."""
+    """A city of 4 by 4 lots; `blocks` lists the recipes of a lot."""
     n = _LOTS * _LOTS
     u_y, u_x, u_kind, u_facing, u_rows, u_bridge, u_side, u_lamp, u_kerb, u_vehicle, u_tree, u_turn = uniform(
         key,
@@ -152,7 +160,7 @@ def block_city(key: PRNGKeyArray, city: BlockCity) -> Geoms:
     if city.bridges:
         groups.append(_bridges(u_bridge, rows, center, half))
 
-    # Every side of a lot holds at most one item, so that they cannot stand in each other.
+    # Every side of a lot holds at most one item, so that items do not intersect.
     sides = jnp.argsort(u_side)
     lamp, _ = _kerb(u_lamp, sides[:_POLES], center, half, 1.0)
     groups.append(poles(lamp, jnp.full(_POLES, 8.0), radius=0.12))

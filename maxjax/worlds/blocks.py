@@ -1,8 +1,8 @@
 """City blocks: seven recipes that fill one rectangular lot with at most eight upright boxes.
 
 Every recipe maps (24 uniform random numbers, half extents (a, b) [m], height range [m]) to rows of
-`solids.upright_boxes` in the lot's frame (origin at its middle). Numbers instead of a key: one draw serves
-all recipes. All footprints stay inside the lot, so that the streets between lots stay continuous.
+`solids.upright_boxes` in the lot's frame (origin at its middle). Arguments are numbers instead of a key, so that one
+draw serves all recipes. All footprints lie inside the lot, so that the streets between lots are continuous.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _pad(rows: list[list[Scalar | float]]) -> Rows:
 
 
 def _heights(u: Float[Array, " n"], height: Float[Array, "2"]) -> Float[Array, " n"]:
-    """Heights within the range [m], low ones more often than high ones, as in cities."""
+    """Heights within the range [m], low ones more frequent than high ones, as in cities."""
     return height[0] + (height[1] - height[0]) * u**1.7
 
 
@@ -102,7 +102,7 @@ def slabs(u: Draws, a: Scalar, b: Scalar, height: Float[Array, "2"]) -> Rows:
     depth = 5.0 + 2.0 * u[0]
     length = a * (0.75 + 0.2 * u[1:3])
     bridge = 7.0 + (jnp.min(tops) - 12.0) * u[3] * 0.7
-    # The bridge lies where both slabs stand, whichever way they are shifted.
+    # The bridge lies where both slabs stand, for any shift.
     west = -a + length[0]
     east = a - length[1]
     return _pad(

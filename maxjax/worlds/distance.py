@@ -7,20 +7,21 @@ Box, sphere, capsule and plane are closed forms. For any convex solid with suppo
     d(p) = max over unit n of  n · p − h(n)         (ellipsoid: h(n) = |S n|, S the semi-axes)
 
 and the maximising n is the outward normal at the nearest surface point. So an error ε in n costs only O(ε²), always on
-the low side, and n itself is the derivative of d: the ellipsoid's normal is found by iteration, held constant, and the
-two terms above are what is evaluated and differentiated.
+the low side, and n itself is the derivative of d: the ellipsoid's normal is found by iteration and held constant, and
+the two terms above are evaluated and differentiated.
 
 The normal is n ∝ p_i / (s + r_i − 1) with r_i = (e_i / e)², e the least semi-axis, where s > 0 solves |u(s)| = 1,
 u_i = r_i (p_i / e_i) / (s + r_i − 1) (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
 hyperellipsoid"). 1 / |u(s)| is concave, rising and almost straight, as in trust regions: Newton's method on it, started
-on the low side, rises to the root without overshoot (Conn, Gould and Toint, Trust-Region Methods, section 7.3).
+on the low side, increases to the root without overshoot (Conn, Gould and Toint, Trust-Region Methods, section 7.3).
 
 Geoms are grouped by their static types; inside a group everything is elementwise, without gathers or small matrix
-products, because a flight asks a hundred times a second.
+products, because a flight evaluates the distance a hundred times a second.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 
@@ -36,7 +37,7 @@ _STEPS = 8
 # Coordinates are kept this far from an ellipsoid's planes of symmetry [share of the least semi-axis]: the root s then
 # stays positive, and the distance moves by no more than that.
 _OFF_PLANE = 1e-6
-# Golden sections of a vertical search: 0.618^32 of a city's height is 30 µm.
+# Golden sections of a search along a vertical: 0.618^32 of a city's height is 30 µm.
 _SECTIONS = 32
 _GOLDEN = 0.6180339887498949
 
@@ -59,7 +60,7 @@ def distances(geoms: Geoms, point: Float[Array, "3"]) -> Float[Array, " g"]:
     """
     _check(geoms, point)
     found = {kind: _of_type(kind, geoms, point) for kind in sorted(set(geoms.type))}
-    # Back into the geoms' order: each run of equal types is a slice of its group.
+    # Restore the order of the geoms: each run of equal types is a slice of its group.
     parts, used = [], dict.fromkeys(found, 0)
     for kind, run in itertools.groupby(geoms.type):
         count = len(tuple(run))
@@ -78,8 +79,8 @@ def distance(geoms: Geoms, point: Float[Array, "3"]) -> Float[Array, ""]:
 def horizontal_distance(geoms: Geoms, point: Float[Array, "3"]) -> Float[Array, ""]:
     """Least distance from the vertical through a point, above z = 0, to any solid; planes (the ground) are left out.
 
-    The solids are convex, so their distance is convex along a line, and golden sections find its least value. Solids
-    buried below z = 0 lie as far away as the vertical's foot is from them: padding never counts.
+    The solids are convex, so their distance is convex along a line, and golden-section search finds its minimum. The
+    distance to solids below z = 0 is that from the vertical's foot, so padding does not count.
 
     Args:
         geoms: one scene.
@@ -126,6 +127,19 @@ def _of_type(kind: int, geoms: Geoms, point: Array) -> PerGeom:
     return _DISTANCE[kind](_local(rotation, point - position), size)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _SectionCarry:
+    """Golden-section search of each geom: the interval [low, high], two points a < b inside, and the values there."""
+
+    low: PerGeom
+    high: PerGeom
+    a: PerGeom
+    b: PerGeom
+    at_a: PerGeom
+    at_b: PerGeom
+
+
 def _along_vertical(kind: int, geoms: Geoms, point: Array) -> PerGeom:
     position, rotation, size = _group(geoms, kind)
     foot = _local(rotation, point * jnp.array([1.0, 1.0, 0.0]) - position)
@@ -135,27 +149,26 @@ def _along_vertical(kind: int, geoms: Geoms, point: Array) -> PerGeom:
         x, y, w = (foot[i] + z * up[:, i] for i in range(3))
         return _DISTANCE[kind]((x, y, w), size)
 
-    # The nearest point of a solid lies at a height where the solid is.
-    reach = jnp.sum(size, axis=-1)
-    low, high = (jnp.maximum(position[:, 2] + side * reach, 0.0) for side in (-1.0, 1.0))
-
-    def section(_: Array, state: tuple[PerGeom, ...]) -> tuple[PerGeom, ...]:
-        low, high, a, b, at_a, at_b = state
+    def section(_: Array, carry: _SectionCarry) -> _SectionCarry:
+        a, b, at_a, at_b = carry.a, carry.b, carry.at_a, carry.at_b
         left = at_a <= at_b  # the least value lies in [low, b], else in [a, high]
-        low, high = jnp.where(left, low, a), jnp.where(left, b, high)
+        low, high = jnp.where(left, carry.low, a), jnp.where(left, b, carry.high)
         kept, value = jnp.where(left, a, b), jnp.where(left, at_a, at_b)
         width = _GOLDEN * (high - low)
         fresh = jnp.where(left, high - width, low + width)
         new = at(fresh)
         a, at_a = jnp.where(left, fresh, kept), jnp.where(left, new, value)
         b, at_b = jnp.where(left, kept, fresh), jnp.where(left, value, new)
-        return low, high, a, b, at_a, at_b
+        return _SectionCarry(low, high, a, b, at_a, at_b)
 
+    # The nearest point of a solid lies at a height where the solid is.
+    reach = jnp.sum(size, axis=-1)
+    low, high = (jnp.maximum(position[:, 2] + side * reach, 0.0) for side in (-1.0, 1.0))
     width = _GOLDEN * (high - low)
     a, b = high - width, low + width
     at_a, at_b = jax.vmap(at)(jnp.stack([a, b]))
-    *_, at_a, at_b = lax.fori_loop(0, _SECTIONS, section, (low, high, a, b, at_a, at_b))
-    return jnp.minimum(at_a, at_b)
+    found = lax.fori_loop(0, _SECTIONS, section, _SectionCarry(low, high, a, b, at_a, at_b))
+    return jnp.minimum(found.at_a, found.at_b)
 
 
 def _norm(squared: Array) -> Array:
@@ -194,7 +207,7 @@ def _to_ellipsoid(p: Local, size: Array) -> PerGeom:
     lift = [(f[i] - 1.0) * (f[i] + 1.0) for i in range(3)]  # r_i − 1
     weighted = [f[i] * y[i] for i in range(3)]  # r_i p_i / e_i
 
-    # There one component of u is 1 and none exceeds it: |u| ≥ 1, the low side.
+    # At this s the greatest component of u is 1: |u| ≥ 1, the low side.
     s = jnp.maximum(jnp.maximum(weighted[0] - lift[0], weighted[1] - lift[1]), weighted[2] - lift[2])
     for _ in range(_STEPS):
         inverse = [1.0 / (s + lift[i]) for i in range(3)]

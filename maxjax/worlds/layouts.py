@@ -10,8 +10,8 @@
   parked vehicles.
 
 Frame: ENU, metres, z up; the ground is the plane z = 0, the city fills about |x|, |y| <= 120 and is turned as
-a whole by a random angle, so that streets do not follow the voxels. What a seed does not build is padding,
-buried far below.
+a whole by a random angle, so that streets are not aligned with the voxels. Geoms that a seed does not use are padding
+far below the ground.
 """
 
 from __future__ import annotations

@@ -20,12 +20,12 @@ from maxjax.worlds.scenes import Scene
 def mjx_scene(scene: Scene) -> tuple[mjx.Model, mjx.Data]:
     """The scene on the device: MJX model and data for `mjx.ray`."""
     model = mjx.put_model(scene.model)
-    # mjx.kinematics refuses a model without degrees of freedom; static frames are known anyway.
+    # mjx.kinematics raises an error for a model without degrees of freedom; the frames of static geoms are known.
     return place(model, mjx.make_data(model), scene.geoms)
 
 
 def place(model: mjx.Model, data: mjx.Data, geoms: Geoms) -> tuple[mjx.Model, mjx.Data]:
-    """Model and data with another layout of the same map in them: under `vmap`, a batch of scenes.
+    """Model and data with another layout of the same map; under `vmap`, a batch of scenes.
 
     Raises:
         ValueError: if the geom types differ from the model's, which are static.

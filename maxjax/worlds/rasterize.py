@@ -7,8 +7,8 @@
 - capsule, sphere: least distance between segment and cube, below the radius;
 - plane: the cube dips below z = 0; these voxels are `ground` as well.
 
-Touching does not count: an overlap thinner than a nanometre is none. NumPy in float64, on the host; each geom
-looks only at the voxels of its bounding box.
+Contact is no overlap: overlaps thinner than a nanometre do not count. NumPy in float64, on the host; each geom
+is tested against the voxels of its bounding box.
 """
 
 from __future__ import annotations
@@ -72,13 +72,13 @@ def occupancy(geoms: Geoms, grid: Grid) -> tuple[Occupied, Occupied]:
 
 
 def _box_meets(centers: Centers, half: float, rotation: Matrix, size: Vector) -> Occupied:
-    """Separating axes: two boxes overlap iff their shadows overlap on all face normals and edge products."""
+    """Separating axes: two boxes overlap iff their projections overlap on all face normals and edge products."""
     axes = [*np.eye(3), *rotation.T, *np.cross(np.eye(3)[:, None], rotation.T[None]).reshape(9, 3)]
     meets: Occupied = np.ones(np.broadcast_shapes(*(c.shape for c in centers)), bool)
     for axis in axes:
         length = np.linalg.norm(axis)
         if length < 1e-6:
-            continue  # parallel edges span no axis of their own
+            continue  # the product of parallel edges is no axis
         n = axis / length
         reach = half * np.sum(np.abs(n)) + np.sum(size * np.abs(rotation.T @ n))
         meets &= np.abs(n[0] * centers[0] + n[1] * centers[1] + n[2] * centers[2]) < reach - _TOUCH

@@ -4,10 +4,10 @@ Every convex solid meets a ray x = o + t d (|d| = 1) in one interval [near, far]
 
     t = near  if near >= 0,    far  if near < 0 <= far (the origin is inside),    infinity otherwise;
 
-the ground plane is met from above only. That is what C MuJoCo's `mj_ray` does, tested case by case.
+the ground plane is met from above only. These are the conventions of C MuJoCo's `mj_ray`, tested case by case.
 
 `cast_rays` is a fused kernel: origins are moved into each geom's frame once, then a running minimum over the
-geoms passes over all rays at once, so that memory is O(rays). `mjx_model.cast_rays_mjx` asks MJX, which forms
+geoms is taken over all rays at once, so that memory is O(rays). `mjx_model.cast_rays_mjx` calls MJX, which forms
 all ray-geom pairs.
 
 Quadrics are solved by the distance of the line from the middle, not by b^2 - a c: at 60 m the latter leaves a
@@ -24,10 +24,10 @@ from jaxtyping import Array, Float
 
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 
-# Geoms a loop iteration: each pass over the rays' memory serves that many; more lengthens the compile, not
-# the stride.
+# Geoms per loop iteration: one pass over the rays' memory serves this many. Higher values compile longer and run no
+# faster.
 _UNROLL = 4
-# Direction components below this count as parallel; its inverse times a city's size stays far inside float32.
+# Direction components below this count as parallel; its inverse times a city's size is far below float32's maximum.
 _PARALLEL = 1e-12
 
 Rays = Float[Array, " r"]
@@ -83,7 +83,7 @@ def _slab(offset: Array, component: Rays, half: Array) -> Interval:
 def _meet_plane(origin: Vector, direction: Direction, size: Vector) -> Interval:
     down = direction[2] < -_PARALLEL
     t = -origin[2] / jnp.where(down, direction[2], -1.0)
-    # From below, or looking up, an empty interval: the ground shows its upper face only.
+    # From below or upwards the interval is empty: only the upper face of the ground is met.
     return jnp.where(down, t, jnp.inf), jnp.where(down, t, -jnp.inf)
 
 
@@ -134,7 +134,7 @@ def _meet_capsule(origin: Vector, direction: Direction, size: Vector) -> Interva
 
 
 def _chord(middle: Rays, squared_depth: Rays, a: Rays) -> Interval:
-    """Interval about `middle` of a line that dips by `squared_depth` into a quadric; empty if negative."""
+    """Interval about `middle` in which a line is inside a quadric, from its squared depth there; empty if negative."""
     hit = squared_depth >= 0.0
     half = jnp.sqrt(jnp.where(hit, squared_depth, 0.0) / a)
     return jnp.where(hit, middle - half, jnp.inf), jnp.where(hit, middle + half, -jnp.inf)

@@ -1,17 +1,20 @@
-"""Surveyed footprints as upright boxes: a real city that the ray caster and the distances know exactly.
+"""A real city: surveyed footprints as upright boxes, for exact ray casting and distances.
 
     polygon ⊂ union of boxes,   each point of a box within √2 · tolerance of the polygon
 
 A footprint is swept in its own frame, along the direction that most of its outline follows, or across it, whichever
 takes fewer boxes. Between two corners it is a stack of trapezoids, an interval [low(x), high(x)] each. Where low or
-high would rise by more than the tolerance, the strip is cut, down to a width of the tolerance. An interval goes on from
-strip to strip as one box for as long as its low and its high each stay within the tolerance; gaps up to twice as wide
-are closed, and boxes thinner than the tolerance are swallowed by a neighbour as long as them. So walls move outwards by
-at most the tolerance along each of the two axes. A rectangle is one box, without error.
+high would vary by more than the tolerance, the strip is cut, down to a width of the tolerance. Intervals of consecutive
+strips are merged into one box as long as the variation of low and of high stays within the tolerance; gaps up to twice
+as wide are closed, and boxes thinner than the tolerance are merged into a neighbour that is at least as long. So walls
+move outwards by at most the tolerance along each of the two axes. A rectangle is one box, without error.
 
-The terrain is flattened: each footprint stands on the plane z = 0, its own floor subtracted. What is lost is the slope:
-roofs of neighbours are off against each other by the difference of their floors, and so is the height above sea of a
-path. Roofs are flat, at their highest point, and what hangs over a passage is solid down to the ground.
+The terrain is flattened: each footprint stands on the plane z = 0, its own floor subtracted. The slope is lost: heights
+of neighbouring roofs are wrong relative to each other by the difference of their floors, and so is the height above sea
+of a path. Roofs are flat, at their highest point; overhangs above a passage are solid down to the ground.
+
+Footprints are float64 in any frame (national coordinates, for example); geoms are float32 in a local frame. `crop`
+moves the origin to the middle of the part that is flown in.
 """
 
 from __future__ import annotations
@@ -31,28 +34,35 @@ Ring = Float[np.ndarray, "_ 2"]
 Boxes = Float[np.ndarray, "_ 4"]
 
 TOLERANCE = 0.5  # [m]
-# Corners that differ only by the rounding of a turn must not cut strips; the cover holds to a micrometre, therefore.
+# Corners that differ only by the rounding of a rotation must not cut strips; so the cover holds to a micrometre.
 _DIGITS = 6
-_ROUNDING = 1e-6  # of a turn and back [m]
+_ROUNDING = 1e-6  # of a rotation and its inverse [m]
+_FARTHEST = 1e5  # float32 resolves 8 mm here; beyond, boxes have to be centred first [m]
 
 
 def city(rows: Float[np.ndarray, "n 7"], slots: int) -> Geoms:
     """Ground and boxes; padded, so that cities of one size share a program.
 
     Args:
-        rows: as `footprint_rows` and `window` give them.
+        rows: from `footprint_rows` and `crop`, within 100 km of the origin.
         slots: boxes in all.
 
     Raises:
-        ValueError: if there are more rows than slots.
+        ValueError: if there are more rows than slots; if a box is too far from the origin for float32.
     """
+    farthest = float(np.abs(rows[:, :2]).max(initial=0.0))
+    if not farthest <= _FARTHEST:
+        raise ValueError(
+            f"rows: expected coordinates within {_FARTHEST:g} m of the origin, given {farthest:g} m; "
+            "centre them first, by `crop`"
+        )
     if len(rows) > slots:
         raise ValueError(f"slots: expected at least {len(rows)}, one a box, given {slots}")
     padding = np.tile(ABSENT, (slots - len(rows), 1))
     return concatenate([ground_plane(), upright_boxes(jnp.asarray(np.concatenate([rows, padding]), jnp.float32))])
 
 
-def window(rows: Float[np.ndarray, "n 7"], centre: Float[np.ndarray, "2"], half: float) -> Float[np.ndarray, "m 7"]:
+def crop(rows: Float[np.ndarray, "n 7"], centre: Float[np.ndarray, "2"], half: float) -> Float[np.ndarray, "m 7"]:
     """The boxes that reach into the square of half extent `half` [m] around `centre`, which becomes the origin."""
     moved = rows.copy()
     moved[:, :2] -= centre
@@ -97,18 +107,18 @@ def _area(boxes: Boxes) -> float:
 
 
 def _direction(rings: Sequence[Ring]) -> float:
-    """The edge direction against which all edges, up to right angles, lean least in sum [rad]."""
+    """The direction of the edge with the least sum of deviations of all edges, up to right angles [rad]."""
     edges = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
     length = np.hypot(*edges.T)
     angle = np.arctan2(edges[:, 1], edges[:, 0])
     lean = np.abs(np.sin(angle[:, None] - angle)), np.abs(np.cos(angle[:, None] - angle))
-    # Of edges that serve alike, the longest: its direction is the most certain.
+    # Among equal costs the longest edge: its direction is the most accurate.
     cost = np.minimum(*lean) @ length - 1e-9 * length
     return float(angle[np.argmin(cost)])
 
 
 def _cover(rings: Sequence[Ring], tolerance: float) -> Boxes:
-    """Boxes along the axes that cover the polygon."""
+    """Boxes along the axes, their union a cover of the polygon."""
     opened: list[list[float]] = []  # (west, east, low, highest low, lowest high, high)
     done: list[list[float]] = []
     for west, east, spans in _strips(rings, tolerance):
@@ -122,7 +132,7 @@ def _cover(rings: Sequence[Ring], tolerance: float) -> Boxes:
                 going.append([box[0], east, *_joined(box[2:], span)])
         done += opened
         opened = going
-    return _swallow(np.array([[b[0], b[1], b[2], b[5]] for b in [*done, *opened]]).reshape(-1, 4), tolerance)
+    return _merge_thin(np.array([[b[0], b[1], b[2], b[5]] for b in [*done, *opened]]).reshape(-1, 4), tolerance)
 
 
 def _joined(a: Sequence[float], b: Sequence[float]) -> list[float]:
@@ -158,7 +168,7 @@ def _strips(rings: Sequence[Ring], tolerance: float) -> Iterator[tuple[float, fl
             spans: list[list[float]] = []
             for low, high in zip(range(0, len(order), 2), range(1, len(order), 2), strict=True):
                 span = [least[low], most[low], least[high], most[high]]
-                # Nothing in a gap that is closed is further than the tolerance from what lies above or below.
+                # No point of a closed gap is further than the tolerance from the interval above or below.
                 if spans and span[1] - spans[-1][2] <= 2 * tolerance:
                     spans[-1] = [spans[-1][0], spans[-1][1], span[2], span[3]]
                 else:
@@ -167,7 +177,7 @@ def _strips(rings: Sequence[Ring], tolerance: float) -> Iterator[tuple[float, fl
 
 
 def _crossings(a: Ring, b: Ring) -> Float[np.ndarray, " _"]:
-    """Where edges from a to b (to the east) cross each other: none in a sound outline, but not all are."""
+    """Abscissae at which edges from a to b (to the east) cross each other; a simple polygon has none."""
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
     height = a[:, 1] - slope * a[:, 0]
     turn = slope[:, None] - slope
@@ -176,8 +186,8 @@ def _crossings(a: Ring, b: Ring) -> Float[np.ndarray, " _"]:
     return np.asarray(np.round(x[(turn > 0) & (x > west + _ROUNDING) & (x < east - _ROUNDING)], _DIGITS))
 
 
-def _swallow(boxes: Boxes, tolerance: float) -> Boxes:
-    """Boxes thinner than the tolerance go into a thicker neighbour that is as long, which grows by their width."""
+def _merge_thin(boxes: Boxes, tolerance: float) -> Boxes:
+    """Boxes thinner than the tolerance merged into a thicker neighbour that is as long, which grows by their width."""
     width = boxes[:, 1] - boxes[:, 0]
     room = np.full((len(boxes), 2), tolerance)  # of each box to grow, to the west and to the east
     kept = np.ones(len(boxes), bool)

@@ -1,6 +1,6 @@
 """Scenes: a procedural city as a MuJoCo model, for C MuJoCo and MJX alike.
 
-    scene = make_scene("downtown", seed=3)        # the same city for the same seed, everywhere
+    scene = make_scene("downtown", seed=3)        # the same city for the same seed on every machine
     occupied, ground = occupancy(scene.geoms, grid)
 
 All geoms are static (fixed to the world, no contacts): the model serves ray casting and distances; it has no
@@ -53,7 +53,7 @@ def scene_xml(geoms: Geoms) -> str:
     if geoms.position.ndim != 2:
         raise ValueError(f"geoms.position: expected shape (g, 3), given {geoms.position.shape}; index the batch first")
     root = ElementTree.Element("mujoco", model="city")
-    # mjx.ray reads the materials' colours and fails where there are none.
+    # mjx.ray reads the materials' colours and fails without any.
     ElementTree.SubElement(ElementTree.SubElement(root, "asset"), "material", name="concrete", rgba="0.7 0.7 0.7 1")
     world = ElementTree.SubElement(root, "worldbody")
     positions, rotations, sizes = (
@@ -84,7 +84,7 @@ def make_scene(name: str, seed: int) -> Scene:
 
     Args:
         name: one of `MAPS`.
-        seed: 0 to 2^32 - 1; the map's name is folded into its key, so maps do not share draws.
+        seed: 0 to 2^32 - 1; the name of the map is folded into the key, so that maps share no random numbers.
 
     Raises:
         ValueError: for an unknown name, with the list of maps, or a seed out of range.

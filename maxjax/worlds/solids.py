@@ -1,4 +1,4 @@
-"""From a planner's measures to geoms: footprints and heights in, MuJoCo geoms out.
+"""Geoms from footprints and heights.
 
 An upright box is one row (x, y, half length, half width, bottom, top, yaw) [m, rad]; a row with top <= bottom
 is absent. Rows stack, select and rotate as one array, so a recipe for a city block is a plain (n, 7) array.
@@ -17,7 +17,7 @@ ABSENT = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def upright_boxes(rows: Rows) -> Geoms:
-    """Boxes standing upright; absent rows become padding."""
+    """Upright boxes; absent rows become padding."""
     x, y, half_length, half_width, bottom, top, yaw = rows.T
     boxes = Geoms(
         jnp.stack([x, y, 0.5 * (bottom + top)], -1),
@@ -31,9 +31,9 @@ def upright_boxes(rows: Rows) -> Geoms:
 def gable_roofs(rows: Rows, rise: Float[Array, " n"]) -> Geoms:
     """Pitched roofs of 45 degrees over upright boxes, each one box rolled about its ridge.
 
-    A square bar of half-diagonal `rise` rolled by 45 degrees shows its upper half as a gable above the top of
-    the building (rows as given), ridge along its length; the lower half is sunk into the building, which must
-    be taller.
+    The upper half of a square bar of half-diagonal `rise`, rolled by 45 degrees, is a gable above the top of the
+    building (rows as given), with its ridge along the length; the lower half lies inside the building, which must be
+    taller.
     """
     x, y, half_length, _, bottom, top, yaw = rows.T
     c = jnp.sqrt(0.5)
@@ -54,7 +54,7 @@ def trees(u: Float[Array, "n 4"], position: Float[Array, "n 2"]) -> Geoms:
     middle = 1.6 + 2.4 * u[:, 3] + crown[:, 2]
     yaw = jnp.pi * u[:, 0]
     crowns = Geoms(jnp.concatenate([position, middle[:, None]], -1), rotation_z(yaw), crown, (ELLIPSOID,) * n)
-    # The trunk ends in the middle of the crown, so that no gap opens under a narrow one.
+    # The trunk ends in the middle of the crown, so that there is no gap under a narrow one.
     return concatenate([crowns, poles(position, middle, radius=0.25)])
 
 
