@@ -97,7 +97,7 @@ def _fly_drawn(
     first = 0
     while first < len(rows):
         if ledger is not None:
-            ledger.note_batch(size)
+            ledger.record_batch_size(size)
         chunk = rows[first : first + size]
         indices = [campaign.trials[row] for row in chunk]
         missing = [index for index in indices if index not in known]
@@ -114,9 +114,9 @@ def _fly_drawn(
             outcomes = [outcome_of(campaign, drawn, int(row), log, place) for place, row in enumerate(chunk)]
             outcomes = [outcome for outcome in outcomes if outcome.trial in missing]
             if ledger is not None:
-                ledger.keep_positions(indices, log["position"])
+                ledger.record_positions(indices, log["position"])
                 ledger.append(outcomes)
-                ledger.note_time(indices, time.perf_counter() - started)
+                ledger.record_time(indices, time.perf_counter() - started)
             yield outcomes
         first += len(chunk)
 

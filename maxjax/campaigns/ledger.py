@@ -1,10 +1,10 @@
-"""The folder of a campaign, from which it goes on after it was killed.
+"""The folder of a campaign, from which it is resumed.
 
-    config.json     what is flown              trials.jsonl    an outcome a line, appended a batch at a time
-    positions/      every 0.1 s, by batch      times.json      what the batches took
+    config.json     the configuration          trials.jsonl    one outcome a line, appended a batch at a time
+    positions/      every 0.1 s, by batch      times.json      run time of each batch
 
-Lines are whole and on the disk before they count; other files are written beside and renamed. Nothing but `times.json`
-depends on the clock, so an interrupted campaign leaves the same files as one that was not.
+Lines are synchronised to the disk before their outcomes count; other files are replaced atomically. Only `times.json`
+depends on the clock, so a resumed campaign leaves the same files as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "ti
 
 
 class Ledger:
-    """The folder of a campaign: what it is, the outcomes so far, positions, times.
+    """The folder of a campaign: its configuration, outcomes so far, positions, run times.
 
     Attributes:
-        folder: where.
+        folder: the folder.
         outcomes: by trial.
         batch: flights at a time when it was last flown; None for a new folder.
     """
@@ -43,15 +43,15 @@ class Ledger:
 
     @classmethod
     def open(cls, folder: Path, configuration: dict[str, Any], trials: range) -> Ledger:
-        """Make the folder, or check that it holds this campaign and read what it has.
+        """Make the folder, or check that it holds this campaign and read its outcomes.
 
         Args:
-            folder: where; made if missing.
+            folder: made if missing.
             configuration: all that the outcomes depend on, as JSON holds it.
-            trials: that are flown.
+            trials: indices of the campaign.
 
         Raises:
-            ValueError: if it holds another campaign, or a damaged one.
+            ValueError: if it holds another campaign, or damaged files.
             OSError: if it cannot be written.
         """
         (folder / POSITIONS).mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ class Ledger:
         return cls(folder, configuration, _read(rows, trials), batch)
 
     def append(self, outcomes: Sequence[Outcome]) -> None:
-        """Add whole lines, on the disk when this returns."""
+        """Append one line an outcome; they are on the disk when this returns."""
         if not outcomes:
             return
         lines = "".join(json.dumps(dataclasses.asdict(o), allow_nan=False) + "\n" for o in outcomes)
@@ -87,8 +87,8 @@ class Ledger:
             os.fsync(file.fileno())
         self.outcomes.update({outcome.trial: outcome for outcome in outcomes})
 
-    def keep_positions(self, trials: Sequence[int], position: Float[np.ndarray, "b t 3"]) -> None:
-        """One file a batch; NaN after the end of a flight."""
+    def record_positions(self, trials: Sequence[int], position: Float[np.ndarray, "b t 3"]) -> None:
+        """Write the positions of a batch to a file of its own; NaN after the end of a flight."""
         longest = int(np.isfinite(position).all(axis=-1).sum(axis=1).max())
         content = io.BytesIO()
         np.savez_compressed(content, trial=np.asarray(trials), position=position[:, :longest])
@@ -104,14 +104,14 @@ class Ledger:
                     found[trial] = position[np.isfinite(position).all(axis=-1)]
         return found
 
-    def note_batch(self, size: int) -> None:
-        """Remember the size of the batches, with which a campaign goes on."""
+    def record_batch_size(self, size: int) -> None:
+        """Record the size of the batches, with which the campaign is resumed."""
         if size != self.batch:
             self.batch = size
             self._write_config()
 
-    def note_time(self, trials: Sequence[int], seconds: float) -> None:
-        """Add the time that a batch took; the first one of a process compiles."""
+    def record_time(self, trials: Sequence[int], seconds: float) -> None:
+        """Append the run time of a batch; that of the first one of a process includes compilation."""
         path = self.folder / TIMES
         try:
             times = json.loads(path.read_text())["batches"]
@@ -126,7 +126,7 @@ class Ledger:
 
 
 def _read(path: Path, trials: range) -> dict[int, Outcome]:
-    """Outcomes of a file of lines; a last one that was not written to its end is taken off."""
+    """Outcomes of a file of lines; an incomplete last line is removed."""
     if not path.exists():
         return {}
     content = path.read_bytes()

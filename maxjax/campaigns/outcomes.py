@@ -1,4 +1,4 @@
-"""What became of trials: one outcome each, and the figures of many.
+"""Outcomes of trials, one each, and the statistics of many.
 
 success rate = arrivals / trials flown          detour = flown length / straight distance from start to goal
 """
@@ -19,7 +19,7 @@ from maxjax.core.status import Status
 if TYPE_CHECKING:
     from maxjax.campaigns.campaign import Campaign
 
-# The status of a trial whose city offers no pair of ends: it is not flown, and no `Status`.
+# Status of a trial without a pair of ends in its city, which is not flown; it is not a member of `Status`.
 INVALID_DRAW = "INVALID_DRAW"
 
 
@@ -29,7 +29,7 @@ Table = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of one trial: a line of `trials.jsonl`. Lengths in metres to the millimetre.
+    """Outcome of one trial, a line of `trials.jsonl`. Lengths in metres to the millimetre.
 
     Attributes:
         trial: its index.
@@ -37,15 +37,15 @@ class Outcome:
         status: name of a `Status`, or INVALID_DRAW.
         start, goal: [m]; None where none were found.
         distance: straight from start to goal [m].
-        excluded: pairs of ends passed over because no path joins them.
+        excluded: pairs of ends rejected because no path joins them.
         flown_length: [m].
         duration: [s].
         clearance: least distance from the centre of the vehicle to any solid [m].
-        planning_iterations: plans asked for.
-        failed_plans: those that found no path.
-        margins: number of plans by the margin that they kept [m].
-        certified: share of the paths found that climbed a certified field; None where none were found.
-        command: that flies it again.
+        planning_iterations: number of plans.
+        failed_plans: number of plans without a path.
+        margins: number of plans by margin [m].
+        certified: share of the paths found that climb a certified field; None without any path.
+        command: command line that flies the trial again.
     """
 
     trial: int
@@ -71,7 +71,7 @@ class Outcome:
 
     @property
     def flown(self) -> bool:
-        """Whether there was anything to fly."""
+        """Whether the trial was flown."""
         return self.status != INVALID_DRAW
 
 
@@ -134,9 +134,9 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
 
 
 def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The figures of a campaign.
+    """The statistics of a campaign.
 
-    Means and standard deviations (of the sample as it is) are over arrivals.
+    Means and standard deviations (of the population, without Bessel's correction) are over arrivals.
     `detour` is the flown length over the straight distance, which the shortest way around the buildings exceeds.
     """
     ordered = sorted(outcomes, key=lambda outcome: outcome.trial)

@@ -25,7 +25,7 @@ def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
         flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
         logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
         outcome = outcome_of(campaign, drawn, 0, logs)
-        ledger.keep_positions([outcome.trial], logs["position"])
+        ledger.record_positions([outcome.trial], logs["position"])
     else:
         outcome = outcome_of(campaign, drawn, 0)
     if outcome.trial not in ledger.outcomes:

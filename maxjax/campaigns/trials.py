@@ -1,15 +1,15 @@
-"""Trials of the closed loop: where a flight begins and ends, as a pure function of (map, seed, index).
+"""Trials of the closed loop: start and goal as a pure function of (map, seed, index).
 
 Trial i of (map, seed) flies in the city `make_scene(map, seed + i // 50)`: 50 trials share a city. Its ends are the
 first pair, in a fixed order, of 512 points drawn uniformly at |x|, |y| ≤ 100 m and 3 to 15 m high, such that
 
 - both stand 10 m clear of every solid horizontally (exact distance from the vertical through the point, no ground);
 - they are 50 to 80 m apart (straight line in 3D);
-- they are joined in the city's true voxel map (2 m) dilated by 2 m, the ground by one voxel: pairs that are not are
-  passed over and counted, before anything flies.
+- they are connected in the city's true voxel map (2 m) dilated by 2 m, the ground by one voxel; pairs that are not
+  connected are rejected and counted, before any flight.
 
-Coordinates are multiples of 1/64 m: exact in float32 and in print. The trials of one city are made by one program, the
-same for one trial and for ten thousand, so that trial 37 is the same bits in any company.
+Coordinates are multiples of 1/64 m, exact in float32 and in decimal print. The trials of one city are drawn by one
+program, the same for one trial and for ten thousand, so that each trial has the same bits in any selection.
 """
 
 from __future__ import annotations
@@ -40,14 +40,15 @@ HEIGHT = (3.0, 15.0)  # [m]
 APART = (50.0, 80.0)  # [m]
 CLEARANCE = 10.0  # [m]
 DILATION = 2.0  # [m]
-# The true map holds every city with its turned corners and its highest roof below the topmost layer.
+# The true map contains every city after its rotation, the highest roof below the topmost layer.
 TRUTH = Grid((151, 151, 67), 2.0, (-150.0, -150.0, -2.0))
 
-# A twentieth of the area is clear in the tightest city seen: 25 points, of whose 300 pairs a fifth are the right
-# distance apart.
+# In the densest city seen a twentieth of the area is clear: 25 points, and a fifth of their 300 pairs are at a valid
+# distance.
 _CANDIDATES = 512
-# The exact clearance is asked of the first so many points that are clear at their own height, which is cheap to know.
-_ASKED = 64
+# The exact horizontal clearance is computed for the first points with enough clearance at their own height, which is
+# cheaper to compute; at most this many.
+_CHECKED = 64
 _TICKS = 64  # a metre
 
 
@@ -61,7 +62,7 @@ class Trial:
         goal: [m], world frame.
         city: seed of the city: `make_scene(map, city)`.
         valid: whether a pair was found; where not, start and goal are NaN.
-        excluded: pairs passed over because no path joins them.
+        excluded: pairs rejected because no path joins them.
     """
 
     start: Float[Array, "*batch 3"]
@@ -82,12 +83,12 @@ def draw(name: str, seed: int, index: int) -> Trial:
 
 
 def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
-    """Trials of a map and seed, stacked in the order asked for; each the same bits as `draw` gives it alone.
+    """Trials of a map and seed, stacked in the order of the indices; each has the same bits as from `draw`.
 
     Args:
         name: one of `MAPS`.
         seed: the first city's.
-        indices: which ones; an array or a range will do.
+        indices: of the trials.
 
     Raises:
         ValueError: for an unknown map, a negative seed or index, or no indices.
@@ -111,7 +112,7 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
 
 
 def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "nx ny nz"]]]:
-    """Solids of each city, and the voxels that the open air above its roofs joins; maps are made early, in threads."""
+    """Solids of each city, and its open air; the voxel maps of later cities are computed in threads meanwhile."""
 
     def voxels(geoms: Geoms) -> tuple[np.ndarray, np.ndarray]:
         return occupancy(geoms, TRUTH)
@@ -124,10 +125,10 @@ def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "
 
 @jax.jit
 def open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
-    """The component of free voxels that holds the top layer, which no roof reaches.
+    """The component of free voxels that contains the top layer, which lies above all roofs.
 
-    Two points in it are joined. Two points outside it could be joined with each other only under a roof; but above a
-    point that is clear horizontally there is none.
+    Two points in it are connected. Points outside it lie under a roof; above a point with horizontal clearance there is
+    none, so no connected pair is missed.
     """
     blocked = dilate(occupied, DILATION, TRUTH, ground)
     return flood(~blocked, jnp.array([0, 0, TRUTH.shape[2] - 1], jnp.int32))
@@ -150,17 +151,17 @@ def _first_pair(geoms: Geoms, air: Bool[Array, "nx ny nz"], key: PRNGKeyArray) -
     ticks = jnp.asarray(low) + ((bits * (high - low + 1).astype(np.uint32)) >> 16).astype(jnp.int32)
     is_plane = np.array([kind == PLANE for kind in geoms.type])
 
-    def hopeful(point: Float[Array, "3"]) -> Bool[Array, ""]:
+    def clear_here(point: Float[Array, "3"]) -> Bool[Array, ""]:
         return jnp.all(is_plane | (distances(geoms, point) >= CLEARANCE))
 
-    hope = jax.vmap(hopeful)(ticks.astype(jnp.float32) / _TICKS)
-    asked = jnp.nonzero(hope, size=_ASKED, fill_value=0)[0]
-    ticks = ticks[asked]
+    candidates_here = jax.vmap(clear_here)(ticks.astype(jnp.float32) / _TICKS)
+    checked = jnp.nonzero(candidates_here, size=_CHECKED, fill_value=0)[0]
+    ticks = ticks[checked]
     points = ticks.astype(jnp.float32) / _TICKS
     clear = jax.vmap(lambda point: horizontal_distance(geoms, point))(points) >= CLEARANCE
 
-    # Distances in ticks are whole numbers: no rounding decides. Points that fill up the list lie 0 m apart.
-    i, j = jnp.triu_indices(_ASKED, k=1)
+    # Distances in ticks are integers, compared without rounding. Padding of the list is 0 m from the first point.
+    i, j = jnp.triu_indices(_CHECKED, k=1)
     gap = ticks[i] - ticks[j]
     squared = jnp.sum(gap * gap, axis=-1)
     near, far = (int(reach * _TICKS) ** 2 for reach in APART)

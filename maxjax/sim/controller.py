@@ -6,17 +6,17 @@
     M_u = N + (1 − 3 p τ) (M_f − N) − τ J (3 p² Ω + p³ e_R)         attitude: three poles at p, motors' lag τ included
     u = mixing⁻¹ (F · R e₃, M_u)                                    N = Ω × J Ω
 
-d̂ is whatever acceleration the thrust does not explain: the drag of flight and wind, and what is wrong with the mass.
-f and M_f are thrust and moment of the motors as they turn now. e_R = ½ (R_dᵀ R − Rᵀ R_d)^∨ with R_d the attitude of
-body z along F and body x towards the yaw, smoothly kept below 0.3 rad. Because the attitude follows 3 / p seconds
-late, references hand their acceleration over by so much earlier (`Controller.lead`).
+d̂ is the acceleration that the thrust does not account for: drag in flight and wind, and an error of the mass.
+f and M_f are the present thrust and moment of the motors. e_R = ½ (R_dᵀ R − Rᵀ R_d)^∨ with R_d the attitude of
+body z along F and body x towards the yaw, saturated smoothly at 0.3 rad. The attitude lags by 3 / p seconds, so the
+acceleration of a reference is evaluated that much earlier (`Controller.lead`).
 
-Saturation keeps roll and pitch first, then the collective thrust, then yaw: a vehicle that cannot do all still holds
-the direction of its thrust.
+Saturation gives priority to roll and pitch, then to the collective thrust, then to yaw, so that the direction of the
+thrust is kept.
 
 Every gain follows from a bandwidth: ω = 2.5 rad/s, ω_d = 5 rad/s, p = 25 rad/s (roll, pitch), 4 rad/s (yaw). With
-these the position loop crosses over at 5 rad/s with a phase margin of 40 degrees; with the vehicle's own mass and
-motors the observer does not take any of it.
+these the position loop crosses over at 5 rad/s with a phase margin of 40 degrees; with exact mass and motor lag the
+observer does not reduce it.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from maxjax.sim.reference import Setpoint
 from maxjax.sim.vehicle import GRAVITY, State, Vehicle
 from maxjax.worlds.geoms import matmul
 
-# Share of the weight that the propellers always carry: enough to steer by, also in the fastest descent.
+# Least collective thrust as a share of the weight: enough moment for attitude control in the fastest descent.
 _FLOOR = 0.3
-# Attitude errors beyond this count as this [rad]: the vehicle turns at p / 3 times it, 2.5 rad/s, at most.
-# Without it large errors ask for more moment than an unloaded vehicle has, and serving them first would lift it.
+# Saturation of the attitude error [rad]; it limits the angular velocity to p / 3 times it, 2.5 rad/s. Without it large
+# errors demand more moment than a vehicle at low thrust has, and their priority would increase the collective thrust.
 _FARTHEST = 0.3
-# Largest turn that the attitude loop is asked for at once [rad].
+# Greatest heading error passed to the attitude loop [rad].
 _TURN = 0.3
 
 
@@ -52,7 +52,7 @@ class Controller:
         attitude: p of roll and pitch [rad/s].
         yaw: p of yaw [rad/s].
         tilt: greatest angle between thrust and the vertical [deg].
-        approach: greatest speed that a position error may ask for on top of the reference [m/s].
+        approach: greatest speed that a position error adds to that of the reference [m/s].
         disturbance: greatest |d̂| along each axis [m/s²].
 
     Raises:
@@ -78,7 +78,7 @@ class Controller:
 
     @property
     def lead(self) -> float:
-        """By how much the acceleration of a reference should be handed over early [s]."""
+        """Time by which the acceleration of a reference should be evaluated in advance [s]."""
         return 3.0 / self.attitude
 
 
@@ -104,8 +104,8 @@ def init(state: State) -> Observer:
 def mix(vehicle: Vehicle, collective: Float[Array, ""], moment: Float[Array, "3"]) -> Float[Array, "4"]:
     """Four thrusts [N] in the motors' range for a collective thrust [N] and moments about body x, y, z [N m].
 
-    Where they do not all fit, roll and pitch are served first (scaled by one factor if they alone are too much), then
-    the collective as near as roll and pitch let it, then as much of yaw as is left.
+    In saturation roll and pitch have priority (scaled by one factor if they alone saturate), then the collective thrust
+    as near as they allow, then as much of yaw as is left.
     """
     inverse = jnp.asarray(np.linalg.inv(vehicle.mixing), moment.dtype)
     level = matmul(inverse[:, 1:3], moment[:2])
@@ -145,10 +145,10 @@ def step(
     up = jnp.array([0.0, 0.0, 1.0])
 
     omega = controller.position
-    wanted = 0.5 * omega * (setpoint.position - state.position)
-    # Smooth, and never longer than `approach`.
-    wanted = wanted / jnp.sqrt(1.0 + jnp.sum(wanted * wanted) / controller.approach**2)
-    acceleration = setpoint.acceleration + 2.0 * omega * (setpoint.velocity + wanted - state.velocity)
+    approach = 0.5 * omega * (setpoint.position - state.position)
+    # Smooth saturation at `controller.approach`.
+    approach = approach / jnp.sqrt(1.0 + jnp.sum(approach * approach) / controller.approach**2)
+    acceleration = setpoint.acceleration + 2.0 * omega * (setpoint.velocity + approach - state.velocity)
     force = _tilted(controller, acceleration - observer.disturbance)
 
     direction = force / jnp.sqrt(jnp.sum(force * force))
@@ -157,15 +157,15 @@ def step(
     command = mix(vehicle, jnp.maximum(collective, 0.0), moment)
 
     dt, rate = vehicle.timestep, controller.observer
-    miss = state.velocity - observer.velocity
+    residual = state.velocity - observer.velocity
     explained = jnp.sum(state.thrust) / vehicle.mass * rotation[:, 2] - GRAVITY * up
-    velocity = observer.velocity + dt * (explained + observer.disturbance + 2.0 * rate * miss)
-    disturbance = observer.disturbance + dt * rate**2 * miss
+    velocity = observer.velocity + dt * (explained + observer.disturbance + 2.0 * rate * residual)
+    disturbance = observer.disturbance + dt * rate**2 * residual
     return Observer(velocity, jnp.clip(disturbance, -controller.disturbance, controller.disturbance)), command
 
 
 def _tilted(controller: Controller, acceleration: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Thrust per mass [m/s²] for an acceleration: never pointing down, height served before the horizontal."""
+    """Thrust per mass [m/s²] for an acceleration: upwards, the vertical component before the horizontal ones."""
     vertical = jnp.clip(acceleration[2] + GRAVITY, _FLOOR * GRAVITY, 3.0 * GRAVITY)
     horizontal = acceleration[:2]
     limit = vertical * np.tan(np.deg2rad(controller.tilt))
@@ -176,14 +176,14 @@ def _tilted(controller: Controller, acceleration: Float[Array, "3"]) -> Float[Ar
 
 
 def _nearby(rotation: Float[Array, "3 3"], yaw: Float[Array, ""]) -> Float[Array, ""]:
-    """The heading, or one on the way to it: a turn in one go would take the attitude's error away from the tilt."""
+    """The heading setpoint at most `_TURN` away, since a large yaw error would take up the saturated attitude error."""
     now = jnp.arctan2(rotation[1, 0], rotation[0, 0])
     turn = yaw - now
     return now + jnp.clip(jnp.arctan2(jnp.sin(turn), jnp.cos(turn)), -_TURN, _TURN)
 
 
 def _attitude(z: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"]:
-    """The rotation of body z along a unit vector and body x as near to the heading as that allows."""
+    """The rotation with body z along a unit vector and body x as near to the heading as possible."""
     heading = jnp.stack([jnp.cos(yaw), jnp.sin(yaw), jnp.zeros_like(yaw)])
     y = jnp.cross(z, heading)
     y = y / jnp.sqrt(jnp.sum(y * y))
@@ -191,16 +191,20 @@ def _attitude(z: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"
 
 
 def _moment(
-    controller: Controller, vehicle: Vehicle, state: State, rotation: Float[Array, "3 3"], wanted: Float[Array, "3 3"]
+    controller: Controller, vehicle: Vehicle, state: State, rotation: Float[Array, "3 3"], desired: Float[Array, "3 3"]
 ) -> Float[Array, "3"]:
     """Moments to command [N m], body frame."""
-    skew = matmul(wanted.T, rotation)
+    skew = matmul(desired.T, rotation)
     skew = 0.5 * (skew - skew.T)
     error = jnp.stack([skew[2, 1], skew[0, 2], skew[1, 0]])
     error = error / jnp.sqrt(1.0 + jnp.sum(error * error) / _FARTHEST**2)
     inertia = jnp.asarray(vehicle.inertia)
     p = jnp.asarray((controller.attitude, controller.attitude, controller.yaw))
     tau = vehicle.motor_lag
-    now = matmul(jnp.asarray(vehicle.mixing[1:], error.dtype), state.thrust)
-    spin = jnp.cross(state.rate, inertia * state.rate)
-    return (1.0 - 3.0 * p * tau) * (now - spin) - tau * inertia * (3.0 * p**2 * state.rate + p**3 * error) + spin
+    moment = matmul(jnp.asarray(vehicle.mixing[1:], error.dtype), state.thrust)
+    gyroscopic = jnp.cross(state.rate, inertia * state.rate)
+    return (
+        (1.0 - 3.0 * p * tau) * (moment - gyroscopic)
+        - tau * inertia * (3.0 * p**2 * state.rate + p**3 * error)
+        + gyroscopic
+    )

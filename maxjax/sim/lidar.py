@@ -1,4 +1,4 @@
-"""A spinning multi-channel LiDAR: a pose in, world points out.
+"""A spinning multi-channel LiDAR: from a pose to points in the world frame.
 
     point = position + rotation · direction · (distance + noise)
 
@@ -6,12 +6,12 @@ Pattern: `channels` elevations spaced evenly from `elevation_min` to `elevation_
 swept over rays / channels azimuths spaced evenly over the full turn; channel-major, azimuth counter-clockwise
 from the sensor's x.
 
-Why -45 to +45 degrees: it is the field of a 90-degree short-range city LiDAR, level with the vehicle. At 3 to
-15 m above a street of 20 m it sees the ground from 3 to 15 m away and facades up to 10 m above itself on
-both sides of the street, at once. A downward hemisphere would miss the bridges and overhangs above, an upward
-one the cars and trees below. What stays unseen are the cones above and below the vehicle. With 64 channels
-and 512 azimuths neighbouring rays are 1.4 and 0.7 degrees apart: at 80 m as far as a voxel of 2 m is high,
-and half of it wide.
+The default -45 to +45 degrees is the vertical field of view of a 90-degree short-range city LiDAR, level with the
+vehicle. At 3 to 15 m above a street 20 m wide it covers the ground from a horizontal distance of 3 to 15 m on and
+facades up to 10 m above the sensor on both sides of the street. A downward hemisphere would not cover bridges and
+overhangs above, an upward one neither cars nor trees below. The cones above and below the vehicle are not covered. With
+64 channels and 512 azimuths neighbouring rays are 1.4 and 0.7 degrees apart: at 80 m a distance of 2 m, the height of a
+voxel, and of 1 m.
 """
 
 from __future__ import annotations
@@ -104,11 +104,11 @@ def scan(
     rotation: Float[Array, "3 3"],
     key: PRNGKeyArray,
 ) -> Scan:
-    """What the sensor measures from a pose; safe under `jit` and `vmap` over geoms, poses and keys.
+    """One scan from a pose; safe under `jit` and `vmap` over geoms, poses and keys.
 
     Args:
         geoms: one scene.
-        lidar: sensor model, static: `jit` takes it without further marks.
+        lidar: sensor model; static, registered as such for `jit`.
         position: of the sensor, world frame [m].
         rotation: sensor frame -> world frame.
         key: for range noise and dropout.

@@ -15,8 +15,8 @@ has all the others within twice its width; hence the sum is at most b T / 6 of t
 start with the opposite sign keep x̃(0) = x(0), and widths that end before the path does keep its last point.
 
 Speed ṡ = v along s, in three limits: v ≤ caps and limits.speed; |x̃''| v² ≤ lateral; |v̇| ≤ acceleration. With v² for
-the unknown, the last is a slope: the backward pass is the lower envelope min_j (v_j² + 2 a |s − s_j|) over the points
-to come, the forward pass that over the points passed, each one cumulative minimum. v̇ is constant between samples. As
+the unknown, the last is a bound of the slope: the backward pass is the lower envelope min_j (v_j² + 2 a |s − s_j|) over
+later points, the forward pass that over earlier points, each one cumulative minimum. v̇ is constant between samples. As
 |x̃'| ≤ 1 up to the interplay of unequal widths (which is divided out), no acceleration exceeds acceleration +
 lateral.
 """
@@ -34,23 +34,23 @@ from maxjax.worlds.geoms import matmul
 
 # Edges shorter than this [m] count as repeated points.
 _SHORTEST = 1e-3
-# Blending widths to choose from [m]: 4 m make every corner that can be flown at 5 m/s at all within 0.3 m fast.
+# Candidate blending widths [m]: with 4 m every corner that 0.3 m of deviation allows at 5 m/s is flown at 5 m/s.
 _WIDTHS = tuple(4.0 * 2.0 ** (-k / 2) for k in range(10))
-# Stands for "never" among times [s]; finite, so that nothing is ever inf - inf.
+# Represents "never" among times [s]; finite, so that no difference is inf - inf.
 _NEVER = 1e6
 
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What a reference may ask for; static.
+    """Limits of a reference; static.
 
     Attributes:
         speed: greatest speed [m/s].
         acceleration: along the path, speeding up and braking [m/s²].
         lateral: across the path, in curves [m/s²].
         braking: deceleration where the start speed is too high for `acceleration` to meet a cap [m/s²].
-        deviation: how far rounded corners may leave the path [m].
+        deviation: greatest distance of rounded corners from the path [m].
         spacing: of the samples, arc length of the path [m].
         samples: their number; the reference ends after spacing * (samples - 1) metres of path.
 
@@ -100,7 +100,7 @@ class Reference:
     """A course with its times; batch axes lead.
 
     Attributes:
-        course: where.
+        course: the curve.
         speed: ds/dt at the samples [m/s].
         time: at which each sample is reached, from the start of the reference [s]; 1e6 and more for "never".
         duration: time at which it comes to rest [s].
@@ -117,7 +117,7 @@ class Reference:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Setpoint:
-    """What the controller follows at one moment; batch axes lead.
+    """Desired state at one time, which the controller tracks; batch axes lead.
 
     Attributes:
         position: [m].
@@ -163,7 +163,7 @@ def sample(path: Float[Array, "n 3"], limits: Limits) -> Course:
 
     Returns:
         `limits.samples` samples, `limits.spacing` apart along the path, the first one its start. No point of the
-        curve through them is further than `limits.deviation` from the path. What lies beyond the last is left out.
+        curve through them is further than `limits.deviation` from the path. Longer paths are cut off.
 
     Raises:
         ValueError: for wrong shapes.
@@ -192,7 +192,7 @@ def sample(path: Float[Array, "n 3"], limits: Limits) -> Course:
     near = jnp.maximum(1.0 - jnp.abs(away) / width, 0.0)
     mirrored = jnp.maximum(1.0 - (s[:, None] + corner) / width, 0.0)
     shift = matmul((near**3 - mirrored**3) * width / 6.0, turn)
-    # On a corner itself `edge` is the one behind it, as here.
+    # At a corner itself `edge` is the edge after it; the sign here agrees with that.
     lean = matmul(0.5 * (jnp.where(away < 0.0, near**2, -(near**2)) + mirrored**2), turn)
     nearest = jnp.maximum(1.0 - jnp.maximum(jnp.abs(away) - 0.5 * limits.spacing, 0.0) / width, 0.0)
     image = jnp.maximum(1.0 - (s[:, None] + corner + 0.5 * limits.spacing) / width, 0.0)
@@ -213,7 +213,7 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
 
     Returns:
         The reference. It begins with `start_speed` whatever the caps are: where `limits.acceleration` cannot meet
-        them it brakes as hard as it needs to, up to `limits.braking`; where that is too little, `excess` says so.
+        them it brakes with the least sufficient deceleration up to `limits.braking`; `excess` remains above the caps.
 
     Raises:
         ValueError: for wrong shapes.
@@ -224,20 +224,20 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
             f"profile: expected {limits.samples} samples and caps and one start speed, given {s.shape}, {caps.shape} "
             f"and {start_speed.shape}; use vmap for batches"
         )
-    goes_on = lax.cummin(((caps > 0.0) & (s < s[-1])).astype(jnp.int32)).astype(bool)
-    # The three limits as squares: bends and lengths that are 0 limit nothing.
+    moving = lax.cummin(((caps > 0.0) & (s < s[-1])).astype(jnp.int32)).astype(bool)
+    # The three limits as squares; without bend or length there is no limit.
     allowed = jnp.minimum(
         jnp.square(limits.speed / jnp.maximum(_norm(course.tangent), 1.0)),
         limits.lateral / jnp.maximum(course.bend, 1e-6),
     )
-    allowed = jnp.where(goes_on, jnp.minimum(allowed, jnp.square(jnp.where(goes_on, caps, 0.0))), 0.0)
+    allowed = jnp.where(moving, jnp.minimum(allowed, jnp.square(jnp.where(moving, caps, 0.0))), 0.0)
 
     start = jnp.square(jnp.maximum(start_speed, 0.0))
     rise = 2.0 * limits.acceleration * s
     backward = lax.cummin(allowed + rise, reverse=True) - rise
-    # The least deceleration that meets every cap, then the speed that no braking can avoid.
-    following = s > 0.0
-    needed = jnp.max(jnp.where(following, (start - allowed) / jnp.where(following, 2.0 * s, 1.0), 0.0))
+    # The least deceleration that meets every cap, then the speed that remains with it.
+    later = s > 0.0
+    needed = jnp.max(jnp.where(later, (start - allowed) / jnp.where(later, 2.0 * s, 1.0), 0.0))
     unavoidable = start - 2.0 * jnp.clip(needed, limits.acceleration, limits.braking) * s
     forward = jnp.maximum(backward, unavoidable).at[0].set(start)
     square = jnp.maximum(lax.cummin(forward - rise) + rise, 0.0)
@@ -246,10 +246,10 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
     mean = 0.5 * (speed[1:] + speed[:-1])
     moves = mean > 0.0
     takes = jnp.where(moves, jnp.diff(s) / jnp.where(moves, mean, 1.0), _NEVER)
-    # A path that ends or has not started has no length left to cover.
+    # Between samples without motion no time passes for `duration`.
     time = jnp.concatenate([jnp.zeros(1), jnp.cumsum(takes)])
     duration = jnp.sum(jnp.where(moves, takes, 0.0))
-    excess = jnp.max(jnp.where(following, speed - _sqrt(allowed), 0.0))
+    excess = jnp.max(jnp.where(later, speed - _sqrt(allowed), 0.0))
     return Reference(course, speed, time, duration, jnp.where(excess > 1e-2, excess, 0.0))
 
 
@@ -260,9 +260,9 @@ def evaluate(
 
     Args:
         reference: from `profile`.
-        time: since its start [s]; before 0 it waits at its start, after `duration` it rests where it came to.
-        yaw: handed through [rad].
-        lead: the acceleration is that of `lead` seconds later, for a controller whose thrust lags.
+        time: since its start [s]; before 0 it rests at its start, after `duration` at its end.
+        yaw: heading of the setpoint [rad].
+        lead: the acceleration is that `lead` seconds later, which compensates the lag of the thrust [s].
     """
     position, velocity, acceleration = _at(reference, time)
     if lead:
@@ -281,10 +281,10 @@ def _at(reference: Reference, time: Float[Array, ""]) -> tuple[Array, Array, Arr
     gain = jnp.where(step > 0.0, (w * w - v * v) / (2.0 * width), 0.0)
     done = passed > s.size - 2
     rests = done | (time < 0.0) | (v + w <= 0.0) | (step <= 0.0)
-    since = jnp.where(rests, 0.0, time - reference.time[i])
-    speed = jnp.where(rests, 0.0, v + gain * since)
-    # Cubic in s: exact between samples but where a blend begins, ends or peaks between them.
-    h = jnp.clip((v * since + 0.5 * gain * since * since) / width, 0.0, 1.0)
+    elapsed = jnp.where(rests, 0.0, time - reference.time[i])
+    speed = jnp.where(rests, 0.0, v + gain * elapsed)
+    # Cubic in s: exact between samples, except where a blend begins, ends or has its maximum between them.
+    h = jnp.clip((v * elapsed + 0.5 * gain * elapsed * elapsed) / width, 0.0, 1.0)
     a, b = course.points[i], course.points[i + 1]
     ta, tb = course.tangent[i] * width, course.tangent[i + 1] * width
     c2, c3 = 3.0 * (b - a) - 2.0 * ta - tb, 2.0 * (a - b) + ta + tb

@@ -6,13 +6,13 @@
 
 f_i are the thrusts [N] at r_i in the body frame (x forward, y left, z up), s_i the sense of the propeller's drag, u_i
 the commanded thrusts, w the wind. D and M are MuJoCo's drag on the box whose inertia is the body's. One `step` is one
-`mjx.step` of a model without contacts and constraints: the city does not take part in the physics.
+`mjx.step` of a model without contacts and constraints; collisions are detected by exact distances instead.
 
 Velocity and wind are in the world frame, the angular velocity in the body frame, quaternions are (w, x, y, z), body
 -> world.
 
-Mass, inertia, arms, thrust range and yaw moment are those of the Skydio X2 as MuJoCo Menagerie publishes them. The
-motors' lag is not published: 0.03 s is usual for propellers of that size.
+Mass, inertia, arms, thrust range and yaw moment are those of the Skydio X2 in MuJoCo Menagerie. The motors' lag is not
+published; 0.03 s is typical of propellers of that size.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-# On a machine without Warp the import says so on standard output, which belongs to the program's results.
+# Without Warp the import prints a message on standard output, which is reserved for results.
 with contextlib.redirect_stdout(sys.stderr):
     from mujoco import mjx
 
@@ -52,7 +52,7 @@ class Vehicle:
         timestep: of one `step` [s].
 
     Raises:
-        ValueError: for values that no body can have, or a vehicle that cannot hover.
+        ValueError: for values that are not physical, or a vehicle that cannot hover.
     """
 
     mass: float = 1.325
@@ -82,7 +82,7 @@ class Vehicle:
 
     @property
     def hover(self) -> float:
-        """Thrust of one motor that carries a quarter of the weight [N]."""
+        """Thrust of one motor in hover, a quarter of the weight [N]."""
         return self.mass * GRAVITY / 4.0
 
     @property
@@ -96,7 +96,7 @@ class Vehicle:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
-    """Everything that evolves; batch axes lead.
+    """State of the vehicle; batch axes lead.
 
     Attributes:
         position: of the centre of mass, world frame [m].
@@ -125,7 +125,7 @@ class State:
 
 
 def hover(vehicle: Vehicle, position: Float[Array, "*batch 3"], yaw: float | Float[Array, "*#batch"] = 0.0) -> State:
-    """At rest, level, motors carrying the weight.
+    """The state at rest, level, with thrust equal to the weight.
 
     Args:
         vehicle: static.
@@ -154,7 +154,7 @@ def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
         f'ctrllimited="true" ctrlrange="0 {vehicle.thrust}"/>'
         for i, moment in enumerate(vehicle.mixing[3])
     )
-    # The sparse form factors the mass matrix without calls to a linear algebra library: half the time in a batch.
+    # The sparse Jacobian factors the mass matrix without calls to a linear algebra library: half the time in a batch.
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
           <option timestep="{vehicle.timestep}" gravity="0 0 {-GRAVITY}" density="{vehicle.density}"
@@ -174,7 +174,7 @@ def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
 
 @functools.lru_cache(maxsize=8)
 def _model_and_data(vehicle: Vehicle) -> tuple[mjx.Model, mjx.Data]:
-    """Model and data to fill in, on the host: an array of a device would belong to the mesh it was first traced in."""
+    """Model and data as templates, on the host: device arrays would be bound to the mesh of their first trace."""
     model = mujoco_model(vehicle)
     with jax.ensure_compile_time_eval():
         pair: tuple[mjx.Model, mjx.Data] = jax.tree.map(np.asarray, (mjx.put_model(model), mjx.make_data(model)))
@@ -184,17 +184,17 @@ def _model_and_data(vehicle: Vehicle) -> tuple[mjx.Model, mjx.Data]:
 def step(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float[Array, "3"]) -> State:
     """One time step; pure, safe under `jit`, `vmap`, `grad` and `lax.scan`.
 
-    Only the state is carried: everything else in MJX's data follows from it and is made anew, so XLA drops what the
-    next state does not need.
+    Only the state is carried. The rest of MJX's data follows from it and is recomputed, so XLA eliminates what the next
+    state does not depend on.
 
     Args:
         vehicle: static.
         state: of one vehicle; `vmap` for batches.
-        command: thrusts wanted [N], clipped to what the motors give.
+        command: thrusts [N], clipped to the motors' range.
         wind: velocity of the air, world frame [m/s].
 
     Returns:
-        The state `vehicle.timestep` later. What is not finite stays within its trial.
+        The state `vehicle.timestep` later.
 
     Raises:
         ValueError: for wrong shapes.
@@ -238,8 +238,8 @@ def gust(
 
     Args:
         gusts: static.
-        now: gust [m/s]; deviation times a standard normal at the beginning.
-        noise: standard normal numbers, new for each call.
+        now: gust [m/s]; initially deviation times standard normal numbers.
+        noise: standard normal numbers, independent for each call.
         dt: [s].
     """
     decay = np.exp(-dt / np.asarray(gusts.time))

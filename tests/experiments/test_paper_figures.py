@@ -43,7 +43,7 @@ def folder(tmp_path: Path) -> Path:
     ledger.append(
         [outcome(0, "OK", 71.2), outcome(1, "OK", 71.5), outcome(2, "OK", 95.0), outcome(3, "IN_CONTACT", 50.0)]
     )
-    ledger.keep_positions(range(4), lines)
+    ledger.record_positions(range(4), lines)
     return tmp_path / "flights"
 
 
