@@ -25,8 +25,11 @@ from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import Route, Stopwatch, climb, judge
+from maxjax.planning.climb import climb
+from maxjax.planning.plan import judged
+from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten
+from maxjax.planning.task import Task
 
 _climb = jax.jit(climb, static_argnames="settings")
 _tighten = jax.jit(tighten)
@@ -75,14 +78,11 @@ def rows_of(
 def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Climb every field from every start; figures over the starts from which all of them arrived."""
     plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
-    count = len(scene.starts)
-    starts, goals = np.asarray(scene.starts), np.broadcast_to(scene.goal, (count, 3))
-    margins = [float(problem.margin) for problem in scene.problems]
-    blocked = np.stack([np.asarray(problem.blocked) for problem in scene.problems])
-    obstacles = np.broadcast_to(scene.occupied & ~scene.ground, blocked.shape)
-    own = np.arange(count)
+    dilated = jax.tree.map(lambda *x: np.stack(x), *(problem.dilated for problem in scene.problems))
+    task = Task.of(scene.occupied, np.asarray(scene.starts), scene.goal, scene.grid, 0.0, scene.ground)
     for name, phi in fields.items():
-        routes, climbed = [], []
+        routes: list[Route] = []
+        climbed: list[float] = []
         for problem in scene.problems:
             for steps in (512, 2048, 8192):
                 path, arrived, bits = _climb(
@@ -90,16 +90,15 @@ def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any
                 )
                 if arrived:
                     break
-            status = maxjax.Status.OK if arrived else maxjax.Status.PATH_STALLED
-            routes.append(Route(np.asarray(_tighten(bits, path)), status, certified=False))
+            taut = np.asarray(_tighten(bits, path))
+            routes.append(found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED))
             climbed.append(scene.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum()))
-        judged = judge(routes, starts, goals, own, margins, blocked, obstacles, scene.grid, Stopwatch(), name)
-        plans[name] = list(zip(judged, climbed, strict=True))
+        plans[name] = list(zip(judged(routes, task, dilated, name), climbed, strict=True))
     shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.starts))]
     figures: dict[str, dict[str, Any]] = {}
-    for name, found in plans.items():
-        figures[name] = {"starts": len(found), "arrived": sum(p.status == maxjax.Status.OK for p, _ in found)}
-        both = list(itertools.compress(found, shared))
+    for name, own in plans.items():
+        figures[name] = {"starts": len(own), "arrived": sum(p.status == maxjax.Status.OK for p, _ in own)}
+        both = list(itertools.compress(own, shared))
         if both:
             figures[name] |= {
                 "ascent_m": round(statistics.mean(climbed for _, climbed in both), 2),

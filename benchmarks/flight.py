@@ -32,6 +32,7 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
 from maxjax.campaigns.outcomes import Table
 from maxjax.core.status import Status
+from maxjax.methods import METHODS
 from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
 
 _STAGES = ("sense", "fuse", "plan", "follow")
@@ -60,13 +61,14 @@ class Config:
     out: Path = RESULTS
 
 
-def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  # noqa: B008 (frozen)
+def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     """Time flights, then stages; save and return the rows.
 
     Args:
         config: settings.
-        flight: how to fly.
+        flight: how to fly. None: the defaults.
     """
+    flight = FlightConfig(find=METHODS["solver"].flying()) if flight is None else flight
     rows: list[Row] = []
     file = "flight_devices" if config.devices else "flight"
 
@@ -76,7 +78,7 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
         keep(file, config, rows, config.out)
 
     for name in config.maps:
-        campaign = Campaign(name, 0, range(max(config.batches)), config=flight)
+        campaign = Campaign(name, 0, range(max(config.batches)), method=METHODS["solver"], config=flight)
         if config.devices:
             for count, size, figures in _scaling(campaign, config):
                 add(f"devices, {name}", size, {"devices": count, **figures})
@@ -87,7 +89,7 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
         for stage, figures in _stages(campaign, drawn, max(config.batches), config.repeats):
             add(f"stage, {name}: {stage}", max(config.batches), figures)
         if config.astar:
-            few = dataclasses.replace(campaign, trials=range(config.astar), method="astar")
+            few = dataclasses.replace(campaign, trials=range(config.astar), method=METHODS["astar"])
             add(f"A* in the loop, {name}", config.astar, _flights(few, draw_trials(few), config.astar, 1, 1))
     save(file, config, rows, config.out)
     return rows

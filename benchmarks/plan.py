@@ -29,8 +29,10 @@ import tyro
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
 from benchmarks.common.problems import Problem, problems
-from maxjax.api import path_finder
-from maxjax.planning.planner import plan_path
+from maxjax.methods import METHODS
+from maxjax.planning.climb import Climb
+from maxjax.planning.execute import plan_one, staged
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 
 _PROBE = """
@@ -99,10 +101,9 @@ def _plan_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list[
         )  # fmt: skip
 
     def run_in_stages(problem: Problem, method: str) -> maxjax.Plan:
-        return plan_path(
-            path_finder(method), problem.occupied, problem.start, problem.goal, grid,
-            margin=config.margin, ground=problem.ground, method=method,
-        )  # fmt: skip
+        task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, config.margin, problem.ground)
+        find = METHODS[method].finder()
+        return plan_one(task, staged(find) if isinstance(find, Climb) else find, method)
 
     rows: list[Row] = []
     ways = [("plan, solver", "solver", run), ("plan, astar", "astar", run)]

@@ -56,13 +56,13 @@ from benchmarks import field_paths, linear_solvers
 from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show, timed_row
 from benchmarks.common.problems import problems
 from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
-from maxjax.planning.problem import pose
+from maxjax.planning.problem import formulate
 from maxjax.worlds.scenes import MAPS
 
 _COPIED = 2**26  # numbers; far beyond any cache
 
 _solve = jax.jit(maxjax.solve_potential)
-_pose = jax.jit(pose, static_argnames=("margin", "grid"))
+_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
 
 _PROBE = """
 import json, sys
@@ -235,12 +235,11 @@ def _batch_rows(bandwidth: float, config: Config) -> list[Row]:
     sources = [iter(problems(name, -(-most // len(config.maps)), config.seed, grid)) for name in config.maps]
     systems = []
     for problem in itertools.chain.from_iterable(zip(*sources, strict=True)):
-        ends = jnp.asarray(problem.start), jnp.asarray(problem.goal)
-        posed = _pose(
-            jnp.asarray(problem.occupied), jnp.asarray(problem.ground), *ends, margin=config.margin, grid=grid
-        )
-        if posed.status == maxjax.Status.OK:
-            systems.append((maxjax.conductivity(posed.blocked, posed.goal_index, grid), posed.goal_index))
+        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
+        maps = jnp.asarray(problem.occupied), jnp.asarray(problem.ground)
+        found = _formulate(*maps, ends, margin=config.margin, grid=grid)
+        if found.status == maxjax.Status.OK:
+            systems.append((maxjax.conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     solve = jax.jit(jax.vmap(maxjax.solve_potential))
     rows: list[Row] = []
     for batch in config.batches:

@@ -5,7 +5,7 @@
     python -m benchmarks.profile --scenes --plans --cities 1 2          # GPUs of one host: 1 minute
 
 Random problems of the three maps (offline protocol, margin 8 m), 101³ voxels. `solve` rows: `solve_potential` under
-`vmap`, on scenes that lie on the device; `plan` rows: pose, solve, ascend and tighten as one program, as
+`vmap`, on scenes that lie on the device; `plan` rows: formulate, solve, ascend and tighten as one program, as
 `maxjax.plan_batch` runs it. Each is traced by JAX's profiler after a warm-up. A kernel is booked on the innermost
 `jax.named_scope` of the instruction whose name it bears, or on `other`; `waits` are copies to the host, by which a loop
 asks whether to go on. `us` is the sum of kernel times a call, `kernels` their number; `wall` is the time of a call that
@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import tyro
 from jax.profiler import ProfileData
@@ -43,15 +44,15 @@ from benchmarks import city_scale
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.problems import problems
 from maxjax.fields.conductivity import conductivity
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import route
-from maxjax.planning.problem import Problem, pose
+from maxjax.planning.climb import Climb
+from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.route import Route
 from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.walk import padded
 from maxjax.worlds.scenes import MAPS
 
 STEPS = (
-    "pose", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",
+    "formulate", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",
     "conjugate gradients", "certify", "ascend", "tighten",
 )  # fmt: skip
 # Kernels that are no step of the method, by their names.
@@ -101,12 +102,14 @@ def main(config: Config) -> list[Row]:
 def _of_problems(config: Config) -> list[Row]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape)
     rows: list[Row] = []
+    climb = Climb(solve_potential)
 
-    def posed(occupied: Array, ground: Array, start: Array, goal: Array) -> Problem:
-        return pose(occupied | ground, ground, start, goal, config.margin, grid)
+    def formulated(occupied: Array, ground: Array, start: Array, goal: Array) -> Problem:
+        ends = grid.fractional_index(jnp.stack([start, goal]))
+        return formulate(occupied | ground, ground, ends, config.margin, grid)
 
-    def plan(*problem: Array) -> tuple[Array, Array, Array]:
-        return route(posed(*problem), grid, solve_potential, Ascent())
+    def plan(*problem: Array) -> Route:
+        return climb(formulated(*problem), grid)
 
     most = _arrays(max((*config.scenes, *config.plans)), grid, config)
 
@@ -114,7 +117,7 @@ def _of_problems(config: Config) -> list[Row]:
         return tuple(array[:count] for array in most)
 
     for count in config.scenes:
-        found = jax.jit(jax.vmap(posed))(*first(count))
+        found = jax.jit(jax.vmap(formulated))(*first(count))
         sigma = jax.jit(jax.vmap(lambda blocked, goal: conductivity(blocked, goal, grid)))(
             found.blocked, found.goal_index
         )

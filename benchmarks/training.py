@@ -26,7 +26,7 @@ from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
 from maxjax.nn.recipes import RECIPES, Training
 from maxjax.nn.training import copied, data_mesh, epoch_program, start
-from maxjax.planning.problem import pose
+from maxjax.planning.problem import formulate
 
 # Scenes of the paper's training set, and how many different ones are drawn here.
 _PAPER, _DRAWN = 749, 8
@@ -80,9 +80,9 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     labelled = jax.jit(label, static_argnames=("grid",))
     each = []
     for problem in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid):
-        ends = jnp.asarray(problem.start), jnp.asarray(problem.goal)
-        posed = pose(jnp.asarray(problem.occupied), jnp.asarray(problem.ground), *ends, 0.0, grid)
-        each.append(labelled(posed.blocked, posed.goal_index, grid))
+        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
+        found = formulate(jnp.asarray(problem.occupied), jnp.asarray(problem.ground), ends, 0.0, grid)
+        each.append(labelled(found.blocked, found.goal_index, grid))
     chosen = jnp.arange(config.scenes) % len(each)
     repeated: Scenes = jax.tree.map(lambda *leaves: jnp.stack(leaves)[chosen], *each)
     return repeated

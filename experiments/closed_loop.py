@@ -28,6 +28,7 @@ from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
+from maxjax.methods import method_named
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig
 
@@ -61,12 +62,12 @@ class Config:
     out: Path = RESULTS
 
 
-def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  # noqa: B008 (frozen)
+def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     """Fly every combination; save and return a row for each.
 
     Args:
         config: settings.
-        flight: how to fly; `conditions` takes the place of its disturbances.
+        flight: how to fly, None: the defaults; `conditions` takes the place of its disturbances.
     """
     unknown = [name for name in config.conditions if name not in SETS]
     if unknown:
@@ -75,8 +76,10 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
     for name in config.maps:
         for method in config.methods:
             for condition in config.conditions:
-                disturbed = dataclasses.replace(flight, disturbances=SETS[condition])
-                campaign = Campaign(name, config.seed, range(config.trials), method, disturbed)
+                chosen = method_named(method)
+                calm = FlightConfig(find=chosen.flying()) if flight is None else flight
+                disturbed = dataclasses.replace(calm, disturbances=SETS[condition])
+                campaign = Campaign(name, config.seed, range(config.trials), method=chosen, config=disturbed)
                 folder = None if config.keep is None else config.keep / f"{name}-{method}-{condition}"
                 begun = time.perf_counter()
                 outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]

@@ -39,7 +39,7 @@ from maxjax.nn.autoencoder import Params, apply, apply_folded, init
 from maxjax.nn.encoding import encode
 from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
-from maxjax.planning.problem import pose
+from maxjax.planning.problem import formulate
 from maxjax.solvers.potential import Potential, solve_potential
 
 RESULTS = Path(__file__).parent / "results"
@@ -101,10 +101,10 @@ def main(config: Config) -> list[Row]:
     by: dict[str, Callable[..., Potential]] = {"solver": solve_potential}
     by |= {name: functools.partial(certified_from, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
     grid = Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
-    posed = [_posed(name, config, grid) for name in config.maps]
+    systems = [_systems(name, config, grid) for name in config.maps]
     for method, potential in by.items():
         solve = jax.jit(potential)
-        for name, given in zip(config.maps, posed, strict=True):
+        for name, given in zip(config.maps, systems, strict=True):
             rows.append(_certificate(method, name, solve, given, config.repeats))
             print(rows[-1], file=sys.stderr)
             keep(config.name, config, rows, config.out)
@@ -145,12 +145,13 @@ def _forward(model: Model, config: Config) -> list[Row]:
 Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]
 
 
-def _posed(name: str, config: Config, grid: Grid) -> list[Given]:
+def _systems(name: str, config: Config, grid: Grid) -> list[Given]:
     """Conductivity and goal of each problem, at the margin that the planner takes."""
     given: list[Given] = []
     for problem in problems(name, config.problems, config.seed, grid):
         voxels = jnp.asarray(problem.occupied), jnp.asarray(problem.ground)
-        found = pose(*voxels, jnp.asarray(problem.start), jnp.asarray(problem.goal), 8.0, grid)
+        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
+        found = formulate(*voxels, ends, 8.0, grid)
         given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     return given
 

@@ -34,8 +34,10 @@ from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import judge
 from benchmarks.common.problems import Problem, case_of, problems
 from experiments.offline_table import failures, network
-from maxjax.planning.batch import plan_paths
-from maxjax.planning.planner import Plan, PotentialFn
+from maxjax.planning.climb import Climb, PotentialFn
+from maxjax.planning.execute import plan_task
+from maxjax.planning.plan import Plan
+from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
 
 RESULTS = Path(__file__).parent / "results"
@@ -167,9 +169,7 @@ def _rows(
         )
         start, goal = (np.stack([getattr(city, end)[k] for city, k in chunk]) for end in ("start", "goal"))
         for place, (method, potential) in enumerate(potentials.items()):
-            plans = plan_paths(
-                potential, occupied, start, goal, grid, margin=config.margin, ground=ground, method=method
-            )
+            plans = plan_task(Task.of(occupied, start, goal, grid, config.margin, ground), Climb(potential), method)
             tally = tallies[method]
             tally.compile_s += sum(plan.timings["compile"] for plan in plans)
             tally.seconds += sum(plan.timings["total"] for plan in plans)

@@ -23,7 +23,6 @@ second problem.
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -39,30 +38,20 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER
 from benchmarks.common.problems import Problem, problems
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.api import METHODS, path_finder
+from maxjax.methods import METHODS
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import (
-    NO_PATH,
-    PathFinder,
-    PotentialFn,
-    Route,
-    Stage,
-    Stopwatch,
-    climb,
-    field_path,
-    plan_path,
-)
-from maxjax.planning.problem import Problem as Posed
-from maxjax.planning.string_pulling import tighten
+from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, PotentialFn
+from maxjax.planning.execute import plan_one, staged, with_longer_ascents
+from maxjax.planning.problem import Problem as Formulated
+from maxjax.planning.recorder import timed
+from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.planning.task import Task
 
 RESULTS = Path(__file__).parent / "results"
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}
 _CITY = {"downtown": "LA Night City", "suburb": "London White City"}
-
-_CLIMB = Stage("ascend", climb, static=("settings",))
-_TIGHTEN = Stage("tighten", tighten)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,11 +102,11 @@ def main(config: Config) -> list[Row]:
     finders: dict[str, PathFinder] = {}
     rows: list[Row] = []
     for method in config.methods:
-        found = finder(method)
-        if isinstance(found, str):
-            rows.append({"map": "", "method": method, "left_out": found})
+        one = finder(method)
+        if isinstance(one, str):
+            rows.append({"map": "", "method": method, "left_out": one})
         else:
-            finders[method] = found
+            finders[method] = one
     for name in config.maps:
         rows += _rows(name, finders, config, grid)
     save("offline_table", config, rows, config.out)
@@ -130,14 +119,17 @@ def finder(method: str) -> PathFinder | str:
     Raises:
         ValueError: for an unknown name.
     """
-    if method == "rrtstar" and importlib.util.find_spec("ompl") is None:
-        return "OMPL is not installed"
-    if method in METHODS and method != "network":
-        return path_finder(method)
     if method == "fast marching":
         return fast_marching
-    potential = network(method)
-    return potential if isinstance(potential, str) else field_path(potential)
+    if method not in METHODS or method == "network":
+        potential = network(method)
+        return potential if isinstance(potential, str) else staged(Climb(potential))
+    try:
+        METHODS[method].check()
+    except ImportError as error:
+        return str(error)
+    find = METHODS[method].finder()
+    return staged(find) if isinstance(find, Climb) else find
 
 
 def network(method: str) -> PotentialFn | str:
@@ -155,22 +147,24 @@ def network(method: str) -> PotentialFn | str:
     return network_potential(model, 0 if alone else MAX_SWEEPS)
 
 
-def fast_marching(problem: Posed, grid: maxjax.Grid, watch: Stopwatch) -> Route:
-    """The path finder that descends scikit-fmm's travel time, as `field_path` climbs a potential."""
+def fast_marching(problem: Formulated, grid: maxjax.Grid) -> Route:
+    """The path finder that descends scikit-fmm's travel time, as `Climb` climbs a potential."""
     blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
-    with watch.stage("march"):
+    with timed("march"):
         labels, _ = ndimage.label(~blocked)
         component = np.asarray(labels == labels[goal])
         march = marching(component, goal)["scikit-fmm, fast marching"]
         if march is None:
             raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
         phi = as_potential(march(), component, goal)
-    for steps in (512, 2048, 8192):
-        ends = problem.start, problem.goal
-        path, arrived, bits = _CLIMB(watch, phi, problem.blocked, *ends, settings=Ascent(steps=steps))
-        if arrived:
-            return Route(np.asarray(_TIGHTEN(watch, bits, path)), maxjax.Status.OK, certified=False)
-    return Route(NO_PATH, maxjax.Status.PATH_STALLED, certified=False)
+
+    def attempt(_: np.ndarray, settings: Ascent) -> list[Route]:
+        path, arrived, codes = ASCEND(phi, problem.blocked, problem.start, problem.goal, settings=settings)
+        taut = np.asarray(TIGHTEN(codes, path))
+        return [found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)]
+
+    (route,) = with_longer_ascents(attempt, 1, Ascent())
+    return route
 
 
 def solvable(problem: Problem, grid: maxjax.Grid) -> bool:
@@ -201,16 +195,8 @@ def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxja
         asked += 10
 
     def run(problem: Problem, method: str) -> maxjax.Plan:
-        return plan_path(
-            finders[method],
-            problem.occupied | problem.ground,
-            problem.start,
-            problem.goal,
-            grid,
-            margin=config.margin,
-            ground=problem.ground,
-            method=method,
-        )
+        task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, config.margin, problem.ground)
+        return plan_one(task, finders[method], method)
 
     compile_s = {method: run(posed[0], method).timings["compile"] for method in finders}
     plans: dict[str, list[maxjax.Plan]] = {method: [] for method in finders}

@@ -42,11 +42,11 @@ from benchmarks.common.oracle import judge
 from benchmarks.common.problems import Problem, case_of, draw_ends
 from experiments import random_problems as offline
 from maxjax.campaigns import trials as rules
-from maxjax.campaigns.campaign import FINDERS
 from maxjax.campaigns.outcomes import on_host
 from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm
+from maxjax.methods import method_named
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.real_city import TOLERANCE, city, crop, footprint_rows, inside, inside_boxes
@@ -179,12 +179,12 @@ def _fit(buildings: list[Footprint], rows: list[np.ndarray]) -> tuple[float, flo
     return excess / area, missed / area
 
 
-def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  # noqa: B008 (frozen)
+def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     """Measure, plan, fly, save.
 
     Args:
         config: settings.
-        flight: how to fly; `config.methods` take the place of its path finder.
+        flight: how to fly, None: the defaults; `config.methods` take the place of its path finder.
     """
     cities = {name: windows(tuple(config.data / file for file in files), config) for name, files in CITIES.items()}
     most = max(len(one.rows) for found in cities.values() for one in found)
@@ -201,7 +201,8 @@ def main(config: Config, flight: FlightConfig = FlightConfig()) -> list[Row]:  #
             add({"city": name, "part": "offline", **_offline(name, found, slots, config, pool)})
     for method in config.methods if config.trials else ():
         for name, found in cities.items():
-            settings = dataclasses.replace(flight, find=FINDERS[method])
+            find = method_named(method).flying()
+            settings = FlightConfig(find=find) if flight is None else dataclasses.replace(flight, find=find)
             row = _closed_loop(name, found, slots, settings, config)
             add({"city": name, "part": "closed loop", "method": method, **row})
     save("real_cities", config, rows, config.out)

@@ -9,8 +9,9 @@ if TYPE_CHECKING:
     from maxjax.core.status import Status
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
+    from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
-    from maxjax.planning.planner import Plan
+    from maxjax.planning.plan import Plan
     from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "Verification",
     "conductivity",
     "dilate",
+    "load_model",
     "plan",
     "plan_batch",
     "plan_fleet",
@@ -40,8 +42,9 @@ _MODULES = {
     "maxjax.core.status": ("Status",),
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
+    "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),
-    "maxjax.planning.planner": ("Plan",),
+    "maxjax.planning.plan": ("Plan",),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
 }
 

@@ -1,109 +1,45 @@
-"""Planning by name: which planner a method means, inputs checked once.
-
-solver     climbs the exact conduction potential
-network    climbs a predicted one, improved until it is certified
-astar      searches the dilated grid
-rrtstar    samples it (OMPL's, extra `bench`)
-apf        descends an artificial potential field
-"""
+"""Planning by name (`maxjax.methods`): one problem, many, a fleet, or a scan; inputs are checked once, as a `Task`."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from typing import overload
+from collections.abc import Iterator, Sequence
+from typing import Any, overload
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Bool, Real
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.occupancy import rungs, voxelize
-from maxjax.nn.model import network_potential
-from maxjax.planning.baselines.apf import apf
-from maxjax.planning.baselines.astar import astar
-from maxjax.planning.baselines.rrt_star import rrt_star
-from maxjax.planning.batch import one_by_one, plan_paths
-from maxjax.planning.fleet import plan_swarm
-from maxjax.planning.planner import (
-    PathFinder,
-    Plan,
-    PotentialFn,
-    Route,
-    Stopwatch,
-    field_path,
-)
-from maxjax.planning.problem import Problem
+from maxjax.fields.occupancy import voxelize
+from maxjax.methods import METHODS, method_named
+from maxjax.planning.climb import Climb
+from maxjax.planning.execute import plan_task
+from maxjax.planning.fleet import plan_fleet as plan_starts
+from maxjax.planning.plan import Plan, no_plan
+from maxjax.planning.recorder import added, recording, timed
+from maxjax.planning.task import Task, checked_grid, checked_margin, points_of
 from maxjax.solvers.potential import solve_potential
 
 DEFAULT_MARGIN = 8.0
 
 
-def _astar_path(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
-    """A* from the start's voxel to the goal's, joined to the exact ends."""
-    with watch.stage("search"):
-        ends = [tuple(int(i) for i in np.floor(np.asarray(x) + 0.5)) for x in (problem.start, problem.goal)]
-        found = astar(np.asarray(problem.blocked), *ends)  # type: ignore[arg-type]
-        centres = found.path.astype(np.float32)
-        path = np.concatenate([np.asarray(problem.start)[None], centres, np.asarray(problem.goal)[None]])
-    return Route(path, found.status, certified=False)
-
-
-# Methods that climb a potential, which takes `vmap`, and methods that search.
-_POTENTIALS: dict[str, Callable[[], PotentialFn]] = {"solver": lambda: solve_potential, "network": network_potential}
-_SEARCHES: dict[str, PathFinder] = {"astar": _astar_path, "rrtstar": rrt_star(), "apf": apf}
-METHODS = (*_POTENTIALS, *_SEARCHES)
-
-
-def path_finder(method: str) -> PathFinder:
-    """The path finder that a method means.
+def _on_one_map(task: Task) -> Task:
+    """The task itself.
 
     Raises:
-        ValueError: for an unknown method, or a network whose weights are missing.
+        ValueError: unless its problems share one map.
     """
-    if method not in METHODS:
-        raise ValueError(f"method: expected one of {', '.join(METHODS)}, given {method!r}")
-    return _SEARCHES[method] if method in _SEARCHES else field_path(_POTENTIALS[method]())
+    for name, volume in (("occupied", task.occupied), ("ground", task.ground)):
+        if volume.ndim != 3:
+            raise ValueError(f"{name}: expected shape {task.grid.shape}, given {volume.shape}")
+    return task
 
 
-def _check(method: str, margin: float, grid: Grid) -> None:
-    """Raise a `ValueError` for what `path_finder` does not know, or a margin that `rungs` refuses."""
-    path_finder(method)
-    rungs(margin, grid)
-
-
-def _plans(
-    method: str,
-    occupied: Bool[np.ndarray, "*m nx ny nz"],
-    ground: Bool[np.ndarray, "*g nx ny nz"],
-    starts: Float[np.ndarray, "b 3"],
-    goals: Float[np.ndarray, "b 3"],
-    grid: Grid,
-    margin: float,
-) -> list[Plan]:
-    """Plans of problems that were checked: fields in chunks, searches one by one."""
-    if method in _SEARCHES:
-        find = _SEARCHES[method]
-        return one_by_one(find, occupied, starts, goals, grid, margin=float(margin), ground=ground, method=method)
-    potential = _POTENTIALS[method]()
-    return plan_paths(potential, occupied, starts, goals, grid, margin=float(margin), ground=ground, method=method)
-
-
-def _volume(name: str, array: object, shape: tuple[int, ...]) -> Bool[np.ndarray, "..."]:
-    volume = np.asarray(array)
-    if volume.dtype != bool:
-        raise ValueError(f"{name}: expected dtype bool, given {volume.dtype}; compare with a threshold first")
-    if volume.shape != shape:
-        raise ValueError(f"{name}: expected shape {shape}, given {volume.shape}")
-    return volume
-
-
-def _points(name: str, array: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    points = np.asarray(array)
-    if points.shape != shape or not (np.issubdtype(points.dtype, np.number) and np.isrealobj(points)):
-        raise ValueError(f"{name}: expected numbers of shape {shape} [m], given {points.dtype} {points.shape}")
-    return points.astype(np.float32)
+def _planned(task: Task, method: Any) -> list[Plan]:
+    chosen = method_named(method)
+    return plan_task(task, chosen.finder(), chosen.name)
 
 
 def plan(
@@ -122,7 +58,7 @@ def plan(
         occupied: occupied voxels, ground included, not dilated.
         start, goal: [m], ENU.
         grid: the grid of `occupied`.
-        method: `solver`, `network`, `astar`, `rrtstar` (ImportError without the extra `bench`) or `apf`.
+        method: `solver`, `network`, `astar`, `rrtstar` (extra `bench`) or `apf`.
         margin: distance to keep from obstacles [m], voxel centre to voxel centre; lowered by one voxel at a time where
             it seals start or goal in. `Plan.margin` tells the one that was used.
         ground: the voxels of `occupied` that are ground; they are dilated by one voxel at most. None: no voxel is.
@@ -131,13 +67,13 @@ def plan(
         A `Plan`. Its status says what happened; only OK comes with a path.
 
     Raises:
-        ValueError: for a wrong shape or dtype, an unknown method or a negative margin.
+        ValueError: for a wrong shape or dtype, an unknown method, a margin that is no number, negative or longer than
+            the map, or a network without weights.
+        ImportError: where a package that the method needs is missing, before anything is computed.
     """
-    _check(method, margin, grid)
-    filled = _volume("occupied", occupied, grid.shape)
-    below = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
-    ends = _points("start", start, (3,)), _points("goal", goal, (3,))
-    return _plans(method, filled, below, ends[0][None], ends[1][None], grid, margin)[0]
+    method_named(method)
+    ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
+    return _planned(_on_one_map(Task.of(occupied, *ends, grid, margin, ground)), method)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,19 +145,10 @@ def plan_batch(
     Raises:
         ValueError: as `plan`, and for an empty batch.
     """
-    _check(method, margin, grid)
-    starts = np.asarray(start)
-    count = starts.shape[0] if starts.ndim == 2 else 0
-    if count == 0:
-        raise ValueError(f"start: expected shape (b, 3) with b >= 1, given {starts.shape}")
-    starts, goals = _points("start", start, (count, 3)), _points("goal", goal, (count, 3))
-
-    def volumes(name: str, array: Array | np.ndarray) -> Bool[np.ndarray, "*b nx ny nz"]:
-        return _volume(name, array, grid.shape if np.ndim(array) == 3 else (count, *grid.shape))
-
-    below = volumes("ground", np.zeros(grid.shape, bool) if ground is None else ground)
-    filled = volumes("occupied", occupied)
-    return PlanBatch(tuple(_plans(method, filled, below, starts, goals, grid, margin)))
+    method_named(method)
+    starts = points_of("start", start, ("b", 3))
+    goals = points_of("goal", goal, starts.shape)
+    return PlanBatch(tuple(_planned(Task.of(occupied, starts, goals, grid, margin, ground), method)))
 
 
 def plan_fleet(
@@ -253,23 +180,9 @@ def plan_fleet(
     Raises:
         ValueError: as `plan`, and for an empty fleet.
     """
-    rungs(margin, grid)
-    given = np.asarray(starts)
-    if given.ndim != 2 or len(given) == 0:
-        raise ValueError(f"starts: expected shape (n, 3) with n >= 1, given {given.shape}")
-    occupied = _volume("occupied", occupied, grid.shape)
-    ground = np.zeros(grid.shape, bool) if ground is None else _volume("ground", ground, grid.shape)
-    plans = plan_swarm(
-        solve_potential,
-        occupied | ground,
-        _points("starts", given, (len(given), 3)),
-        _points("goal", goal, (3,)),
-        grid,
-        margin=float(margin),
-        ground=ground,
-        method="solver",
-    )
-    return PlanBatch(tuple(plans))
+    ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
+    task = _on_one_map(Task.of(occupied, *ends, grid, margin, ground))
+    return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
 
 
 def plan_scan(
@@ -296,18 +209,15 @@ def plan_scan(
     Raises:
         ValueError: as `plan`, and for points that are not (n, 3).
     """
-    array = np.asarray(points)
-    if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.number):
-        raise ValueError(f"points: expected numbers of shape (n, 3) [m], given {array.dtype} {array.shape}")
-    _check(method, margin, grid)
-    start, goal = _points("start", start, (3,)), _points("goal", goal, (3,))
-    watch = Stopwatch()
-    with watch.stage("voxelise"):
-        scan = jax.block_until_ready(voxelize(array.astype(np.float32), grid))
-    if int(scan.kept) == 0:
-        nothing = np.zeros((0, 3), np.float32)
-        return Plan(Status.EMPTY_SCAN, nothing, np.nan, np.nan, False, 0.0, watch.report(), method)
-    found = plan(np.asarray(scan.occupied), start, goal, grid, method=method, margin=margin, ground=ground)
-    voxelise = watch.seconds["voxelise"]
-    timings = {**found.timings, "voxelise": voxelise, "total": found.timings["total"] + voxelise}
-    return dataclasses.replace(found, timings=timings)
+    method_named(method)
+    cloud = points_of("points", points, ("n", 3), least=0)
+    checked_margin(margin, checked_grid(grid))
+    ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
+    with recording() as recorder:
+        with timed("voxelise"):
+            scan = jax.block_until_ready(voxelize(cloud, grid))
+        if int(scan.kept) == 0:
+            found = no_plan(Status.EMPTY_SCAN, method)
+        else:
+            found = plan(np.asarray(scan.occupied), *ends, grid, method=method, margin=margin, ground=ground)
+    return dataclasses.replace(found, timings=added(recorder.report(), found.timings))

@@ -27,7 +27,7 @@ from maxjax.cli import check, main, report
 from maxjax.cli.options import TrainOptions
 from maxjax.maps import PointCloud, load_map
 from maxjax.nn.recipes import RECIPES
-from maxjax.planning.planner import Plan
+from maxjax.planning.plan import Plan
 from maxjax.worlds.scenes import make_scene, occupancy
 
 # One shape for all small maps, so that the planner compiles once.

@@ -23,6 +23,7 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, main, report
 from maxjax.core.status import Status
+from maxjax.methods import METHODS
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
 from maxjax.sim.lidar import Scan
@@ -249,10 +250,12 @@ def test_a_replay_command_flies_the_same_campaign(fly: Terminal, monkeypatch: py
         return iter(())
 
     monkeypatch.setattr(flying, "fly_trials", note)
-    config = FlightConfig(Disturbances(10.0, 0.2, 0.5, 90.0, 1.0, 1.0, 1.0), snapshot=True, reactive=2.5)
+    config = FlightConfig(
+        Disturbances(10.0, 0.2, 0.5, 90.0, 1.0, 1.0, 1.0), find=METHODS["astar"].flying(), snapshot=True, reactive=2.5
+    )
     for campaign in (
-        Campaign("downtown", 7, range(37, 38), "astar", config),
-        Campaign("suburb", 0, range(5, 6)),
+        Campaign("downtown", 7, range(37, 38), method=METHODS["astar"], config=config),
+        Campaign("suburb", 0, range(5, 6), method=METHODS["solver"]),
     ):
         assert fly(*shlex.split(campaign.command(campaign.trials[0]))[2:], "--json")[0] == 0
         assert given[-1].configuration() == campaign.configuration()

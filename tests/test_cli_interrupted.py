@@ -136,7 +136,8 @@ def fly(geoms, start, goal, key, config):
         certified=jnp.int32(4),
     )
 
-campaign_key = campaign.Campaign("suburb").key
+from maxjax.methods import METHODS
+campaign_key = campaign.Campaign("suburb", method=METHODS["solver"]).key
 execution.fly = fly
 sys.exit(main())
 """

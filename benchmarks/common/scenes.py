@@ -16,12 +16,12 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.problems import problems
-from maxjax.planning.problem import Problem, pose
+from maxjax.planning.problem import Problem, formulate
 from maxjax.worlds.scenes import make_scene, occupancy
 
 _WIDTH = 200.0  # of the city of `city_at` [m]
 
-_pose = jax.jit(pose, static_argnames=("margin", "grid"))
+_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +104,9 @@ def _joined(scene: Scene, count: int, margin: float) -> Scene:
     found: list[Problem] = []
     starts: list[np.ndarray] = []
     for start in scene.starts:
-        arrays = map(jnp.asarray, (scene.occupied, scene.ground, start, scene.goal))
-        problem = _pose(*arrays, margin=margin, grid=scene.grid)
+        ends = scene.grid.fractional_index(jnp.stack([jnp.asarray(start), jnp.asarray(scene.goal)]))
+        maps = jnp.asarray(scene.occupied), jnp.asarray(scene.ground)
+        problem = _formulate(*maps, ends, margin=margin, grid=scene.grid)
         if problem.status == maxjax.Status.OK and (not found or problem.margin == found[0].margin):
             found.append(problem)
             starts.append(start)

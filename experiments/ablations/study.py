@@ -28,13 +28,16 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import summarise
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
+from maxjax.methods import METHODS
 from maxjax.nn.model import load_model, predict_potential, shipped
-from maxjax.planning import planner
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import NO_PATH, Plan, Route, Stopwatch, climb
-from maxjax.planning.problem import Problem as Posed
-from maxjax.planning.problem import pose
+from maxjax.planning.climb import climb
+from maxjax.planning.plan import Plan, judged
+from maxjax.planning.problem import Problem as Formulated
+from maxjax.planning.problem import formulate
+from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten
+from maxjax.planning.task import Task
 from maxjax.sim.flight import FlightConfig
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -132,56 +135,46 @@ def run(problem: Problem, variants: Sequence[Variant], margin: float, grid: maxj
     """The plans of all variants; what they share (dilation, potential, smoothing) is computed once."""
     margins = list(dict.fromkeys(margin if v.margin is None else v.margin for v in variants))
     occupied = jnp.asarray(problem.occupied | problem.ground)
-    ends = jnp.asarray(problem.start), jnp.asarray(problem.goal)
-    posed = {m: _pose(occupied, jnp.asarray(problem.ground), *ends, margin=m, grid=grid) for m in margins}
+    task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, margin, problem.ground)
+    ends, ground = jnp.asarray(task.ends[0]), jnp.asarray(problem.ground)
+    formulated = {m: _formulate(occupied, ground, ends, margin=m, grid=grid) for m in margins}
 
     @functools.cache
     def field(source: Source, m: float) -> Potential:
-        sigma = _sigma(posed[m].blocked, posed[m].goal_index, source.weighted, grid)
-        return _potential(source, sigma, posed[m].goal_index)
+        sigma = _sigma(formulated[m].blocked, formulated[m].goal_index, source.weighted, grid)
+        return _potential(source, sigma, formulated[m].goal_index)
 
     @functools.cache
     def smoothed(source: Source, sigma: float, kernel: Kernel, m: float) -> Float[Array, "nx ny nz"]:
-        return smooth(field(source, m).phi, ~posed[m].blocked, sigma, kernel)
+        return smooth(field(source, m).phi, ~formulated[m].blocked, sigma, kernel)
 
     routes: list[Route] = []
     which: list[int] = []
     for v in variants:
         m = margin if v.margin is None else v.margin
-        p = posed[m]
+        p = formulated[m]
         if p.status != maxjax.Status.OK:
-            found = Route(NO_PATH, maxjax.Status(int(p.status)), certified=False)
-            walked = found
+            taut = walked = failed(p.status)
         elif v.guard == "none":
             u = smoothed(v.source, v.smoothing, v.kernel, m)
             path, status = bare(u, ~p.blocked, p.start, p.goal, v.rule)
             sure = bool(field(v.source, m).certified) if v.smoothing == 0 else _certified(u, p.blocked, p.goal_index)
-            found = walked = Route(np.asarray(path), maxjax.Status(int(status)), sure)
+            taut = walked = Route(np.asarray(path), np.asarray(status), np.asarray(sure))
         else:
             phi, sure, sigma = field(v.source, m).phi, bool(field(v.source, m).certified), v.smoothing
             if v.guard == "smoothed":
                 u = smoothed(v.source, v.smoothing, v.kernel, m)
                 phi, sure, sigma = jnp.exp(u), _certified(u, p.blocked, p.goal_index), 0.0
-            found, walked = _guarded(phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
-        routes += [found, walked]
+            taut, walked = _guarded(phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
+        routes += [taut, walked]
         which += [margins.index(m)] * 2
-    plans = planner.judge(
-        routes,
-        np.repeat(problem.start[None], len(routes), axis=0),
-        np.repeat(problem.goal[None], len(routes), axis=0),
-        np.asarray(which),
-        [float(posed[m].margin) for m in margins],
-        np.stack([np.asarray(posed[m].blocked) for m in margins]),
-        np.stack([problem.occupied & ~problem.ground] * len(margins)),
-        grid,
-        Stopwatch(),
-        "ablation",
-    )
+    dilated = jax.tree.map(lambda *x: np.stack(x), *(formulated[m].dilated for m in margins))
+    plans = judged(routes, task.some(np.zeros(len(routes), np.int64)), dilated, "ablation", np.asarray(which))
     climbed = [plan.length for plan in plans[1::2]]
     return {v: Result(plan, length) for v, plan, length in zip(variants, plans[::2], climbed, strict=True)}
 
 
-_pose = jax.jit(pose, static_argnames=("margin", "grid"))
+_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
 _climb = jax.jit(climb, static_argnames=("settings",))
 _tighten = jax.jit(tighten)
 
@@ -220,14 +213,15 @@ def _certified(u: Float[Array, "nx ny nz"], blocked: Bool[Array, "nx ny nz"], go
 _stuck = jax.jit(lambda u, component, goal: uncertified(u - jnp.min(u), component, goal))
 
 
-def _guarded(phi: Float[Array, "nx ny nz"], problem: Posed, settings: Ascent, certified: bool) -> tuple[Route, Route]:
+def _guarded(
+    phi: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
+) -> tuple[Route, Route]:
     """The library's ascent: tightened, and as climbed."""
     path, arrived, bits = _climb(phi, problem.blocked, problem.start, problem.goal, settings=settings)
     if not arrived:
-        nothing = Route(NO_PATH, maxjax.Status.PATH_STALLED, certified)
+        nothing = failed(maxjax.Status.PATH_STALLED, certified)
         return nothing, nothing
-    taut = np.asarray(_tighten(bits, path))
-    return Route(taut, maxjax.Status.OK, certified), Route(np.asarray(path), maxjax.Status.OK, certified)
+    return found(np.asarray(_tighten(bits, path)), certified), found(np.asarray(path), certified)
 
 
 def _figures(results: Sequence[Result], defaults: Sequence[Result], geodesics: Sequence[float]) -> dict[str, Any]:
@@ -264,8 +258,8 @@ def _fly(config: Config) -> list[Row]:
     rows: list[Row] = []
     for name in config.maps:
         for condition, (snapshot, gain) in FLIGHTS.items():
-            flight = FlightConfig(snapshot=snapshot, reactive=gain)
-            campaign = Campaign(name, config.seed, range(config.trials), "solver", flight)
+            flight = FlightConfig(find=METHODS["solver"].flying(), snapshot=snapshot, reactive=gain)
+            campaign = Campaign(name, config.seed, range(config.trials), method=METHODS["solver"], config=flight)
             kept = f"{name}-{'snapshot' if snapshot else 'fused'}{'-reactive' * bool(gain)}"
             folder = None if config.keep is None else config.keep / kept
             outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 import maxjax
 from benchmarks.common.problems import Problem, problems
-from maxjax.planning.planner import Stopwatch, potential_field
+from maxjax.planning.climb import potential_field
 from maxjax.viz import plan_view
 
 
@@ -97,7 +97,7 @@ def planned(name: str, choice: Choice) -> Planned:
     goal = grid.index_of(jnp.asarray(problem.goal))
     sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
     # The program that the plan was made by.
-    phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential, Stopwatch()).phi
+    phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential).phi
     return Planned(problem, grid, plan, blocked, np.asarray(sigma), np.asarray(phi))
 
 

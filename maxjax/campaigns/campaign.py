@@ -19,14 +19,10 @@ from jaxtyping import PRNGKeyArray
 
 from maxjax.campaigns.ledger import Ledger
 from maxjax.core.streams import named
-from maxjax.nn.model import network_potential
-from maxjax.sim import astar_finder
+from maxjax.planning.method import Method
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig
-from maxjax.sim.flight_state import Finder, climb_field, climb_prediction
 from maxjax.worlds.layouts import MAPS
-
-FINDERS: dict[str, Finder] = {"solver": climb_field, "network": climb_prediction, "astar": astar_finder.search}
 
 # The options of `maxjax fly` for disturbances with a strength, in its order; latency is a switch.
 _OPTIONS = {
@@ -47,8 +43,9 @@ class Campaign:
         map: one of `MAPS`.
         seed: of the first city.
         trials: their indices.
-        method: path finder, one of `FINDERS`; it takes the place of `config.find`.
-        config: how to fly; its disturbances are numbers.
+        method: finds paths; one that can fly.
+        config: how to fly; its disturbances are numbers, and the path finder of `method` takes the place of its own.
+            None: the defaults.
 
     Raises:
         ValueError: for what cannot be flown.
@@ -57,16 +54,15 @@ class Campaign:
     map: str
     seed: int = 0
     trials: range = range(1)
-    method: str = "solver"
-    config: FlightConfig = FlightConfig()  # noqa: RUF009 (frozen)
+    method: Method = dataclasses.field(kw_only=True)
+    config: FlightConfig = dataclasses.field(default=None, kw_only=True)  # type: ignore[assignment]  # never None then
 
     def __post_init__(self) -> None:
         if self.map not in MAPS:
             raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {self.map!r}")
-        if self.method not in FINDERS:
-            raise ValueError(f"method: expected one of {', '.join(FINDERS)}, given {self.method!r}")
-        if self.method == "network":
-            network_potential()  # whose weights may be missing
+        find = self.method.flying()
+        given = FlightConfig(find=find) if self.config is None else dataclasses.replace(self.config, find=find)
+        object.__setattr__(self, "config", given)
         if len(self.trials) < 1 or self.trials.step != 1 or self.trials.start < 0:
             raise ValueError(f"trials: expected at least one, from 0 on, given {self.trials}")
         if not 0 <= self.seed < 2**31:
@@ -86,7 +82,7 @@ class Campaign:
     @property
     def flight(self) -> FlightConfig:
         """How to fly, by this campaign's method."""
-        return dataclasses.replace(self.config, find=FINDERS[self.method], disturbances=Disturbances(**self.strengths))
+        return dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
 
     @property
     def key(self) -> PRNGKeyArray:
@@ -95,10 +91,12 @@ class Campaign:
 
     def configuration(self) -> dict[str, Any]:
         """All that the outcomes depend on, as JSON holds it."""
-        config = dataclasses.asdict(self.config)
-        del config["find"]
         own = {"map": self.map, "seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
-        plain: dict[str, Any] = json.loads(json.dumps({**own, "method": self.method, **config}))
+        settings = {field.name: getattr(self.config, field.name) for field in dataclasses.fields(self.config)}
+        del settings["find"]  # the method's
+        plain: dict[str, Any] = json.loads(
+            json.dumps({**own, "method": self.method.name, **settings}, default=dataclasses.asdict)
+        )
         return plain
 
     def ledger(self, folder: Path) -> Ledger:
@@ -108,8 +106,8 @@ class Campaign:
     def command(self, trial: int) -> str:
         """The command line that flies one trial again, by itself."""
         words = ["maxjax", "fly", self.map, "--seed", str(self.seed), "--trial", str(trial)]
-        if self.method != "solver":
-            words += ["--method", self.method]
+        if self.method.name != "solver":
+            words += ["--method", self.method.name]
         for name, option in _OPTIONS.items():
             if self.strengths[name]:
                 words += [option, f"{self.strengths[name]:.12g}"]

@@ -17,7 +17,9 @@ from maxjax.cli.world import World, build_world
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
-from maxjax.planning.planner import Plan, Stopwatch
+from maxjax.methods import METHODS
+from maxjax.planning.plan import Plan
+from maxjax.planning.recorder import Recorder, recording
 from maxjax.sim.level_scan import Returns, measure
 from maxjax.viz.figures import Overlay
 from maxjax.worlds.corners import Corner, corners
@@ -27,12 +29,12 @@ MARGIN = 8.0
 _AROUND = 25.0  # map shown around the paths [m]
 
 
-def look(scene: Scene, corner: Corner, watch: Stopwatch) -> tuple[World, Returns]:
+def look(scene: Scene, corner: Corner) -> tuple[World, Returns]:
     """What one scan from the corner's sensor tells: flat ground at z = 0 known, what no beam met taken as free."""
     returns = measure(scene, corner.sensor)
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)
-    return build_world(cloud, corner.start, corner.goal, None, 0.0, watch), returns
+    return build_world(cloud, corner.start, corner.goal, None, 0.0), returns
 
 
 def choose(scene: Scene, seed: int) -> Corner:
@@ -44,10 +46,10 @@ def choose(scene: Scene, seed: int) -> Corner:
     occupied, ground = occupancy(scene.geoms, Grid())
     found = corners(occupied & ~ground, Grid(), seed)
     for corner in found:
-        world, _ = look(scene, corner, Stopwatch())
-        plan = planning.plan_in(world, corner.start, corner.goal, "astar", MARGIN, Stopwatch())
+        world, _ = look(scene, corner)
+        plan = planning.plan_in(world, corner.start, corner.goal, "astar", MARGIN, Recorder())
         if plan.status == Status.OK and plan.margin == MARGIN:
-            city = build_world(scene, corner.start, corner.goal, None, None, Stopwatch())
+            city = build_world(scene, corner.start, corner.goal, None, None)
             if true_clearance(plan, city) > 0.5 * MARGIN:
                 return corner
     return found[0]
@@ -65,13 +67,13 @@ def run(options: DemoOptions) -> int:
         scene = make_scene("downtown", seed)
         corner = choose(scene, seed)
         start, goal = corner.start, corner.goal
-        watch = Stopwatch()
-        world, returns = look(scene, corner, watch)
-    city = build_world(scene, start, goal, None, None, Stopwatch())
+        with recording() as recorder:
+            world, returns = look(scene, corner)
+    city = build_world(scene, start, goal, None, None)
     plans: dict[str, Plan] = {}
     for method in ("solver", "astar"):
         with report.progress(f"Planning, method {method}; {report.FIRST_RUN}"):
-            plans[method] = planning.plan_in(world, start, goal, method, MARGIN, watch)
+            plans[method] = planning.plan_in(world, start, goal, method, MARGIN, recorder)
     plan = plans["solver"]
     message = report.explain(plan, world, start, goal) if plan.status != Status.OK else plan.status.advice
     configuration = {"map": f"downtown:{seed}", "margin": MARGIN, "ground": 0.0, **dataclasses.asdict(corner)}
@@ -88,7 +90,7 @@ def run(options: DemoOptions) -> int:
         rows = report.describe(found, MARGIN, start, goal)
         if found.status == Status.OK:
             rows["clearance in the true city"] = f"{true_clearance(found, city):.2f} m"
-        columns[planning.NAMES[method]] = rows
+        columns[METHODS[method].label] = rows
     report.show(report.table(f"downtown:{seed}, {len(returns.points)} returns of one scan", columns))
     print(f"start {corner.start}, goal {corner.goal}, sensor {corner.sensor} [m]")
     print(*files, sep="\n")

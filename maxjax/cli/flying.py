@@ -16,6 +16,7 @@ from maxjax.cli import report
 from maxjax.cli.options import FlyOptions
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
+from maxjax.methods import METHODS
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
 
@@ -41,7 +42,7 @@ def run(options: FlyOptions) -> int:
     if options.json:
         sys.stdout.write(report.dumps(content))
         return 0
-    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.method}"
+    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.method.name}"
     report.show(report.table(title, {"": _rows(content, outcomes)}))
     for failure in content["failures"]:
         print(f"trial {failure['index']}: {failure['status']}; again: {failure['command']}")
@@ -75,8 +76,9 @@ def campaign_of(options: FlyOptions) -> Campaign:
         drift=options.drift,
         latency=float(options.latency),
     )
-    config = FlightConfig(disturbances=disturbances, snapshot=options.snapshot, reactive=options.reactive)
-    return Campaign(options.map, options.seed, range(first, first + count), options.method, config)
+    method = METHODS[options.method]
+    config = FlightConfig(disturbances, find=method.flying(), snapshot=options.snapshot, reactive=options.reactive)
+    return Campaign(options.map, options.seed, range(first, first + count), method=method, config=config)
 
 
 def _fly(campaign: Campaign, options: FlyOptions, ledger: Ledger | None) -> tuple[list[Outcome], list[Flight]]:

@@ -19,7 +19,10 @@ from maxjax.cli.world import World, build_world, load_source
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate, rungs
-from maxjax.planning.planner import Plan, Stopwatch, potential_field
+from maxjax.methods import METHODS
+from maxjax.planning.climb import potential_field
+from maxjax.planning.plan import Plan, no_plan
+from maxjax.planning.recorder import Recorder, added, recording
 from maxjax.solvers.potential import solve_potential
 from maxjax.viz.figures import Overlay
 
@@ -27,9 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AROUND = 45.0  # [m]; enough of a town to recognise it
-
-NAMES = {"solver": "maxjax", "network": "maxjax, network", "astar": "A*", "rrtstar": "RRT*", "apf": "APF"}
-_FIELDS = ("solver", "network")
 
 
 def run(options: PlanOptions) -> int:
@@ -40,12 +40,11 @@ def run(options: PlanOptions) -> int:
     """
     map, start, goal, out = options.map, options.start, options.goal, options.out
     report.check_output(out)
-    watch = Stopwatch()
-    with report.progress(f"Reading {map}"):
-        world = build_world(load_source(map), start, goal, options.center, options.ground, watch)
+    with report.progress(f"Reading {map}"), recording() as recorder:
+        world = build_world(load_source(map), start, goal, options.center, options.ground)
     rungs(options.margin, world.grid)
     with report.progress(f"Planning, method {options.method}; {report.FIRST_RUN}"):
-        plan = plan_in(world, start, goal, options.method, options.margin, watch)
+        plan = plan_in(world, start, goal, options.method, options.margin, recorder)
     message = report.explain(plan, world, start, goal) if plan.status != Status.OK else plan.status.advice
     configuration = {name: value for name, value in vars(options).items() if name not in ("out", "json")}
     content = report.document(plan, world, message, configuration)
@@ -54,14 +53,16 @@ def run(options: PlanOptions) -> int:
         figure = None
         if plan.status == Status.OK:
             with report.progress("Drawing"):
-                if options.method in _FIELDS:
-                    plans["astar"] = plan_in(world, start, goal, "astar", options.margin, Stopwatch())
+                if METHODS[options.method].climbs:
+                    plans["astar"] = plan_in(world, start, goal, "astar", options.margin, Recorder())
                 figure = draw(world, plans, start, goal, Overlay(title=Path(map).name, around=_AROUND))
         files = report.write_plan(out, content, figure)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        columns = {NAMES[name]: report.describe(found, options.margin, start, goal) for name, found in plans.items()}
+        columns = {
+            METHODS[name].label: report.describe(found, options.margin, start, goal) for name, found in plans.items()
+        }
         report.show(report.table(Path(map).name, columns))
         if out is not None:
             print(*files, sep="\n")
@@ -71,18 +72,17 @@ def run(options: PlanOptions) -> int:
     return 1
 
 
-def plan_in(world: World, start: Point3, goal: Point3, method: str, margin: float, watch: Stopwatch) -> Plan:
+def plan_in(world: World, start: Point3, goal: Point3, method: str, margin: float, before: Recorder) -> Plan:
     """`maxjax.plan` in a world, start and goal in the map's coordinates [m]; the path is in the world's frame.
 
     Args:
         world: the map.
         start, goal: [m].
         method, margin: as in `maxjax.plan`.
-        watch: time already spent on making voxels; added to the plan's.
+        before: time already spent on making voxels; added to the plan's.
     """
     if world.returns and world.returns["inside"] == 0:
-        nothing = np.zeros((0, 3), np.float32)
-        return Plan(Status.EMPTY_SCAN, nothing, np.nan, np.nan, False, 0.0, watch.report(), method)
+        return dataclasses.replace(no_plan(Status.EMPTY_SCAN, method), timings=before.report())
     found = api.plan(
         world.occupied,
         world.localize(start),
@@ -92,9 +92,7 @@ def plan_in(world: World, start: Point3, goal: Point3, method: str, margin: floa
         margin=margin,
         ground=world.ground,
     )
-    before = watch.report()
-    timings = {name: before.get(name, 0.0) + found.timings.get(name, 0.0) for name in {**before, **found.timings}}
-    return dataclasses.replace(found, timings=timings)
+    return dataclasses.replace(found, timings=added(before.report(), found.timings))
 
 
 def draw(
@@ -112,9 +110,10 @@ def draw(
     from maxjax.viz.figures import Voxels, figure_plan
 
     shown = world if city is None else city
-    paths = {NAMES[name]: world.globalize(plan.path) for name, plan in plans.items() if plan.status == Status.OK}
+    found = {name: plan for name, plan in plans.items() if plan.status == Status.OK}
+    paths = {METHODS[name].label: world.globalize(plan.path) for name, plan in found.items()}
     first = next(iter(plans.values()))
-    if first.method in _FIELDS:
+    if METHODS[first.method].climbs:
         overlay = dataclasses.replace(overlay, log_potential=_log_potential(world, goal, first.margin))
     voxels = Voxels(shown.occupied, shown.ground, world.file_grid)
     return figure_plan(voxels, paths, np.asarray(start), np.asarray(goal), overlay)
@@ -124,6 +123,6 @@ def _log_potential(world: World, goal: Point3, margin: float) -> Float[np.ndarra
     """Logarithm of φ of the plan's own problem; -inf where no current flows."""
     blocked = dilate(jnp.asarray(world.occupied), margin, world.grid, jnp.asarray(world.ground))
     index = world.grid.index_of(jnp.asarray(world.localize(goal), jnp.float32))
-    field = potential_field(blocked, index, world.grid, solve_potential, Stopwatch())
+    field = potential_field(blocked, index, world.grid, solve_potential)
     phi = np.asarray(field.phi)
     return np.log(np.where(phi > 0, phi, 1.0), where=phi > 0, out=np.full(phi.shape, -np.inf, phi.dtype))

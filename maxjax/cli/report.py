@@ -27,7 +27,7 @@ from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.planning.planner import Plan
+from maxjax.planning.plan import Plan
 
 # In the order in which they run, so that plans by different methods share the rows of a table.
 _STAGES = (

@@ -14,7 +14,6 @@ from maxjax.cli.world import build_world, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.planning.planner import Stopwatch
 from maxjax.sim.level_scan import LIDAR, Returns, measure
 from maxjax.worlds.scenes import Scene
 
@@ -61,7 +60,7 @@ def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: P
     from maxjax.viz.style import save_figure
 
     with report.progress("Drawing"):
-        world = build_world(scene, pose, pose, None, None, Stopwatch())
+        world = build_world(scene, pose, pose, None, None)
         figure = figure_scan(
             world.occupied & ~world.ground,
             world.file_grid,

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.occupancy import voxelize
 from maxjax.maps import MapError, PointCloud, VoxelMap, ground_mask, load_map, solidify
-from maxjax.planning.planner import Stage, Stopwatch
+from maxjax.planning.program import Program
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
 Source = Scene | PointCloud | VoxelMap
@@ -31,7 +31,7 @@ _FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
 _MOST_VOXELS = 2**24  # 256³: a plan takes 3 GB
 _TOUCH = 1e-9  # [m]
 
-_VOXELIZE = Stage("voxelise", voxelize, static=("grid",))
+_VOXELIZE = Program("voxelise", voxelize, static=("grid",))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,17 +96,14 @@ def load_scene(text: str) -> Scene:
     return source
 
 
-def build_world(
-    source: Source, start: Point3, goal: Point3, center: Point3 | None, ground: float | None, watch: Stopwatch
-) -> World:
-    """Voxels of a map, on a grid about start and goal.
+def build_world(source: Source, start: Point3, goal: Point3, center: Point3 | None, ground: float | None) -> World:
+    """Voxels of a map, on a grid about start and goal; making them from points is timed (`planning.recorder`).
 
     Args:
         source: from `load_source`.
         start, goal: [m], in the map's coordinates.
         center: middle of the grid [m]; None: half-way between start and goal.
         ground: height of flat ground [m]; None: the map's own, if it has one.
-        watch: books the time of making voxels from points.
 
     Raises:
         ValueError: for a centre or ground that the map cannot have, or too large a voxel map.
@@ -124,7 +121,7 @@ def build_world(
         return World(occupied, below, grid, middle, {})
     # Voxels are found in the cloud's frame, since there (0, 0, 0) still means a missed beam.
     frame = _about(middle - source.offset)
-    found = _VOXELIZE(watch, jnp.asarray(source.points), grid=frame)
+    found = _VOXELIZE(jnp.asarray(source.points), grid=frame)
     counts = {"inside": int(found.kept), "outside": int(found.outside), "missing": int(found.missing)}
     below = ground_mask(source, frame) if ground is None else _flat(ground, _about(middle))
     occupied = np.asarray(found.occupied) | solidify(source, frame) | below

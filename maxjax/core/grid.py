@@ -10,12 +10,11 @@ program, never data.
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float, Float64, Int32
 
 Index3 = tuple[int, int, int]
 Point3 = tuple[float, float, float]
@@ -41,17 +40,16 @@ class Grid:
     origin: Point3 = (-100.0, -100.0, -100.0)
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in self.shape)
-        origin = tuple(float(x) for x in self.origin)
-        if len(shape) != 3 or min(shape) < 1 or shape != tuple(self.shape):
-            raise ValueError(f"Grid.shape: expected three positive integers, given {self.shape}")
-        if not (math.isfinite(self.spacing) and self.spacing > 0):
-            raise ValueError(f"Grid.spacing: expected a positive number of metres, given {self.spacing}")
-        if len(origin) != 3 or not all(map(math.isfinite, origin)):
-            raise ValueError(f"Grid.origin: expected three finite coordinates [m], given {self.origin}")
-        object.__setattr__(self, "shape", shape)
-        object.__setattr__(self, "spacing", float(self.spacing))
-        object.__setattr__(self, "origin", origin)
+        shape, origin, spacing = _numbers(self.shape), _numbers(self.origin), _numbers(self.spacing)
+        if shape.shape != (3,) or not (np.isfinite(shape) & (shape >= 1) & (shape == np.floor(shape))).all():
+            raise ValueError(f"Grid.shape: expected three positive integers, given {self.shape!r}")
+        if spacing.shape != () or not (np.isfinite(spacing) and spacing > 0):
+            raise ValueError(f"Grid.spacing: expected a positive number of metres, given {self.spacing!r}")
+        if origin.shape != (3,) or not np.isfinite(origin).all():
+            raise ValueError(f"Grid.origin: expected three finite coordinates [m], given {self.origin!r}")
+        object.__setattr__(self, "shape", tuple(int(n) for n in shape))
+        object.__setattr__(self, "spacing", float(spacing))
+        object.__setattr__(self, "origin", tuple(float(x) for x in origin))
 
     @classmethod
     def centered(cls, center: Point3, shape: Index3 = (101, 101, 101), spacing: float = 2.0) -> Grid:
@@ -83,6 +81,11 @@ class Grid:
         return jnp.asarray(self.origin, fractional_index.dtype) + self.spacing * fractional_index
 
     @property
+    def local(self) -> Grid:
+        """The same grid with its origin at zero: what a program is compiled for, wherever the map lies."""
+        return Grid(self.shape, self.spacing, (0.0, 0.0, 0.0))
+
+    @property
     def lower(self) -> Point3:
         """Lowest corner of the volume that the voxels cover [m]."""
         x, y, z = self.origin
@@ -101,3 +104,12 @@ class Grid:
             raise ValueError(
                 f"{name}: expected shape (..., {', '.join(map(str, self.shape))}), given {tuple(array.shape)}"
             )
+
+
+def _numbers(given: object) -> Float64[np.ndarray, "..."]:
+    """Real numbers as an array; NaN for what are none."""
+    try:
+        numbers = np.asarray(given)
+    except (ValueError, TypeError):
+        return np.array(np.nan)
+    return numbers.astype(np.float64) if numbers.dtype.kind in "iuf" else np.array(np.nan)

@@ -14,6 +14,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
@@ -42,12 +43,12 @@ class Occupancy:
     missing: Int32[Array, "*batch"]
 
 
-@functools.partial(jax.jit, static_argnames="grid")
-def voxelize(points: Float[Array, "n 3"], grid: Grid) -> Occupancy:
-    """Voxels that hold a point.
+def voxelize(points: Float[Array | np.ndarray, "n 3"], grid: Grid) -> Occupancy:
+    """Voxels that hold a point; compiled once for all grids of a shape and spacing, wherever they lie.
 
     Args:
-        points: world positions [m], ENU; may hold misses.
+        points: world positions [m], ENU; may hold misses. NumPy's are taken relative to the grid in float64, so that at
+            national coordinates nothing is lost; those of JAX in their own precision.
         grid: the grid.
 
     Raises:
@@ -55,7 +56,19 @@ def voxelize(points: Float[Array, "n 3"], grid: Grid) -> Occupancy:
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points: expected shape (n, 3) [m], given {points.shape}")
-    valid = jnp.all(jnp.isfinite(points), axis=1) & jnp.any(points != 0, axis=1)
+    if isinstance(points, jax.Array):
+        valid = jnp.all(jnp.isfinite(points), axis=1) & jnp.any(points != 0, axis=1)
+        local = points - jnp.asarray(grid.origin, points.dtype)
+    else:
+        valid = jnp.asarray(np.isfinite(points).all(axis=1) & (points != 0).any(axis=1))
+        with np.errstate(over="ignore"):  # what float32 cannot hold is outside
+            local = jnp.asarray((points.astype(np.float64) - np.array(grid.origin)).astype(np.float32))
+    found: Occupancy = _voxelize(local, valid, grid.local)
+    return found
+
+
+@functools.partial(jax.jit, static_argnames="grid")
+def _voxelize(points: Float[Array, "n 3"], valid: Bool[Array, " n"], grid: Grid) -> Occupancy:
     kept = valid & grid.contains(points)
     index = jnp.where(kept[:, None], grid.index_of(jnp.where(valid[:, None], points, 0)), -1)
     nx, ny, nz = grid.shape
@@ -133,9 +146,11 @@ def blocked_within(
     return near | ground | (ground_squared <= jnp.minimum(radius, 1.0) ** 2 + _INCLUSIVE)
 
 
-@functools.partial(jax.jit, static_argnames=("margin", "grid"))
 def dilate(
-    occupied: Bool[Array, "nx ny nz"], margin: float, grid: Grid, ground: Bool[Array, "nx ny nz"] | None = None
+    occupied: Bool[Array | np.ndarray, "nx ny nz"],
+    margin: float,
+    grid: Grid,
+    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
 ) -> Bool[Array, "nx ny nz"]:
     """Voxels whose centre lies within `margin` of the centre of an occupied voxel.
 
@@ -150,7 +165,15 @@ def dilate(
     """
     rungs(margin, grid)
     grid.check_volume("occupied", occupied)
-    ground = jnp.zeros_like(occupied) if ground is None else ground
+    ground = jnp.zeros(occupied.shape, bool) if ground is None else ground
     grid.check_volume("ground", ground)
+    blocked: Bool[Array, "nx ny nz"] = _dilate(occupied, ground, margin, grid.local)
+    return blocked
+
+
+@functools.partial(jax.jit, static_argnames=("margin", "grid"))
+def _dilate(
+    occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], margin: float, grid: Grid
+) -> Bool[Array, "nx ny nz"]:
     squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
     return blocked_within(squared, ground, squared_distance(ground, 1), margin, grid)

@@ -1,6 +1,6 @@
 """Many starts, one goal, one map: one field for each margin that some start needs.
 
-    judge every start (one flood fill a margin, from the goal) → one solve a margin → ascents in squadrons → verify
+    the margin of every start (one flood fill a rung, from the goal) → one solve a margin → ascents in batches → judge
 
 A start's plan is the one that it would get by itself: its margin is its own, and fields do not depend on the start.
 """
@@ -12,165 +12,156 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Integer
+from jaxtyping import Array, Bool, Float, Int32, Int64, Integer
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.connectivity import flood
-from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
+from maxjax.fields.occupancy import blocked_within
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.planner import NO_PATH, Plan, PotentialFn, Route, Stage, Stopwatch, judge, potential_field
-from maxjax.planning.problem import Problem, locate, placed, verdict
+from maxjax.planning.climb import Climb, potential_field
+from maxjax.planning.ends import locate, placed
+from maxjax.planning.execute import with_longer_ascents
+from maxjax.planning.margin import Ladder, all_stand_free, ladder, largest_joined_each
+from maxjax.planning.plan import Plan, judged
+from maxjax.planning.problem import Dilated, Faults
+from maxjax.planning.program import Program
+from maxjax.planning.recorder import recording
+from maxjax.planning.route import Route, failed, found
 from maxjax.planning.sight import span_codes, stands_free
 from maxjax.planning.string_pulling import tighten
+from maxjax.planning.task import Task
 
-# Starts that climb at a time: what bounds memory, whatever the size of the fleet. A smaller squadron is filled up to
-# one of two sizes, so that fleets of all sizes share two programs.
-_SQUADRON, _FLIGHT = 64, 8
+# Starts that climb at a time: what bounds memory, whatever the size of the fleet. Fewer of them are filled up to one of
+# two sizes, so that fleets of all sizes share two programs.
+_BATCH, _SMALL_BATCH = 64, 8
 
 
-def _muster(
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Fleet:
+    """The starts of a fleet, formulated.
+
+    Attributes:
+        margins: of the map.
+        status: OK, or why there is nothing to plan from a start.
+        rung: which of `margins` a start keeps.
+        goal_index: voxel of the goal.
+    """
+
+    margins: Ladder
+    status: Int32[Array, " n"]
+    rung: Int32[Array, " n"]
+    goal_index: Int32[Array, " 3"]
+
+
+def formulate_fleet(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
     starts: Float[Array, "n 3"],
     goal: Float[Array, " 3"],
     margin: float,
     grid: Grid,
-) -> tuple[Int32[Array, " n"], Int32[Array, " n"], Int32[Array, " 3"], tuple[Array, Array]]:
-    """Judge every start as `pose` would, with one flood fill per margin, from the goal, for all of them.
-
-    Returns:
-        The status of each start, which of `rungs(margin, grid)` it flies with, the voxel of the goal, and
-        `squared_distance` of the obstacles and of the ground.
-    """
-    ladder = jnp.asarray(rungs(margin, grid), jnp.float32)
-    squared, below = squared_distance(occupied & ~ground, reach_of(margin, grid)), squared_distance(ground, 1)
-    a, b = jax.vmap(lambda x: locate(x, grid))(starts), locate(goal, grid)
-    finite = a.finite & b.finite
-    x, y, z = jnp.clip(a.index, 0, jnp.asarray(grid.shape) - 1).T
+) -> Fleet:
+    """`problem.formulate` for every start; ends in index coordinates, `margin` and `grid` static."""
+    occupied = occupied | ground
+    margins = ladder(occupied, ground, margin, grid)
+    a, b = jax.vmap(lambda x: locate(x, grid.shape))(starts), locate(goal, grid.shape)
     nowhere, nobody = jnp.zeros(grid.shape, bool), jnp.zeros(len(starts), bool)
-
-    def stand(blocked: Bool[Array, "nx ny nz"]) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
-        return jax.vmap(lambda start: stands_free(blocked, start))(a.off), nobody | stands_free(blocked, b.off)
-
-    (inside_a, inside_b), (out_a, out_b) = stand(nowhere), stand(occupied)
-    sound = finite & inside_a & inside_b & out_a & out_b
-
-    def lower(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        rung, chosen, joined = state
-        blocked = blocked_within(squared, ground, below, ladder[rung], grid)
-        now_a, now_b = stand(blocked)
-        now = flood(~blocked, b.index)[x, y, z] & now_a & now_b
-        return rung + 1, jnp.where(now & ~joined, rung, chosen), joined | now
-
-    last = len(ladder) - 1
-    _, rung, joined = lax.while_loop(
-        lambda state: (state[0] <= last) & jnp.any(sound & ~state[2]),
-        lower,
-        (jnp.int32(0), jnp.full(len(starts), last, jnp.int32), nobody),
+    inside_a, inside_b = all_stand_free(nowhere, a), nobody | stands_free(nowhere, b.off)
+    outside_a, outside_b = all_stand_free(occupied, a), nobody | stands_free(occupied, b.off)
+    finite = a.finite & b.finite
+    rung, joined = largest_joined_each(margins, a, b, finite & inside_a & inside_b & outside_a & outside_b)
+    faults = Faults(
+        nonfinite=~finite,
+        start_outside=~inside_a,
+        goal_outside=~inside_b,
+        same=jnp.all(starts == goal, axis=1),
+        start_inside=~outside_a,
+        goal_inside=~outside_b,
+        apart=~joined,
     )
-    same = jnp.all(starts == goal, axis=1)
-    status = verdict(~finite, ~inside_a, ~inside_b, same, ~out_a, ~out_b, ~joined)
-    return status, rung, b.index, (squared, below)
+    return Fleet(margins, faults.status, rung, b.index)
 
 
-def _share(
-    distances: tuple[Integer[Array, "nx ny nz"], Integer[Array, "nx ny nz"]],
+def _dilated(
+    squared: Integer[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
+    ground_squared: Integer[Array, "nx ny nz"],
     margin: Float[Array, ""],
-    goal_index: Int32[Array, " 3"],
     grid: Grid,
-) -> Problem:
-    """The problem that all starts of one margin share; its own start is no one's, and stands on the goal."""
-    at = goal_index.astype(jnp.float32)
-    blocked = blocked_within(distances[0], ground, distances[1], margin, grid)
-    return Problem(blocked, margin, at, at, goal_index, jnp.int32(Status.OK))
+) -> Dilated:
+    return Dilated(blocked_within(squared, ground, ground_squared, margin, grid), margin)
 
 
-def _swarm(
+def _ascents(
     phi: Float[Array, "nx ny nz"],
     blocked: Bool[Array, "nx ny nz"],
     starts: Float[Array, "n 3"],
     goal: Float[Array, " 3"],
-    grid: Grid,
     settings: Ascent,
 ) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
-    """Ascend one field from many starts [m] and tighten; returns the paths, and which arrived."""
-    bits = span_codes(blocked)
-
-    def end(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
-        return placed(blocked, grid.fractional_index(point))
+    """Ascend one field from many starts and tighten; returns the paths, and which arrived."""
+    codes = span_codes(blocked)
 
     def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
-        path, arrived = ascend(phi, bits, ~blocked, end(start), end(goal), settings)
-        return tighten(bits, path), arrived
+        path, arrived = ascend(phi, codes, ~blocked, placed(blocked, start), placed(blocked, goal), settings)
+        return tighten(codes, path), arrived
 
     return jax.vmap(one)(starts)
 
 
-_MUSTER = Stage("muster", _muster, static=("margin", "grid"))
-_SHARE = Stage("dilate", _share, static=("grid",))
-_SWARM = Stage("ascend", _swarm, static=("grid", "settings"))
+_FORMULATE = Program("margins", formulate_fleet, static=("margin", "grid"))
+_DILATE = Program("dilate", _dilated, static=("grid",))
+_ASCENTS = Program("ascend", _ascents, static=("settings",))
 
 
-def plan_swarm(
-    potential: PotentialFn,
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    starts: Float[np.ndarray, "n 3"],
-    goal: Float[np.ndarray, " 3"],
+def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
+    """`execute.plan_task` for a task of one map and one goal: one solve for each margin that is used."""
+    with recording() as recorder:
+        goal, starts = jnp.asarray(task.ends[0, 1]), jnp.asarray(task.ends[:, 0])
+        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        fleet = _FORMULATE(*maps, starts, goal, margin=task.margin, grid=task.grid.local)
+        status, rung = np.asarray(fleet.status), np.asarray(fleet.rung)
+        routes = [failed(one) for one in status.tolist()]
+        used = np.unique(rung)
+        dilated: list[Dilated] = []
+        for level in used:
+            margins = fleet.margins
+            distances = margins.squared, margins.ground, margins.ground_squared
+            here: Dilated = _DILATE(*distances, margins.margins[level], grid=task.grid.local)
+            members = np.flatnonzero((status == Status.OK) & (rung == level))
+            if members.size:
+                climbed = _routes(starts[members], goal, fleet.goal_index, here, climb, task.grid)
+                for k, route in zip(members.tolist(), climbed, strict=True):
+                    routes[k] = route
+            dilated.append(jax.device_get(here))
+        maps_used = jax.tree.map(lambda *parts: np.stack(parts), *dilated)
+        plans = judged(routes, task, maps_used, method, np.searchsorted(used, rung))
+    timings = recorder.report(len(task))
+    return [dataclasses.replace(plan, timings=timings) for plan in plans]
+
+
+def _routes(
+    starts: Float[Array, "n 3"],
+    goal: Float[Array, " 3"],
+    goal_index: Int32[Array, " 3"],
+    dilated: Dilated,
+    climb: Climb,
     grid: Grid,
-    *,
-    margin: float,
-    ground: Bool[np.ndarray, "nx ny nz"],
-    method: str,
-    settings: Ascent = Ascent(),  # noqa: B008 (frozen)
-) -> list[Plan]:
-    """`plan_path` with a field for many starts of one goal: one solve per margin that is used.
+) -> list[Route]:
+    """Routes of the starts that share a margin, by one field."""
+    field = potential_field(jnp.asarray(dilated.blocked), goal_index, grid, climb.potential)
+    certified = bool(field.certified)
+    if field.status != Status.OK:
+        return [failed(field.status, certified)] * len(starts)
 
-    The starts of one margin climb its field in squadrons; those that need more steps than the others go again, by
-    themselves, as in `field_path`.
-    """
-    watch = Stopwatch()
-    filled, below, ends, target = map(jnp.asarray, (occupied, ground, starts, goal))
-    status, rung, goal_index, distances = _MUSTER(watch, filled, below, ends, target, margin=margin, grid=grid)
-    ladder = rungs(margin, grid)
-    rung, statuses = np.asarray(rung), np.array(status)
-    feasible = statuses == Status.OK
-    paths, certified = [NO_PATH] * len(starts), np.zeros(len(starts), bool)
-    problems: dict[int, Problem] = {}
-    for level in np.unique(rung).tolist():
-        shared = problems[level] = _SHARE(watch, distances, below, jnp.float32(ladder[level]), goal_index, grid=grid)
-        members = np.flatnonzero(feasible & (rung == level))
-        if members.size == 0:
-            continue
-        field = potential_field(shared.blocked, goal_index, grid, potential, watch)
-        certified[members] = bool(field.certified)
-        statuses[members] = int(field.status)
-        if int(field.status) != Status.OK:
-            continue
-        for factor in (1, 4, 16):
-            longer = dataclasses.replace(settings, steps=settings.steps * factor)
-            statuses[members] = Status.PATH_STALLED
-            for squadron in np.array_split(members, range(_SQUADRON, len(members), _SQUADRON)):
-                crew = ends[np.resize(squadron, _FLIGHT if len(squadron) <= _FLIGHT else _SQUADRON)]
-                found, arrived = _SWARM(watch, field.phi, shared.blocked, crew, target, grid=grid, settings=longer)
-                for k, path, there in zip(squadron, np.asarray(found), np.asarray(arrived), strict=False):
-                    if there:
-                        paths[k], statuses[k] = path, Status.OK
-            members = members[statuses[members] == Status.PATH_STALLED]
-            if members.size == 0:
-                break
-    routes = [
-        Route(path, Status(status), sure)
-        for path, status, sure in zip(paths, statuses.tolist(), certified.tolist(), strict=True)
-    ]
-    levels = sorted(problems)
-    maps = (
-        [float(problems[level].margin) for level in levels],
-        np.stack([np.asarray(problems[level].blocked) for level in levels]),
-        np.broadcast_to(occupied, (len(levels), *grid.shape)),
-    )
-    bare = np.broadcast_to(ground, (len(levels), *grid.shape))
-    goals = np.broadcast_to(goal, starts.shape)
-    return judge(routes, starts, goals, np.searchsorted(levels, rung), *maps, grid, watch, method, bare)
+    def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> list[Route]:
+        routes: list[Route] = []
+        for some in np.array_split(which, range(_BATCH, len(which), _BATCH)):
+            filled = starts[np.resize(some, _SMALL_BATCH if len(some) <= _SMALL_BATCH else _BATCH)]
+            paths, arrived = map(np.asarray, _ASCENTS(field.phi, dilated.blocked, filled, goal, settings=settings))
+            stalled = failed(Status.PATH_STALLED, certified)
+            routes += [found(paths[k], certified) if arrived[k] else stalled for k in range(len(some))]
+        return routes
+
+    return with_longer_ascents(attempt, len(starts), climb.settings)

@@ -1,8 +1,8 @@
-"""A planning problem on the voxel grid: its inputs judged, its safety margin chosen.
+"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs judged, its margin chosen.
 
-The margin is the largest of margin, margin − spacing, …, least (0 unless said otherwise) at which start and goal stand
-in one component of free voxels. Flood fills decide (`fields.connectivity`), before anything is solved: a plan costs one
-solve, and where no margin joins them that is proved.
+    (maps, ends, margin) ↦ Problem        `formulate`, on the device
+
+Positions are index coordinates (whole numbers at voxel centres); of the grid only shape and spacing matter.
 """
 
 from __future__ import annotations
@@ -11,20 +11,35 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
-from maxjax.fields.connectivity import first_joined
-from maxjax.fields.occupancy import blocked_within, reach_of, rungs, squared_distance
-from maxjax.planning.sight import TOUCH, stands_free, touched
+from maxjax.planning.ends import locate, placed
+from maxjax.planning.margin import ladder, largest_joined
+from maxjax.planning.sight import touched
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Dilated:
+    """A map and the margin that it was dilated by, on a device or on the host; batch axes lead.
+
+    Attributes:
+        blocked: voxels within `margin` of an obstacle.
+        margin: [m].
+    """
+
+    blocked: Bool[Array | np.ndarray, "*batch nx ny nz"]
+    margin: Float[Array | np.ndarray, "*batch"]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What a path planner needs.
+    """What a path finder needs; batch axes lead.
 
     Attributes:
         blocked: voxels within `margin` of an obstacle.
@@ -42,81 +57,54 @@ class Problem:
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
 
-
-def off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The point moved off the faces of its voxel, so that it touches no other voxel.
-
-    A start at 3 m lies on a face of 2 m voxels. Touching the margin there must not cost the whole flight its margin.
-    """
-    centre = jnp.floor(x + 0.5)
-    room = 0.5 - 1.5 * TOUCH
-    return centre + jnp.clip(x - centre, -room, room)
+    @property
+    def dilated(self) -> Dilated:
+        """The map that a path of this problem is judged in."""
+        return Dilated(self.blocked, self.margin)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class End:
-    """A start or a goal on the grid.
+class Faults:
+    """What may be wrong with a start and a goal, in the order in which it counts.
 
     Attributes:
-        exact: index coordinates; −1 where they are not finite.
-        off: the same, moved `off_faces`.
-        index: its voxel; outside the grid for a point outside.
-        finite: whether the point was.
+        nonfinite: one of them is NaN or infinite.
+        start_outside, goal_outside: not inside the map.
+        same: they are one point.
+        start_inside, goal_inside: in an occupied voxel.
+        apart: no margin joins them.
     """
 
-    exact: Float[Array, "*n 3"]
-    off: Float[Array, "*n 3"]
-    index: Int32[Array, "*n 3"]
-    finite: Bool[Array, "*n"]
+    nonfinite: Bool[Array, "*n"]
+    start_outside: Bool[Array, "*n"]
+    goal_outside: Bool[Array, "*#n"]
+    same: Bool[Array, "*n"]
+    start_inside: Bool[Array, "*n"]
+    goal_inside: Bool[Array, "*#n"]
+    apart: Bool[Array, "*n"]
+
+    @property
+    def status(self) -> Int32[Array, "*n"]:
+        """The `Status` of the first fault; OK if there is none."""
+        codes = {
+            "nonfinite": Status.NONFINITE_INPUT,
+            "start_outside": Status.START_OUTSIDE_MAP,
+            "goal_outside": Status.GOAL_OUTSIDE_MAP,
+            "same": Status.START_EQUALS_GOAL,
+            "start_inside": Status.START_OCCUPIED,
+            "goal_inside": Status.GOAL_OCCUPIED,
+            "apart": Status.NO_VALID_PATH,
+        }
+        status = jnp.select([getattr(self, name) for name in codes], list(codes.values()), Status.OK)
+        return status.astype(jnp.int32)
 
 
-def locate(point: Float[Array, " 3"], grid: Grid) -> End:
-    """Where a point [m] is on the grid."""
-    exact = grid.fractional_index(point)
-    exact = jnp.where(jnp.isfinite(exact), exact, -1.0)
-    off = off_faces(exact)
-    index = jnp.floor(jnp.clip(off, -1, max(grid.shape)) + 0.5).astype(jnp.int32)
-    return End(exact, off, index, jnp.all(jnp.isfinite(point)))
-
-
-def placed(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The point itself where it stands free of blocked voxels, else off the faces of its voxel."""
-    return jnp.where(stands_free(blocked, x), x, off_faces(x))
-
-
-def verdict(
-    nonfinite: Bool[Array, "*n"],
-    start_outside: Bool[Array, "*n"],
-    goal_outside: Bool[Array, "*#n"],
-    same: Bool[Array, "*n"],
-    start_inside: Bool[Array, "*n"],
-    goal_inside: Bool[Array, "*#n"],
-    apart: Bool[Array, "*n"],
-) -> Int32[Array, "*n"]:
-    """The `Status` of the first thing that is wrong with a start and a goal, in this order; OK if nothing is."""
-    status = jnp.select(
-        [nonfinite, start_outside, goal_outside, same, start_inside, goal_inside, apart],
-        [
-            Status.NONFINITE_INPUT,
-            Status.START_OUTSIDE_MAP,
-            Status.GOAL_OUTSIDE_MAP,
-            Status.START_EQUALS_GOAL,
-            Status.START_OCCUPIED,
-            Status.GOAL_OCCUPIED,
-            Status.NO_VALID_PATH,
-        ],
-        Status.OK,
-    )
-    return status.astype(jnp.int32)
-
-
-@jax.named_scope("pose")
-def pose(
+@jax.named_scope("formulate")
+def formulate(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
-    start: Float[Array, " 3"],
-    goal: Float[Array, " 3"],
+    ends: Float[Array, "2 3"],
     margin: float,
     grid: Grid,
     least: float = 0.0,
@@ -126,37 +114,25 @@ def pose(
     Args:
         occupied: occupied voxels, ground included.
         ground: the voxels of `occupied` that are ground.
-        start, goal: [m].
+        ends: start and goal, index coordinates.
         margin: the margin asked for [m]. Static.
-        grid: the grid. Static.
+        grid: the grid, whose origin does not matter. Static.
         least: the margin below which rather no path is planned [m]. Static.
     """
-    ladder = jnp.asarray(rungs(margin, grid, least), jnp.float32)
     occupied, ground = materialise(occupied), materialise(ground)
-    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
-    below = squared_distance(ground, 1)
-    a, b = locate(start, grid), locate(goal, grid)
-    finite = a.finite & b.finite
-
-    def blocked_at(rung: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
-        return blocked_within(squared, ground, below, ladder[rung], grid)
-
-    inside_a, at_a = touched(grid.shape, a.off)
-    inside_b, at_b = touched(grid.shape, b.off)
-
-    def stand(rung: Int32[Array, ""]) -> Bool[Array, ""]:
-        """Whether both ends are outside the margin; only the voxels that they touch are looked at."""
-        near = [blocked_within(squared[at], ground[at], below[at], ladder[rung], grid) for at in (at_a, at_b)]
-        return inside_a & inside_b & ~jnp.any(jnp.stack(near))
-
-    in_a, in_b = ~inside_a | jnp.any(occupied[at_a]), ~inside_b | jnp.any(occupied[at_b])
-    last = len(ladder) - 1
-    # Rungs at which an end is inside the margin are passed over without a flood fill: mostly that decides.
-    standing = jax.vmap(stand)(jnp.arange(last + 1, dtype=jnp.int32))
-    first = jnp.where(jnp.any(standing), jnp.argmax(standing), last).astype(jnp.int32)
-
-    rung, meet = first_joined(lambda rung: ~blocked_at(rung), first, last, b.index, a.index)
-    ok = meet & jnp.any(standing)
-    status = verdict(~finite, ~inside_a, ~inside_b, jnp.all(start == goal), in_a, in_b, ~ok)
-    blocked = materialise(blocked_at(rung))
-    return Problem(blocked, ladder[rung], placed(blocked, a.exact), placed(blocked, b.exact), b.index, status)
+    margins = ladder(occupied, ground, margin, grid, least)
+    a, b = locate(ends[0], grid.shape), locate(ends[1], grid.shape)
+    rung, joined = largest_joined(margins, a, b)
+    (inside_a, at_a), (inside_b, at_b) = touched(grid.shape, a.off), touched(grid.shape, b.off)
+    faults = Faults(
+        nonfinite=~(a.finite & b.finite),
+        start_outside=~inside_a,
+        goal_outside=~inside_b,
+        same=jnp.all(ends[0] == ends[1]),
+        start_inside=~inside_a | jnp.any(occupied[at_a]),
+        goal_inside=~inside_b | jnp.any(occupied[at_b]),
+        apart=~joined,
+    )
+    blocked = materialise(margins.blocked(rung))
+    exact = placed(blocked, a.exact), placed(blocked, b.exact)
+    return Problem(blocked, margins.margins[rung], *exact, b.index, faults.status)

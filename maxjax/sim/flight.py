@@ -55,7 +55,7 @@ def fly(
     start: Float[Array, "3"],
     goal: Float[Array, "3"],
     key: PRNGKeyArray,
-    config: FlightConfig = FlightConfig(),  # noqa: B008 (frozen)
+    config: FlightConfig,
 ) -> FlightLog:
     """Fly once; pure, for `jit` and `vmap` over geoms, ends, keys and disturbances.
 

@@ -9,45 +9,25 @@ Frames: world, ENU, metres. The rolling map moves with the vehicle by whole voxe
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid, Index3
-from maxjax.nn.model import network_potential
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.planner import route
-from maxjax.planning.problem import Problem
+from maxjax.planning.route import PathFinder
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.reference import Limits, Reference
-from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.geoms import Geoms
 
 Path = Float[Array, "n 3"]
-Finder = Callable[[Problem, Grid], tuple[Path, Int32[Array, ""], Bool[Array, ""]]]
 
 # Positions are logged this often [s].
 LOG_PERIOD = 0.1
-
-
-def climb_field(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
-    """The default path finder: solve the conduction potential, climb it, pull the path taut."""
-    return route(problem, grid, solve_potential, Ascent())
-
-
-def climb_prediction(problem: Problem, grid: Grid) -> tuple[Path, Int32[Array, ""], Bool[Array, ""]]:
-    """`climb_field` with the potential that the network predicts, improved until it is certified.
-
-    Raises:
-        ValueError: if its weights are missing.
-    """
-    return route(problem, grid, network_potential(), Ascent())
 
 
 @jax.tree_util.register_dataclass
@@ -57,7 +37,7 @@ class FlightConfig:
 
     Attributes:
         disturbances: strengths; may carry batch axes.
-        find: path finder.
+        find: path finder that runs inside the compiled flight, as `Method.flying` makes it.
         lidar, vehicle, controller, limits, gusts: see there.
         shape: of the rolling map, voxels.
         spacing: of its voxels [m].
@@ -72,7 +52,7 @@ class FlightConfig:
     """
 
     disturbances: Disturbances = Disturbances()  # noqa: RUF009 (frozen)
-    find: Finder = dataclasses.field(default=climb_field, metadata={"static": True})
+    find: PathFinder = dataclasses.field(metadata={"static": True}, kw_only=True)
     lidar: Lidar = dataclasses.field(default=Lidar(), metadata={"static": True})
     vehicle: physics.Vehicle = dataclasses.field(default=physics.Vehicle(), metadata={"static": True})
     controller: control.Controller = dataclasses.field(default=control.Controller(), metadata={"static": True})

@@ -28,7 +28,7 @@ from maxjax.core.status import Status
 from maxjax.core.streams import Stream, stream
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.problem import Problem, pose
+from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.sight import clear, span_codes
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
@@ -150,17 +150,17 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     grid, ground = config.grid, mapping.ground(flight.rolling_map)
     # The vehicle's own voxel holds no obstacle; a return there is false.
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
-    ends = to_local(flight, config, start), to_local(flight, config, world.goal)
+    ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (start, world.goal)])
     occupied = mapping.occupied(flight.rolling_map) | ground
-    problem = pose(occupied & here, ground & here, *ends, config.margin, grid, config.least_margin)
-    found, status, certified = config.find(problem, grid)
-    path = to_world(flight, config, grid.to_world(found))
+    problem = formulate(occupied & here, ground & here, ends, config.margin, grid, config.least_margin)
+    found = config.find(problem, grid)
+    path = to_world(flight, config, grid.to_world(jnp.asarray(found.path)))
     bits = materialise(span_codes(problem.blocked))
     # Verified after the conversion to world coordinates and back, as it will be flown.
     on_grid = grid.fractional_index(to_local(flight, config, path))
     passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))
-    status = jnp.where((status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, status)
-    return Candidate(start, path, status, certified, problem)
+    status = jnp.where((found.status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, found.status)
+    return Candidate(start, path, status, jnp.asarray(found.certified), problem)
 
 
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:

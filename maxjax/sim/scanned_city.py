@@ -4,7 +4,7 @@
 
 A scene is what one planning problem of a flight looks like to the planner: 32,768 rays from a place in the open, 3 to
 15 m above the ground, the grid of 101³ voxels about it; below z = 0 everything is ground. The goal stands in the open
-at the same heights. The margin is the planner's own choice for these two ends (`planning.problem.pose`): 8 m, or less
+at the same heights. The margin is the planner's own choice for these two ends (`planning.margin`): 8 m, or less
 where that would seal one of them in.
 """
 
@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
-from maxjax.planning.problem import pose
+from maxjax.planning.problem import formulate
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.worlds.geoms import Geoms, rotation_z
 from maxjax.worlds.layouts import layout
@@ -88,7 +88,8 @@ def _draw(name: str, grid: Grid, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny 
 
     def attempt(carry: _GoalCarry) -> _GoalCarry:
         chosen = jnp.argmax(carry.left)
-        problem = pose(occupied | ground, ground, position + shift, goals[chosen], _MARGIN, grid)
+        ends = grid.fractional_index(jnp.stack([position + shift, goals[chosen]]))
+        problem = formulate(occupied | ground, ground, ends, _MARGIN, grid)
         return _GoalCarry(problem.blocked, problem.goal_index, problem.status, carry.left.at[chosen].set(False))
 
     def unsolved(carry: _GoalCarry) -> Bool[Array, ""]:

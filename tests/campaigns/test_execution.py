@@ -29,8 +29,8 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, summarise
 from maxjax.campaigns.trials import Trial
 from maxjax.core.status import Status
+from maxjax.methods import METHODS
 from maxjax.sim import flight
-from maxjax.sim.astar_finder import search
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World, watch
 from maxjax.sim.lidar import Lidar
@@ -40,6 +40,11 @@ from maxjax.worlds.solids import upright_boxes
 # --- The bookkeeping, on flights along the straight line; some of them end badly. ---
 
 BAD_DRAW = 5
+SOLVER = METHODS["solver"]
+
+
+def windy(speed: float) -> FlightConfig:
+    return FlightConfig(Disturbances(wind=speed), find=SOLVER.flying())
 
 
 def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
@@ -99,23 +104,25 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.usefixtures("quick")
 def test_a_trial_alone_equals_the_same_in_a_batch() -> None:
-    together = {outcome.trial: outcome for outcome in flown(Campaign("suburb", 3, range(10)), batch=4)}
+    together = {outcome.trial: outcome for outcome in flown(Campaign("suburb", 3, range(10), method=SOLVER), batch=4)}
     assert sorted(together) == list(range(10))
     for trial in (0, 7, 9):
-        (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1)))
+        (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1), method=SOLVER))
         assert alone == together[trial]
     assert len({outcome.duration for outcome in together.values()}) > 3
 
 
 @pytest.mark.usefixtures("quick")
 def test_another_map_or_seed_is_another_campaign() -> None:
-    (one,), (two,), (three,) = (flown(Campaign(*which)) for which in (("suburb", 0), ("downtown", 0), ("suburb", 1)))
+    (one,), (two,), (three,) = (
+        flown(Campaign(*which, method=SOLVER)) for which in (("suburb", 0), ("downtown", 0), ("suburb", 1))
+    )
     assert len({one.flown_length, two.flown_length, three.flown_length}) == 3
 
 
 @pytest.mark.usefixtures("quick")
 def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
-    campaign = Campaign("suburb", 0, range(7))
+    campaign = Campaign("suburb", 0, range(7), method=SOLVER)
     outcomes = {outcome.trial: outcome for outcome in flown(campaign, batch=2)}
     assert outcomes[BAD_DRAW].status == INVALID_DRAW
     assert outcomes[BAD_DRAW].start is None
@@ -123,14 +130,14 @@ def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
     summary = summarise(list(outcomes.values()))
     assert (summary["trials"], summary["flown"], summary["invalid_draws"]) == (7, 6, 1)
     assert BAD_DRAW not in [failure["index"] for failure in summary["failures"]]
-    (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1)))
+    (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1), method=SOLVER))
     assert only == outcomes[BAD_DRAW]
     assert summarise([only])["success_rate"] is None
 
 
 @pytest.mark.usefixtures("quick")
 def test_the_summary_is_that_of_its_outcomes() -> None:
-    campaign = Campaign("suburb", 0, range(30))
+    campaign = Campaign("suburb", 0, range(30), method=SOLVER)
     outcomes = flown(campaign, batch=8)
     found = summarise(outcomes[::-1])
     arrived = [outcome for outcome in outcomes if outcome.status == "OK"]
@@ -154,7 +161,7 @@ def test_the_summary_is_that_of_its_outcomes() -> None:
 @pytest.mark.parametrize("lines", [0, 1, 4, 6, 9])
 @pytest.mark.parametrize("torn", [b"", b'{"trial": 7, "ci'])
 def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, torn: bytes) -> None:
-    campaign = Campaign("suburb", 0, range(10), config=FlightConfig(Disturbances(wind=3.0)))
+    campaign = Campaign("suburb", 0, range(10), method=SOLVER, config=windy(3.0))
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     expected = flown(campaign, batch=4, folder=whole)
     shutil.copytree(whole, broken)
@@ -167,7 +174,7 @@ def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, to
 
 @pytest.mark.usefixtures("quick")
 def test_each_batch_is_on_the_disk_when_it_is_told(tmp_path: Path) -> None:
-    campaign = Campaign("suburb", 0, range(9))
+    campaign = Campaign("suburb", 0, range(9), method=SOLVER)
     run = fly_trials(campaign, batch=3, folder=tmp_path)
     told = [*next(run), *next(run)]
     run.close()
@@ -181,24 +188,23 @@ def test_each_batch_is_on_the_disk_when_it_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
-    flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+    flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
     with pytest.raises(ValueError, match=r"another campaign: seed was 0 there, is 1 here"):
-        flown(Campaign("suburb", 1, range(2)), folder=tmp_path)
-    windy = FlightConfig(Disturbances(wind=1.0))
+        flown(Campaign("suburb", 1, range(2), method=SOLVER), folder=tmp_path)
     with pytest.raises(ValueError, match=r"disturbances was .*choose another folder"):
-        flown(Campaign("suburb", 0, range(2), config=windy), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), method=SOLVER, config=windy(1.0)), folder=tmp_path)
     rows = tmp_path / bookkeeping.ROWS
     rows.write_text("nonsense\n" + rows.read_text())
     with pytest.raises(ValueError, match="line 1 is no outcome"):
-        flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
     (tmp_path / bookkeeping.CONFIG).unlink()
     with pytest.raises(ValueError, match=r"no config\.json"):
-        flown(Campaign("suburb", 0, range(2)), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
 
 
 @pytest.mark.usefixtures("quick")
 def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign, most, real = Campaign("suburb", 0, range(9)), 2, module.fly_batch
+    campaign, most, real = Campaign("suburb", 0, range(9), method=SOLVER), 2, module.fly_batch
     expected = flown(campaign, batch=2)
 
     def small(campaign: Campaign, drawn: Any, rows: Any, size: int, devices: Any) -> dict[str, np.ndarray]:
@@ -221,18 +227,20 @@ def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monke
 def test_a_batch_beyond_the_computers_memory_is_split_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_size, "free_memory", lambda device: 1e9 + 3 * 70e6 + 1)
     warnings: list[str] = []
-    assert len(flown(Campaign("suburb", 0, range(5)), batch=8, warn=warnings.append)) == 5
+    assert len(flown(Campaign("suburb", 0, range(5), method=SOLVER), batch=8, warn=warnings.append)) == 5
     assert "going on with 2" in warnings[-1]
 
 
 def test_no_batch_is_refused() -> None:
     with pytest.raises(ValueError, match="batch"):
-        next(fly_trials(Campaign("suburb"), batch=0))
+        next(fly_trials(Campaign("suburb", method=SOLVER), batch=0))
 
 
 # --- Real flights, in a process of their own. ---
 
-TINY = FlightConfig(shape=(25, 25, 11), spacing=4.0, lidar=Lidar(rays=4096, channels=32), plans=40, period=2.0)
+TINY = FlightConfig(
+    find=SOLVER.flying(), shape=(25, 25, 11), spacing=4.0, lidar=Lidar(rays=4096, channels=32), plans=40, period=2.0
+)
 FAR_BELOW = -500.0
 CASES = ("good", "start in a box", "goal in a box", "goal outside", "same", "empty scan", "maybe NaN", "way back")
 EXPECTED = {
@@ -279,7 +287,7 @@ def settle(going: Any, step: Any, data: Any, state: Any, *, parts: int) -> Any:
 def _real_flights(out: Path) -> None:
     """All cases on two devices, with and without a NaN, and one flight watched from the host."""
     flight.settle = settle
-    config = dataclasses.replace(TINY, find=search)
+    config = dataclasses.replace(TINY, find=METHODS["astar"].flying())
     nan = float("nan")
     logs = {
         name: module._fly_split(cases(start), config, jax.devices())
@@ -289,7 +297,7 @@ def _real_flights(out: Path) -> None:
     watched = list(watch(World(*world, config.disturbances), config))
     module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
     module._fly_part = fake_part
-    campaign = Campaign("suburb", 0, range(9))
+    campaign = Campaign("suburb", 0, range(9), method=SOLVER)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
     np.savez(
         out / "found.npz",
@@ -352,7 +360,7 @@ def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
 
 # --- An interrupt, in a process of its own. ---
 
-SLOW = Campaign("suburb", 0, range(10))
+SLOW = Campaign("suburb", 0, range(10), method=SOLVER)
 
 
 def _interrupted(folder: Path) -> None:

@@ -16,11 +16,12 @@ from nn.scenes import GRID, MINI, Boxes
 
 from maxjax import Status, conductivity, plan, plan_batch, solve_potential
 from maxjax.campaigns.campaign import Campaign
+from maxjax.methods import METHODS
 from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
-from maxjax.planning.planner import PotentialLike
+from maxjax.planning.climb import PotentialLike
 
 
 @pytest.fixture(autouse=True)
@@ -165,4 +166,4 @@ def test_a_plan_by_network_without_weights_says_what_is_missing(shipped: Path) -
     with pytest.raises(ValueError, match="no weights of 'maxjax'"):
         plan(np.zeros(GRID.shape, bool), [1.0, 1.0, 1.0], [9.0, 9.0, 9.0], GRID, method="network")
     with pytest.raises(ValueError, match="no weights of 'maxjax'"):
-        Campaign("suburb", method="network")
+        Campaign("suburb", method=METHODS["network"])

@@ -15,7 +15,7 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.nn import model as model_module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
-from maxjax.planning.problem import pose
+from maxjax.planning.problem import formulate
 
 pytestmark = pytest.mark.full_speed
 
@@ -36,7 +36,7 @@ def test_the_default_network_comes_with_weights_and_all_are_small() -> None:
 def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> None:
     (drawn,) = problems(name, 1, 3, GRID)
     occupied, ground, start, goal = map(jnp.asarray, (drawn.occupied, drawn.ground, drawn.start, drawn.goal))
-    problem = pose(occupied, ground, start, goal, 8.0, GRID)
+    problem = formulate(occupied, ground, GRID.fractional_index(jnp.stack([start, goal])), 8.0, GRID)
     assert problem.status == Status.OK
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
     field = jax.jit(network_potential())(sigma, problem.goal_index)
@@ -57,7 +57,8 @@ def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> Non
 def test_alone_its_field_is_smoothed_so_that_less_of_it_holds_up_the_ascent(monkeypatch: pytest.MonkeyPatch) -> None:
     (drawn,) = problems("downtown", 1, 3, GRID)
     ends = jnp.asarray(drawn.start), jnp.asarray(drawn.goal)
-    problem = pose(jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground), *ends, 8.0, GRID)
+    index = GRID.fractional_index(jnp.stack(ends))
+    problem = formulate(jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground), index, 8.0, GRID)
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
 
     def alone() -> Potential:

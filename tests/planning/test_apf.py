@@ -54,7 +54,7 @@ def test_empty_space_is_crossed_on_the_straight_line() -> None:
     assert found.status is Status.OK
     assert found.method == "apf"
     assert found.length == pytest.approx(np.linalg.norm(np.subtract(GOAL, START)), rel=1e-4)
-    assert np.array_equal(found.path[[0, -1]], np.array([START, GOAL], np.float32))
+    assert np.array_equal(found.path[[0, -1]], np.array([START, GOAL]))
 
 
 def test_a_convex_obstacle_is_passed_by() -> None:

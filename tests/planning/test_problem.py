@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 
 import jax
@@ -13,21 +12,24 @@ from references import component_of, random_blocks, random_free
 from scipy.ndimage import distance_transform_edt
 
 from maxjax import Grid, Status
-from maxjax.planning.problem import Problem, pose
+from maxjax.planning.problem import Problem, formulate
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 NO_GROUND = np.zeros(GRID.shape, bool)
 
 
-@functools.partial(jax.jit, static_argnames=("margin", "grid"))
-def posed(
-    occupied: jax.Array, ground: jax.Array, start: jax.Array, goal: jax.Array, margin: float, grid: Grid
-) -> Problem:
-    return pose(occupied, ground, start, goal, margin, grid)
+_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
+
+
+def formulated(occupied: np.ndarray, ground: np.ndarray, start: np.ndarray, goal: np.ndarray, margin: float) -> Problem:
+    """The problem of ends in the world [m]."""
+    ends = (np.stack([start, goal]).astype(np.float64) - np.array(GRID.origin)) / GRID.spacing
+    found: Problem = _formulate(occupied, ground, ends.astype(np.float32), margin=margin, grid=GRID.local)
+    return found
 
 
 def judge(occupied: np.ndarray, start: np.ndarray, goal: np.ndarray, margin: float = 8.0) -> Problem:
-    return posed(occupied, NO_GROUND, np.asarray(start, np.float32), np.asarray(goal, np.float32), margin, GRID)
+    return formulated(occupied, NO_GROUND, start, goal, margin)
 
 
 def world(index: np.ndarray) -> np.ndarray:
@@ -113,7 +115,7 @@ def test_a_start_on_a_voxel_face_costs_no_margin() -> None:
     height = GRID.origin[2] + 1.5 * GRID.spacing
     start, goal = world([2, 2, 5]), world([12, 12, 5])
     start[2] = goal[2] = height
-    found = posed(ground, ground, start.astype(np.float32), goal.astype(np.float32), 2 * GRID.spacing, GRID)
+    found = formulated(ground, ground, start, goal, 2 * GRID.spacing)
     assert Status(int(found.status)) is Status.OK
     assert float(found.margin) == 2 * GRID.spacing
 
@@ -122,19 +124,18 @@ def test_the_ground_keeps_no_margin_beyond_one_voxel() -> None:
     ground = NO_GROUND.copy()
     ground[:, :, 0] = True
     start, goal = (np.asarray(world(v), np.float32) for v in ([1, 1, 2], [14, 16, 2]))
-    flat = posed(ground, ground, start, goal, 8.0, GRID)
+    flat = formulated(ground, ground, start, goal, 8.0)
     assert (Status(int(flat.status)), float(flat.margin)) == (Status.OK, 8.0)
     assert np.flatnonzero(np.asarray(flat.blocked)[4, 4]).tolist() == [0, 1]
-    assert posed(ground, NO_GROUND, start, goal, 8.0, GRID).margin == 2
+    assert formulated(ground, NO_GROUND, start, goal, 8.0).margin == 2
 
 
 def test_vmap_equals_a_loop() -> None:
     rng = np.random.default_rng(3)
     occupied = np.stack([random_blocks(rng, GRID.shape, 20, 5) for _ in range(4)])
-    ends = np.stack([world(random_free(rng, o, 2)) for o in occupied]).astype(np.float32)
-    batch = jax.jit(jax.vmap(lambda o, a, b: pose(o, jnp.asarray(NO_GROUND), a, b, 8.0, GRID)))(
-        occupied, ends[:, 0], ends[:, 1]
-    )
+    index = np.stack([random_free(rng, o, 2) for o in occupied]).astype(np.float32)
+    ends = np.stack([world(one) for one in index])
+    batch = jax.jit(jax.vmap(lambda o, two: formulate(o, jnp.asarray(NO_GROUND), two, 8.0, GRID)))(occupied, index)
     for k in range(4):
         single = judge(occupied[k], ends[k, 0], ends[k, 1])
         for name, value in vars(single).items():

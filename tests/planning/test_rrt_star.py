@@ -9,7 +9,8 @@ import pytest
 
 from maxjax import Grid, Plan, Status, plan, verify
 from maxjax.planning.baselines.rrt_star import line_of_sight, rrt_star
-from maxjax.planning.planner import plan_path
+from maxjax.planning.execute import plan_one
+from maxjax.planning.task import Task
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
 START, GOAL = np.array([3, 12, 12], np.float32), np.array([21, 12, 12], np.float32)
@@ -24,9 +25,7 @@ def wall(gap: bool) -> np.ndarray:
 
 
 def grow(occupied: np.ndarray, iterations: int, seed: int = 1) -> Plan:
-    nothing = np.zeros_like(occupied)
-    find = rrt_star(iterations, seed)
-    return plan_path(find, occupied, START, GOAL, GRID, margin=0.0, ground=nothing, method="rrtstar")
+    return plan_one(Task.of(occupied, START[None], GOAL, GRID, 0.0), rrt_star(iterations, seed), "rrtstar")
 
 
 @pytest.mark.parametrize("density", [0.02, 0.05])
@@ -61,7 +60,9 @@ def test_edges_refuse_faces_corners_and_what_leaves_the_grid() -> None:
 
 
 def test_a_missing_ompl_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything is computed: the first plan of a process compiles for seconds."""
     monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr("maxjax.api.plan_task", None)
     with pytest.raises(ImportError, match=r"maxjax\[bench\]"):
         plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", margin=0.0)
 

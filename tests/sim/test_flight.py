@@ -13,6 +13,7 @@ import pytest
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
+from maxjax.methods import METHODS
 from maxjax.planning.judge import verify
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import SETS, Disturbances, degrade, mean_wind, outage, position_error
@@ -24,7 +25,7 @@ from maxjax.worlds.scenes import scene_xml
 from maxjax.worlds.solids import upright_boxes
 
 LIDAR = Lidar(rays=8192, channels=64)
-CONFIG = FlightConfig(shape=(45, 45, 17), lidar=LIDAR, plans=40, margin=4.0)
+CONFIG = FlightConfig(find=METHODS["solver"].flying(), shape=(45, 45, 17), lidar=LIDAR, plans=40, margin=4.0)
 START, GOAL = np.array([-24.0, 1.0, 6.0], np.float32), np.array([14.0, -2.0, 8.0], np.float32)
 KEY = jax.random.key(5)
 

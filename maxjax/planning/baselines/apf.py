@@ -26,14 +26,15 @@ from jaxtyping import Bool, Float64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.planner import NO_PATH, Route, Stopwatch
 from maxjax.planning.problem import Problem
+from maxjax.planning.recorder import timed
+from maxjax.planning.route import Route, failed, found
 
 # The best of what was tried on the training map (d₀ 1 to 5, η 0.001 to 10, D 0.5 to 5): 20 of 30 problems. More
 # repulsion only stalls sooner: the distance that a flight needs is in the dilated grid already.
 _CONIC = 1.0  # D [voxels]
 _REACH = 1.0  # d₀ [voxels]
-_REPULSION = 0.03  # η [voxels³]: a wall straight ahead holds the descent 0.3 voxels before it
+_REPULSION = 0.03  # η [voxels³]: a wall straight in front holds the descent 0.3 voxels before it
 _RATE = 0.1  # α [voxels]
 _STEPS = 8000
 # Without progress of a voxel in so many steps, it is stuck.
@@ -46,16 +47,16 @@ Volume = Float64[np.ndarray, "nx ny nz"]
 Point = Float64[np.ndarray, " 3"]
 
 
-def apf(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
+def apf(problem: Problem, grid: Grid) -> Route:
     """Descend from start to goal; the path finder of method `apf`."""
-    with watch.stage("distance"):
+    with timed("distance"):
         distance = distance_field(np.asarray(problem.blocked))
-    with watch.stage("descend"):
+    with timed("descend"):
         start, goal = (np.asarray(end, np.float64) for end in (problem.start, problem.goal))
         path = _descend(distance, start, goal)
     if path is None:
-        return Route(NO_PATH, Status.PATH_STALLED, certified=False)
-    return Route(path.astype(np.float32), Status.OK, certified=False)
+        return failed(Status.PATH_STALLED)
+    return found(path, certified=False)
 
 
 def distance_field(blocked: Bool[np.ndarray, "nx ny nz"]) -> Volume:
@@ -89,12 +90,12 @@ def _descend(distance: Volume, start: Point, goal: Point) -> Float64[np.ndarray,
     low, high = -0.5 + _EDGE, np.array(distance.shape) - 0.5 - _EDGE
     path, x = [start], start
     for step in range(_STEPS):
-        ahead = goal - x
-        left = float(np.linalg.norm(ahead))
+        towards = goal - x
+        left = float(np.linalg.norm(towards))
         d, gradient, room = look(distance, x)
         if left <= room / 2:
             return np.stack([*path, goal])
-        force = ahead / max(left, _CONIC)
+        force = towards / max(left, _CONIC)
         if d < _REACH:
             force = force + _REPULSION * (1 / d - 1 / _REACH) / d**2 * gradient
         move = _RATE * force

@@ -34,12 +34,12 @@ from jaxtyping import Bool, Float64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.planner import NO_PATH, PathFinder, Route, Stopwatch
 from maxjax.planning.problem import Problem
+from maxjax.planning.recorder import timed
+from maxjax.planning.route import PathFinder, Route, failed, found
 from maxjax.planning.sight import TOUCH
 
 _PIECE = 0.25  # [voxels]
-_MISSING = "method 'rrtstar' needs OMPL, from the extra bench: pip install 'maxjax[bench]'"
 
 Point = Float64[np.ndarray, " 3"]
 
@@ -54,15 +54,13 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
 
     Returns:
         A `PathFinder`; its route is PATH_STALLED where the tree has not reached the goal, and its call raises
-        ImportError where OMPL is missing.
+        ImportError where OMPL is missing (`methods.method_named` asks for it before anything is planned).
     """
 
-    def find(problem: Problem, grid: Grid, watch: Stopwatch) -> Route:
-        try:
-            from ompl import base, geometric, util
-        except ImportError as error:
-            raise ImportError(_MISSING) from error
-        with watch.stage("search"):
+    def find(problem: Problem, grid: Grid) -> Route:
+        from ompl import base, geometric, util
+
+        with timed("search"):
             blocked = np.asarray(problem.blocked)
             ends = [np.asarray(end, np.float64) for end in (problem.start, problem.goal)]
             # OMPL has one generator of seeds, and complains when it is set anew, though it obeys.
@@ -74,9 +72,9 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
             finally:
                 util.setLogLevel(level)
         if path is None:
-            return Route(NO_PATH, Status.PATH_STALLED, certified=False)
+            return failed(Status.PATH_STALLED)
         # The ends as they came: float64 and back is exact.
-        return Route(path.astype(np.float32), Status.OK, certified=False)
+        return found(path, certified=False)
 
     return find
 

@@ -8,8 +8,9 @@ from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, solve_potential, verify
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.batch import plan_paths
-from maxjax.planning.planner import field_path, plan_path
+from maxjax.planning.climb import Climb
+from maxjax.planning.execute import plan_one, plan_task, staged
+from maxjax.planning.task import Task
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 7
@@ -34,10 +35,8 @@ def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 def _batch(problems: tuple[np.ndarray, ...], chunk: int | None = 3) -> list[Plan]:
     occupied, ground, starts, goals = problems
-    return plan_paths(
-        solve_potential, occupied, starts, goals, GRID,
-        margin=2.0, ground=ground, method="solver", settings=Ascent(steps=48), chunk=chunk,
-    )  # fmt: skip
+    task = Task.of(occupied, starts, goals, GRID, 2.0, ground)
+    return plan_task(task, Climb(solve_potential, Ascent(steps=48)), "solver", chunk=chunk)
 
 
 def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> None:
@@ -49,14 +48,13 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
         assert (one.margin, one.certified) == (other.margin, other.certified)
         np.testing.assert_allclose(one.path, other.path, atol=1e-3)
         occupied, ground, starts, goals = (array[k] for array in problems)
-        alone = plan_path(
-            field_path(solve_potential), occupied | ground, starts, goals, GRID,
-            margin=2.0, ground=ground, method="solver",
-        )  # fmt: skip
+        task = Task.of(occupied | ground, starts[None], goals, GRID, 2.0, ground)
+        alone = plan_one(task, staged(Climb(solve_potential)), "solver")
         assert (alone.status, alone.margin) == (one.status, one.margin)
         if one.status is Status.OK:
             assert one.length == pytest.approx(alone.length, rel=1e-3)
-            assert verify(one.path, occupied | ground, occupied & ~ground, GRID).clearance == one.clearance
+            verdict = verify(one.path, occupied | ground, occupied & ~ground, GRID)
+            assert verdict.clearance == pytest.approx(one.clearance, rel=1e-9)
     assert whole[5].status is Status.NO_VALID_PATH
     assert whole[2].status is Status.OK
     assert sum(plan.status is Status.OK for plan in whole) == COUNT - 1

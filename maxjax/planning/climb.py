@@ -1,0 +1,107 @@
+"""From a field to a path: solve, ascend, pull taut.
+
+    blocked → σ → φ → ascent → string pulling → Route
+
+`Climb` makes one pure function of it, for `jit`, `vmap` and flights; as programs by themselves (`SOLVE`, `ASCEND`,
+`TIGHTEN`) the steps are timed one by one (`planning.execute`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32, UInt16
+
+from maxjax.core.grid import Grid
+from maxjax.core.lowering import materialise
+from maxjax.core.status import Status
+from maxjax.fields.conductivity import conductivity
+from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.problem import Problem
+from maxjax.planning.program import Program
+from maxjax.planning.route import Route
+from maxjax.planning.sight import span_codes
+from maxjax.planning.string_pulling import tighten
+
+
+@runtime_checkable
+class PotentialLike(Protocol):
+    """What the solver and a network return alike."""
+
+    @property
+    def phi(self) -> Array:
+        """Potential, 1 at the goal."""
+        ...
+
+    @property
+    def status(self) -> Array:
+        """`Status` as int32."""
+        ...
+
+    @property
+    def certified(self) -> Array:
+        """Whether no voxel but the goal is a local maximum."""
+        ...
+
+
+# (sigma, goal_index) ↦ PotentialLike: pure and hashable; pass the same function each time.
+PotentialFn = Callable[[Array, Array], PotentialLike]
+
+
+def solve(
+    blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
+) -> PotentialLike:
+    """The potential of a dilated map."""
+    return potential(materialise(conductivity(blocked, goal_index, grid)), goal_index)
+
+
+def climb(
+    phi: Float[Array, "nx ny nz"],
+    blocked: Bool[Array, "nx ny nz"],
+    start: Float[Array, " 3"],
+    goal: Float[Array, " 3"],
+    settings: Ascent,
+) -> tuple[Float[Array, "t 3"], Bool[Array, ""], UInt16[Array, "nx ny nz"]]:
+    """Ascend the field; returns the path, whether it arrived, and the span codes."""
+    codes = span_codes(blocked)
+    path, arrived = ascend(phi, codes, ~blocked, start, goal, settings)
+    return path, arrived, codes
+
+
+SOLVE = Program("solve", solve, static=("grid", "potential"))
+ASCEND = Program("ascend", climb, static=("settings",))
+TIGHTEN = Program("tighten", tighten)
+
+
+def potential_field(
+    blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
+) -> PotentialLike:
+    """`solve` as a program by itself, which is compiled once for all maps of a shape and spacing."""
+    field: PotentialLike = SOLVE(blocked, goal_index, grid=grid.local, potential=potential)
+    return field
+
+
+@dataclasses.dataclass(frozen=True)
+class Climb:
+    """The path finder that climbs a potential: a pure function of a problem, and equal to any of the same fields.
+
+    Attributes:
+        potential: makes the field.
+        settings: of the ascent.
+    """
+
+    potential: PotentialFn
+    settings: Ascent = Ascent()  # noqa: RUF009 (frozen)
+
+    def __call__(self, problem: Problem, grid: Grid) -> Route:
+        """A route; without one PATH_STALLED, or the status of the field or the problem."""
+        field = solve(problem.blocked, problem.goal_index, grid, self.potential)
+        path, arrived, codes = climb(field.phi, problem.blocked, problem.start, problem.goal, self.settings)
+        path = tighten(codes, path)
+        status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
+        status = jnp.where(field.status != Status.OK, field.status, status)
+        status = jnp.where(problem.status != Status.OK, problem.status, status)
+        return Route(path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK))

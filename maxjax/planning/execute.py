@@ -1,0 +1,145 @@
+"""How a task is carried out: the same plans, in the way that the device runs best.
+
+    staged           formulate | solve | ascend | tighten | judge, each program by itself     a CPU; searches everywhere
+    single program   all of it but the judge in one, one message in, one out                  one problem, accelerator
+    pipelined        chunks of problems, the judge beside the device (`planning.pipeline`)    many problems, accelerator
+
+A CPU is busy with a single problem, and plans one after the other. Where an ascent runs out of steps, it is made again
+with four times as many, in every way by `with_longer_ascents`: a maze can need more of them than a city.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Int64
+
+from maxjax.core.grid import Grid
+from maxjax.core.lowering import target
+from maxjax.core.status import Status
+from maxjax.planning import pipeline
+from maxjax.planning.ascent import Ascent
+from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, potential_field
+from maxjax.planning.plan import Plan, judged
+from maxjax.planning.problem import Problem
+from maxjax.planning.program import Program
+from maxjax.planning.recorder import added, recording, timed
+from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.planning.task import Task, rows_of
+
+# Problems that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
+_CHUNK = 32
+# Steps of an ascent, in terms of those of its settings, until it arrives.
+_FACTORS = (1, 4, 16)
+
+Result = TypeVar("Result", Route, Plan)
+
+
+def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = None) -> list[Plan]:
+    """Plan all problems of a task.
+
+    Args:
+        task: what to plan.
+        find: how. A `Climb` is carried out as suits the target; any other path finder is called on the host, one
+            problem after the other.
+        method: name of the planner.
+        chunk: problems that go through a device at a time. None: what suits the target; on a CPU staged.
+
+    Returns:
+        One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was on the
+        host, `verify` what verification took beyond that.
+    """
+    if isinstance(find, Climb):
+        if chunk is not None or target() != "cpu":
+            return _in_chunks(task, find, method, chunk or _CHUNK)
+        find = staged(find)
+    return [plan_one(task.some(slice(k, k + 1)), find, method) for k in range(len(task))]
+
+
+def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
+    """Formulate the only problem of a task, find a path, judge it; step by step."""
+    with recording() as recorder:
+        with timed("transfer"):
+            message = jax.block_until_ready(jax.device_put(pipeline.message_of(task)))
+        problem = _FORMULATE(message, margin=task.margin, grid=task.grid.local)
+        status, dilated = fetched((problem.status, problem.dilated))
+        route = failed(status) if status != Status.OK else find(problem, task.grid.local)
+        (plan,) = judged([route], task, jax.tree.map(lambda x: x[None], dilated), method)
+    return dataclasses.replace(plan, timings=recorder.report())
+
+
+_FORMULATE = Program("dilate", pipeline.formulated, static=("margin", "grid"))
+
+
+def fetched(tree: Any) -> Any:
+    """Arrays on the host, all at once: on an accelerator every fetch costs as much as a short program."""
+    with timed("transfer"):
+        return jax.device_get(tree)
+
+
+def staged(climb: Climb) -> PathFinder:
+    """The path finder that climbs a potential by programs of their own, each timed."""
+
+    def find(problem: Problem, grid: Grid) -> Route:
+        field = potential_field(problem.blocked, problem.goal_index, grid, climb.potential)
+
+        def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> list[Route]:
+            ends = problem.start, problem.goal
+            path, arrived, codes = ASCEND(field.phi, problem.blocked, *ends, settings=settings)
+            taut = TIGHTEN(codes, path)
+            status, certified, on_goal, points = fetched((field.status, field.certified, arrived, taut))
+            if status == Status.OK and on_goal:
+                return [found(points, bool(certified))]
+            return [failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))]
+
+        (route,) = with_longer_ascents(attempt, 1, climb.settings)
+        return route
+
+    return find
+
+
+def with_longer_ascents(
+    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], list[Result]], count: int, settings: Ascent
+) -> list[Result]:
+    """Attempt several problems; those that stall go again, by themselves, with longer ascents.
+
+    Args:
+        attempt: (which of them, settings) ↦ a route or a plan for each.
+        count: how many there are.
+        settings: of the first attempt.
+    """
+    results: dict[int, Result] = {}
+    waiting = np.arange(count)
+    for factor in _FACTORS:
+        longer = dataclasses.replace(settings, steps=settings.steps * factor)
+        results.update(zip(waiting.tolist(), attempt(waiting, longer), strict=True))
+        waiting = np.array([k for k in waiting.tolist() if results[k].status == Status.PATH_STALLED], np.int64)
+        if not waiting.size:
+            break
+    return [results[k] for k in range(count)]
+
+
+def _in_chunks(task: Task, climb: Climb, method: str, chunk: int) -> list[Plan]:
+    """Plans by whole programs, in chunks of one size; timings are equal shares, and sums over the attempts."""
+    spent: dict[int, dict[str, float]] = {}
+
+    def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> list[Plan]:
+        # The first attempt compiles a program for just this batch; the others are rare, and share a few.
+        most = len(which) if settings == climb.settings else 1 << (len(which) - 1).bit_length()
+        size = -(-most // -(-most // chunk))
+        some, longer = task.some(rows_of(which)), dataclasses.replace(climb, settings=settings)
+        with recording() as recorder:
+            if len(which) == 1:
+                plans = pipeline.single(some, longer, method)
+            else:
+                plans = pipeline.pipelined(some, longer, method, size)
+        timings = recorder.report(len(which))
+        for k in which.tolist():
+            spent[k] = added(spent.get(k, {}), timings)
+        return [dataclasses.replace(plan, timings=spent[k]) for k, plan in zip(which.tolist(), plans, strict=True)]
+
+    return with_longer_ascents(attempt, len(task), climb.settings)

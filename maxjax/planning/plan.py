@@ -1,0 +1,149 @@
+"""From routes to plans: the judge decides, and nothing that it refuses is handed out.
+
+    Route (index coordinates, a claim) → judge → Plan (world coordinates, verified)
+
+Judged is the polyline in the local frame of the grid, whose origin is zero, in float64: u · spacing. The world's
+coordinates are that plus the grid's origin, in float64 as well.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import Float, Float64, Int64
+
+from maxjax.core.status import Status
+from maxjax.planning.judge import Verification, verify_batch
+from maxjax.planning.problem import Dilated
+from maxjax.planning.recorder import timed
+from maxjax.planning.route import NO_PATH, Route
+from maxjax.planning.task import Task
+
+# Paths that are verified in one go, and maps that these may span: so few that they stay in a core's cache.
+_TOGETHER, _MAPS = 16, 8
+# An end of a path this close to where it was asked for is put there [voxels].
+_SAME = 1e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A verified path, or why there is none.
+
+    Attributes:
+        status: OK only for a path that passed `verify`.
+        path: (t, 3) float64 [m], ENU, start first, goal last; empty unless OK. An end that lies on the face of a
+            blocked voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
+        length: length of the path [m]; NaN unless OK.
+        clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
+        certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
+        margin: dilation that was used [m].
+        timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
+            device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
+        method: name of the planner.
+    """
+
+    status: Status
+    path: Float64[np.ndarray, "t 3"]
+    length: float
+    clearance: float
+    certified: bool
+    margin: float
+    timings: Mapping[str, float]
+    method: str
+
+
+def no_plan(status: Status, method: str, *, certified: bool = False, margin: float = 0.0) -> Plan:
+    """A plan without a path."""
+    return Plan(status, NO_PATH.astype(np.float64), math.nan, math.nan, certified, margin, {}, method)
+
+
+def judged(
+    routes: Sequence[Route],
+    task: Task,
+    dilated: Dilated,
+    method: str,
+    which: Int64[np.ndarray, " n"] | None = None,
+) -> list[Plan]:
+    """Turn routes into plans: only a path that the judge passes is handed out.
+
+    Args:
+        routes: one for each problem of the task, on the host.
+        task: what was asked.
+        dilated: the m maps that the routes must keep to, on the host.
+        method: name of the planner.
+        which: map of each route. None: each has its own.
+
+    Returns:
+        One plan a route; their `timings` are empty.
+    """
+    which = np.arange(len(routes)) if which is None else which
+    local: dict[int, Float64[np.ndarray, "_ 3"]] = {}
+    for k, route in enumerate(routes):
+        if route.status == Status.OK:
+            local[k] = _local(np.asarray(route.path), task, k)
+    with timed("verify"):
+        verdicts = _verdicts(local, which, dilated, task)
+    plans = []
+    for k, route in enumerate(routes):
+        certified, margin = bool(route.certified), float(dilated.margin[which[k]])
+        if k in verdicts and verdicts[k].ok:
+            path, figures = _world(local[k], task, k), (verdicts[k].length, verdicts[k].clearance)
+            plans.append(Plan(Status.OK, path, *figures, certified, margin, {}, method))
+            continue
+        status = Status.PATH_IN_COLLISION if k in verdicts else Status(int(route.status))
+        plans.append(no_plan(status, method, certified=certified, margin=margin))
+    return plans
+
+
+def _local(path: Float[np.ndarray, "t 3"], task: Task, k: int) -> Float64[np.ndarray, "s 3"]:
+    """A path in the grid's local frame [m], without repeated points; ends that `placed` left alone are exact."""
+    x, y, z = (path[1:] != path[:-1]).T
+    local: Float64[np.ndarray, "s 3"] = task.grid.spacing * path[np.concatenate([[True], x | y | z])].astype(np.float64)
+    for end, given in ((0, task.starts[k]), (-1, task.goals[k])):
+        exact = given - np.array(task.grid.origin)
+        if np.abs(local[end] - exact).max() < _SAME * task.grid.spacing:
+            local[end] = exact
+    return local
+
+
+def _world(local: Float64[np.ndarray, "s 3"], task: Task, k: int) -> Float64[np.ndarray, "s 3"]:
+    """A path of the local frame in the world's [m], its ends as given, to the bit."""
+    origin = np.array(task.grid.origin)
+    world: Float64[np.ndarray, "s 3"] = origin + local
+    for end, given in ((0, task.starts[k]), (-1, task.goals[k])):
+        if np.array_equal(local[end], given - origin):
+            world[end] = given
+    return world
+
+
+def _verdicts(
+    paths: Mapping[int, Float64[np.ndarray, "_ 3"]],
+    which: Int64[np.ndarray, " n"],
+    dilated: Dilated,
+    task: Task,
+) -> dict[int, Verification]:
+    blocked = np.asarray(dilated.blocked)
+    occupied, ground = (np.broadcast_to(volumes, blocked.shape) for volumes in (task.occupied, task.ground))
+
+    def some(keys: list[int]) -> list[tuple[int, Verification]]:
+        first, last = which[keys[0]], which[keys[-1]] + 1
+        maps = blocked[first:last], occupied[first:last]
+        found = verify_batch(
+            [paths[key] for key in keys], which[keys] - first, *maps, task.grid.local, ground=ground[first:last]
+        )
+        return list(zip(keys, found, strict=True))
+
+    parts: list[list[int]] = []
+    for key in sorted(paths, key=lambda key: which[key]):
+        if not parts or len(parts[-1]) == _TOGETHER or which[key] - which[parts[-1][0]] >= _MAPS:
+            parts.append([])
+        parts[-1].append(key)
+    if len(parts) < 2:
+        return dict(verdict for part in parts for verdict in some(part))
+    # NumPy lets several threads work at a time.
+    with ThreadPoolExecutor() as pool:
+        return dict(verdict for part in pool.map(some, parts) for verdict in part)

@@ -1,0 +1,170 @@
+"""What a user asks to be planned: a map, starts, goals and a margin, checked once.
+
+    u = (x − origin) / spacing        world frame [m] ↦ index coordinates
+
+Ends are taken as float64 and become index coordinates on the host, before anything is rounded to float32: what a device
+computes, and hence the path in the map, does not depend on where the map lies in the world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+
+from maxjax.core.grid import Grid
+from maxjax.fields.occupancy import rungs
+
+# Of one map or several.
+Volume = Bool[np.ndarray, "..."]
+# Which problems of a task: a slice where they follow each other, which is a view of the maps and not a copy.
+Rows = slice | Int64[np.ndarray, " rows"]
+
+# Index coordinates of an end that is farther away than this are cut off, which leaves it outside the map: float32 would
+# make them infinite.
+_FAR = 1e6
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """One planning problem or several, on one grid; made by `Task.of`, which checks everything.
+
+    Attributes:
+        occupied: occupied voxels, not dilated; one map for each problem, or one for all (three axes).
+        ground: the voxels that are ground, occupied as well; likewise.
+        starts, goals: [m], in the world frame of `grid`.
+        grid: of the maps.
+        margin: distance to keep from obstacles [m].
+    """
+
+    occupied: Bool[np.ndarray, "*maps nx ny nz"]
+    ground: Bool[np.ndarray, "*grounds nx ny nz"]
+    starts: Float64[np.ndarray, "b 3"]
+    goals: Float64[np.ndarray, "b 3"]
+    grid: Grid
+    margin: float
+
+    @classmethod
+    def of(cls, occupied: Any, starts: Any, goals: Any, grid: Any, margin: Any, ground: Any = None) -> Task:
+        """A task of what a user gave.
+
+        Args:
+            occupied, grid, margin: as the attributes.
+            starts: (b, 3) [m].
+            goals: (b, 3) [m], or one goal (3,) for all starts.
+            ground: as the attribute. None: no voxel is ground.
+
+        Raises:
+            ValueError: for anything that cannot be used, with what was expected and what was given.
+        """
+        grid = checked_grid(grid)
+        margin = checked_margin(margin, grid)
+        starts = points_of("starts", starts, ("n", 3))
+        goals = points_of("goals", goals, (3,) if np.ndim(goals) == 1 else starts.shape)
+        return cls(
+            _volume("occupied", occupied, grid, len(starts)),
+            _volume("ground", np.zeros(grid.shape, bool) if ground is None else ground, grid, len(starts)),
+            starts,
+            np.broadcast_to(goals, starts.shape),
+            grid,
+            margin,
+        )
+
+    def __len__(self) -> int:
+        """How many problems there are."""
+        return len(self.starts)
+
+    @functools.cached_property
+    def ends(self) -> Float32[np.ndarray, "b 2 3"]:
+        """Starts and goals in index coordinates; NaN and infinity stay."""
+        world = np.stack([self.starts, self.goals], axis=1)
+        index = (world - np.array(self.grid.origin)) / self.grid.spacing
+        ends: Float32[np.ndarray, "b 2 3"] = np.where(np.isfinite(index), np.clip(index, -_FAR, _FAR), index).astype(
+            np.float32
+        )
+        return ends
+
+    def some(self, rows: Rows) -> Task:
+        """Some of the problems."""
+        occupied, ground = maps_of(self.occupied, rows), maps_of(self.ground, rows)
+        return Task(occupied, ground, self.starts[rows], self.goals[rows], self.grid, self.margin)
+
+
+def maps_of(volumes: Volume, rows: Rows) -> Volume:
+    """The maps of some problems; a shared one is itself."""
+    return volumes if volumes.ndim == 3 else volumes[rows]
+
+
+def rows_of(which: Int64[np.ndarray, " n"]) -> Rows:
+    """The problems of these numbers, as a slice where they follow each other."""
+    in_a_row = len(which) > 0 and np.array_equal(which, np.arange(which[0], which[0] + len(which)))
+    return slice(int(which[0]), int(which[0]) + len(which)) if in_a_row else which
+
+
+def checked_grid(grid: Any) -> Grid:
+    """The grid.
+
+    Raises:
+        ValueError: unless it is one.
+    """
+    if not isinstance(grid, Grid):
+        raise ValueError(f"grid: expected a maxjax.Grid, given {grid!r}")
+    return grid
+
+
+def checked_margin(margin: Any, grid: Grid) -> float:
+    """A margin [m] that fits the grid.
+
+    Raises:
+        ValueError: for what is not a number, is negative, or is longer than the map.
+    """
+    given = _array("margin", margin)
+    if given.shape != () or given.dtype.kind not in "iuf":
+        raise ValueError(f"margin: expected a number of metres, given {margin!r}")
+    rungs(float(given), grid)
+    return float(given)
+
+
+def points_of(name: str, given: Any, shape: tuple[int | str, ...], *, least: int = 1) -> Float64[np.ndarray, "*n 3"]:
+    """Points [m] as float64; NaN and infinity stay.
+
+    Args:
+        name: of the argument, for the message.
+        given: what should be points.
+        shape: that it must have; a letter stands for any number that is not below `least`.
+        least: see there.
+
+    Raises:
+        ValueError: for another shape, or for what are not real numbers.
+    """
+    points = _array(name, given)
+    fits = len(points.shape) == len(shape) and all(
+        n >= least if isinstance(asked, str) else n == asked for n, asked in zip(points.shape, shape, strict=True)
+    )
+    if not fits or points.dtype.kind not in "iuf":
+        letters = [asked for asked in shape if isinstance(asked, str)]
+        expected = "(" + ", ".join(map(str, shape)) + (",)" if len(shape) == 1 else ")")
+        expected += f" with {letters[0]} >= {least}" if letters and least else ""
+        raise ValueError(f"{name}: expected numbers of shape {expected} [m], given {points.dtype} {points.shape}")
+    return points.astype(np.float64)
+
+
+def _volume(name: str, given: Any, grid: Grid, count: int) -> Bool[np.ndarray, "*batch nx ny nz"]:
+    volume = _array(name, given)
+    if volume.dtype != bool:
+        raise ValueError(f"{name}: expected dtype bool, given {volume.dtype}; compare with a threshold first")
+    expected = (count, *grid.shape) if volume.ndim == 4 else grid.shape
+    if volume.shape != expected:
+        raise ValueError(f"{name}: expected shape {expected}, given {volume.shape}")
+    return volume
+
+
+def _array(name: str, given: Any) -> np.ndarray:
+    try:
+        return np.asarray(given)
+    except (ValueError, TypeError) as error:  # ragged lists; arrays that are traced
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"{name}: expected an array, given {type(given).__name__}: {reason}") from error
