@@ -28,7 +28,7 @@ def first_size(
     Args:
         config: how to fly; the shape of its map.
         devices: to fly on.
-        wanted: a size that was asked for, or flown with before; None: what suits the devices.
+        wanted: chosen by the user, or that of an earlier run; None: the default of the devices.
         warn: called with a sentence when that size does not fit.
     """
     count, on_cpu = len(devices), devices[0].platform == "cpu"
@@ -38,7 +38,7 @@ def first_size(
         # Two cores gain nothing from a second flight, and lose where one takes longer than another.
         return count if on_cpu else count * min(_LARGEST, max(fits // count, 1))
     size = round_up(wanted, count)
-    # The allocator of a GPU reports what does not fit. A computer would begin to swap, and then end the process.
+    # The allocator of a GPU reports failure. A host would start to swap, and then end the process.
     while on_cpu and size > count and size > fits:
         size = halved(size, devices, warn)
     return size

@@ -2,7 +2,7 @@
 
 A batch is `fly` under `vmap`, one compiled program; each device flies an equal part, and the last batch is filled up
 with copies. With a folder, the outcomes of each batch are in its ledger before the next one flies, and a campaign that
-was killed goes on from there.
+was killed is resumed from there.
 
 Device work runs in daemon threads (`core.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two writes
 of the ledger, while a device program that runs goes on; it does not keep the process alive.
@@ -44,7 +44,7 @@ def fly_trials(
 
     Args:
         campaign: what to fly.
-        batch: flights at a time, rounded up to a multiple of the number of devices; None: what suits the devices.
+        batch: flights at a time, rounded up to a multiple of the number of devices; None: see `batch_size`.
         folder: where to keep outcomes and positions; made if missing. None: nowhere.
         devices: to fly on; None: all.
         warn: called with a sentence when a batch did not fit and is split.

@@ -1,4 +1,4 @@
-"""One trial by itself, one planning period after the other: what it did, and all that it knew on the way."""
+"""One trial by itself, one planning period after the other, for inspection of everything that evolves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
 
     Args:
         campaign: of one trial.
-        ledger: where its outcome, unless already kept, and its positions go.
+        ledger: that keeps its positions, and its outcome unless it holds one.
 
     Returns:
         Its outcome, and the flight after each planning iteration; none if it cannot be flown.

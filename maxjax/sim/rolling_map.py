@@ -14,8 +14,8 @@ Free space is found by projecting each voxel into the range image (channels x az
 rays: a voxel is seen free when the least range over the beams around its direction exceeds the range of its far side.
 These beams span the voxel's own angular width, at least the nearest beam and its neighbours. Minimum filters of growing
 size over the range image are computed once a scan; then each voxel costs one look-up. Because the least range decides,
-one return anywhere on the patch of a wall behind a voxel keeps it from being seen free, whatever share of the beams is
-lost.
+one return anywhere on the patch of a wall that a voxel covers keeps it from being seen free, whatever share of the
+beams is lost.
 
 A lost beam measures nothing: it may have met no surface, or dropped out. It counts as free up to the lidar's range only
 in columns (azimuths) where other beams returned; over a city the lower ones always meet the ground. A column without

@@ -2,7 +2,7 @@
 
     y_road(x) = y_0 + A sin(k x + phase)
 
-Houses stand parallel to the road in front of them; behind them lie gardens with trees.
+Houses stand parallel to the nearest road; gardens with trees lie at their backs.
 """
 
 from __future__ import annotations

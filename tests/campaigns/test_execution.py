@@ -173,15 +173,15 @@ def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, to
 
 
 @pytest.mark.usefixtures("quick")
-def test_each_batch_is_on_the_disk_when_it_is_told(tmp_path: Path) -> None:
+def test_each_batch_is_on_the_disk_when_it_is_yielded(tmp_path: Path) -> None:
     campaign = Campaign("suburb", 0, range(9), method=SOLVER)
     run = fly_trials(campaign, batch=3, folder=tmp_path)
-    told = [*next(run), *next(run)]
+    yielded = [*next(run), *next(run)]
     run.close()
     kept = campaign.ledger(tmp_path)
-    assert list(kept.outcomes.values()) == told
-    assert sorted(kept.positions()) == sorted(outcome.trial for outcome in told if outcome.flown)
-    np.testing.assert_allclose(kept.positions()[0][0], told[1].start, atol=0.5)
+    assert list(kept.outcomes.values()) == yielded
+    assert sorted(kept.positions()) == sorted(outcome.trial for outcome in yielded if outcome.flown)
+    np.testing.assert_allclose(kept.positions()[0][0], yielded[1].start, atol=0.5)
     fresh = flown(campaign, folder=tmp_path)
     assert sorted(outcome.trial for outcome in fresh) == list(range(9))
 

@@ -289,12 +289,12 @@ def test_push_does_not_depend_on_how_densely_a_wall_is_seen_nor_on_misses() -> N
 
 
 def test_push_never_opposes_travel_unless_very_near_and_corridors_cancel() -> None:
-    ahead = jnp.array([4.0, 0.5, 0.0])
+    velocity = jnp.array([4.0, 0.5, 0.0])
     for distance in (2.5, 2.0, 1.6):
-        given = fast_push(WALL_POINTS, jnp.array([-distance, 0.0, 0.0]), ahead)
+        given = fast_push(WALL_POINTS, jnp.array([-distance, 0.0, 0.0]), velocity)
         # Not quite 0: the direction of travel is smoothed over 0.3 m/s.
-        assert float(given @ ahead) / 4.03 > -0.02
-    assert float(fast_push(WALL_POINTS, jnp.array([-0.7, 0.0, 0.0]), ahead) @ ahead) / 4.03 < -0.5
+        assert float(given @ velocity) / 4.03 > -0.02
+    assert float(fast_push(WALL_POINTS, jnp.array([-0.7, 0.0, 0.0]), velocity) @ velocity) / 4.03 < -0.5
     corridor = jnp.concatenate([WALL_POINTS - jnp.array([1.5, 0, 0]), WALL_POINTS + jnp.array([1.5, 0, 0])])
     np.testing.assert_allclose(fast_push(corridor, jnp.zeros(3), jnp.array([0.0, 4.0, 0.0])), 0.0, atol=1e-4)
     # Beside a wall it pushes away from it, whichever way the flight goes.

@@ -173,7 +173,7 @@ def test_caps_are_kept_and_a_cap_of_zero_is_final() -> None:
         assert np.all(np.asarray(reference.speed)[40:60] <= 2.0 + 1e-4)
         assert np.asarray(reference.speed)[80] > 4.0
         x = np.asarray(setpoints.position)[:, 0]
-        # At rest at the sample itself, never beyond, and there for good although the caps behind it are open.
+        # At rest at the sample itself, never beyond, and permanently although the later caps allow motion.
         assert x.max() <= where[120] + 1e-4
         np.testing.assert_allclose(x[-100:], where[120], atol=1e-3)
         assert float(reference.excess) == 0.0

@@ -84,13 +84,13 @@ def test_lattice_recentring_and_forgetting() -> None:
 
 
 def test_hits_land_in_the_voxels_of_their_points() -> None:
-    """From the pose given, not from the scan's own world points: a drifting vehicle maps where it believes it is."""
+    """From the pose given, not from the scan's own world points: with drift, at the estimated position."""
     position = jnp.array([2.0, 1.0, 5.0])
     turn = jnp.asarray(Rotation.from_euler("zyx", [130.0, 8.0, -11.0], degrees=True).as_matrix(), jnp.float32)
     result = jit_scan(STREET, CLEAN, position, turn, KEY)
     for drift in (0.0, 0.7):
-        believed = position + drift
-        rolling_map = jit_fuse(empty(believed, SHAPE), result, CLEAN, believed, turn)
+        estimated = position + drift
+        rolling_map = jit_fuse(empty(estimated, SHAPE), result, CLEAN, estimated, turn)
         points = np.asarray(result.points, float)[np.asarray(result.hit)] + drift
         index = np.floor((points - np.asarray(origin(rolling_map), float)) / 2.0 + 0.5).astype(int)
         inside = np.all((index >= 0) & (index < SHAPE), axis=1)
