@@ -19,6 +19,7 @@ moves the origin to the middle of the part that is flown in.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 
@@ -117,35 +118,60 @@ def _direction(rings: Sequence[Ring]) -> float:
     return float(angle[np.argmin(cost)])
 
 
+@dataclasses.dataclass(frozen=True)
+class _Span:
+    """One interval over a strip: the range of its lower and that of its upper bound [m]."""
+
+    low: float
+    highest_low: float
+    lowest_high: float
+    high: float
+
+    def joined(self, other: _Span) -> _Span:
+        """The span over both strips."""
+        return _Span(
+            min(self.low, other.low),
+            max(self.highest_low, other.highest_low),
+            min(self.lowest_high, other.lowest_high),
+            max(self.high, other.high),
+        )
+
+    def fits(self, tolerance: float) -> bool:
+        """Whether one box exceeds the interval by no more than the tolerance anywhere."""
+        return self.highest_low - self.low <= tolerance and self.high - self.lowest_high <= tolerance
+
+
+@dataclasses.dataclass(frozen=True)
+class _Strip:
+    """The polygon between two abscissae [m]."""
+
+    west: float
+    east: float
+    spans: list[_Span]
+
+
 def _cover(rings: Sequence[Ring], tolerance: float) -> Boxes:
     """Boxes along the axes, their union a cover of the polygon."""
-    opened: list[list[float]] = []  # (west, east, low, highest low, lowest high, high)
-    done: list[list[float]] = []
-    for west, east, spans in _strips(rings, tolerance):
-        going: list[list[float]] = []
-        for span in spans:
-            box = next((box for box in opened if box[1] == west and _fits(box, span, tolerance)), None)
+    finished: list[tuple[float, float, _Span]] = []
+    growing: list[tuple[float, float, _Span]] = []  # boxes (west, east, span) that reach the present strip
+    for strip in _strips(rings, tolerance):
+        longer: list[tuple[float, float, _Span]] = []
+        for span in strip.spans:
+            fitting = (box for box in growing if box[1] == strip.west and box[2].joined(span).fits(tolerance))
+            box = next(fitting, None)
             if box is None:
-                going.append([west, east, *span])
+                longer.append((strip.west, strip.east, span))
             else:
-                opened.remove(box)
-                going.append([box[0], east, *_joined(box[2:], span)])
-        done += opened
-        opened = going
-    return _merge_thin(np.array([[b[0], b[1], b[2], b[5]] for b in [*done, *opened]]).reshape(-1, 4), tolerance)
+                growing.remove(box)
+                longer.append((box[0], strip.east, box[2].joined(span)))
+        finished += growing
+        growing = longer
+    boxes = [[west, east, span.low, span.high] for west, east, span in [*finished, *growing]]
+    return _merge_thin(np.array(boxes).reshape(-1, 4), tolerance)
 
 
-def _joined(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    return [min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])]
-
-
-def _fits(box: list[float], span: list[float], tolerance: float) -> bool:
-    low, highest_low, lowest_high, high = _joined(box[2:], span)
-    return highest_low - low <= tolerance and high - lowest_high <= tolerance
-
-
-def _strips(rings: Sequence[Ring], tolerance: float) -> Iterator[tuple[float, float, list[list[float]]]]:
-    """(west, east, spans) from west to east; a span is (low, highest low, lowest high, high) of one interval."""
+def _strips(rings: Sequence[Ring], tolerance: float) -> Iterator[_Strip]:
+    """The polygon in strips, from west to east."""
     a = np.concatenate(list(rings))
     b = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     a, b = np.where(a[:, :1] <= b[:, :1], a, b), np.where(a[:, :1] <= b[:, :1], b, a)
@@ -165,15 +191,15 @@ def _strips(rings: Sequence[Ring], tolerance: float) -> Iterator[tuple[float, fl
             order = np.argsort(at_west + at_east, kind="stable")
             least = np.minimum(at_west, at_east)[order].tolist()
             most = np.maximum(at_west, at_east)[order].tolist()
-            spans: list[list[float]] = []
+            spans: list[_Span] = []
             for low, high in zip(range(0, len(order), 2), range(1, len(order), 2), strict=True):
-                span = [least[low], most[low], least[high], most[high]]
+                span = _Span(least[low], most[low], least[high], most[high])
                 # No point of a closed gap is further than the tolerance from the interval above or below.
-                if spans and span[1] - spans[-1][2] <= 2 * tolerance:
-                    spans[-1] = [spans[-1][0], spans[-1][1], span[2], span[3]]
+                if spans and span.highest_low - spans[-1].lowest_high <= 2 * tolerance:
+                    spans[-1] = _Span(spans[-1].low, spans[-1].highest_low, span.lowest_high, span.high)
                 else:
                     spans.append(span)
-            yield west, east, spans
+            yield _Strip(west, east, spans)
 
 
 def _crossings(a: Ring, b: Ring) -> Float[np.ndarray, " _"]:
