@@ -47,8 +47,8 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.planning.climb import Climb
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.route import Route
+from maxjax.solvers.aggregation import padded
 from maxjax.solvers.potential import solve_potential
-from maxjax.solvers.walk import padded
 from maxjax.worlds.scenes import MAPS
 
 STEPS = (

@@ -24,15 +24,16 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 import tyro
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Float, Int32
 
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
-from maxjax.fields.connectivity import geodesic
-from maxjax.solvers import walk
-from maxjax.solvers.potential import TOLERANCE, _guess, _operator, screening_length_for
+from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
+from maxjax.solvers.newton import so_many_cycles
+from maxjax.solvers.potential import screening_length_for
+from maxjax.solvers.screened import TOLERANCES, Screened, guess
 from maxjax.viz.style import PATHS, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import MAPS
 
@@ -90,33 +91,25 @@ def main(config: Config) -> list[Row]:
 
 
 @jax.jit
-def _start(
-    sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]
-) -> tuple[Float[Array, ""], Bool[Array, "mx my mz"], Float[Array, "mx my mz"]]:
-    """Screening length, component and guess, the last two padded, as `solve_potential` begins."""
-    component, distance = geodesic(sigma > 0, goal)
-    length = screening_length_for(distance)
-    component, distance = walk.padded(component), walk.padded(distance)
-    return length, component, _guess(distance, length, component)
+def _start(sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]) -> tuple[Medium, Progress]:
+    """The padded medium and the guess, as `solve_potential` begins."""
+    medium = medium_of(sigma, goal)
+    length = screening_length_for(medium.distance)
+    medium = Screened().prepared(medium)
+    return medium, guess(medium, untouched(medium, length))
 
 
 @jax.jit
-def _cycle(
-    sigma: Float[Array, "nx ny nz"],
-    length: Float[Array, ""],
-    phi: Float[Array, "mx my mz"],
-    component: Bool[Array, "mx my mz"],
-    goal: Int32[Array, " 3"],
-) -> walk.Solution:
+def _cycle(medium: Medium, progress: Progress) -> Progress:
     """One cycle; nothing but φ passes from one to the next, so k of them are a solve of k cycles."""
-    operator = _operator("screened", walk.padded(sigma), length)
-    return walk.solve(operator, walk.guessed(phi), component, goal, tolerance=0.0, max_cycles=1)
+    return so_many_cycles(medium, progress, tolerance=0.0, count=1)
 
 
 def _convergence(scene: Scene, config: Config) -> list[Row]:
     print(f"convergence, {scene.name}", file=sys.stderr, flush=True)
     sigma, goal = scene.sigma, scene.problems[0].goal_index
-    length, component, phi = _start(sigma, goal)
+    medium, progress = _start(sigma, goal)
+    length = progress.length
     matrix, source, joined = system(np.asarray(sigma), np.asarray(goal), float(length))
     scale, scaled, right = unit_diagonal(matrix, source)
     exact = np.zeros(joined.shape)
@@ -129,9 +122,9 @@ def _convergence(scene: Scene, config: Config) -> list[Row]:
     residual = None
     for cycles in range(config.cycles + 1):
         if cycles:
-            solution = _cycle(sigma, length, phi, component, goal)
-            phi, residual = solution.phi, float(solution.residual)
-        values = np.asarray(phi, np.float64)[inside]
+            progress = _cycle(medium, progress)
+            residual = float(progress.residual)
+        values = np.asarray(progress.phi, np.float64)[inside]
         one, five = angles(values)
         error = np.max(np.abs(values[joined] / exact[joined] - 1))
         rows.append({
@@ -182,7 +175,7 @@ def draw_convergence(rows: Sequence[Mapping[str, Any]]) -> Figure:
                 # No line to where there is no number or, on a logarithmic axis, none but zero.
                 shown = [(row["cycles"], factor * row[key]) for row in mine if row[key]]
                 axes.plot(*zip(*shown, strict=True) if shown else ([], []), label=name, **style)
-        tolerance = TOLERANCE["screened"][4]
+        tolerance = TOLERANCES[4]
         left.axhline(tolerance, color="black", linewidth=0.7, linestyle=":")
         left.annotate(
             "default tolerance", (1.0, tolerance), (-2, 2), xycoords=("axes fraction", "data"),

@@ -25,8 +25,9 @@ from maxjax.fields.gradient import gradient
 from maxjax.fields.gradient import log_potential as logarithm
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.sight import span_codes
+from maxjax.solvers.cg import DEGREE
+from maxjax.solvers.derivative import DERIVATIVE_TOLERANCE, TIGHT_TOLERANCE
 from maxjax.solvers.krylov import chebyshev, pcg
-from maxjax.solvers.potential import DEGREE, DERIVATIVE_TOLERANCE, TIGHT_TOLERANCE
 
 
 @jax.tree_util.register_dataclass

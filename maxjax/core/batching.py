@@ -1,7 +1,9 @@
-"""Loops whose members of a batch need different numbers of turns."""
+"""What a batch is computed by: loops whose members need different numbers of turns, and rules of its own."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -12,6 +14,8 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool
 
 State = TypeVar("State")
+Result = TypeVar("Result")
+Leaves = list[Any]
 
 
 def settle(
@@ -40,7 +44,6 @@ def settle(
     # dataclass need not allow.
     inputs, data_tree = jax.tree.flatten(data)
     first, state_tree = jax.tree.flatten(state)
-    Leaves = list[Array]
 
     def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
         return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
@@ -48,25 +51,40 @@ def settle(
     def turn(inputs: Leaves, leaves: Leaves) -> Leaves:
         return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves)))
 
-    def turns(inputs: Leaves, leaves: Leaves) -> Leaves:
-        settled: Leaves = lax.while_loop(lambda leaves: on(inputs, leaves), lambda leaves: turn(inputs, leaves), leaves)
+    loop = _Loop(on, turn, parts)
+    run = custom_vmap(loop.of_one)
+    run.def_vmap(loop.of_batch)
+    result: State = jax.tree.unflatten(state_tree, run(inputs, first))
+    return result
+
+
+@dataclasses.dataclass(frozen=True)
+class _Loop:
+    """The loop of `settle` on the leaves of its data (`inputs`) and of its state (`leaves`)."""
+
+    on: Callable[[Leaves, Leaves], Bool[Array, ""]]
+    turn: Callable[[Leaves, Leaves], Leaves]
+    parts: int
+
+    def of_one(self, inputs: Leaves, leaves: Leaves) -> Leaves:
+        settled: Leaves = lax.while_loop(
+            functools.partial(self.on, inputs), functools.partial(self.turn, inputs), leaves
+        )
         return settled
 
-    run = custom_vmap(turns)
-
-    @run.def_vmap
-    def batched(size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves) -> tuple[Leaves, list[bool]]:
+    def of_batch(
+        self, size: int, in_batch: list[list[bool]], inputs: Leaves, leaves: Leaves
+    ) -> tuple[Leaves, list[bool]]:
         own, varying = in_batch
         axes = ([0 if batched else None for batched in own], 0)
-        leaves = one_a_member(size, varying, leaves)
-        part = -(-size // parts)
+        part = -(-size // self.parts)
 
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
-            return jnp.asarray(jax.vmap(on, axes)(inputs, leaves))
+            return jnp.asarray(jax.vmap(self.on, axes)(inputs, leaves))
 
         def together(leaves: Leaves) -> Leaves:
             more = unfinished(leaves)
-            pairs = zip(jax.vmap(turn, axes)(inputs, leaves), leaves, strict=True)
+            pairs = zip(jax.vmap(self.turn, axes)(inputs, leaves), leaves, strict=True)
             with jax.named_scope("settle"):
                 return [jnp.where(more.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
 
@@ -80,19 +98,35 @@ def settle(
             with jax.named_scope("settle"):
                 some = [take(x) if batched else x for x, batched in zip(inputs, own, strict=True)]
                 changing = [take(x) for x in leaves]
-            settled = jax.vmap(turns, axes)(some, changing)
+            settled = jax.vmap(self.of_one, axes)(some, changing)
             with jax.named_scope("settle"):
                 return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
 
+        leaves = _one_a_member(size, varying, leaves)
         leaves = lax.while_loop(lambda leaves: 2 * jnp.sum(unfinished(leaves)) > size, together, leaves)
         leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)
         return leaves, [True] * len(leaves)
 
-    result: State = jax.tree.unflatten(state_tree, run(inputs, first))
+
+def batched_by(single: Callable[..., Result], batch: Callable[..., Result]) -> Callable[..., Result]:
+    """`single`, which under `vmap` is `batch`: of the same arrays, each with a leading axis.
+
+    Args:
+        single: (*arrays) ↦ a pytree of arrays.
+        batch: the same for several members; what members share is broadcast before it is called.
+    """
+    run = custom_vmap(single)
+
+    @run.def_vmap
+    def many(size: int, in_batch: list[bool], *arrays: Array) -> tuple[Result, Any]:
+        found = batch(*_one_a_member(size, in_batch, arrays))
+        return found, jax.tree.map(lambda _: True, found)
+
+    result: Callable[..., Result] = run
     return result
 
 
-def one_a_member(size: int, in_batch: Sequence[bool], arrays: Sequence[Any]) -> list[Array]:
+def _one_a_member(size: int, in_batch: Sequence[bool], arrays: Sequence[Any]) -> list[Array]:
     """Arrays with a batch axis each, for a rule of `custom_vmap`: what the members of a batch share is broadcast."""
     pairs = zip(arrays, in_batch, strict=True)
     return [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]

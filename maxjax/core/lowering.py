@@ -2,49 +2,50 @@
 
 The *target* is the platform that a program is lowered for: `cpu` or an accelerator. A program asks `by_target`, which
 `jit` resolves when it lowers for a platform; `lowered_for` overrides it, so that a test on a CPU can run either form.
+
+Each function is named after what it computes. What XLA makes of the plain form, and what this one gains, is in
+docs/performance.md.
 """
 
 from __future__ import annotations
 
 import contextlib
-import contextvars
 import functools
 import itertools
-from collections.abc import Callable, Iterator
-from typing import Any
+import operator
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 Arrays = tuple[Array, ...]
+State = TypeVar("State")
+Volume = Shaped[Array, "nx ny nz"]
+# Per axis, what belongs to the neighbour ahead and to the one behind.
+Pairs = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume]]
+
+# None: that of the device. A context that `jit` knows of: what was traced for one target is not used for another.
+_TARGET = jax.make_user_context(None)
 
 
-_TARGET: contextvars.ContextVar[str | None] = contextvars.ContextVar("target", default=None)
-
-
-@contextlib.contextmanager
-def lowered_for(platform: str) -> Iterator[None]:
-    """Choose the form for `platform` (`cpu`, `gpu`) in everything that is traced inside; what was traced before stays.
-
-    For tests: `jit` keeps programs by their function and arguments, so trace a fresh function inside.
-    """
-    token = _TARGET.set(platform)
-    try:
-        yield
-    finally:
-        _TARGET.reset(token)
+def lowered_for(platform: str) -> contextlib.AbstractContextManager[None]:
+    """Choose the form for `platform` (`cpu`, `gpu`) in everything that is called inside."""
+    chosen: contextlib.AbstractContextManager[None] = _TARGET(platform)
+    return chosen
 
 
 def target() -> str:
     """The platform that programs are lowered for: that of JAX's default device, unless `lowered_for` says otherwise."""
-    return _TARGET.get() or jax.default_backend()
+    return _TARGET.value or jax.default_backend()
 
 
 def by_target(*operands: Any, cpu: Callable[..., Any], default: Callable[..., Any]) -> Any:
     """cpu(*operands) on a CPU, default(*operands) on an accelerator: the same values."""
-    chosen = _TARGET.get()
+    chosen = _TARGET.value
     if chosen is None:
         return lax.platform_dependent(*operands, cpu=cpu, default=default)
     return (cpu if chosen == "cpu" else default)(*operands)
@@ -56,48 +57,76 @@ def in_host_memory(array: Array) -> Array:
     return moved
 
 
-def repeat(count: int, step: Callable[[Arrays], Arrays], state: Arrays, fused: int = 1) -> Arrays:
-    """`step`, `count` times.
-
-    On CPU a `lax` loop: in straight-line code XLA fuses one step into the next and computes it anew for each neighbour
-    that the next reads. Elsewhere straight-line code: there a turn of a loop costs several times what a short step
-    does.
+def repeat(count: int, step: Callable[[State], State], state: State, fused: int = 1) -> State:
+    """`step`, `count` times: a loop on CPU, straight-line code on an accelerator.
 
     Args:
         count: static.
-        step: maps a tuple of arrays to one of the same shapes and types.
+        step: maps a pytree of arrays to one of the same structure, shapes and types.
         state: first argument.
-        fused: steps that may become one kernel: where a step is shorter than the start of a kernel, it is cheaper to
-            compute some of it anew. Static; on CPU it does not matter.
+        fused: steps of the straight-line code that may become one kernel. Static.
     """
 
-    def in_a_loop(*state: Array) -> Arrays:
-        return tuple(lax.fori_loop(0, count, lambda _, s: step(s), state))
+    def loop(state: State) -> State:
+        last: State = lax.fori_loop(0, count, lambda _, s: step(s), state)
+        return last
 
-    def in_a_row(*state: Array) -> Arrays:
+    def straight(state: State) -> State:
         for k in range(count):
             state = step(state)
             if (k + 1) % fused == 0 or k + 1 == count:
                 state = lax.optimization_barrier(state)
         return state
 
-    return tuple(by_target(*state, cpu=in_a_loop, default=in_a_row)) if count else state
+    if not count:
+        return state
+    last: State = by_target(state, cpu=loop, default=straight)
+    return last
+
+
+def once(*arrays: Array) -> Any:
+    """The arrays themselves, each element computed once, and all of them together: nothing that reads them is fused.
+
+    One array is returned as it is, several as a tuple.
+    """
+    found = lax.optimization_barrier(arrays)
+    return found[0] if len(arrays) == 1 else found
+
+
+def in_this_turn(constants: State, carried: Any) -> State:
+    """Constants of a loop, such that what is computed from them stays in the loop: a turn that is not taken costs none.
+
+    Args:
+        constants: what the turns of a loop share, a pytree of arrays.
+        carried: any array of the loop carry.
+    """
+    kept: State
+    kept, _ = lax.optimization_barrier((constants, carried))
+    return kept
+
+
+def head_start(work: Callable[[State], State], state: State) -> State:
+    """work(state) ahead of a loop that would do the same work, on an accelerator; on CPU the state itself.
+
+    On an accelerator each look at the condition of a loop is a synchronisation. The loop has to find out from the state
+    that the work is done.
+    """
+    last: State = by_target(state, cpu=lambda state: state, default=work)
+    return last
 
 
 def materialise(x: Array) -> Array:
-    """The array itself, computed before anyone reads it.
+    """The array itself, written to memory before anything reads it; on an accelerator it is left to XLA.
 
-    On CPU XLA fuses what looks cheap into all who read it, and computes it anew for each neighbour that a stencil
-    reads: stencils of stencils then cost many times as much. It does not look behind a branch. Elsewhere nothing
-    happens.
+    Stronger than `once`, which XLA drops on a CPU outside of loops: it does not fuse across a branch.
 
     Args:
-        x: whose first element is not below −1: that is the question at the branch, which XLA cannot answer.
+        x: whose first element is not below −1: that is the branch's condition, which XLA cannot evaluate.
     """
 
     def behind_a_branch(x: Array) -> Array:
-        there = ~(x.reshape(-1)[0].astype(jnp.float32) < -1)
-        return jnp.asarray(lax.cond(there, lambda x: x, jnp.zeros_like, x))
+        expected = ~(x.reshape(-1)[0].astype(jnp.float32) < -1)
+        return jnp.asarray(lax.cond(expected, lambda x: x, jnp.zeros_like, x))
 
     return jnp.asarray(by_target(x, cpu=behind_a_branch, default=lambda x: x))
 
@@ -108,8 +137,6 @@ _PARTS = 8
 
 def maximum(function: Callable[..., Array], *volumes: Array) -> Array:
     """The largest value of an elementwise function of volumes.
-
-    On CPU XLA reduces a volume on one core: there it is folded first, one part on the other, on all cores.
 
     Args:
         function: of arrays of any shape, elementwise.
@@ -125,7 +152,70 @@ def maximum(function: Callable[..., Array], *volumes: Array) -> Array:
             jnp.max(fold, initial=-jnp.inf), jnp.max(function(*(v[cuts[-1] :] for v in volumes)), initial=-jnp.inf)
         )
 
-    def at_once(*volumes: Array) -> Array:
+    def whole(*volumes: Array) -> Array:
         return jnp.max(function(*volumes))
 
-    return jnp.asarray(by_target(*volumes, cpu=folded, default=at_once))
+    return jnp.asarray(by_target(*volumes, cpu=folded, default=whole))
+
+
+def first_maximum(score: Float[Array, " k"], *rows: Float[Array, "k 3"]) -> Arrays:
+    """The largest of a few scores, the first of equals, and its row of each array: elementwise, without a look-up."""
+    best = (score[0], *(row[0] for row in rows))
+    for k in range(1, score.shape[0]):
+        better = score[k] > best[0]
+        best = tuple(jnp.where(better, new[k], old) for new, old in zip((score, *rows), best, strict=True))
+    return best
+
+
+# So few terms an accelerator takes one by one.
+_FEW = 8
+
+
+def every(holds: Callable[[Int32[np.ndarray, " h"]], Bool[Array, "*k h"]], count: int) -> Bool[Array, "*k"]:
+    """Whether a condition holds for all of the numbers 0 … count − 1.
+
+    Args:
+        holds: numbers ↦ whether it holds for each, on the last axis.
+        count: static.
+    """
+    numbers = np.arange(count, dtype=np.int32)
+
+    def together() -> Bool[Array, "*k"]:
+        return jnp.all(holds(numbers), axis=-1)
+
+    def one_by_one() -> Bool[Array, "*k"]:
+        return functools.reduce(operator.and_, (holds(numbers[k : k + 1])[..., 0] for k in numbers))
+
+    if count > _FEW:
+        return together()
+    found: Bool[Array, "*k"] = by_target(cpu=together, default=one_by_one)
+    return found
+
+
+def shifted(array: Shaped[Array, "..."], axis: int, step: int, beyond: float | int = 0) -> Shaped[Array, "..."]:
+    """The values `step` places further along an axis; `beyond` (static) outside."""
+    config = [(0, 0, 0)] * array.ndim
+    config[axis] = (-step, step, 0)
+    return lax.pad(array, jnp.asarray(beyond, array.dtype), config)
+
+
+def neighbours(array: Volume, beyond: float | int = 0) -> Pairs:
+    """Per axis, the values one voxel ahead and one behind; `beyond` (static) outside the grid."""
+
+    def of_one_copy(array: Volume) -> Pairs:
+        around = once(lax.pad(array, jnp.asarray(beyond, array.dtype), [(1, 1, 0)] * 3))
+
+        def view(axis: int, start: int) -> Volume:
+            corner = [1, 1, 1]
+            corner[axis] = start
+            return lax.slice(around, corner, [a + n for a, n in zip(corner, array.shape, strict=True)])
+
+        x, y, z = ((view(axis, 2), view(axis, 0)) for axis in range(3))
+        return x, y, z
+
+    def of_itself(array: Volume) -> Pairs:
+        x, y, z = ((shifted(array, axis, 1, beyond), shifted(array, axis, -1, beyond)) for axis in range(3))
+        return x, y, z
+
+    found: Pairs = by_target(array, cpu=of_one_copy, default=of_itself)
+    return found

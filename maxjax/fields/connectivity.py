@@ -9,6 +9,7 @@ free, hence joins nothing that faces do not.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import operator
@@ -17,12 +18,11 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from maxjax.core import slabs
-from maxjax.core.batching import one_a_member
-from maxjax.core.lowering import Arrays, repeat
+from maxjax.core.batching import batched_by
+from maxjax.core.lowering import Arrays, repeat, shifted
 from maxjax.fields.stencil import cell
 
 _WORD = 32
@@ -84,9 +84,16 @@ def _spread_across(words: UInt32[Array, "*b words ny nz"], axis: int) -> UInt32[
 
 def _moved(words: UInt32[Array, "*b words ny nz"], axis: int, step: int) -> UInt32[Array, "*b words ny nz"]:
     """All words one place further along an axis, or one back; nothing comes in from beyond the grid."""
-    config = [(0, 0, 0)] * words.ndim
-    config[axis] = (step, -step, 0)
-    return lax.pad(words, jnp.uint32(0), config)
+    return shifted(words, axis, -step)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _FloodCarry:
+    """Carry of `flood`: what has been reached, packed, and whether the last steps reached more."""
+
+    words: UInt32[Array, "words ny nz"]
+    grew: Bool[Array, ""]
 
 
 def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array, "nx ny nz"]:
@@ -98,19 +105,36 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
     """
     passable = _pack(free)
 
-    def grow(state: tuple[Array, Array]) -> tuple[Array, Array]:
-        before, _ = state
-        (after,) = _grown((before,), passable)
-        return after, jnp.any(after != before)
+    def grow(carry: _FloodCarry) -> _FloodCarry:
+        (after,) = _grown((carry.words,), passable)
+        return _FloodCarry(after, jnp.any(after != carry.words))
 
-    first = grow((_seed(free.shape, seed) & passable, jnp.array(True)))
-    words, _ = lax.while_loop(lambda state: state[1], grow, first)
-    return _unpack(words, free.shape[0])
+    first = grow(_FloodCarry(_seed(free.shape, seed) & passable, jnp.array(True)))
+    last = lax.while_loop(lambda carry: carry.grew, grow, first)
+    return _unpack(last.words, free.shape[0])
 
 
 def _grown(words: Arrays, passable: UInt32[Array, "words ny nz"]) -> Arrays:
-    """Sets grown by many steps: each look at the result waits for the device."""
+    """Sets grown by many steps: each look at the result is a synchronisation."""
     return repeat(_STEPS, lambda words: tuple(_spread(each) & passable for each in words), words, fused=2)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _JoinCarry:
+    """Carry of `first_joined`.
+
+    Attributes:
+        reached: from either voxel, packed.
+        k: the map.
+        met: whether the two floods have met in it.
+        over: whether there is nothing more to do.
+    """
+
+    reached: Arrays
+    k: Int32[Array, ""]
+    met: Bool[Array, ""]
+    over: Bool[Array, ""]
 
 
 def first_joined(
@@ -135,21 +159,21 @@ def first_joined(
     shape = jax.eval_shape(free, first).shape
     seeds = _seed(shape, a), _seed(shape, b)
 
-    def grow(state: tuple[Arrays, Array, Array, Array]) -> tuple[Arrays, Array, Array, Array]:
-        reached, k, _, _ = state
-        passable = _pack(free(k))
-        before = tuple((words | seed) & passable for words, seed in zip(reached, seeds, strict=True))
+    def grow(carry: _JoinCarry) -> _JoinCarry:
+        passable = _pack(free(carry.k))
+        before = tuple((words | seed) & passable for words, seed in zip(carry.reached, seeds, strict=True))
         after = _grown(before, passable)
         # All three answers from one reduction.
         grew_a, grew_b = (jnp.where(new != old, bit, 0) for new, old, bit in zip(after, before, (1, 2), strict=True))
         found = lax.reduce_or(grew_a | grew_b | jnp.where(after[0] & after[1] != 0, 4, 0), (0, 1, 2))
         met, filled = found >= 4, found & 3 != 3
-        return after, jnp.where(filled & ~met, k + 1, k), met, met | (filled & (k >= last))
+        k = jnp.where(filled & ~met, carry.k + 1, carry.k)
+        return _JoinCarry(after, k, met, met | (filled & (carry.k >= last)))
 
     nothing = jnp.zeros_like(seeds[0])
-    start = (nothing, nothing), first, jnp.array(False), jnp.array(False)
-    _, k, met, _ = lax.while_loop(lambda state: ~state[3], grow, grow(start))
-    return jnp.minimum(k, last), met
+    start = _JoinCarry((nothing, nothing), first, jnp.array(False), jnp.array(False))
+    end = lax.while_loop(lambda carry: ~carry.over, grow, grow(start))
+    return jnp.minimum(end.k, last), end.met
 
 
 # Digits of the number of rounds, enough for 12,264 steps; the lowest of them count the eight rounds of a turn.
@@ -171,11 +195,10 @@ def geodesic(
     Returns:
         The component, and the steps; 0 outside the component.
     """
-    component, steps = _geodesic(free, _seed(free.shape, seed))
+    component, steps = batched_by(_geodesic, _geodesics)(free, _seed(free.shape, seed))
     return component, steps
 
 
-@custom_vmap
 def _geodesic(
     free: Bool[Array, "nx ny nz"], seed: UInt32[Array, "words ny nz"]
 ) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, "nx ny nz"]]:
@@ -184,11 +207,11 @@ def _geodesic(
     return _counted_in_slabs(free, seed) if slabs.slabs() > 1 and whole_words else _counted(free, seed, free.shape)
 
 
-@_geodesic.def_vmap
-def _geodesics(size: int, in_batch: list[bool], *masks: Array) -> tuple[tuple[Array, Array], tuple[bool, bool]]:
-    """Several maps count the same rounds: under `vmap`, a loop would keep what each of them had, turn by turn."""
-    free, seed = one_a_member(size, in_batch, masks)
-    return _counted(free, seed, free.shape), (True, True)
+def _geodesics(
+    free: Bool[Array, "b nx ny nz"], seed: UInt32[Array, "b words ny nz"]
+) -> tuple[Bool[Array, "b nx ny nz"], Int32[Array, "b nx ny nz"]]:
+    """The same of several maps, which count the same rounds: `vmap` of a loop would select for each, turn by turn."""
+    return _counted(free, seed, free.shape)
 
 
 def _counted_in_slabs(
@@ -220,6 +243,57 @@ def _same(x: Array) -> Array:
     return x
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _RoundCarry:
+    """What every four rounds change.
+
+    Attributes:
+        words: reached so far.
+        second, third: of these, the voxels first reached by the second and by the third step of a round.
+        lowest, low: the two lowest digits of the number of rounds, in Gray code.
+    """
+
+    words: UInt32[Array, "*b words ny nz"]
+    second: UInt32[Array, "*b words ny nz"]
+    third: UInt32[Array, "*b words ny nz"]
+    lowest: UInt32[Array, "*b words ny nz"]
+    low: UInt32[Array, "*b words ny nz"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Recent:
+    """Carry of single rounds: what has been reached now, and one to three rounds ago; `second`, `third` as above."""
+
+    now: UInt32[Array, "*b words ny nz"]
+    ago_1: UInt32[Array, "*b words ny nz"]
+    ago_2: UInt32[Array, "*b words ny nz"]
+    ago_3: UInt32[Array, "*b words ny nz"]
+    second: UInt32[Array, "*b words ny nz"]
+    third: UInt32[Array, "*b words ny nz"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _CountCarry:
+    """Carry of the turns of eight rounds.
+
+    Attributes:
+        rounds: after them.
+        middle: the third digit.
+        high: the digits above, lowest first.
+        turns: taken.
+        grown: whether the last four rounds reached more.
+    """
+
+    rounds: _RoundCarry
+    middle: UInt32[Array, "*b words ny nz"]
+    high: UInt32[Array, "d *b words ny nz"]
+    turns: Int32[Array, ""]
+    grown: Bool[Array, ""]
+
+
 @jax.named_scope("geodesic")
 def _counted(
     free: Bool[Array, "*b sx ny nz"],
@@ -243,55 +317,71 @@ def _counted(
     """
     passable = _pack(free)
     start = seed & passable
+    half = functools.partial(_four_rounds, passable)
 
-    def step(last: Arrays) -> Arrays:
-        return last[1], _spread(last[1]) & passable
-
-    def round_(state: Arrays) -> Arrays:
-        # What the last rounds reached stays at hand: here, 1, 2 and 3 rounds ago.
-        here, ago_1, ago_2, _, second, third = state
-        after_one, after_two = repeat(2, step, (here, here), fused=2)
-        words = _spread_cube(after_two, passable)
-        return words, here, ago_1, ago_2, second | (after_two & ~after_one), third | (words & ~after_two)
-
-    def four_rounds(state: Arrays) -> Arrays:
-        before, second, third, lowest, low = state
-        fourth, after_third, after_second, after_first, second, third = repeat(
-            4, round_, (before, before, before, before, second, third)
+    def turn(carry: _CountCarry) -> _CountCarry:
+        # Each look at the result is a synchronisation: eight rounds between two looks.
+        middle = half(dataclasses.replace(carry.rounds, words=refreshed(carry.rounds.words)))
+        whole = half(middle)
+        digit = lax.population_count(carry.turns ^ (carry.turns + 1)) - 1
+        flipped = lax.dynamic_index_in_dim(carry.high, digit, keepdims=False) ^ ~whole.words
+        return _CountCarry(
+            rounds=whole,
+            middle=carry.middle ^ ~middle.words,
+            high=lax.dynamic_update_index_in_dim(carry.high, flipped, digit, 0),
+            turns=carry.turns + 1,
+            grown=anywhere(jnp.any(whole.words != middle.words)),
         )
-        return fourth, second, third, lowest ^ after_first ^ after_third, low ^ ~after_second
 
-    def turn(state: Arrays) -> Arrays:
-        # Each look at the result waits for the device: eight rounds between two looks.
-        words, *digits, middle, high, turns, _ = state
-        half = four_rounds((refreshed(words), *digits))
-        whole = four_rounds(half)
-        digit = lax.population_count(turns ^ (turns + 1)) - 1
-        flipped = lax.dynamic_index_in_dim(high, digit, keepdims=False) ^ ~whole[0]
-        high = lax.dynamic_update_index_in_dim(high, flipped, digit, 0)
-        return *whole, middle ^ ~half[0], high, turns + 1, anywhere(jnp.any(whole[0] != half[0]))
-
-    def going(state: Arrays) -> Bool[Array, ""]:
-        *_, turns, grown = state
-        return jnp.asarray(grown & (turns < 2 ** (_DIGITS - _LOW) - 1))
+    def going(carry: _CountCarry) -> Bool[Array, ""]:
+        return jnp.asarray(carry.grown & (carry.turns < 2 ** (_DIGITS - _LOW) - 1))
 
     nothing = jnp.zeros_like(start)
     high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
-    first: Arrays = (start, nothing, nothing, nothing, nothing, nothing, high, jnp.int32(0), jnp.array(True))
-    # Turns without a look: even from its middle the corner of an empty grid is as far away as half its diagonal, and a
-    # round goes three steps, of 1.1 voxels at most.
-    blind = math.ceil(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
-    state = lax.fori_loop(0, blind, lambda _, state: turn(state), first)
-    words, second, third, lowest, low, middle, high, _, _ = lax.while_loop(going, turn, state)
+    rounds = _RoundCarry(start, nothing, nothing, nothing, nothing)
+    # Turns that need no look: even from its middle the corner of an empty grid is as far away as half its diagonal, and
+    # a round goes three steps, of 1.1 voxels at most.
+    certain = math.ceil(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
+    first = _CountCarry(rounds, nothing, high, jnp.int32(0), jnp.array(True))
+    last = lax.while_loop(going, turn, lax.fori_loop(0, certain, lambda _, carry: turn(carry), first))
+    steps = _steps(last, free.shape[-3])
+    component = _unpack(last.rounds.words, free.shape[-3])
+    return component, jnp.where(component & ~_unpack(start, free.shape[-3]), steps, 0)
+
+
+def _four_rounds(passable: UInt32[Array, "*b words ny nz"], carry: _RoundCarry) -> _RoundCarry:
+    """Four rounds of `geodesic`, and what they flip of the two lowest digits."""
+
+    def step(last: tuple[Array, Array]) -> tuple[Array, Array]:
+        return last[1], _spread(last[1]) & passable
+
+    def round_(recent: _Recent) -> _Recent:
+        after_one, after_two = repeat(2, step, (recent.now, recent.now), fused=2)
+        words = _spread_cube(after_two, passable)
+        second, third = recent.second | (after_two & ~after_one), recent.third | (words & ~after_two)
+        return _Recent(words, recent.now, recent.ago_1, recent.ago_2, second, third)
+
+    now = carry.words
+    recent = repeat(4, round_, _Recent(now, now, now, now, carry.second, carry.third))
+    return _RoundCarry(
+        words=recent.now,
+        second=recent.second,
+        third=recent.third,
+        lowest=carry.lowest ^ recent.ago_3 ^ recent.ago_1,
+        low=carry.low ^ ~recent.ago_2,
+    )
+
+
+def _steps(counted: _CountCarry, nx: int) -> Int32[Array, "*b nx ny nz"]:
+    """The number of steps in Gray code as a number, for each voxel reached."""
 
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
-        return _digits(words, free.shape[-3]).astype(jnp.int32)
+        return _digits(words, nx).astype(jnp.int32)
 
-    rounds = jnp.zeros(free.shape, jnp.int32)
-    digit = jnp.zeros_like(start)
-    for gray in (*reversed(high), middle, low, lowest):
+    last = counted.rounds
+    digit = jnp.zeros_like(last.words)
+    rounds = jnp.zeros_like(unpacked(digit))
+    for gray in (*reversed(counted.high), counted.middle, last.low, last.lowest):
         digit = digit ^ gray
         rounds = 2 * rounds + unpacked(digit)
-    steps = 3 * rounds + unpacked(second) + 2 * unpacked(third) + 1
-    component = _unpack(words, free.shape[-3])
-    return component, jnp.where(component & ~_unpack(start, free.shape[-3]), steps, 0)
+    return 3 * rounds + unpacked(last.second) + 2 * unpacked(last.third) + 1

@@ -15,11 +15,10 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import materialise
+from maxjax.core.lowering import materialise, shifted
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
 _INCLUSIVE = 1e-4
@@ -98,9 +97,7 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
         best = squared
         for k in range(1, min(reach, occupied.shape[axis] - 1) + 1):
             for step in (k, -k):
-                config = [(0, 0, 0)] * 3
-                config[axis] = (-step, step, 0)
-                best = jnp.minimum(best, lax.pad(squared, jnp.asarray(far, dtype), config) + jnp.asarray(k * k, dtype))
+                best = jnp.minimum(best, shifted(squared, axis, step, far) + jnp.asarray(k * k, dtype))
         squared = best
     return materialise(jnp.minimum(squared, jnp.asarray(far, dtype)))
 

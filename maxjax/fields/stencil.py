@@ -20,6 +20,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.core.lowering import shifted
+
 Volume = Float[Array, "nx ny nz"]
 
 # Per axis, the weight of the face between each voxel and the one ahead.
@@ -31,42 +33,12 @@ Links = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume
 
 def ahead(array: Volume, axis: int) -> Volume:
     """The value one voxel further along `axis`; zero beyond the grid."""
-    return _shift(array, axis, 1)
+    return shifted(array, axis, 1)
 
 
 def behind(array: Volume, axis: int) -> Volume:
     """The value one voxel back along `axis`; zero beyond the grid."""
-    return _shift(array, axis, -1)
-
-
-def neighbours(array: Volume, beyond: float = 0.0) -> Links:
-    """Per axis, the values one voxel ahead and one behind; `beyond` (static) outside the grid.
-
-    On CPU they are views of one padded copy: where `ahead` and `behind` have several uses, XLA makes a copy for each.
-    """
-
-    def of_one_copy(array: Volume) -> Links:
-        around = lax.optimization_barrier(lax.pad(array, jnp.asarray(beyond, array.dtype), [(1, 1, 0)] * 3))
-
-        def view(axis: int, start: int) -> Volume:
-            corner = [1, 1, 1]
-            corner[axis] = start
-            return lax.slice(around, corner, [a + n for a, n in zip(corner, array.shape, strict=True)])
-
-        return (view(0, 2), view(0, 0)), (view(1, 2), view(1, 0)), (view(2, 2), view(2, 0))
-
-    def of_itself(array: Volume) -> Links:
-        x, y, z = ((_shift(array, axis, 1, beyond), _shift(array, axis, -1, beyond)) for axis in range(3))
-        return x, y, z
-
-    found: Links = lax.platform_dependent(array, cpu=of_one_copy, default=of_itself)
-    return found
-
-
-def _shift(array: Volume, axis: int, step: int, beyond: float = 0.0) -> Volume:
-    config = [(0, 0, 0)] * 3
-    config[axis] = (-step, step, 0)
-    return lax.pad(array, jnp.asarray(beyond, array.dtype), config)
+    return shifted(array, axis, -1)
 
 
 def cell(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> Bool[Array, "nx ny nz"]:

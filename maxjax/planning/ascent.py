@@ -18,6 +18,7 @@ Positions are index coordinates (whole numbers at voxel centres).
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Literal
 
 import jax
@@ -25,6 +26,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
 
+from maxjax.core.lowering import first_maximum, once
 from maxjax.fields import gradient as slope
 from maxjax.planning.sight import clear
 
@@ -35,12 +37,64 @@ _ADAM_BETA2 = 0.999
 _STRIDE, _UNROLLED = 16, 8
 # Which components of a step survive: all, then two, then one. Where none does, the step to the goal stands in the row.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
-# The six neighbours, and the voxel itself to make eight: a GPU finds as many scores as there are masks in one kernel.
+# The six neighbours, and the voxel itself to make eight, as many scores as there are masks (docs/performance.md).
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, 0, 0), (0, 0, 0))
 
 
-# Position, momentum, second moment, steps spent in this voxel, arrived.
-State = tuple[Array, Array, Array, Array, Array]
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Field:
+    """What a step reads.
+
+    Attributes:
+        phi: potential.
+        log_phi: its logarithm, smoothed.
+        bits: `sight.span_codes` of the blocked voxels.
+        free: voxels that are not blocked.
+        goal: index coordinates.
+    """
+
+    phi: Float[Array, "nx ny nz"]
+    log_phi: Float[Array, "nx ny nz"]
+    bits: UInt16[Array, "nx ny nz"]
+    free: Bool[Array, "nx ny nz"]
+    goal: Float[Array, " 3"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _ClimberCarry:
+    """Carry of the steps.
+
+    Attributes:
+        position: index coordinates.
+        momentum: m.
+        second_moment: v.
+        lingered: steps spent in this voxel.
+        arrived: at the goal.
+    """
+
+    position: Float[Array, " 3"]
+    momentum: Float[Array, " 3"]
+    second_moment: Float[Array, " 3"]
+    lingered: Int32[Array, ""]
+    arrived: Bool[Array, ""]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _PathCarry:
+    """Carry of the scans.
+
+    Attributes:
+        climber: after the steps taken.
+        taken: steps.
+        path: points so far; the rest is the goal.
+    """
+
+    climber: _ClimberCarry
+    taken: Int32[Array, ""]
+    path: Float[Array, "t 3"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,84 +146,92 @@ def ascend(
         The path of `steps + 1` points, the last one repeated to the end, and whether it reached the goal.
     """
     log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
-    shape = jnp.asarray(phi.shape)
-    masks, neighbours = jnp.asarray(_MASKS, phi.dtype), jnp.asarray(_NEIGHBOURS)
-
-    def voxel(x: Float[Array, "*b 3"]) -> Int32[Array, "*b 3"]:
-        return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, shape - 1)
-
-    def at(volume: Shaped[Array, "nx ny nz"], v: Int32[Array, "*b 3"]) -> Shaped[Array, "*b"]:
-        _, ny, nz = volume.shape
-        return volume.reshape(-1)[(v[..., 0] * ny + v[..., 1]) * nz + v[..., 2]]
-
-    def step(state: State, k: Int32[Array, ""]) -> tuple[State, Float[Array, " 3"]]:
-        x, m, v, lingered, done = state
-        here = voxel(x)
-        centre, height = here.astype(x.dtype), at(phi, here)
-        g = slope.gradient_at(log_phi, free, x)
-        if settings.rule == "momentum":
-            size = jnp.linalg.norm(g)
-            m = settings.momentum * m + g / jnp.where(size > 0, size, 1)
-            move = settings.rate * m
-        else:
-            m = settings.momentum * m + (1 - settings.momentum) * g
-            v = _ADAM_BETA2 * v + (1 - _ADAM_BETA2) * g**2
-            unbiased = m / (1 - settings.momentum ** (k + 1))
-            move = settings.rate * unbiased / (jnp.sqrt(v / (1 - _ADAM_BETA2 ** (k + 1))) + 1e-12)
-
-        ends = jnp.where(jnp.any(masks > 0, axis=1, keepdims=True), x + masks * move, goal)
-        seen = clear(bits, x, ends, slabs=3)
-        rises = at(phi, voxel(ends)) > height
-        same = jnp.all(voxel(ends) == here, axis=1)
-        gain = jnp.where(seen & (rises | same), jnp.sum(masks * move * g, axis=1), -jnp.inf)
-        most, end, mask = _highest(gain, ends, masks)
-        smooth_step = (most > 0) & (lingered < _PATIENCE)
-
-        # The discrete step: to the centre first (the voxel is convex), from there to the highest neighbour.
-        around = here + neighbours
-        inside = jnp.all((around >= 0) & (around < shape), axis=1)
-        around = jnp.clip(around, 0, shape - 1)
-        values = jnp.where(inside & at(free, around), at(phi, around), -jnp.inf)
-        top, neighbour = _highest(values, around.astype(x.dtype))
-        up = jnp.where(top > height, neighbour, centre)
-        discrete = jnp.where(jnp.all(x == centre), up, centre)
-
-        arrives = (k < settings.steps) & (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen[-1]
-        ahead = jnp.where(smooth_step, end, discrete)
-        ahead = jnp.where(arrives, goal, ahead)
-        ahead = jnp.where(done | (k >= settings.steps), x, ahead)
-        # What the wall took from the step is lost to the momentum too; a discrete step starts afresh. With a barrier a
-        # GPU finds both in one kernel, and not the momentum once more in the next step.
-        ahead, m = lax.optimization_barrier((ahead, jnp.where(smooth_step, m * mask, 0)))
-        entered = jnp.any(voxel(ahead) != here)
-        lingered = jnp.where(entered, 0, lingered + 1)
-        return (ahead, m, v, lingered, done | arrives), ahead
-
+    field = _Field(phi, log_phi, bits, free, goal)
+    step = functools.partial(_step, field, settings)
     # One scan after the other, until the goal is reached: most paths need few of the steps that some do.
     stride = min(_STRIDE, settings.steps)
 
-    def stretch(carry: tuple[State, Int32[Array, ""], Float[Array, "t 3"]]) -> tuple[State, Array, Array]:
-        state, taken, path = carry
-        state, points = lax.scan(step, state, taken + jnp.arange(stride, dtype=jnp.int32), unroll=_UNROLLED)
-        return state, taken + stride, lax.dynamic_update_slice(path, points, (taken + 1, 0))
+    def stretch(carry: _PathCarry) -> _PathCarry:
+        steps = carry.taken + jnp.arange(stride, dtype=jnp.int32)
+        climber, points = lax.scan(step, carry.climber, steps, unroll=_UNROLLED)
+        path = lax.dynamic_update_slice(carry.path, points, (carry.taken + 1, jnp.int32(0)))
+        return _PathCarry(climber, carry.taken + stride, path)
 
     strides = -(-settings.steps // stride)
     zero = jnp.zeros_like(start)
-    state = (start, zero, zero, jnp.int32(0), jnp.array(False))
+    climber = _ClimberCarry(start, zero, zero, jnp.int32(0), jnp.array(False))
     path = jnp.broadcast_to(goal, (strides * stride + 1, 3)).at[0].set(start)
-    (_, _, _, _, done), _, path = lax.while_loop(
-        lambda carry: ~carry[0][4] & (carry[1] < settings.steps), stretch, (state, jnp.int32(0), path)
+    last = lax.while_loop(
+        lambda carry: ~carry.climber.arrived & (carry.taken < settings.steps),
+        stretch,
+        _PathCarry(climber, jnp.int32(0), path),
     )
-    return path[: settings.steps + 1], done
+    return last.path[: settings.steps + 1], last.climber.arrived
 
 
-def _highest(score: Float[Array, " k"], *rows: Float[Array, "k 3"]) -> tuple[Array, ...]:
-    """The highest score, the first one of equals, and its row of each array.
+def _voxel(x: Float[Array, "*b 3"], shape: tuple[int, ...]) -> Int32[Array, "*b 3"]:
+    return jnp.clip(jnp.floor(x + 0.5).astype(jnp.int32), 0, jnp.asarray(shape, jnp.int32) - 1)
 
-    Written out, like all that a step does with a few numbers: reductions and look-ups would be kernels of their own.
-    """
-    best = (score[0], *(row[0] for row in rows))
-    for k in range(1, score.shape[0]):
-        better = score[k] > best[0]
-        best = tuple(jnp.where(better, new[k], old) for new, old in zip((score, *rows), best, strict=True))
-    return best
+
+def _at(volume: Shaped[Array, "nx ny nz"], v: Int32[Array, "*b 3"]) -> Shaped[Array, "*b"]:
+    _, ny, nz = volume.shape
+    return volume.reshape(-1)[(v[..., 0] * ny + v[..., 1]) * nz + v[..., 2]]
+
+
+def _step(
+    field: _Field, settings: Ascent, carry: _ClimberCarry, k: Int32[Array, ""]
+) -> tuple[_ClimberCarry, Float[Array, " 3"]]:
+    """The k-th step; returns the new position, too."""
+    x, phi, goal = carry.position, field.phi, field.goal
+    here = _voxel(x, phi.shape)
+    height = _at(phi, here)
+    g = slope.gradient_at(field.log_phi, field.free, x)
+    m, v, move = _moved(settings, carry, g, k)
+
+    masks = jnp.asarray(_MASKS, phi.dtype)
+    ends = jnp.where(jnp.any(masks > 0, axis=1, keepdims=True), x + masks * move, goal)
+    seen = clear(field.bits, x, ends, slabs=3)
+    rises = _at(phi, _voxel(ends, phi.shape)) > height
+    same = jnp.all(_voxel(ends, phi.shape) == here, axis=1)
+    gain = jnp.where(seen & (rises | same), jnp.sum(masks * move * g, axis=1), -jnp.inf)
+    most, end, mask = first_maximum(gain, ends, masks)
+    smooth_step = (most > 0) & (carry.lingered < _PATIENCE)
+
+    arrives = (k < settings.steps) & (jnp.max(jnp.abs(goal - x)) <= 1.5) & seen[-1]
+    following = jnp.where(smooth_step, end, _discrete(field, x, here, height))
+    following = jnp.where(arrives, goal, following)
+    following = jnp.where(carry.arrived | (k >= settings.steps), x, following)
+    # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
+    following, m = once(following, jnp.where(smooth_step, m * mask, 0))
+    entered = jnp.any(_voxel(following, phi.shape) != here)
+    lingered = jnp.where(entered, 0, carry.lingered + 1)
+    return _ClimberCarry(following, m, v, lingered, carry.arrived | arrives), following
+
+
+def _moved(
+    settings: Ascent, carry: _ClimberCarry, g: Float[Array, " 3"], k: Int32[Array, ""]
+) -> tuple[Float[Array, " 3"], Float[Array, " 3"], Float[Array, " 3"]]:
+    """Momentum, second moment and step [voxels] by the rule of the settings."""
+    if settings.rule == "momentum":
+        size = jnp.linalg.norm(g)
+        m = settings.momentum * carry.momentum + g / jnp.where(size > 0, size, 1)
+        return m, carry.second_moment, settings.rate * m
+    m = settings.momentum * carry.momentum + (1 - settings.momentum) * g
+    v = _ADAM_BETA2 * carry.second_moment + (1 - _ADAM_BETA2) * g**2
+    unbiased = m / (1 - settings.momentum ** (k + 1))
+    return m, v, settings.rate * unbiased / (jnp.sqrt(v / (1 - _ADAM_BETA2 ** (k + 1))) + 1e-12)
+
+
+def _discrete(
+    field: _Field, x: Float[Array, " 3"], here: Int32[Array, " 3"], height: Float[Array, ""]
+) -> Float[Array, " 3"]:
+    """The discrete step: to the centre first (the voxel is convex), from there to the highest neighbour."""
+    shape = jnp.asarray(field.phi.shape, jnp.int32)
+    around = here + jnp.asarray(_NEIGHBOURS, jnp.int32)
+    inside = jnp.all((around >= 0) & (around < shape), axis=1)
+    around = jnp.clip(around, 0, shape - 1)
+    values = jnp.where(inside & _at(field.free, around), _at(field.phi, around), -jnp.inf)
+    top, neighbour = first_maximum(values, around.astype(x.dtype))
+    centre = here.astype(x.dtype)
+    up = jnp.where(top > height, neighbour, centre)
+    return jnp.where(jnp.all(x == centre), up, centre)

@@ -12,39 +12,31 @@ Positions are index coordinates (whole numbers at voxel centres). Voxels outside
 
 from __future__ import annotations
 
-import functools
-import operator
-
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
+
+from maxjax.core.lowering import every, shifted
 
 # A segment closer than this to a voxel's face touches the voxel on the other side as well [voxels]: far above the
 # rounding of float32 coordinates of a few hundred, far below anything that matters in flight.
 TOUCH = 2.5e-4
 
-# So few half slabs a GPU looks at one by one: a reduction over them would be a kernel of its own, and so would what it
-# reads.
-_FEW = 8
-
 # The two other axes, in the order in which `span_codes` stores their extents.
 _OTHERS = ((1, 2), (0, 2), (0, 1))
-
-
-def _ahead(array: Bool[Array, "nx ny nz"], axis: int) -> Bool[Array, "nx ny nz"]:
-    """`array` one voxel further along `axis`; beyond the grid is blocked."""
-    config = [(0, 0, 0)] * 3
-    config[axis] = (-1, 1, 0)
-    return lax.pad(array, jnp.array(True), config)
 
 
 def span_codes(blocked: Bool[Array, "nx ny nz"]) -> UInt16[Array, "nx ny nz"]:
     """Twelve bits a voxel: bit 4 a + 2 i + j is set when the (1+i) x (1+j) span across axis a is not free."""
     bits = jnp.zeros(blocked.shape, jnp.uint16)
+
+    def ahead(mask: Bool[Array, "nx ny nz"], axis: int) -> Bool[Array, "nx ny nz"]:
+        """Beyond the grid is blocked."""
+        return shifted(mask, axis, 1, beyond=True)
+
     for axis, (first, second) in enumerate(_OTHERS):
-        wide = blocked | _ahead(blocked, second)
-        for shift, span in enumerate((blocked, wide, blocked | _ahead(blocked, first), wide | _ahead(wide, first))):
+        wide = blocked | ahead(blocked, second)
+        for shift, span in enumerate((blocked, wide, blocked | ahead(blocked, first), wide | ahead(wide, first))):
             bits |= span.astype(jnp.uint16) << (4 * axis + shift)
     return bits
 
@@ -56,7 +48,7 @@ def touched(
 
     Where the point touches one voxel along an axis, the array holds it twice.
     """
-    limits = jnp.asarray(shape)
+    limits = jnp.asarray(shape, jnp.int32)
     low = jnp.floor(x + 0.5 - TOUCH).astype(jnp.int32)
     high = jnp.floor(x + 0.5 + TOUCH).astype(jnp.int32)
     inside = jnp.all(jnp.isfinite(x) & (low >= 0) & (high < limits))
@@ -125,25 +117,14 @@ def clear(
         hit = (bits.reshape(-1)[jnp.clip(flat, 0, bits.size - 1)] >> variant.astype(jnp.uint16)) & 1
         return inside & (last - first < slabs) & ((slab > last) | (hit == 0))
 
-    halves = np.arange(2 * slabs, dtype=np.int32)
-
-    def together() -> Bool[Array, "*k"]:
-        return jnp.all(free_in(halves), axis=-1)
-
-    def one_by_one() -> Bool[Array, "*k"]:
-        return functools.reduce(operator.and_, (free_in(halves[k : k + 1])[..., 0] for k in halves))
-
-    if len(halves) > _FEW:
-        return together()
-    result: Bool[Array, "*k"] = lax.platform_dependent(cpu=together, default=one_by_one)
-    return result
+    return every(free_in, 2 * slabs)
 
 
 def visibility(
     bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"], slabs: int | None = None
 ) -> Bool[Array, "n n"]:
     """Pairwise `clear` between points, upper triangle; the rest is False."""
-    # Which pairs there are is known ahead: on a GPU each step towards it would be a kernel, and so would a scatter.
+    # Constants of the program: computed on an accelerator, each step towards them would be a kernel.
     upper = np.triu(np.ones((points.shape[0],) * 2, bool), k=1)
     rows, columns = np.nonzero(upper)
     pair = np.cumsum(upper).reshape(upper.shape) - 1

@@ -36,12 +36,12 @@ def _shorten(
     seen = visibility(bits, points, slabs) | np.eye(n, k=1, dtype=bool)
     # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
     edge = jnp.where(seen, distance + 1e-4, jnp.inf)
-    # Every point at once, not one after the other: a GPU wants few turns that each do much, and no look at the result.
-    # The best ways of at most two edges, then four, eight; then those to the end, by eight edges more with each turn.
+    # All points at a time, in few turns that each do much (docs/performance.md): the best ways of at most two edges,
+    # then four, eight; then those to the end, by eight edges more with each turn.
     far = jnp.where(np.eye(n, dtype=bool), 0, edge)
     for _ in range(_DOUBLINGS):
         far = jnp.min(far[:, :, None] + far[None], axis=1)
-    (cost,) = repeat(-(-n // 2**_DOUBLINGS) - 1, lambda last: (jnp.min(far + last[0][None], axis=1),), (far[:, -1],))
+    cost = repeat(-(-n // 2**_DOUBLINGS) - 1, lambda last: jnp.min(far + last[None], axis=1), far[:, -1])
     # The end leads to itself.
     follow = jnp.argmin(edge + cost[None], axis=1).astype(jnp.int32).at[-1].set(n - 1)
 
@@ -103,7 +103,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
         short = _shorten(bits, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), slabs=WINDOW + 1)
         return lax.dynamic_update_slice(points, short, (at, 0))
 
-    # Most paths have one window: with the first one ahead of the loop, an accelerator asks the host once, not twice.
+    # Most paths have one window: the first one is shortened ahead of the loop.
     points = lax.fori_loop(1, first + second, window, window(jnp.int32(0), points))
     points = _unrepeat(points)
 

@@ -27,7 +27,8 @@ from jaxtyping import Array, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.fields.gradient import gradient_at, log_potential
-from maxjax.solvers.potential import TIGHT_TOLERANCE, solve_potential
+from maxjax.solvers.derivative import TIGHT_TOLERANCE
+from maxjax.solvers.potential import solve_potential
 
 
 @jax.tree_util.register_dataclass

@@ -6,7 +6,7 @@ The residual is carried as r = ρ r̂ with |r̂| = 1, because a potential spans 
 keeps its relative accuracy voxel by voxel long after |r|² would have underflowed. When to stop is the caller's
 question: a norm says nothing about the voxels far from the goal, whose φ is small.
 
-Sums are written `jnp.sum(a * b)`: on CPU, XLA fuses and vectorises that, and runs `vdot` three times slower.
+Sums are written `jnp.sum(a * b)`, which XLA vectorises on a CPU, and `vdot` it does not (docs/performance.md).
 """
 
 from __future__ import annotations
@@ -19,9 +19,44 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.core.lowering import once
+
 Vector = Float[Array, "..."]
 Linear = Callable[[Vector], Vector]
-State = tuple[Vector, Vector, Float[Array, ""], Float[Array, ""], Vector, Float[Array, ""], Int32[Array, ""]]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _CGCarry:
+    """Carry of `pcg`. In units of ρ: r and p are those of the textbook divided by |r|.
+
+    Attributes:
+        x: iterate.
+        r: residual / ρ, of norm 1.
+        rho: ρ.
+        shrink: by how much the last iteration changed ρ.
+        p: direction.
+        rz: rᵀ z of the last iteration.
+        iterations: taken.
+    """
+
+    x: Vector
+    r: Vector
+    rho: Float[Array, ""]
+    shrink: Float[Array, ""]
+    p: Vector
+    rz: Float[Array, ""]
+    iterations: Int32[Array, ""]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _ChebyshevCarry:
+    """Carry of `chebyshev`: two iterates in a row, and the last ω."""
+
+    before: Vector
+    after: Vector
+    omega: Float[Array, ""]
 
 
 @jax.tree_util.register_dataclass
@@ -69,29 +104,29 @@ def pcg(
         norm = jnp.sqrt(dot(r, r))
         return r / jnp.where(norm > 0, norm, 1), norm
 
-    def going(state: State) -> Bool[Array, ""]:
-        x, r, rho, _, _, _, k = state
-        return (k < max_iterations) & (rho > 0) & jnp.isfinite(rho) & ~stop(x, rho * r)
+    def going(carry: _CGCarry) -> Bool[Array, ""]:
+        unfinished = (carry.iterations < max_iterations) & (carry.rho > 0) & jnp.isfinite(carry.rho)
+        return unfinished & ~stop(carry.x, carry.rho * carry.r)
 
-    def step(state: State) -> State:
-        # In units of ρ: r and p are those of the textbook divided by |r|, hence α is unchanged and x moves by ρ α p.
-        x, r, rho, shrink, p, rz_before, k = state
-        z = precondition(r)
-        rz = dot(r, z)
-        p = z + (shrink * rz / rz_before) * p
+    def step(carry: _CGCarry) -> _CGCarry:
+        # α is that of the textbook, so x moves by ρ α p.
+        z = precondition(carry.r)
+        rz = dot(carry.r, z)
+        p = z + (carry.shrink * rz / carry.rz) * carry.p
         q = matvec(p)
         alpha = rz / dot(p, q)
-        x = x + (rho * alpha) * p
-        r, shrink = unit(r - alpha * q)
-        return x, r, rho * shrink, shrink, p, rz, k + 1
+        r, shrink = unit(carry.r - alpha * q)
+        x = carry.x + (carry.rho * alpha) * p
+        return _CGCarry(x, r, carry.rho * shrink, shrink, p, rz, carry.iterations + 1)
 
     x = jnp.zeros_like(b) if x0 is None else x0
     r, rho = unit(b - matvec(x))
     one = jnp.ones_like(rho)
-    x, r, rho, _, _, _, k = lax.while_loop(going, step, (x, r, rho, one, jnp.zeros_like(b), one, jnp.int32(0)))
+    last = lax.while_loop(going, step, _CGCarry(x, r, rho, one, jnp.zeros_like(b), one, jnp.int32(0)))
     _, size = unit(b)
-    _, error = unit(b - matvec(x))
-    return Solution(x, k, error / jnp.where(size > 0, size, 1), (rho == 0) | stop(x, rho * r))
+    _, error = unit(b - matvec(last.x))
+    converged = (last.rho == 0) | stop(last.x, last.rho * last.r)
+    return Solution(last.x, last.iterations, error / jnp.where(size > 0, size, 1), converged)
 
 
 def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> Linear:
@@ -117,18 +152,16 @@ def chebyshev(smooth: Linear, radius: Float[Array, ""] | float, degree: int) -> 
         def omega_after(omega: Float[Array, ""]) -> Float[Array, ""]:
             return 1 / (1 - mu**2 * omega / 4)
 
-        def two(_: Array, state: tuple[Vector, Vector, Float[Array, ""]]) -> tuple[Vector, Vector, Float[Array, ""]]:
-            # Two steps a turn, so that the iterates trade places without a copy; the barrier keeps XLA from computing
-            # the first of them seven times over inside the second.
-            before, z, omega = state
+        def two(_: Array, carry: _ChebyshevCarry) -> _ChebyshevCarry:
+            # Two steps a turn, so that the iterates trade places without a copy.
+            omega = omega_after(carry.omega)
+            before = once(carry.before + omega * (smooth(carry.after) + r - carry.before))
             omega = omega_after(omega)
-            before = lax.optimization_barrier(before + omega * (smooth(z) + r - before))
-            omega = omega_after(omega)
-            return before, z + omega * (smooth(before) + r - z), omega
+            return _ChebyshevCarry(before, carry.after + omega * (smooth(before) + r - carry.after), omega)
 
         # z₁ and z₂ by hand: the loop then advances from an odd and an even iterate to the next pair.
         omega = omega_after(jnp.asarray(2, r.dtype))
-        first, second = r, omega * (smooth(r) + r)
-        return jnp.asarray(lax.fori_loop(0, degree // 2 - 1, two, (first, second, omega))[1])
+        first = _ChebyshevCarry(r, omega * (smooth(r) + r), omega)
+        return jnp.asarray(lax.fori_loop(0, degree // 2 - 1, two, first).after)
 
     return precondition

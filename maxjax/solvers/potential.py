@@ -1,87 +1,47 @@
-"""The conduction potential: solve, sweep until certified, and differentiate implicitly.
+"""The conduction potential of a map, certified and differentiable: the public function.
 
     A(σ, κ) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
 
-Settings: `screened` (leak κ, insulated outer faces; the default) and `paper` (κ = 0, outer faces grounded). Scaling φ
-to 1 at the goal instead of feeding a unit source changes φ by a factor only, and spends float32's range where it is
-needed.
+Settings: `screened` (leak κ, insulated outer faces; the default), `cg` (the same, by conjugate gradients alone) and
+`paper` (κ = 0, outer faces grounded), each a solver object in a file of its own. Scaling φ to 1 at the goal instead of
+feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
 
-Forward, `screened`. A guess that decays with geodesic distance, then Newton cycles on log φ (`solvers.walk`) until one
-more sweep would change no voxel by more than a small part of *its own* φ: a norm says nothing about the directions far
-from the goal. Where the cycles stall, conjugate gradients with a Chebyshev polynomial as preconditioner, slower but
-indifferent to walls, do it instead, to the same rule. Forward, `paper`. Conjugate gradients on the Jacobi-scaled
-system, preconditioned by a V-cycle (`solvers.multigrid`), until the norm of the residual is small. Then, in both,
-positive sweeps φ_i ← Σ_j w_ij φ_j / d_i run until the field is certified (`fields.certificate`) or a cap is reached.
-
-Derivative. With F(φ, σ, κ) = A φ − q = 0, the implicit function theorem gives  A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ): one more
-solve with the same symmetric A. It is written with `lax.custom_linear_solve`, so JAX transposes it for reverse mode:
-the adjoint λ of a loss L solves A λ = ∂L/∂φ, and dL/dσ = −λᵀ ∂F/∂σ. Neither iterations nor sweeps are ever
-differentiated.
+Here ℓ is chosen, and lengthened where φ leaves float32's range all the same. The solver does one attempt; what it finds
+carries the implicit derivative (`solvers.derivative`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Literal
+import math
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.batching import settle
+from maxjax.core.lowering import maximum
 from maxjax.core.status import Status
-from maxjax.fields import stencil
-from maxjax.fields.certificate import uncertified
-from maxjax.fields.connectivity import geodesic
-from maxjax.solvers import walk
-from maxjax.solvers.krylov import Linear, Solution, chebyshev, pcg
-from maxjax.solvers.multigrid import hierarchy, v_cycle
+from maxjax.solvers.cg import ConjugateGradients
+from maxjax.solvers.derivative import differentiable
+from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, run, untouched
+from maxjax.solvers.paper import Paper
+from maxjax.solvers.screened import Screened
 
-Setting = Literal["screened", "paper"]
+Setting = Literal["screened", "paper", "cg"]
+SETTINGS: dict[str, Solver] = {"screened": Screened(), "paper": Paper(), "cg": ConjugateGradients()}
 
-# Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight
-# applications of the stencil on two CPU cores, and a wait for the device on a GPU, so few iterations are taken.
-DEGREE = 32
-# When the solve is over, by number of bytes. `screened`: the relative change of any voxel by one more sweep; errors
-# that remain are smooth, some ten times as large at the far end, and leave directions alone. `paper`: |q − A φ| / |q|.
-TOLERANCE: dict[Setting, dict[int, float]] = {"screened": {4: 1e-2, 8: 1e-12}, "paper": {4: 1e-6, 8: 1e-13}}
-# The same where a derivative is asked for, which depends on the values.
-TIGHT_TOLERANCE = {4: 1e-5, 8: 1e-12}
-# Residual of a derivative solve, largest entry beside the largest of the right-hand side, by number of bytes. An
-# adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
-DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
-SWEEPS = 8
 # float32 spans 87 nats below 1. What distance does not use up is left to narrow passages, which attenuate φ as well,
 # and to the few per cent by which `geodesic` may fall short.
 NATS = 68.0
 SHORTEST_LENGTH = 1.5
 # Where that was not enough, the screening length grows by this factor.
 _LENGTHEN = 1.5
-_ATTEMPTS = 4
-# Up to so many voxels the waits of a solve on an accelerator cost more than to assemble A once more.
-_WAITING = 2**24
-
-
-@dataclasses.dataclass(frozen=True)
-class _Caps:
-    """What is static in a solve.
-
-    Attributes:
-        setting, tolerance, max_iterations, max_sweeps: of `solve_potential`.
-        attempts: screening lengths to try.
-        ahead: whether an accelerator takes the first cycles ahead of all loops, since at each turn of a loop it waits
-            for the host: in the `screened` setting, for a single scene, of a size that leaves it waiting.
-    """
-
-    setting: Setting
-    tolerance: float
-    max_iterations: int
-    max_sweeps: int
-    attempts: int
-    ahead: bool
+# Sigma is scaled by a power of two to a maximum between 2¹⁹ and 2²⁰, as `fields.conductivity` has it: exact, and φ does
+# not depend on the scale, but products of two conductivities must stay within float32's range.
+_EXPONENT = 20
 
 
 @jax.tree_util.register_dataclass
@@ -92,10 +52,10 @@ class Potential:
     Attributes:
         phi: potential, 1 at the goal, 0 in obstacles and in pockets that no current reaches.
         status: `Status` as int32: OK, NOT_CONVERGED, NOT_CERTIFIED, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NONFINITE_INPUT.
-        iterations: Newton cycles (`screened`), with those of CG where cycles stalled; CG iterations (`paper`).
+        iterations: Newton cycles (`screened`), with those of CG where cycles stalled; CG iterations (`paper`, `cg`).
         sweeps: positive sweeps after them.
         residual: largest relative change that one more sweep would have made (`screened`); |q − A φ| / |q| of the
-            Jacobi-scaled system, recomputed from φ (`paper`).
+            Jacobi-scaled system, recomputed from φ (`paper`, `cg`).
         certified: every voxel of the goal's component but the goal has a strictly higher face neighbour.
         uncertified: number of voxels that have none.
         screening_length: ℓ that was used [voxels].
@@ -120,7 +80,7 @@ def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]
     Args:
         distance: to the goal inside its component (`fields.connectivity.geodesic`) [voxels].
     """
-    return jnp.maximum(jnp.max(distance) / NATS, SHORTEST_LENGTH)
+    return jnp.maximum(jnp.max(distance).astype(jnp.float32) / NATS, SHORTEST_LENGTH)
 
 
 def solve_potential(
@@ -128,363 +88,126 @@ def solve_potential(
     goal_index: Int32[Array, " 3"],
     *,
     screening_length: Float[Array, ""] | float | None = None,
-    setting: Setting = "screened",
+    setting: Setting | Solver = "screened",
     tolerance: float | None = None,
-    max_iterations: int = 100,
-    max_sweeps: int = 400,
+    max_iterations: int | None = None,
+    max_sweeps: int | None = None,
 ) -> Potential:
     """The certified conduction potential of a conductivity field; composes with `jit`, `vmap` and `grad`.
 
+    Seven arguments: sigma and the goal are data, the others are settings, by name only.
+
     Args:
-        sigma: conductivity, zero in obstacles; float32, or float64 for references.
+        sigma: conductivity, zero in obstacles, of any scale; float32, or float64 for references.
         goal_index: voxel of the goal, int32.
         screening_length: ℓ [voxels], an array argument, taken as it is; by default that of
             `screening_length_for`, lengthened where narrow passages take φ out of float32's range all the same.
             Unused in `paper`.
-        setting: `screened` or `paper`. Static.
+        setting: `screened`, `paper`, `cg`, or a solver object such as `solvers.screened.Screened(first_cycles=0)`.
+            Static.
         tolerance: when the solve stops. `screened`: the relative change of any voxel by one more sweep; by default 1e-2
             in float32, where directions are right and values to some ten times that (1e-5 once a derivative is taken,
-            1e-12 in float64); values to 1 % need 1e-4. `paper`: the residual's norm over the source's, by default 1e-6
-            (1e-13 in float64). Static.
-        max_iterations: cap on cycles or CG iterations. Static.
-        max_sweeps: cap on positive sweeps. Static.
+            1e-12 in float64); values to 1 % need 1e-4. `cg`: the residual of any voxel beside its own φ, likewise.
+            `paper`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). Static.
+        max_iterations: cap on cycles or CG iterations; by default the solver's, 100. Static.
+        max_sweeps: cap on positive sweeps; by default the solver's, 400. Static.
 
     Returns:
         A `Potential`; `phi` is differentiable in sigma and screening_length.
 
     Raises:
-        ValueError: for a sigma that is not three-dimensional or not floating, a goal_index that is not (3,), or an
-            unknown setting.
+        ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not
+            (3,), an unknown setting, a tolerance that is not positive, or a negative cap.
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
-    if sigma.ndim != 3 or not jnp.issubdtype(sigma.dtype, jnp.floating):
-        raise ValueError(
-            f"sigma: expected floating (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
-        )
-    if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
-        raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
-    if setting not in ("screened", "paper"):
-        raise ValueError(f"setting: expected 'screened' or 'paper', given {setting!r}")
-    attempts = _ATTEMPTS if screening_length is None and setting == "screened" else 1
-    goal = goal_index.astype(jnp.int32)
-    component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal)
-    if screening_length is None:
-        screening_length = screening_length_for(distance)
-    length = jnp.asarray(screening_length, sigma.dtype)
-    if tolerance is None:
-        tolerance = TOLERANCE[setting][sigma.dtype.itemsize]
-    ahead = setting == "screened" and sigma.size <= _WAITING
-    caps = _Caps(setting, tolerance, max_iterations, max_sweeps, attempts, ahead)
-    return Potential(**_potential(caps, sigma, length, goal, component, distance))
-
-
-def _system(
-    setting: Setting, sigma: stencil.Volume, length: Float[Array, ""], goal: Int32[Array, " 3"]
-) -> tuple[stencil.Operator, stencil.Volume]:
-    """A and q with φ = 1 held on the goal; a goal outside the grid holds nothing."""
-    held = stencil.cell(sigma.shape, goal) & (sigma > 0)
-    return stencil.hold(_operator(setting, sigma, length), held.astype(sigma.dtype))
-
-
-def _operator(setting: Setting, sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Operator:
-    return stencil.assemble(sigma, 0.0 if setting == "paper" else 1 / length**2, grounded=setting == "paper")
-
-
-@jax.named_scope("guess")
-def _guess(
-    distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
-) -> stencil.Volume:
-    """φ of a point source where σ ∝ 1/r: decay by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r; never below float32."""
-    decay = jnp.arccosh(1 + 1 / (2 * length**2))
-    far = distance.astype(length.dtype)
-    return jnp.where(component, jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85)), 0)
-
-
-def _preconditioner(
-    setting: Setting, operator: stencil.Operator, faces: stencil.Faces, component: Bool[Array, "nx ny nz"]
-) -> Linear:
-    """Of the scaled system. `paper`: the V-cycle, since no leak bounds the condition of A.
-
-    `screened`: the Chebyshev polynomial, its interval from the largest row sum (Gershgorin). It outdoes the V-cycle,
-    which spans no distance faster.
-    """
-    if setting == "paper":
-        return v_cycle(hierarchy(operator, component))
-    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-    rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
-    # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
-    radius = jnp.minimum(jnp.max(rows), 1 - 1 / DEGREE**2)
-    return chebyshev(functools.partial(stencil.inflow, faces), radius, DEGREE)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _potential(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    distance: Int32[Array, "nx ny nz"],
-) -> dict[str, Array]:
-    """The forward solve; in a batch without what only spares a single scene its waits.
-
-    Returns the fields of a `Potential` in a plain dictionary, since their tangents make no `Potential`.
-    """
-    alone = custom_vmap(functools.partial(_forward, caps))
-
-    @alone.def_vmap
-    def together(size: int, in_batch: list[bool], *arrays: Array) -> tuple[dict[str, Array], dict[str, bool]]:
-        forward = functools.partial(_forward, dataclasses.replace(caps, ahead=False))
-        axes = [0 if batched else None for batched in in_batch]
-        many = jax.vmap(forward, axes, axis_size=size)(*arrays)
-        return many, dict.fromkeys(many, True)
-
-    found: dict[str, Array] = alone(sigma, length, goal, component, distance)
+    check_inputs(sigma, goal_index)
+    if isinstance(setting, str):
+        if setting not in SETTINGS:
+            expected = ", ".join(map(repr, SETTINGS))
+            raise ValueError(f"setting: expected {expected} or a solver object, given {setting!r}")
+        setting = SETTINGS[setting]
+    _check_settings(tolerance, max_iterations, max_sweeps)
+    given = {"tolerance": tolerance, "max_iterations": max_iterations, "max_sweeps": max_sweeps}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    solver = dataclasses.replace(setting, **chosen) if chosen else setting  # type: ignore[type-var]
+    if screening_length is not None:
+        screening_length = jnp.asarray(screening_length, sigma.dtype)
+    found: Potential = _potential(solver, sigma, goal_index.astype(jnp.int32), screening_length)
     return found
 
 
-def _forward(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    distance: Int32[Array, "nx ny nz"],
-) -> dict[str, Array]:
-    """Attempts with longer and longer screening lengths, while there is one left and a voxel uncertified."""
-
-    def again(state: tuple[Potential, Int32[Array, ""]]) -> tuple[Potential, Int32[Array, ""]]:
-        before, attempt = state
-        longer = before.screening_length * jnp.where(attempt > 0, _LENGTHEN, 1).astype(length.dtype)
-        anew = dataclasses.replace(before, iterations=jnp.where(attempt > 0, 0, before.iterations))
-        return _attempt(caps, sigma, longer, goal, component, distance, anew), attempt + 1
-
-    def unfinished(state: tuple[Potential, Int32[Array, ""]]) -> Bool[Array, ""]:
-        before, attempt = state
-        retry = (before.status == Status.NOT_CERTIFIED) | (before.status == Status.NOT_CONVERGED)
-        return retry & (attempt < caps.attempts)
-
-    def nothing(*_: Array) -> Potential:
-        none, most = jnp.int32(0), jnp.asarray(jnp.inf, length.dtype)
-        status = jnp.int32(Status.NOT_CONVERGED)
-        return Potential(jnp.zeros_like(sigma), status, none, none, most, jnp.array(False), none, length)
-
-    begun = nothing()
-    if caps.ahead:
-        begin = functools.partial(_begun, caps)
-        begun = lax.platform_dependent(sigma, length, goal, component, distance, cpu=nothing, default=begin)
-    return dict(vars(lax.while_loop(unfinished, again, (begun, jnp.int32(0)))[0]))
-
-
-def _begun(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    distance: Int32[Array, "nx ny nz"],
-) -> Potential:
-    """The cycles that nearly every scene takes, and its verdict: NOT_CONVERGED where there is more to do.
-
-    On an accelerator the host waits at every loop to be told whether it goes on: with this, at one of five.
-    """
-    shape = sigma.shape
-    sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
-    newton = walk.begin(
-        _operator(caps.setting, sigma, length),
-        _guess(distance, length, component),
-        component,
-        goal,
-        tolerance=caps.tolerance,
-        max_cycles=caps.max_iterations,
-    )
-    solution = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
-    stuck = uncertified(newton.phi, component, goal)
-    found = _judged(solution, jnp.int32(0), stuck, sigma, length, goal, component, shape)
-    return dataclasses.replace(found, status=jnp.where(newton.converged, found.status, Status.NOT_CONVERGED))
-
-
-def _attempt(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    distance: Int32[Array, "nx ny nz"],
-    begun: Potential,
-) -> Potential:
-    """With one screening length; goes on from what has had some iterations with it."""
-    shape = sigma.shape
-    if caps.setting == "screened":
-        sigma, component, distance = (walk.padded(array) for array in (sigma, component, distance))
-        solution = _cycled(caps, sigma, length, goal, component, distance, begun)
-    else:
-        solution = _conjugate_gradients(caps, sigma, length, goal, component)
-    lost = solution.converged & jnp.any(component & (solution.x <= 0))
-    held = stencil.cell(sigma.shape, goal)
-
-    def sweep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        phi, sweeps, _ = state
-        # Hardly any field needs them: A is assembled anew rather than kept, and the barrier keeps XLA from doing it
-        # ahead of the loop.
-        operator = _operator(caps.setting, *lax.optimization_barrier((sigma, length, phi))[:2])
-        diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-        phi = lax.fori_loop(
-            0, SWEEPS, lambda _, phi: jnp.where(held, phi, stencil.inflow(operator.faces, phi) / diagonal), phi
+def check_inputs(sigma: Array, goal_index: Array) -> None:
+    """Raise a ValueError unless shapes and dtypes are those of `solve_potential`."""
+    if sigma.ndim != 3 or sigma.dtype not in (jnp.float32, jnp.float64):
+        raise ValueError(
+            f"sigma: expected float32 or float64 (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
         )
-        return phi, sweeps + SWEEPS, uncertified(phi, component, goal)
-
-    phi, sweeps, stuck = lax.while_loop(
-        # A voxel at zero is out of float32's range, and sweeps cannot bring it back.
-        lambda state: (state[2] != 0) & (state[1] < caps.max_sweeps) & ~(lost & (state[1] > 0)),
-        sweep,
-        (solution.x, jnp.int32(0), uncertified(solution.x, component, goal)),
-    )
-    solution = dataclasses.replace(solution, x=phi)
-    return _judged(solution, sweeps, stuck, sigma, length, goal, component, shape)
+    if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
+        raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
 
 
-def _cycled(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    distance: Int32[Array, "nx ny nz"],
-    begun: Potential,
-) -> Solution:
-    """φ by Newton cycles on the padded grid; where they stall, by conjugate gradients."""
-    operator, guess = _operator(caps.setting, sigma, length), _guess(distance, length, component)
-
-    def from_guess() -> walk.Solution:
-        return walk.guessed(guess)
-
-    def from_begun() -> walk.Solution:
-        cycled = walk.Solution(walk.padded(begun.phi), begun.iterations, begun.residual, jnp.array(False))
-        start: walk.Solution = jax.tree.map(lambda x, y: jnp.where(begun.iterations > 0, x, y), cycled, from_guess())
-        return start
-
-    newton = walk.solve(
-        operator,
-        lax.platform_dependent(cpu=from_guess, default=from_begun) if caps.ahead else from_guess(),
-        component,
-        goal,
-        tolerance=caps.tolerance,
-        max_cycles=caps.max_iterations,
-        blind=not caps.ahead,
-    )
-    stalled = ~newton.converged & (newton.cycles < caps.max_iterations)
-
-    def linear(system: tuple[Array, ...], state: tuple[Solution, Array]) -> tuple[Solution, Array]:
-        sigma, length, goal, component = system
-        # A goal outside the grid leaves nothing to solve. Were this no question of the state, XLA on CPU would solve
-        # ahead of the loop, whether there is a turn or not.
-        goal = jnp.where(state[1], goal, -1)
-        solution = _conjugate_gradients(caps, sigma, length, goal, component)
-        iterations = state[0].iterations + solution.iterations
-        return dataclasses.replace(solution, iterations=iterations), jnp.zeros_like(stalled)
-
-    cycled = Solution(newton.phi, newton.cycles, newton.residual, newton.converged)
-    system = sigma, length, goal, component
-    solution: Solution
-    solution, _ = settle(lambda _, state: state[1], linear, system, (cycled, stalled), parts=64)
-    return solution
+def _check_settings(tolerance: Any, max_iterations: Any, max_sweeps: Any) -> None:
+    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
+        raise ValueError(f"tolerance: expected a positive finite number, given {tolerance}")
+    for name, cap in (("max_iterations", max_iterations), ("max_sweeps", max_sweeps)):
+        if cap is not None and (cap < 0 or cap != int(cap)):
+            raise ValueError(f"{name}: expected a whole number, 0 or more, given {cap}")
 
 
-def _judged(
-    solution: Solution,
-    sweeps: Int32[Array, ""],
-    stuck: Int32[Array, ""],
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-    shape: tuple[int, ...],
+@functools.partial(jax.jit, static_argnames="solver")
+def _potential(
+    solver: Solver, sigma: Array, goal: Int32[Array, " 3"], screening_length: Float[Array, ""] | None
 ) -> Potential:
-    """A solution of so many uncertified voxels, with its status, on a grid of this shape."""
-    phi = solution.x
-    finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0)) & jnp.isfinite(length) & (length > 0)
-    outside = jnp.any((goal < 0) | (goal >= jnp.asarray(shape)))
-    blocked = ~jnp.any(component)
-    certified = finite & ~outside & ~blocked & (stuck == 0) & jnp.all(jnp.isfinite(phi))
-    status = jnp.select(
-        [~finite, outside, blocked, certified, ~solution.converged],
-        [Status.NONFINITE_INPUT, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED, Status.OK, Status.NOT_CONVERGED],
-        Status.NOT_CERTIFIED,
-    )
+    """A program of its own, so that a call outside of `jit` compiles once as well."""
+    medium = medium_of(sigma, goal, solver.grounded)
+    attempts = solver.attempts if screening_length is None else 1
+    if screening_length is None:
+        screening_length = screening_length_for(medium.distance).astype(sigma.dtype)
+    medium = dataclasses.replace(medium, sigma=sigma * lax.stop_gradient(_scale_of(sigma)))
+    found: Progress = differentiable(functools.partial(_solve, attempts), solver, medium, screening_length)
+    return potential_of(found)
+
+
+def potential_of(progress: Progress) -> Potential:
+    """What a solve found; certified where its status is OK."""
     return Potential(
-        phi=lax.slice(phi, (0, 0, 0), shape),
-        status=status.astype(jnp.int32),
-        iterations=solution.iterations,
-        sweeps=sweeps,
-        residual=solution.residual,
-        certified=certified,
-        uncertified=stuck,
-        screening_length=length,
+        phi=progress.phi,
+        status=progress.status,
+        iterations=progress.iterations,
+        sweeps=progress.sweeps,
+        residual=progress.residual,
+        certified=progress.status == Status.OK,
+        uncertified=progress.uncertified,
+        screening_length=progress.length,
     )
 
 
-@jax.named_scope("conjugate gradients")
-def _conjugate_gradients(
-    caps: _Caps,
-    sigma: stencil.Volume,
-    length: Float[Array, ""],
-    goal: Int32[Array, " 3"],
-    component: Bool[Array, "nx ny nz"],
-) -> Solution:
-    """φ by conjugate gradients on the scaled system.
-
-    `screened`: until the residual of every voxel is small beside its own φ. `paper`: until the norm is small.
-    """
-    operator, source = _system(caps.setting, sigma, length, goal)
-    faces, scale = stencil.normalize(operator)
-    b = source * scale
-
-    def small(y: stencil.Volume, r: stencil.Volume) -> Bool[Array, ""]:
-        if caps.setting == "screened":
-            return jnp.all(jnp.abs(r) <= caps.tolerance * y)
-        return jnp.sum(r * r) <= caps.tolerance**2 * jnp.sum(b * b)
-
-    solution = pcg(
-        lambda y: y - stencil.inflow(faces, y),
-        b,
-        precondition=_preconditioner(caps.setting, operator, faces, component),
-        stop=small,
-        max_iterations=caps.max_iterations,
-    )
-    return dataclasses.replace(solution, x=jnp.where(component, jnp.maximum(scale * solution.x, 0), 0))
+def _scale_of(sigma: Float[Array, "nx ny nz"]) -> Float[Array, ""]:
+    """The power of two that brings sigma's maximum to 2^`_EXPONENT` or less, more than half of it."""
+    largest = maximum(lambda sigma: sigma, sigma)
+    _, exponent = jnp.frexp(jnp.where(jnp.isfinite(largest), largest, 1))
+    # 2^126 is the largest power whose inverse is a normal float32, too.
+    return jnp.ldexp(jnp.ones((), sigma.dtype), jnp.clip(_EXPONENT - exponent, -126, 126))
 
 
-@_potential.defjvp
-def _potential_jvp(caps, primals, tangents):  # type: ignore[no-untyped-def]
-    """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇); see the head of this module."""
-    sigma, length, goal, component, distance = primals
-    sigma_dot, length_dot, *_ = tangents
-    tight = min(caps.tolerance, TIGHT_TOLERANCE[sigma.dtype.itemsize])
-    solved = _potential(dataclasses.replace(caps, tolerance=tight), sigma, length, goal, component, distance)
+def _solve(attempts: int, solver: Solver, medium: Medium, length: Float[Array, ""]) -> Progress:
+    """Attempts with longer and longer screening lengths, while there is one left and the solver has not succeeded."""
+    here = solver.prepared(medium)
 
-    def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
-        operator, source = _system(caps.setting, sigma, length, goal)
-        return stencil.residual(operator, solved["phi"], source)
+    def attempt(before: Progress) -> Progress:
+        again = before.attempts > 0
+        progress = dataclasses.replace(
+            before,
+            length=before.length * jnp.where(again, _LENGTHEN, 1).astype(length.dtype),
+            iterations=jnp.where(again, 0, before.iterations),
+            residual=jnp.where(again, jnp.inf, before.residual),
+            attempts=before.attempts + 1,
+        )
+        return run(solver.stages, here, progress)
 
-    _, right = jax.jvp(imbalance, (sigma, solved["screening_length"]), (sigma_dot, length_dot))
-    operator, _ = _system(caps.setting, sigma, solved["screening_length"], goal)
-    faces, scale = stencil.normalize(operator)
-    tolerance = DERIVATIVE_TOLERANCE[sigma.dtype.itemsize]
-    precondition = _preconditioner(caps.setting, operator, faces, component)
+    def unfinished(progress: Progress) -> Bool[Array, ""]:
+        retry = (progress.status == Status.NOT_CERTIFIED) | (progress.status == Status.NOT_CONVERGED)
+        return retry & (progress.attempts < attempts)
 
-    def solve(matvec, b):  # type: ignore[no-untyped-def]
-        return pcg(
-            matvec,
-            b,
-            precondition=precondition,
-            stop=lambda _, r: jnp.max(jnp.abs(r)) <= tolerance * jnp.max(jnp.abs(b)),
-            max_iterations=caps.max_iterations,
-        ).x
-
-    y_dot = lax.custom_linear_solve(lambda y: y - stencil.inflow(faces, y), scale * right, solve, symmetric=True)
-
-    def zero(x: Array) -> Array:
-        return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)
-
-    return solved, {**jax.tree.map(zero, solved), "phi": scale * y_dot}
+    found = lax.while_loop(unfinished, attempt, run(solver.opening, here, untouched(here, length)))
+    return dataclasses.replace(found, phi=lax.slice(found.phi, (0, 0, 0), medium.shape))

@@ -3,10 +3,10 @@
     device d of n holds the slab  d N/n ≤ x < (d + 1) N/n  of every volume
 
 There is no second solver: `solve_potential` takes the sharded field as it takes any other. It consists of shifts by one
-voxel, of sums over blocks of two, and of sums and maxima over the whole grid. XLA's partitioner leaves each of them on
-its slab: a shift fetches one layer of voxels from the neighbour, a sum over the grid exchanges one number, and a block
-lies on one device as long as every slab consists of whole blocks on every level. Hence the one condition, that N is a
-multiple of n · 2^`halvings` along x; along y and z any size will do. φ comes back in the same slabs.
+voxel, of sums over aggregates of two, and of sums and maxima over the whole grid. XLA's partitioner leaves each of them
+on its slab: a shift fetches one layer of voxels from the neighbour, a sum over the grid exchanges one number, and an
+aggregate lies on one device as long as every slab consists of whole aggregates on every level. Hence the one condition,
+that N is a multiple of n · 2^`halvings` along x; along y and z any size will do. φ comes back in the same slabs.
 
     mesh = city_mesh()
     with jax.set_mesh(mesh):
@@ -31,7 +31,7 @@ from jax.sharding import Mesh, NamedSharding
 from jaxtyping import Array, Float
 
 from maxjax.core.slabs import AXIS, SPEC
-from maxjax.solvers.walk import halvings
+from maxjax.solvers.aggregation import halvings
 
 Window = tuple[slice, slice, slice]
 
@@ -61,7 +61,7 @@ def shard_sigma(sigma: Windowed, mesh: Mesh) -> Float[Array, "nx ny nz"]:
         mesh: of `city_mesh`.
 
     Raises:
-        ValueError: for a sigma that is not three-dimensional, or whose slabs are not whole blocks.
+        ValueError: for a sigma that is not three-dimensional, or whose slabs are not whole aggregates.
     """
     if len(sigma.shape) != 3:
         raise ValueError(f"sigma: expected shape (nx, ny, nz), given {tuple(sigma.shape)}")

@@ -7,10 +7,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from references import touched
 
 from maxjax import Grid
+from maxjax.core.lowering import lowered_for
 from maxjax.planning.judge import touched_voxels
 from maxjax.planning.sight import TOUCH, clear, span_codes, stands_free, visibility
 
@@ -91,14 +91,14 @@ def test_segments_longer_than_the_slabs_are_not_clear() -> None:
     assert not clear(bits, a, b, slabs=5)
 
 
-def test_half_slabs_looked_at_one_by_one_say_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which is how other devices than a CPU look at few of them."""
+def test_accelerators_see_the_same() -> None:
+    """Where few half slabs are looked up one by one."""
     rng = np.random.default_rng(7)
     bits = bits_of(rng.random(SHAPE) < 0.1)
     a, b = segments(rng, 200)
     together = np.asarray(clear(bits, jnp.asarray(a), jnp.asarray(b), slabs=4))
-    monkeypatch.setattr(jax.lax, "platform_dependent", lambda *given, cpu, default: default(*given))
-    one_by_one = np.asarray(clear(bits, jnp.asarray(a), jnp.asarray(b), slabs=4))
+    with lowered_for("gpu"):
+        one_by_one = np.asarray(clear(bits, jnp.asarray(a), jnp.asarray(b), slabs=4))
     np.testing.assert_array_equal(one_by_one, together)
     assert 20 < one_by_one.sum() < 180
 

@@ -14,6 +14,7 @@ from references import component_of, direct_potential, random_blocks, random_fre
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.fields.gradient import gradient, log_potential
+from maxjax.solvers.screened import Screened
 
 GRID = Grid((16, 18, 20))
 solve = jax.jit(solve_potential, static_argnames=("setting", "tolerance", "max_iterations", "max_sweeps"))
@@ -351,13 +352,77 @@ def test_derivatives_are_finite_and_vanish_where_no_current_flows() -> None:
 def test_wrong_arguments_are_told_with_what_was_given() -> None:
     unchecked = inspect.unwrap(solve_potential)
     sigma, goal = np.ones((4, 5, 6), np.float32), np.array([1, 2, 3], np.int32)
-    with pytest.raises(ValueError, match=r"sigma: expected floating \(nx, ny, nz\), given float32 \(5, 6\); use vmap"):
+    with pytest.raises(ValueError, match=r"sigma: expected float32 or float64 \(nx, ny, nz\), .* \(5, 6\); use vmap"):
         unchecked(sigma[0], goal)
-    with pytest.raises(ValueError, match=r"sigma: expected floating .*given bool"):
-        unchecked(sigma > 0, goal)
+    for dtype in (bool, np.float16, jnp.bfloat16, np.int32, np.complex64):
+        with pytest.raises(ValueError, match=rf"sigma: expected float32 or float64 .*given {np.dtype(dtype).name}"):
+            unchecked(sigma.astype(dtype), goal)
     with pytest.raises(ValueError, match=r"goal_index: expected integer \(3,\), given int32 \(2,\)"):
         unchecked(sigma, goal[:2])
     with pytest.raises(ValueError, match=r"goal_index: expected integer \(3,\), given float32 \(3,\)"):
         unchecked(sigma, goal.astype(np.float32))
-    with pytest.raises(ValueError, match="setting: expected 'screened' or 'paper', given 'open'"):
+    with pytest.raises(ValueError, match=r"setting: expected 'screened', 'paper', 'cg' or a .*, given 'open'"):
         unchecked(sigma, goal, setting="open")
+    for tolerance in (np.nan, np.inf, 0.0, -1e-3):
+        with pytest.raises(ValueError, match=f"tolerance: expected a positive finite number, given {tolerance}"):
+            unchecked(sigma, goal, tolerance=tolerance)
+    for name in ("max_iterations", "max_sweeps"):
+        for cap in (-1, 2.5):
+            with pytest.raises(ValueError, match=f"{name}: expected a whole number, 0 or more, given {cap}"):
+                unchecked(sigma, goal, **{name: cap})
+
+
+@pytest.mark.parametrize("setting", ["screened", "paper", "cg"])
+@pytest.mark.parametrize("scale", [1e30, 3e-7, 1e-30, 1e-37])
+def test_the_scale_of_sigma_is_irrelevant(setting: str, scale: float) -> None:
+    sigma, goal = (np.asarray(scene(4)[0] > 0, np.float32), scene(4)[1])
+    unit, scaled = (solve(factor * sigma, goal, setting=setting) for factor in np.float32([1, scale]))
+    assert unit.status == scaled.status == Status.OK
+    np.testing.assert_allclose(scaled.phi, unit.phi, rtol=1e-4 if setting == "paper" else 1e-5)
+
+
+def test_the_derivative_scales_with_the_inverse_of_sigma() -> None:
+    sigma, goal = scene(4)
+
+    @jax.jit
+    def slope(sigma: jax.Array) -> jax.Array:
+        return jax.grad(lambda s: jnp.sum(solve_potential(s, jnp.asarray(goal), screening_length=2.0).phi))(sigma)
+
+    # A power of two: the same numbers but for the exponent.
+    unit, scaled = slope(jnp.asarray(sigma)), slope(jnp.asarray(sigma * np.float32(2.0**60)))
+    assert np.abs(unit).max() > 0
+    scaled = np.asarray(scaled, np.float64) * 2.0**60
+    np.testing.assert_allclose(scaled, unit, rtol=1e-4, atol=1e-6 * np.abs(unit).max())
+
+
+def test_a_call_outside_of_jit_compiles_once(caplog: pytest.LogCaptureFixture) -> None:
+    given = [tuple(map(jnp.asarray, scene(seed, (9, 11, 13)))) for seed in (1, 2, 3)]
+
+    def compiled() -> list[str]:
+        """Programs that these solves compile; at a tolerance of their own, so that no other test has done so."""
+        caplog.clear()
+        with jax.log_compiles():
+            for sigma, goal in given:
+                assert solve_potential(sigma, goal, tolerance=3.21e-3).status == Status.OK
+        return [record.message for record in caplog.records if "Compiling" in record.message]
+
+    assert sum("_potential" in message for message in compiled()) == 1
+    assert compiled() == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_conjugate_gradients_alone_find_the_same_field(seed: int) -> None:
+    sigma, goal = scene(seed)
+    reference, ours = (solve(sigma, goal, setting=setting, tolerance=1e-5) for setting in ("cg", "screened"))
+    check_certificate(reference, sigma, goal)
+    np.testing.assert_allclose(ours.phi, reference.phi, rtol=1e-2)
+    expected = direct_potential(sigma, tuple(goal), leak_of(reference))
+    np.testing.assert_allclose(reference.phi, expected, rtol=1e-2)
+
+
+def test_a_solver_object_is_a_setting_and_keeps_its_caps() -> None:
+    sigma, goal = scene(1)
+    by_name, by_object = (solve(sigma, goal, setting=setting) for setting in ("screened", Screened()))
+    np.testing.assert_array_equal(by_name.phi, by_object.phi)
+    assert solve(sigma, goal, setting=Screened(max_iterations=0, max_sweeps=0)).status == Status.NOT_CONVERGED
+    assert solve(sigma, goal, setting=Screened(max_iterations=0), max_iterations=100).status == Status.OK

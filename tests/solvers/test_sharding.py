@@ -20,7 +20,7 @@ from jax.sharding import PartitionSpec
 from benchmarks import city_scale
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.fields.connectivity import geodesic
-from maxjax.solvers import walk
+from maxjax.solvers import aggregation
 from maxjax.solvers.sharding import city_mesh, shard_sigma
 
 DEVICES = 8
@@ -57,7 +57,7 @@ def serpentine() -> np.ndarray:
 
 def _program(out: Path) -> None:
     """On eight devices: solve sharded and unsharded, and run the benchmark at a tiny size."""
-    walk._SHARED = SHARED
+    aggregation._SHARED = SHARED
     sigma, goal = blocks()
     mesh = city_mesh()
     sharded = shard_sigma(sigma, mesh)
@@ -175,7 +175,7 @@ def test_city_is_the_same_whatever_the_windows() -> None:
     np.testing.assert_array_equal(everything[7:17, 3:9] == 0, tile)
 
 
-def test_slabs_have_to_be_whole_blocks() -> None:
+def test_slabs_have_to_be_whole_aggregates() -> None:
     mesh = city_mesh(jax.devices()[:1])
     with pytest.raises(ValueError, match=r"multiple of 4 .*given shape \(42, 64, 8\)"):
         shard_sigma(np.ones((42, 64, 8), np.float32), mesh)

@@ -11,7 +11,7 @@ from references import component_of, direct_potential, random_blocks, random_fre
 from maxjax import Grid, conductivity
 from maxjax.fields import stencil
 from maxjax.solvers.krylov import Solution, pcg
-from maxjax.solvers.multigrid import hierarchy, v_cycle
+from maxjax.solvers.v_cycle import hierarchy, v_cycle
 
 Problem = tuple[stencil.Operator, jax.Array, jax.Array, np.ndarray, np.ndarray]
 

@@ -2,13 +2,13 @@
 
     (I − G) y = b,  G = D^-1/2 W D^-1/2:      M⁻¹ = S (2 − (I − G) S) + (1 − S (I − G)) P M_c⁻¹ Pᵀ (1 − (I − G) S)
 
-S is one polynomial in G before and after the coarse correction, P spreads a coarse value over its block of 2 × 2 × 2
-voxels (in unscaled φ), and Pᵀ sums the block. Coarse coefficients are again conductances of a 7-point operator, chosen
-together with these transfers: a coarse face takes *half* the sum of its four fine faces, because current flows twice as
-far between coarse centres (a quarter of the area each, so that the sum alone is what P would give, twice too stiff);
-so does the grounding of an outer face, half a voxel away. A leak, or the coupling to a held voxel, is summed as it is.
-Walls stay walls: a coarse face conducts only where fine faces do. A wall that ends up inside a block joins both its
-sides in the coarse value; that costs CG iterations, never correctness.
+S is one polynomial in G before and after the coarse correction, P spreads a coarse value over its aggregate of 2 × 2 ×
+2 voxels (in unscaled φ), and Pᵀ sums the aggregate. Coarse coefficients are again conductances of a 7-point operator,
+chosen together with these transfers: a coarse face takes *half* the sum of its four fine faces, because current flows
+twice as far between coarse centres (a quarter of the area each, so that the sum alone is what P would give, twice too
+stiff); so does the grounding of an outer face, half a voxel away. A leak, or the coupling to a held voxel, is summed as
+it is. Walls stay walls: a coarse face conducts only where fine faces do. A wall that ends up inside an aggregate joins
+both its sides in the coarse value; that costs CG iterations, never correctness.
 
 Positive by construction, whatever the coarse operator is: the spectrum of I − G lies in [0, 2] (its rows sum to at most
 2), S leaves |1 − λ S(λ)| < 1 on (0, 2], so the first term is positive definite, and the second is semidefinite when
@@ -78,7 +78,7 @@ def hierarchy(operator: stencil.Operator, component: Bool[Array, "nx ny nz"]) ->
             Others (sealed pockets, where A may be singular) are smoothed only.
     """
     free = component & (operator.diagonal > 0)
-    # A held voxel has no faces left: its unit diagonal must not weigh on its block.
+    # A held voxel has no faces left: its unit diagonal must not weigh on its aggregate.
     free = free & (stencil.inflow(operator.faces, jnp.ones_like(operator.diagonal)) > 0)
     faces, diagonal = operator.faces, operator.diagonal
     ground = jnp.where(free, _ground(operator), 0)
@@ -91,7 +91,7 @@ def hierarchy(operator: stencil.Operator, component: Bool[Array, "nx ny nz"]) ->
             return Hierarchy(tuple(levels), _inverse(levels[-1].faces))
         inside = free.astype(diagonal.dtype)
         faces = tuple(_coarse_face(face * inside, axis) for axis, face in enumerate(faces))  # type: ignore[assignment]
-        ground = _sum_blocks(ground * _outer_factor(ground.shape, ground.dtype))
+        ground = _sum_aggregates(ground * _outer_factor(ground.shape, ground.dtype))
         diagonal = ground + sum(face + stencil.behind(face, axis) for axis, face in enumerate(faces))
         free = diagonal > 0
 
@@ -108,7 +108,7 @@ def v_cycle(grids: Hierarchy) -> Callable[[Volume], Volume]:
             return jnp.matmul(grids.inverse, r.ravel(), precision=lax.Precision.HIGHEST).reshape(r.shape)
         y, left = _twice(level.faces, r, jnp.zeros_like(r), r, (_OWN, -1.0), (_NEIGHBOURS, 1.0))
         below = _reciprocal(grids.levels[depth + 1].root)
-        coarse = cycle(depth + 1, below * _sum_blocks(level.root * left))
+        coarse = cycle(depth + 1, below * _sum_aggregates(level.root * left))
         y = y + level.root * _spread(below * coarse, r.shape)
         return _twice(level.faces, y, r, y, (-1.0, _OWN), (1.0, _NEIGHBOURS))[1]
 
@@ -120,9 +120,8 @@ def _twice(
 ) -> tuple[Volume, Volume]:
     """The two applications of G in a smoothing step: u = first + own₀ v + neighbours₀ G v, then the same of u.
 
-    Before the coarse correction u = S r and then its residual; after it, the residual and then y + S of that. A loop,
-    since outside of loops XLA on CPU drops its optimization barriers and recomputes u for each of the seven voxels
-    that G reads: ten times slower.
+    Before the coarse correction u = S r and then its residual; after it, the residual and then y + S of that. A loop:
+    in straight-line code XLA recomputes u for each voxel that G reads (docs/performance.md).
     """
     a, b = jnp.asarray(own, v.dtype), jnp.asarray(neighbours, v.dtype)
 
@@ -151,7 +150,7 @@ def _outer_factor(shape: tuple[int, ...], dtype: jnp.dtype) -> Volume:
 
 
 def _coarse_face(face: AnyVolume, axis: int) -> AnyVolume:
-    """Half the sum of the four fine faces between two blocks: those after each odd voxel along `axis`."""
+    """Half the sum of the four fine faces between two aggregates: those after each odd voxel along `axis`."""
     coarse = 0.5 * lax.slice_in_dim(_even(face, axis), 1, None, 2, axis)
     for across in range(3):
         if across != axis:
@@ -173,15 +172,15 @@ def _sum_pairs(array: AnyVolume, axis: int) -> AnyVolume:
     return jnp.asarray(first + second)
 
 
-def _sum_blocks(array: AnyVolume) -> AnyVolume:
-    """Sum over blocks of 2 × 2 × 2 voxels."""
+def _sum_aggregates(array: AnyVolume) -> AnyVolume:
+    """Sum over aggregates of 2 × 2 × 2 voxels."""
     for axis in range(3):
         array = _sum_pairs(array, axis)
     return array
 
 
 def _spread(coarse: AnyVolume, shape: tuple[int, ...]) -> AnyVolume:
-    """Each coarse value on all voxels of its block; the transpose of `_sum_blocks`."""
+    """Each coarse value on all voxels of its aggregate; the transpose of `_sum_aggregates`."""
     for axis in (2, 1, 0):
         coarse = jnp.stack([coarse, coarse], axis + 1)
         sizes = list(coarse.shape)

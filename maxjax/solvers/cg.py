@@ -1,0 +1,114 @@
+"""Conjugate gradients for the screened setting: a reference, and the fallback where Newton's cycles stall.
+
+    (I − G) y = D^-1/2 q,   φ = D^-1/2 y,   I − G = D^-1/2 A D^-1/2        (`fields.stencil.normalize`)
+
+with a Chebyshev polynomial of G as the preconditioner, until the residual of every voxel is small beside its own φ: a
+norm says nothing about voxels far from the goal, where φ is small. Slower than Newton's cycles, but indifferent to
+walls.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from maxjax.fields import stencil
+from maxjax.solvers.certify import judge, sweep_until_certified
+from maxjax.solvers.krylov import Linear, chebyshev, pcg
+from maxjax.solvers.medium import Medium, Progress, Solver, Stage, held_system, tolerance_of
+
+# Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
+# stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
+DEGREE = 32
+# Of a voxel's residual beside its own φ, by a number's bytes.
+TOLERANCES = {4: 1e-2, 8: 1e-12}
+SWEEPS_BETWEEN_LOOKS = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class ConjugateGradients:
+    """The solver `cg`: screened, insulated outer faces.
+
+    Attributes:
+        tolerance: of a voxel's residual beside its own φ; None: `TOLERANCES`.
+        max_iterations: cap on CG iterations.
+        max_sweeps: cap on positive sweeps.
+    """
+
+    tolerance: float | None = None
+    max_iterations: int = 100
+    max_sweeps: int = 400
+
+    tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
+    grounded: ClassVar[bool] = False
+    attempts: ClassVar[int] = 4
+    opening: ClassVar[tuple[Stage, ...]] = ()
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Iterations, sweeps, status."""
+        sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
+        return self.iterate, sweep, judge
+
+    def prepared(self, medium: Medium) -> Medium:
+        """As it is."""
+        return medium
+
+    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
+        """The Chebyshev polynomial, its interval from the largest row sum (Gershgorin)."""
+        return chebyshev_of(operator, faces)
+
+    def iterate(self, medium: Medium, progress: Progress) -> Progress:
+        """From φ = 0, until |r_i| ≤ tolerance · y_i in every voxel."""
+        tolerance = tolerance_of(self, medium)
+
+        def small(y: stencil.Volume, r: stencil.Volume, _: stencil.Volume) -> Bool[Array, ""]:
+            return jnp.all(jnp.abs(r) <= tolerance * y)
+
+        return conjugate_gradients(self, small, medium, progress)
+
+
+def chebyshev_of(operator: stencil.Operator, faces: stencil.Faces) -> Linear:
+    """The Chebyshev preconditioner of I − G, whose faces these are."""
+    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+    rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
+    # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
+    radius = jnp.minimum(jnp.max(rows), 1 - 1 / DEGREE**2)
+    return chebyshev(functools.partial(stencil.inflow, faces), radius, DEGREE)
+
+
+Small = Callable[[stencil.Volume, stencil.Volume, stencil.Volume], Bool[Array, ""]]
+
+
+@jax.named_scope("conjugate gradients")
+def conjugate_gradients(solver: Solver, small: Small, medium: Medium, progress: Progress) -> Progress:
+    """φ by conjugate gradients on the scaled system, from zero.
+
+    Args:
+        solver: its preconditioner and cap. Static.
+        small: (y, residual, right-hand side) ↦ whether to stop.
+        medium, progress: of the stage; `iterations` count on.
+    """
+    operator, source = held_system(medium, progress.length)
+    faces, scale = stencil.normalize(operator)
+    b = source * scale
+    solution = pcg(
+        lambda y: y - stencil.inflow(faces, y),
+        b,
+        precondition=solver.preconditioner(medium, operator, faces),
+        stop=lambda y, r: small(y, r, b),
+        max_iterations=solver.max_iterations,
+    )
+    return dataclasses.replace(
+        progress,
+        phi=jnp.where(medium.component, jnp.maximum(scale * solution.x, 0), 0),
+        iterations=progress.iterations + solution.iterations,
+        residual=solution.residual,
+        converged=solution.converged,
+    )

@@ -1,0 +1,160 @@
+"""What is solved, how far it is solved, and what a solver is.
+
+    A(σ, κ) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
+
+A solve is a chain of *stages*, pure functions (Medium, Progress) ↦ Progress. A solver is a frozen dataclass of static
+settings whose stages take a `Medium` to a certified φ for one screening length ℓ.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.core.status import Status
+from maxjax.fields import stencil
+from maxjax.fields.connectivity import geodesic
+from maxjax.solvers.krylov import Linear
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Medium:
+    """The conductor.
+
+    Attributes:
+        sigma: conductivity, zero in obstacles.
+        goal: voxel of the goal.
+        component: the goal's component of free voxels.
+        distance: to the goal inside it (`fields.connectivity.geodesic`) [voxels].
+        shape: of the map; what the volumes hold beyond it is padding, obstacles. Static.
+        grounded: whether the outer faces are held at φ = 0 and nothing leaks (the paper's setting); else they are
+            insulated and the leak is 1/ℓ². Static.
+    """
+
+    sigma: Float[Array, "nx ny nz"]
+    goal: Int32[Array, " 3"]
+    component: Bool[Array, "nx ny nz"]
+    distance: Int32[Array, "nx ny nz"]
+    shape: tuple[int, ...] = dataclasses.field(metadata={"static": True})
+    grounded: bool = dataclasses.field(default=False, metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a solve is.
+
+    Attributes:
+        phi: the iterate.
+        length: ℓ [voxels].
+        iterations: of the solver, with this ℓ.
+        sweeps: positive sweeps after them.
+        residual: as the solver measures it; infinite before the first iteration.
+        converged: whether it is within the solver's tolerance.
+        uncertified: voxels of the component, goal aside, without a strictly higher neighbour.
+        status: `Status` as int32; NOT_CONVERGED until it is judged.
+        attempts: screening lengths that were begun.
+    """
+
+    phi: Float[Array, "nx ny nz"]
+    length: Float[Array, ""]
+    iterations: Int32[Array, ""]
+    sweeps: Int32[Array, ""]
+    residual: Float[Array, ""]
+    converged: Bool[Array, ""]
+    uncertified: Int32[Array, ""]
+    status: Int32[Array, ""]
+    attempts: Int32[Array, ""]
+
+
+Stage = Callable[[Medium, Progress], Progress]
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """Static settings, and the stages of one attempt; hashable, so that `jit` takes it as a static argument."""
+
+    @property
+    def tolerance(self) -> float | None:
+        """When iterations end; None: by the dtype, of `tolerances`."""
+
+    @property
+    def max_iterations(self) -> int:
+        """Cap on iterations."""
+
+    @property
+    def tolerances(self) -> Mapping[int, float]:
+        """The default tolerance, by a number's bytes."""
+
+    @property
+    def grounded(self) -> bool:
+        """Of the `Medium` that it solves."""
+
+    @property
+    def attempts(self) -> int:
+        """Screening lengths to try, where the caller leaves ℓ open."""
+
+    @property
+    def opening(self) -> tuple[Stage, ...]:
+        """Stages ahead of the loop over attempts."""
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Stages of an attempt; the last one sets the status."""
+
+    def prepared(self, medium: Medium) -> Medium:
+        """The medium on the grid that the stages expect."""
+
+    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
+        """Of D^-1/2 A D^-1/2 = I − G, for the derivative; `faces` are those of G (`stencil.normalize`)."""
+
+
+def medium_of(sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"], grounded: bool = False) -> Medium:
+    """The medium of a conductivity field; `grounded` is static."""
+    component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal)
+    return Medium(sigma, goal, component, distance, sigma.shape, grounded)
+
+
+def untouched(medium: Medium, length: Float[Array, ""]) -> Progress:
+    """Before the first iteration."""
+    none = jnp.int32(0)
+    return Progress(
+        phi=jnp.zeros_like(medium.sigma),
+        length=length,
+        iterations=none,
+        sweeps=none,
+        residual=jnp.asarray(jnp.inf, length.dtype),
+        converged=jnp.array(False),
+        uncertified=none,
+        status=jnp.int32(Status.NOT_CONVERGED),
+        attempts=none,
+    )
+
+
+def run(stages: Iterable[Stage], medium: Medium, progress: Progress) -> Progress:
+    """One stage after the other."""
+    return functools.reduce(lambda progress, stage: stage(medium, progress), stages, progress)
+
+
+def tolerance_of(solver: Solver, medium: Medium) -> float:
+    """The solver's tolerance, or its default for the medium's dtype."""
+    return solver.tolerances[medium.sigma.dtype.itemsize] if solver.tolerance is None else solver.tolerance
+
+
+def operator_of(medium: Medium, length: Float[Array, ""]) -> stencil.Operator:
+    """A, without φ held on the goal."""
+    return stencil.assemble(medium.sigma, 0.0 if medium.grounded else 1 / length**2, grounded=medium.grounded)
+
+
+def held_system(medium: Medium, length: Float[Array, ""]) -> tuple[stencil.Operator, stencil.Volume]:
+    """A and q with φ = 1 held on the goal; a goal outside the grid holds nothing."""
+    held = stencil.cell(medium.sigma.shape, medium.goal) & (medium.sigma > 0)
+    return stencil.hold(operator_of(medium, length), held.astype(medium.sigma.dtype))

@@ -1,0 +1,147 @@
+"""The default setting: a leak κ = 1/ℓ², insulated outer faces; Newton's method on log φ.
+
+    −∇·(σ∇φ) + κ σ φ = q
+
+A guess that decays with geodesic distance, then Newton cycles (`solvers.newton`) until one more sweep would change no
+voxel by more than a small part of *its own* φ. Where the cycles stall, conjugate gradients (`solvers.cg`) start over,
+to the same rule. Then positive sweeps until the field is certified (`solvers.certify`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.core.batching import settle
+from maxjax.core.lowering import head_start, in_this_turn
+from maxjax.core.status import Status
+from maxjax.fields import stencil
+from maxjax.fields.certificate import uncertified
+from maxjax.solvers.aggregation import padded
+from maxjax.solvers.certify import judge, sweep_until_certified
+from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
+from maxjax.solvers.krylov import Linear
+from maxjax.solvers.medium import Medium, Progress, Stage, run, tolerance_of
+from maxjax.solvers.newton import newton_cycles, so_many_cycles
+
+# Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
+# large at the far end, and leave directions alone.
+TOLERANCES = {4: 1e-2, 8: 1e-12}
+# Above so many voxels a cycle takes far longer than a synchronisation.
+_LARGE = 2**24
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _FallbackCarry:
+    """Carry of the fallback.
+
+    Attributes:
+        progress: of the solve.
+        stalled: whether it is still to be solved by conjugate gradients.
+    """
+
+    progress: Progress
+    stalled: Bool[Array, ""]
+
+
+@dataclasses.dataclass(frozen=True)
+class Screened:
+    """The solver `screened`.
+
+    Attributes:
+        tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`.
+        max_iterations: cap on Newton cycles, and on CG iterations where they stall.
+        max_sweeps: cap on positive sweeps.
+        first_cycles: cycles that an accelerator takes before it looks whether more are needed, and it looks at once
+            whether there is anything else to do; 0: none.
+    """
+
+    tolerance: float | None = None
+    max_iterations: int = 100
+    max_sweeps: int = 400
+    first_cycles: int = 3
+
+    tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
+    grounded: ClassVar[bool] = False
+    attempts: ClassVar[int] = 4
+
+    @property
+    def opening(self) -> tuple[Stage, ...]:
+        """The first cycles."""
+        return (self.begin,)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Guess, Newton cycles, conjugate gradients where they stall, sweeps, status."""
+        sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
+        return guess, self.iterate, self.fall_back, sweep, judge
+
+    def prepared(self, medium: Medium) -> Medium:
+        """Padded with obstacles, so that every level consists of whole aggregates."""
+        return dataclasses.replace(
+            medium,
+            sigma=padded(medium.sigma),
+            component=padded(medium.component),
+            distance=padded(medium.distance),
+        )
+
+    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
+        """That of `cg`: it outdoes the V-cycle, which spans no distance faster."""
+        return self._linear.preconditioner(medium, operator, faces)
+
+    def begin(self, medium: Medium, progress: Progress) -> Progress:
+        """The cycles that nearly every scene takes, and their verdict: NOT_CONVERGED where there is more to do."""
+        count = min(self.first_cycles, self.max_iterations)
+        if not count or medium.sigma.size > _LARGE:
+            return progress
+        cycles = functools.partial(so_many_cycles, tolerance=tolerance_of(self, medium), count=count)
+
+        def first(progress: Progress) -> Progress:
+            last = run((guess, cycles), medium, progress)
+            stuck = uncertified(last.phi, medium.component, medium.goal)
+            last = judge(medium, dataclasses.replace(last, uncertified=stuck))
+            return dataclasses.replace(last, status=jnp.where(last.converged, last.status, Status.NOT_CONVERGED))
+
+        return head_start(first, progress)
+
+    def iterate(self, medium: Medium, progress: Progress) -> Progress:
+        """Newton cycles."""
+        return newton_cycles(medium, progress, tolerance=tolerance_of(self, medium), most=self.max_iterations)
+
+    def fall_back(self, medium: Medium, progress: Progress) -> Progress:
+        """Conjugate gradients where the cycles stalled short of their cap."""
+
+        def solve(medium: Medium, carry: _FallbackCarry) -> _FallbackCarry:
+            here = in_this_turn(medium, carry.stalled)
+            return _FallbackCarry(self._linear.iterate(here, carry.progress), jnp.zeros_like(carry.stalled))
+
+        stalled = ~progress.converged & (progress.iterations < self.max_iterations)
+        first = _FallbackCarry(progress, stalled)
+        return settle(lambda _, carry: carry.stalled, solve, medium, first, parts=64).progress
+
+    @property
+    def _linear(self) -> ConjugateGradients:
+        return ConjugateGradients(self.tolerance, self.max_iterations, self.max_sweeps)
+
+
+@jax.named_scope("guess")
+def guess(medium: Medium, progress: Progress) -> Progress:
+    """A guess where no iteration has been taken."""
+    decaying = guessed(medium.distance, progress.length, medium.component)
+    return dataclasses.replace(progress, phi=jnp.where(progress.iterations > 0, progress.phi, decaying))
+
+
+def guessed(
+    distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
+) -> stencil.Volume:
+    """φ of a point source where σ ∝ 1/r: decay by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r; never below float32."""
+    decay = jnp.arccosh(1 + 1 / (2 * length**2))
+    far = distance.astype(length.dtype)
+    return jnp.where(component, jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85)), 0)
