@@ -81,9 +81,9 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
                 disturbed = dataclasses.replace(calm, disturbances=SETS[condition])
                 campaign = Campaign(name, config.seed, range(config.trials), method=chosen, config=disturbed)
                 folder = None if config.keep is None else config.keep / f"{name}-{method}-{condition}"
-                begun = time.perf_counter()
+                started = time.perf_counter()
                 outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]
-                seconds = time.perf_counter() - begun
+                seconds = time.perf_counter() - started
                 rows.append({"map": name, "method": method, "condition": condition, **figures_of(outcomes)})
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
     save(config.name, config, rows, config.out)

@@ -42,6 +42,7 @@ def _planned(task: Task, method: Any) -> list[Plan]:
     return plan_task(task, chosen.finder(), chosen.name)
 
 
+# arguments: a public name; all that has a default is given by keyword
 def plan(
     occupied: Bool[Array | np.ndarray, "nx ny nz"],
     start: Real[Array | np.ndarray, " 3"] | Sequence[float],
@@ -125,6 +126,7 @@ class PlanBatch(Sequence[Plan]):
         return np.array([plan.margin for plan in self.plans])
 
 
+# arguments: a public name; all that has a default is given by keyword
 def plan_batch(
     occupied: Bool[Array | np.ndarray, "*m nx ny nz"],
     start: Real[Array | np.ndarray, "b 3"],
@@ -185,6 +187,7 @@ def plan_fleet(
     return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
 
 
+# arguments: a public name; all that has a default is given by keyword
 def plan_scan(
     points: Real[Array | np.ndarray, "n 3"],
     start: Real[Array | np.ndarray, " 3"] | Sequence[float],

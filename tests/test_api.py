@@ -1,4 +1,4 @@
-"""Planning by name: one problem, many, or a scan; and what is wrong with the inputs, said with what was given."""
+"""Planning by name: one problem, many, or a scan; and what is wrong with the inputs, with what was given."""
 
 from __future__ import annotations
 

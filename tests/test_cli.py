@@ -131,9 +131,9 @@ def test_a_map_far_from_the_origin_gives_the_same_path_there(terminal: Terminal,
     _, here, _ = terminal("plan", small, *between(), "--json")
     shift = np.array([84_900.25, 447_500.5, -3.0])
     far = voxel_file(tmp_path, town(), shift)
-    code, there, _ = terminal("plan", far, *between(START + shift, GOAL + shift), "--json")
+    code, away, _ = terminal("plan", far, *between(START + shift, GOAL + shift), "--json")
     assert code == 0
-    np.testing.assert_allclose(np.array(json.loads(there)["path"]) - shift, json.loads(here)["path"], atol=2e-6)
+    np.testing.assert_allclose(np.array(json.loads(away)["path"]) - shift, json.loads(here)["path"], atol=2e-6)
 
 
 def test_negative_coordinates_are_numbers(terminal: Terminal, tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 @pytest.mark.parametrize(
-    ("start", "goal", "status", "said"),
+    ("start", "goal", "status", "sentence"),
     [
         ((-30.0, 16.0, 10.0), GOAL, "START_OUTSIDE_MAP", "start (-30, 16, 10)"),
         ((1e300, 16.0, 10.0), GOAL, "START_OUTSIDE_MAP", "grid from (-1, -1, -1) to (47, 31, 23) m"),
@@ -169,7 +169,7 @@ NAN, INF = float("nan"), float("inf")
     ],
 )
 def test_impossible_problems_have_their_status(
-    terminal: Terminal, small: str, start: Sequence[float], goal: Sequence[float], status: str, said: str
+    terminal: Terminal, small: str, start: Sequence[float], goal: Sequence[float], status: str, sentence: str
 ) -> None:
     for method in ("solver", "astar"):
         code, out, err = terminal("plan", small, *between(start, goal), "--method", method, "--json")
@@ -179,7 +179,7 @@ def test_impossible_problems_have_their_status(
         assert found["length"] is None
         assert found["clearance"] is None
         assert f"{status}: {Status[status].advice} Given: " in err
-        assert said in err
+        assert sentence in err
 
 
 def test_a_sealed_goal_leaves_a_summary_but_no_path_to_fly(terminal: Terminal, tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_unusable_files_are_named_and_nothing_is_written(terminal: Terminal, tmp_path: Path, name: str) -> None:
-    content, said = BROKEN[name]
+    content, sentence = BROKEN[name]
     (tmp_path / name).write_bytes(content)
     code, out, err = terminal("plan", tmp_path / name, *between(), "--out", tmp_path / "out", "--json")
     assert code == 2
@@ -242,12 +242,12 @@ def test_unusable_files_are_named_and_nothing_is_written(terminal: Terminal, tmp
     message = err.strip().splitlines()[-1]
     assert message.startswith("maxjax: error: ")
     assert name in message
-    assert re.search(said, message)
+    assert re.search(sentence, message)
     assert os.listdir(tmp_path) == [name]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "sentence"),
     [
         (["plan", "nowhere.npz", *between()], "No such file"),
         (["plan", ".", *between()], "expected a suffix"),
@@ -269,18 +269,18 @@ def test_unusable_files_are_named_and_nothing_is_written(terminal: Terminal, tmp
     ],
 )
 def test_unusable_arguments_get_one_sentence(
-    terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[object], said: str
+    terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[object], sentence: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, out, err = terminal(*arguments)
     assert code == 2
     assert out == ""
-    assert said in err
+    assert sentence in err
     assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "sentence"),
     [
         (["--margin", -1], "margin"),
         (["--margin", "nan"], "margin"),
@@ -288,10 +288,10 @@ def test_unusable_arguments_get_one_sentence(
         (["--center", 0, 0, 0], "brings its own grid"),
     ],
 )
-def test_unusable_options_of_a_voxel_map(terminal: Terminal, small: str, options: list[object], said: str) -> None:
+def test_unusable_options_of_a_voxel_map(terminal: Terminal, small: str, options: list[object], sentence: str) -> None:
     code, out, err = terminal("plan", small, *between(), *options)
     assert (code, out) == (2, "")
-    assert said in err.strip().splitlines()[-1]
+    assert sentence in err.strip().splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", ["plan", "scan", "demo"])

@@ -105,7 +105,7 @@ def ball(radius: float) -> Float[np.ndarray, "k k k"]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Flight:
+class Crossing:
     """A start and a goal in a city.
 
     Attributes:
@@ -139,7 +139,7 @@ class Flight:
         return float(-length * log_potential(self.sigma(occupied), jnp.asarray(self.goal), length, at)[0])
 
 
-def drawn(config: Config, rng: np.random.Generator) -> Flight:
+def drawn(config: Config, rng: np.random.Generator) -> Crossing:
     """Of a hundred pairs of points in a city, the one with most walls between them: a path that has to turn."""
     nx, ny, nz = config.shape
     grid = maxjax.Grid(config.shape, 2.0, (1.0 - nx, 1.0 - ny, -1.0 if nz < 101 else -99.0))
@@ -150,7 +150,7 @@ def drawn(config: Config, rng: np.random.Generator) -> Flight:
     pairs = np.argwhere((gap >= config.apart[0]) & (gap <= config.apart[1]))[:100]
     lines = np.round(np.linspace(ends[pairs[:, 0]], ends[pairs[:, 1]], 200)).astype(int)
     start, goal = ends[pairs[np.argmax((~free)[tuple(np.moveaxis(lines, -1, 0))].sum(axis=0))]]
-    return Flight(config, grid, occupied, ground, start, goal)
+    return Crossing(config, grid, occupied, ground, start, goal)
 
 
 def run(config: Config) -> tuple[list[Row], Outcome]:
@@ -217,7 +217,7 @@ def _correlations(predicted: np.ndarray, measured: np.ndarray, kept: np.ndarray)
 class Outcome:
     """What the figure shows: places in voxels, paths in metres."""
 
-    flight: Flight
+    flight: Crossing
     strength: np.ndarray
     places: np.ndarray
     predicted: np.ndarray

@@ -13,7 +13,7 @@ import numpy as np
 from maxjax import verify
 from maxjax.cli import planning, report
 from maxjax.cli.options import DemoOptions
-from maxjax.cli.world import World, build_world
+from maxjax.cli.placed_map import PlacedMap, place_map
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
@@ -29,12 +29,12 @@ MARGIN = 8.0
 _AROUND = 25.0  # map shown around the paths [m]
 
 
-def look(scene: Scene, corner: Corner) -> tuple[World, Returns]:
+def look(scene: Scene, corner: Corner) -> tuple[PlacedMap, Returns]:
     """What one scan from the corner's sensor tells: flat ground at z = 0 known, what no beam met taken as free."""
     returns = measure(scene, corner.sensor)
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)
-    return build_world(cloud, corner.start, corner.goal, None, 0.0), returns
+    return place_map(cloud, corner.start, corner.goal, None, 0.0), returns
 
 
 def choose(scene: Scene, seed: int) -> Corner:
@@ -46,10 +46,10 @@ def choose(scene: Scene, seed: int) -> Corner:
     occupied, ground = occupancy(scene.geoms, Grid())
     found = corners(occupied & ~ground, Grid(), seed)
     for corner in found:
-        world, _ = look(scene, corner)
-        plan = planning.plan_in(world, corner.start, corner.goal, "astar", MARGIN, Recorder())
+        placed, _ = look(scene, corner)
+        plan = planning.plan_in(placed, corner.start, corner.goal, "astar", MARGIN, Recorder())
         if plan.status == Status.OK and plan.margin == MARGIN:
-            city = build_world(scene, corner.start, corner.goal, None, None)
+            city = place_map(scene, corner.start, corner.goal, None, None)
             if true_clearance(plan, city) > 0.5 * MARGIN:
                 return corner
     return found[0]
@@ -68,22 +68,22 @@ def run(options: DemoOptions) -> int:
         corner = choose(scene, seed)
         start, goal = corner.start, corner.goal
         with recording() as recorder:
-            world, returns = look(scene, corner)
-    city = build_world(scene, start, goal, None, None)
+            placed, returns = look(scene, corner)
+    city = place_map(scene, start, goal, None, None)
     plans: dict[str, Plan] = {}
     for method in ("solver", "astar"):
         with report.progress(f"Planning, method {method}; {report.FIRST_RUN}"):
-            plans[method] = planning.plan_in(world, start, goal, method, MARGIN, recorder)
+            plans[method] = planning.plan_in(placed, start, goal, method, MARGIN, recorder)
     plan = plans["solver"]
-    message = report.explain(plan, world, start, goal) if plan.status != Status.OK else plan.status.advice
+    message = report.explain(plan, placed, start, goal) if plan.status != Status.OK else plan.status.advice
     configuration = {"map": f"downtown:{seed}", "margin": MARGIN, "ground": 0.0, **dataclasses.asdict(corner)}
-    content = report.document(plan, world, message, configuration)
+    content = report.document(plan, placed, message, configuration)
     figure = None
     if plan.status == Status.OK:
         with report.progress("Drawing"):
             title = f"downtown:{seed}, planned from one scan"
             overlay = Overlay(points=returns.points, title=title, around=_AROUND)
-            figure = planning.draw(world, plans, start, goal, overlay, city)
+            figure = planning.draw(placed, plans, start, goal, overlay, city)
     files = report.write_plan(out, content, figure)
     columns = {}
     for method, found in plans.items():
@@ -100,6 +100,6 @@ def run(options: DemoOptions) -> int:
     return 1
 
 
-def true_clearance(plan: Plan, city: World) -> float:
+def true_clearance(plan: Plan, city: PlacedMap) -> float:
     """Least distance from a path to a building, seen by the scan or not [m]."""
     return verify(plan.path, city.occupied, city.occupied, city.grid, ground=city.ground).clearance

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from maxjax.cli.world import World
+from maxjax.cli.placed_map import PlacedMap
 from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
@@ -138,17 +138,17 @@ def check_output(out: Path | None) -> None:
         raise ValueError(f"--out {out}: cannot be written: {error.strerror or error}; choose another folder") from error
 
 
-def explain(plan: Plan, world: World, start: Point3, goal: Point3) -> str:
+def explain(plan: Plan, placed: PlacedMap, start: Point3, goal: Point3) -> str:
     """One paragraph: the status, what to do about it, and the given values that it is about."""
-    where = world.file_grid
+    where = placed.file_grid
     sentence = (
         f"{plan.status.name}: {plan.status.advice} Given: start {_xyz(start)}, goal {_xyz(goal)}, "
         f"grid from {_xyz(where.lower)} to {_xyz(where.upper)} m"
     )
     if plan.status == Status.NO_VALID_PATH:
-        sentence += f", {int(world.occupied.sum())} of {world.occupied.size} voxels occupied"
-    if world.returns:
-        counts = world.returns
+        sentence += f", {int(placed.occupied.sum())} of {placed.occupied.size} voxels occupied"
+    if placed.returns:
+        counts = placed.returns
         sentence += (
             f"; points inside the grid {counts['inside']}, outside {counts['outside']}, "
             f"without a return {counts['missing']}"
@@ -160,21 +160,21 @@ def _xyz(point: Point3) -> str:
     return "(" + ", ".join(f"{x:.10g}" for x in point) + ")"
 
 
-def document(plan: Plan, world: World, message: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
+def document(plan: Plan, placed: PlacedMap, message: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
     """Content of plan.json: the fields of `Plan`, and what is needed to run it again. The path is the map's."""
-    grid = world.file_grid
+    grid = placed.file_grid
     where = {"shape": grid.shape, "spacing": grid.spacing, "origin": grid.origin}
     content = {
         "status": plan.status.name,
         "message": message,
-        "path": world.globalize(plan.path).tolist(),
+        "path": placed.globalize(plan.path).tolist(),
         "length": plan.length,
         "clearance": plan.clearance,
         "certified": plan.certified,
         "margin": plan.margin,
         "timings": plan.timings,
         "method": plan.method,
-        "configuration": {**configuration, "grid": where, "returns": world.returns},
+        "configuration": {**configuration, "grid": where, "returns": placed.returns},
         "versions": versions(),
         "device": device(),
     }

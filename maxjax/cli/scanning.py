@@ -10,7 +10,7 @@ import numpy as np
 
 from maxjax.cli import report
 from maxjax.cli.options import ScanOptions
-from maxjax.cli.world import build_world, load_scene
+from maxjax.cli.placed_map import load_scene, place_map
 from maxjax.core.grid import Point3
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
@@ -60,10 +60,10 @@ def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: P
     from maxjax.viz.style import save_figure
 
     with report.progress("Drawing"):
-        world = build_world(scene, pose, pose, None, None)
+        placed = place_map(scene, pose, pose, None, None)
         figure = figure_scan(
-            world.occupied & ~world.ground,
-            world.file_grid,
+            placed.occupied & ~placed.ground,
+            placed.file_grid,
             found.points,
             np.asarray(pose),
             title=f"{scene.name}:{scene.seed}",

@@ -11,7 +11,7 @@ from maxjax.planning.recorder import timed
 
 
 class Program:
-    """A jitted function that is compiled ahead of its first call, so that compilation can be timed apart.
+    """A jitted function that is compiled before its first call, so that compilation can be timed apart.
 
     Arguments are pytrees of arrays, keywords are static; one executable is kept for each combination of shapes, dtypes
     and keywords.

@@ -128,15 +128,15 @@ def line_of_sight(blocked: Bool[np.ndarray, "nx ny nz"]) -> Callable[[Point, Poi
     Args:
         blocked: voxels; those outside the grid count as blocked.
     """
-    # Bit i + 2 j + 4 k of a voxel is set where the (1+i) x (1+j) x (1+k) block that starts there is not free. What
+    # Bit i + 2 j + 4 k of a voxel is set where the (1+i) x (1+j) x (1+k) box that starts there is not free. What
     # wraps around the padded volume is its padding.
     extents = [np.pad(blocked, 1, constant_values=True)]
     shape = extents[0].shape
     for axis in range(3):
-        extents += [block | np.roll(block, -1, axis) for block in extents]
+        extents += [extent | np.roll(extent, -1, axis) for extent in extents]
     table = np.zeros(shape, np.uint8)
-    for bit, block in enumerate(extents):
-        table |= block.astype(np.uint8) << bit
+    for bit, extent in enumerate(extents):
+        table |= extent.astype(np.uint8) << bit
     hits = table.reshape(-1)
     strides, variants = np.array([shape[1] * shape[2], shape[2], 1]), np.array([1, 2, 4])
     counts = np.arange(int(max(shape) / _PIECE) + 2.0)

@@ -35,7 +35,7 @@ _VOXELIZE = Program("voxelise", voxelize, static=("grid",))
 
 
 @dataclasses.dataclass(frozen=True)
-class World:
+class PlacedMap:
     """A map on a grid.
 
     Attributes:
@@ -96,7 +96,7 @@ def load_scene(text: str) -> Scene:
     return source
 
 
-def build_world(source: Source, start: Point3, goal: Point3, center: Point3 | None, ground: float | None) -> World:
+def place_map(source: Source, start: Point3, goal: Point3, center: Point3 | None, ground: float | None) -> PlacedMap:
     """Voxels of a map, on a grid about start and goal; making them from points is timed (`planning.recorder`).
 
     Args:
@@ -111,24 +111,24 @@ def build_world(source: Source, start: Point3, goal: Point3, center: Point3 | No
     if ground is not None and not np.isfinite(ground):
         raise ValueError(f"--ground: expected a height in metres, given {ground}")
     if isinstance(source, VoxelMap):
-        return _voxel_world(source, center, ground)
+        return _place_voxels(source, center, ground)
     if isinstance(source, Scene) and ground is not None:
         raise ValueError("--ground: a simulated city has its own ground (z = 0); leave the option out")
     middle = _middle(start, goal, center, 0.0 if ground is None else ground)
     grid = Grid()
     if isinstance(source, Scene):
         occupied, below = occupancy(source.geoms, _about(middle))
-        return World(occupied, below, grid, middle, {})
+        return PlacedMap(occupied, below, grid, middle, {})
     # Voxels are found in the cloud's frame, since there (0, 0, 0) still means a missed beam.
     frame = _about(middle - source.offset)
     found = _VOXELIZE(jnp.asarray(source.points), grid=frame)
     counts = {"inside": int(found.kept), "outside": int(found.outside), "missing": int(found.missing)}
     below = ground_mask(source, frame) if ground is None else _flat(ground, _about(middle))
     occupied = np.asarray(found.occupied) | solidify(source, frame) | below
-    return World(occupied, below, grid, middle, counts)
+    return PlacedMap(occupied, below, grid, middle, counts)
 
 
-def _voxel_world(source: VoxelMap, center: Point3 | None, ground: float | None) -> World:
+def _place_voxels(source: VoxelMap, center: Point3 | None, ground: float | None) -> PlacedMap:
     if center is not None:
         raise ValueError("--center: a voxel map brings its own grid; leave the option out")
     if source.occupied.size > _MOST_VOXELS:
@@ -138,7 +138,7 @@ def _voxel_world(source: VoxelMap, center: Point3 | None, ground: float | None) 
         )
     below = np.zeros_like(source.occupied) if ground is None else _flat(ground, source.grid)
     grid = Grid(source.grid.shape, source.spacing, (0.0, 0.0, 0.0))
-    return World(source.occupied | below, below, grid, np.asarray(source.origin, np.float64), {})
+    return PlacedMap(source.occupied | below, below, grid, np.asarray(source.origin, np.float64), {})
 
 
 def _middle(start: Point3, goal: Point3, center: Point3 | None, ground: float) -> Float[np.ndarray, "3"]:
