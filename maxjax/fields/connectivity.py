@@ -2,9 +2,8 @@
 
     R ← R ∪ (free ∩ {6-neighbours of R})   until nothing changes
 
-The sets are packed 32 voxels to a word along x, so that one step over a million voxels costs some ten thousand word
-operations. Faces are what the field conducts through; a legal diagonal move needs every voxel that it touches to be
-free, hence joins nothing that faces do not.
+The sets are packed, 32 voxels to a word (`fields.packed`). Faces are what the field conducts through; a legal diagonal
+move needs every voxel that it touches to be free, hence joins nothing that faces do not.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import operator
 from collections.abc import Callable
 
 import jax
@@ -22,69 +20,11 @@ from jaxtyping import Array, Bool, Int32, UInt32
 
 from maxjax.core import slabs
 from maxjax.core.batching import batched_by
-from maxjax.core.lowering import Arrays, repeat, shifted
-from maxjax.fields.stencil import cell
+from maxjax.core.lowering import Arrays, repeat
+from maxjax.fields import packed
 
-_WORD = 32
 # Steps of a flood between two looks at what it reached.
 _STEPS = 32
-
-
-def _pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
-    *batch, nx, ny, nz = mask.shape
-    padded = jnp.pad(mask, [(0, 0)] * len(batch) + [(0, -nx % _WORD), (0, 0), (0, 0)])
-    layers = padded.reshape(*batch, -1, _WORD, ny, nz)
-    # Written out: a sum would have every bit of it, as wide as a word, in memory first.
-    return functools.reduce(operator.or_, (layers[..., k, :, :].astype(jnp.uint32) << k for k in range(_WORD)))
-
-
-def _digits(words: UInt32[Array, "*b words ny nz"], nx: int) -> UInt32[Array, "*b nx ny nz"]:
-    *batch, _, ny, nz = words.shape
-    bits = (words[..., None, :, :] >> jnp.arange(_WORD, dtype=jnp.uint32)[:, None, None]) & 1
-    return bits.reshape(*batch, -1, ny, nz)[..., :nx, :, :]
-
-
-def _unpack(words: UInt32[Array, "*b words ny nz"], nx: int) -> Bool[Array, "*b nx ny nz"]:
-    return _digits(words, nx).astype(bool)
-
-
-def _seed(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> UInt32[Array, "words ny nz"]:
-    """One voxel of a grid of this shape, packed; nothing inside the grid for an index outside it."""
-    x, y, z = index
-    word = cell((-(-shape[0] // _WORD), *shape[1:]), jnp.stack([x // _WORD, y, z]))
-    return jnp.where(word, jnp.uint32(1) << (x % _WORD).astype(jnp.uint32), 0)
-
-
-def _spread(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:
-    """The set with its 6 neighbours."""
-    return _spread_along_words(words) | _spread_across(words, -2) | _spread_across(words, -1)
-
-
-def _spread_cube(words: UInt32[Array, "*b words ny nz"], passable: UInt32[Array, "*b words ny nz"]) -> Array:
-    """The set with those of its 26 neighbours that face steps along z, then y, then x lead to.
-
-    Free voxels that only touch at an edge or corner stay apart.
-    """
-    words = _spread_across(words, -1) & passable
-    words = _spread_across(words, -2) & passable
-    return _spread_along_words(words) & passable
-
-
-def _spread_along_words(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:
-    """Along x, the axis inside the words: shift by one bit, and carry the end bits into the next word."""
-    up = (words << 1) | _moved(words >> (_WORD - 1), -3, 1)
-    down = (words >> 1) | _moved(words << (_WORD - 1), -3, -1)
-    return words | up | down
-
-
-def _spread_across(words: UInt32[Array, "*b words ny nz"], axis: int) -> UInt32[Array, "*b words ny nz"]:
-    """Along y or z."""
-    return words | _moved(words, axis, 1) | _moved(words, axis, -1)
-
-
-def _moved(words: UInt32[Array, "*b words ny nz"], axis: int, step: int) -> UInt32[Array, "*b words ny nz"]:
-    """All words one place further along an axis, or one back; nothing comes in from beyond the grid."""
-    return shifted(words, axis, -step)
 
 
 @jax.tree_util.register_dataclass
@@ -103,20 +43,20 @@ def flood(free: Bool[Array, "nx ny nz"], seed: Int32[Array, " 3"]) -> Bool[Array
         free: free voxels.
         seed: voxel index.
     """
-    passable = _pack(free)
+    passable = packed.pack(free)
 
     def grow(carry: _FloodCarry) -> _FloodCarry:
         (after,) = _grown((carry.words,), passable)
         return _FloodCarry(after, jnp.any(after != carry.words))
 
-    first = grow(_FloodCarry(_seed(free.shape, seed) & passable, jnp.array(True)))
+    first = grow(_FloodCarry(packed.single(free.shape, seed) & passable, jnp.array(True)))
     last = lax.while_loop(lambda carry: carry.grew, grow, first)
-    return _unpack(last.words, free.shape[0])
+    return packed.unpack(last.words, free.shape[0])
 
 
 def _grown(words: Arrays, passable: UInt32[Array, "words ny nz"]) -> Arrays:
     """Sets grown by many steps: each look at the result is a synchronisation."""
-    return repeat(_STEPS, lambda words: tuple(_spread(each) & passable for each in words), words, fused=2)
+    return repeat(_STEPS, lambda words: tuple(packed.spread(each) & passable for each in words), words, fused=2)
 
 
 @jax.tree_util.register_dataclass
@@ -157,10 +97,10 @@ def first_joined(
         The map, and whether it joins them.
     """
     shape = jax.eval_shape(free, first).shape
-    seeds = _seed(shape, a), _seed(shape, b)
+    seeds = packed.single(shape, a), packed.single(shape, b)
 
     def grow(carry: _JoinCarry) -> _JoinCarry:
-        passable = _pack(free(carry.k))
+        passable = packed.pack(free(carry.k))
         before = tuple((words | seed) & passable for words, seed in zip(carry.reached, seeds, strict=True))
         after = _grown(before, passable)
         # All three answers from one reduction.
@@ -195,7 +135,7 @@ def geodesic(
     Returns:
         The component, and the steps; 0 outside the component.
     """
-    component, steps = batched_by(_geodesic, _geodesics)(free, _seed(free.shape, seed))
+    component, steps = batched_by(_geodesic, _geodesics)(free, packed.single(free.shape, seed))
     return component, steps
 
 
@@ -203,7 +143,7 @@ def _geodesic(
     free: Bool[Array, "nx ny nz"], seed: UInt32[Array, "words ny nz"]
 ) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, "nx ny nz"]]:
     """`geodesic` from a packed seed."""
-    whole_words = free.shape[0] % (_WORD * slabs.slabs()) == 0
+    whole_words = free.shape[0] % (packed.WORD * slabs.slabs()) == 0
     return _counted_in_slabs(free, seed) if slabs.slabs() > 1 and whole_words else _counted(free, seed, free.shape)
 
 
@@ -223,13 +163,13 @@ def _counted_in_slabs(
         free: Bool[Array, "sx ny nz"], seed: UInt32[Array, "sw ny nz"]
     ) -> tuple[Bool[Array, "sx ny nz"], Int32[Array, "sx ny nz"]]:
         component, steps = _counted(
-            slabs.widened(free, _WORD),
+            slabs.widened(free, packed.WORD),
             slabs.widened(seed, 1),
             shape,
             lambda words: slabs.refreshed(words, 1),
             slabs.anywhere,
         )
-        return slabs.inside(component, _WORD), slabs.inside(steps, _WORD)
+        return slabs.inside(component, packed.WORD), slabs.inside(steps, packed.WORD)
 
     shape = free.shape
     counted = jax.shard_map(
@@ -315,7 +255,7 @@ def _counted(
         refreshed: of what has been reached, with what the neighbours' part of it holds by now.
         anywhere: whether something is so on any device.
     """
-    passable = _pack(free)
+    passable = packed.pack(free)
     start = seed & passable
     half = functools.partial(_four_rounds, passable)
 
@@ -345,19 +285,19 @@ def _counted(
     first = _CountCarry(rounds, nothing, high, jnp.int32(0), jnp.array(True))
     last = lax.while_loop(going, turn, lax.fori_loop(0, certain, lambda _, carry: turn(carry), first))
     steps = _steps(last, free.shape[-3])
-    component = _unpack(last.rounds.words, free.shape[-3])
-    return component, jnp.where(component & ~_unpack(start, free.shape[-3]), steps, 0)
+    component = packed.unpack(last.rounds.words, free.shape[-3])
+    return component, jnp.where(component & ~packed.unpack(start, free.shape[-3]), steps, 0)
 
 
 def _four_rounds(passable: UInt32[Array, "*b words ny nz"], carry: _RoundCarry) -> _RoundCarry:
     """Four rounds of `geodesic`, and what they flip of the two lowest digits."""
 
     def step(last: tuple[Array, Array]) -> tuple[Array, Array]:
-        return last[1], _spread(last[1]) & passable
+        return last[1], packed.spread(last[1]) & passable
 
     def round_(recent: _Recent) -> _Recent:
         after_one, after_two = repeat(2, step, (recent.now, recent.now), fused=2)
-        words = _spread_cube(after_two, passable)
+        words = packed.spread_cube(after_two, passable)
         second, third = recent.second | (after_two & ~after_one), recent.third | (words & ~after_two)
         return _Recent(words, recent.now, recent.ago_1, recent.ago_2, second, third)
 
@@ -376,7 +316,7 @@ def _steps(counted: _CountCarry, nx: int) -> Int32[Array, "*b nx ny nz"]:
     """The number of steps in Gray code as a number, for each voxel reached."""
 
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
-        return _digits(words, nx).astype(jnp.int32)
+        return packed.digits(words, nx).astype(jnp.int32)
 
     last = counted.rounds
     digit = jnp.zeros_like(last.words)

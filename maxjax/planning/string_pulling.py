@@ -103,7 +103,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
         short = _shorten(bits, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), slabs=WINDOW + 1)
         return lax.dynamic_update_slice(points, short, (at, 0))
 
-    # Most paths have one window: the first one is shortened ahead of the loop.
+    # Most paths have one window: the first one is shortened before the loop.
     points = lax.fori_loop(1, first + second, window, window(jnp.int32(0), points))
     points = _unrepeat(points)
 
