@@ -29,7 +29,6 @@ from maxjax.planning.climb import climb
 from maxjax.planning.plan import judged
 from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Task
 
 _climb = jax.jit(climb, static_argnames="settings")
 _tighten = jax.jit(tighten)
@@ -79,7 +78,6 @@ def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any
     """Climb every field from every start; figures over the starts from which all of them arrived."""
     plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
     dilated = jax.tree.map(lambda *x: np.stack(x), *(problem.dilated for problem in scene.problems))
-    task = Task.of(scene.occupied, np.asarray(scene.starts), scene.goal, scene.grid, 0.0, scene.ground)
     for name, phi in fields.items():
         routes: list[Route] = []
         climbed: list[float] = []
@@ -92,9 +90,11 @@ def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any
                     break
             taut = np.asarray(_tighten(bits, path))
             routes.append(found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED))
-            climbed.append(scene.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum()))
-        plans[name] = list(zip(judged(routes, task, dilated, name), climbed, strict=True))
-    shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.starts))]
+            climbed.append(
+                scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
+            )
+        plans[name] = list(zip(judged(routes, scene.task, dilated, name), climbed, strict=True))
+    shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.task))]
     figures: dict[str, dict[str, Any]] = {}
     for name, own in plans.items():
         figures[name] = {"starts": len(own), "arrived": sum(p.status == maxjax.Status.OK for p, _ in own)}

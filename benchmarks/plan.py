@@ -23,12 +23,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax
-import numpy as np
 import tyro
 
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
-from benchmarks.common.problems import Problem, problems
+from benchmarks.common.problems import joined, planned, problems
 from maxjax.methods import METHODS
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_one, staged
@@ -70,16 +69,16 @@ class Config:
 def main(config: Config) -> list[Row]:
     """Time plans; save and return the rows."""
     grid = maxjax.Grid()
-    rows = _plan_rows(_posed(config.problems, config, grid), grid, config)
+    rows = _plan_rows(_drawn(config.problems, config, grid))
     for size in config.batches:
-        rows += _batch_rows(_posed(-(-size // len(config.maps)), config, grid)[:size], grid, config)
+        rows += _batch_rows(joined(_drawn(-(-size // len(config.maps)), config, grid)[:size]), config.repeats)
     rows.append({"what": "peak memory of a process that plans once", "unit": "MB", "median": _peak_memory()})
     save("plan", config, rows, config.out)
     return rows
 
 
-def _posed(count: int, config: Config, grid: maxjax.Grid) -> list[Problem]:
-    return [problem for name in config.maps for problem in problems(name, count, config.seed, grid)]
+def _drawn(count: int, config: Config, grid: maxjax.Grid) -> list[Task]:
+    return [task for name in config.maps for task in problems(name, count, config.seed, grid, config.margin)]
 
 
 def _milliseconds(what: str, seconds: Sequence[float]) -> dict[str, str | float | int | None]:
@@ -93,25 +92,18 @@ def _milliseconds(what: str, seconds: Sequence[float]) -> dict[str, str | float 
     }
 
 
-def _plan_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list[Row]:
-    def run(problem: Problem, method: str) -> maxjax.Plan:
-        return maxjax.plan(
-            problem.occupied, problem.start, problem.goal, grid,
-            margin=config.margin, ground=problem.ground, method=method,
-        )  # fmt: skip
-
-    def run_in_stages(problem: Problem, method: str) -> maxjax.Plan:
-        task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, config.margin, problem.ground)
+def _plan_rows(tasks: list[Task]) -> list[Row]:
+    def run_in_stages(task: Task, method: str) -> maxjax.Plan:
         find = METHODS[method].finder()
         return plan_one(task, staged(find) if isinstance(find, Climb) else find, method)
 
     rows: list[Row] = []
-    ways = [("plan, solver", "solver", run), ("plan, astar", "astar", run)]
+    ways = [("plan, solver", "solver", planned), ("plan, astar", "astar", planned)]
     if jax.default_backend() != "cpu":
         ways.insert(1, ("stages, solver", "solver", run_in_stages))
     for what, method, way in ways:
-        compile_s = way(posed[0], method).timings["compile"]
-        plans = [way(problem, method) for problem in posed]
+        compile_s = way(tasks[0], method).timings["compile"]
+        plans = [way(task, method) for task in tasks]
         for stage in [name for name in plans[0].timings if name != "compile"]:
             row = _milliseconds(f"{what}: {stage}", [plan.timings[stage] for plan in plans])
             if stage == "total":
@@ -121,22 +113,19 @@ def _plan_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list[
     return rows
 
 
-def _batch_rows(posed: list[Problem], grid: maxjax.Grid, config: Config) -> list[Row]:
-    occupied, ground, start, goal = (
-        np.stack([getattr(problem, name) for problem in posed]) for name in ("occupied", "ground", "start", "goal")
-    )
-
+def _batch_rows(task: Task, repeats: int) -> list[Row]:
     def run() -> maxjax.PlanBatch:
-        return maxjax.plan_batch(occupied, start, goal, grid, margin=config.margin, ground=ground)
+        arrays = task.occupied, task.starts, task.goals
+        return maxjax.plan_batch(*arrays, task.grid, margin=task.margin, ground=task.ground)
 
     compile_s = sum(plan.timings["compile"] for plan in run())
     run()
     walls, plans = [], []
-    for _ in range(config.repeats):
-        begun = time.perf_counter()
+    for _ in range(repeats):
+        start = time.perf_counter()
         plans.append(run())
-        walls.append((time.perf_counter() - begun) / len(posed))
-    what = f"batch of {len(posed)}"
+        walls.append((time.perf_counter() - start) / len(task))
+    what = f"batch of {len(task)}"
     stages = [
         _milliseconds(f"{what}: {stage}", [statistics.fmean(plan.timings[stage] for plan in batch) for batch in plans])
         for stage in plans[0][0].timings

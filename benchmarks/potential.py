@@ -176,7 +176,7 @@ def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
     repeats = config.repeats, config.peer_repeats
     enough, component, rows = linear_solvers.rows_of(scene.name, sigma, goal, ours, timing, repeats)
     paths, rivals = field_paths.rows_of(scene, ours, timing, component, config.peer_repeats)
-    first = _ours(f"solve, {scene.name}: maxjax", timing, scene.grid.shape, bandwidth)
+    first = _ours(f"solve, {scene.name}: maxjax", timing, scene.task.grid.shape, bandwidth)
     first |= _verdict(ours) | linear_solvers.reached(enough, enough)
     return [first | {"free_share": round(float(component.mean()), 3)} | paths, *rows, *rivals]
 
@@ -232,12 +232,13 @@ def _batch_rows(bandwidth: float, config: Config) -> list[Row]:
         return []
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     most = max(config.batches)
-    sources = [iter(problems(name, -(-most // len(config.maps)), config.seed, grid)) for name in config.maps]
+    sources = [
+        iter(problems(name, -(-most // len(config.maps)), config.seed, grid, config.margin)) for name in config.maps
+    ]
     systems = []
-    for problem in itertools.chain.from_iterable(zip(*sources, strict=True)):
-        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
-        maps = jnp.asarray(problem.occupied), jnp.asarray(problem.ground)
-        found = _formulate(*maps, ends, margin=config.margin, grid=grid)
+    for task in itertools.chain.from_iterable(zip(*sources, strict=True)):
+        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        found = _formulate(*maps, jnp.asarray(task.ends[0]), margin=task.margin, grid=grid.local)
         if found.status == maxjax.Status.OK:
             systems.append((maxjax.conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     solve = jax.jit(jax.vmap(maxjax.solve_potential))

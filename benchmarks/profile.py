@@ -32,8 +32,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 import tyro
 from jax.profiler import ProfileData
 from jax.stages import Compiled
@@ -42,7 +40,7 @@ from jaxtyping import Array
 import maxjax
 from benchmarks import city_scale
 from benchmarks.common.harness import RESULTS, Row, measure, save
-from benchmarks.common.problems import problems
+from benchmarks.common.problems import joined, problems
 from maxjax.fields.conductivity import conductivity
 from maxjax.planning.climb import Climb
 from maxjax.planning.problem import Problem, formulate
@@ -104,12 +102,11 @@ def _of_problems(config: Config) -> list[Row]:
     rows: list[Row] = []
     climb = Climb(solve_potential)
 
-    def formulated(occupied: Array, ground: Array, start: Array, goal: Array) -> Problem:
-        ends = grid.fractional_index(jnp.stack([start, goal]))
-        return formulate(occupied | ground, ground, ends, config.margin, grid)
+    def formulated(occupied: Array, ground: Array, ends: Array) -> Problem:
+        return formulate(occupied | ground, ground, ends, config.margin, grid.local)
 
     def plan(*problem: Array) -> Route:
-        return climb(formulated(*problem), grid)
+        return climb(formulated(*problem), grid.local)
 
     most = _arrays(max((*config.scenes, *config.plans)), grid, config)
 
@@ -136,20 +133,19 @@ def _of_cities(config: Config) -> list[Row]:
     rows: list[Row] = []
     if not config.cities:
         return rows
-    posed = city_scale.city(city_scale.Config(config.city, margin=config.margin, seed=config.seed))
+    city = city_scale.city(city_scale.Config(config.city, margin=config.margin, seed=config.seed))
     for count in config.cities:
-        sigma = city_scale.sharded(posed, count)
-        solve = city_scale.compile_solve(sigma, posed.goal_index)
-        rows += _booked(f"city, {count}", solve, (sigma, posed.goal_index), config, count)
+        sigma = city_scale.sharded(city, count)
+        solve = city_scale.compile_solve(sigma, city.goal_index)
+        rows += _booked(f"city, {count}", solve, (sigma, city.goal_index), config, count)
     return rows
 
 
 def _arrays(count: int, grid: maxjax.Grid, config: Config) -> tuple[Array, ...]:
-    """Occupied, ground, start and goal of so many problems, on the device."""
+    """Occupied, ground and ends (index coordinates) of so many problems, on the device."""
     each = [problems(name, -(-count // len(config.maps)), config.seed, grid) for name in config.maps]
-    posed = [problem for turn in zip(*each, strict=True) for problem in turn][:count]
-    names = ("occupied", "ground", "start", "goal")
-    arrays: tuple[Array, ...] = jax.device_put(tuple(np.stack([getattr(p, name) for p in posed]) for name in names))
+    task = joined([task for turn in zip(*each, strict=True) for task in turn][:count])
+    arrays: tuple[Array, ...] = jax.device_put((task.occupied, task.ground, task.ends))
     return arrays
 
 

@@ -79,9 +79,9 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     """A few labelled problems of `midtown`, repeated."""
     labelled = jax.jit(label, static_argnames=("grid",))
     each = []
-    for problem in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid):
-        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
-        found = formulate(jnp.asarray(problem.occupied), jnp.asarray(problem.ground), ends, 0.0, grid)
+    for task in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid, margin=0.0):
+        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        found = formulate(*maps, jnp.asarray(task.ends[0]), task.margin, grid.local)
         each.append(labelled(found.blocked, found.goal_index, grid))
     chosen = jnp.arange(config.scenes) % len(each)
     repeated: Scenes = jax.tree.map(lambda *leaves: jnp.stack(leaves)[chosen], *each)
@@ -91,10 +91,10 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
 def _epoch(training: Training, scenes: Scenes, grid: maxjax.Grid, devices: int, repeats: int) -> tuple[float, Row]:
     mesh = data_mesh(jax.devices()[:devices])
     count = len(scenes.status)
-    run, there = epoch_program(training, count, grid, mesh), copied(scenes, mesh)
+    run, on_devices = epoch_program(training, count, grid, mesh), copied(scenes, mesh)
     # A pass consumes the state that it is given.
     states = [copied(start(training), mesh) for _ in range(repeats + 1)]
-    timing = measure(lambda: run(states.pop(), there), repeats)
+    timing = measure(lambda: run(states.pop(), on_devices), repeats)
     share = _PAPER / count
     return share * timing.median_s, {
         "devices": devices,

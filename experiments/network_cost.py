@@ -148,10 +148,9 @@ Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]
 def _systems(name: str, config: Config, grid: Grid) -> list[Given]:
     """Conductivity and goal of each problem, at the margin that the planner takes."""
     given: list[Given] = []
-    for problem in problems(name, config.problems, config.seed, grid):
-        voxels = jnp.asarray(problem.occupied), jnp.asarray(problem.ground)
-        ends = grid.fractional_index(jnp.stack([jnp.asarray(problem.start), jnp.asarray(problem.goal)]))
-        found = formulate(*voxels, ends, 8.0, grid)
+    for task in problems(name, config.problems, config.seed, grid):
+        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        found = formulate(*maps, jnp.asarray(task.ends[0]), task.margin, grid.local)
         given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     return given
 

@@ -6,7 +6,7 @@ r"""Offline by the thousand: how many problems end in a verified path, and on a 
 
 Both unseen maps, offline protocol (`experiments.random_problems`), ten problems a city, margin 8 m or the largest that
 joins the ends. Methods are those of `experiments.offline_table` that climb a field; each plans the same problems in
-batches (`planning.batch`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
+batches (`planning.execute`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
 Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared with the
 eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths.
 
@@ -26,13 +26,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import tyro
-from scipy import ndimage
 
 import maxjax
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import judge
-from benchmarks.common.problems import Problem, case_of, problems
+from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
 from experiments.offline_table import failures, network
 from maxjax.planning.climb import Climb, PotentialFn
 from maxjax.planning.execute import plan_task
@@ -41,7 +40,6 @@ from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
 
 RESULTS = Path(__file__).parent / "results"
-_EACH = 10  # problems a city
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,32 +76,15 @@ class Config:
 TINY = Config(problems=4, maps=("suburb",), batch=2, measured=2, shape=(51, 51, 17))
 
 
-@dataclasses.dataclass(frozen=True)
-class _City:
-    """The problems of one city; their maps are one. `solvable` by SciPy: whether free voxels join the ends."""
-
-    occupied: np.ndarray
-    ground: np.ndarray
-    start: np.ndarray
-    goal: np.ndarray
-    solvable: np.ndarray
-
-
-def cities_of(name: str, config: Config, grid: maxjax.Grid) -> list[tuple[str, int, maxjax.Grid]]:
+def cities_of(name: str, config: Config, grid: maxjax.Grid) -> list[tuple[str, int, maxjax.Grid, float]]:
     """What to ask `draw` for: as many cities as the problems take."""
-    return [(name, config.seed + city, grid) for city in range(-(-config.problems // _EACH))]
+    return [(name, config.seed + city, grid, config.margin) for city in range(-(-config.problems // EACH))]
 
 
-def draw(asked: tuple[str, int, maxjax.Grid]) -> _City:
-    """The problems of a city (map, seed)."""
-    name, seed, grid = asked
-    posed = problems(name, _EACH, seed, grid)
-    labels, _ = ndimage.label(~posed[0].occupied)  # margins only take voxels away
-    ends = np.array([[p.start, p.goal] for p in posed])
-    index = np.floor((ends.astype(np.float64) - np.array(grid.origin)) / grid.spacing + 0.5).astype(int)
-    components = labels[tuple(np.moveaxis(index, -1, 0))]
-    solvable = (components[:, 0] == components[:, 1]) & (components[:, 0] != 0)
-    return _City(np.packbits(posed[0].occupied), np.packbits(posed[0].ground), ends[:, 0], ends[:, 1], solvable)
+def draw(asked: tuple[str, int, maxjax.Grid, float]) -> list[tuple[Task, bool]]:
+    """The problems of a city (map, seed), and whether SciPy's labels join their ends."""
+    name, seed, grid, margin = asked
+    return [(task, bool(solvable(task).all())) for task in problems(name, EACH, seed, grid, margin)]
 
 
 def _without_accelerator() -> None:
@@ -128,7 +109,7 @@ def main(config: Config) -> list[Row]:
     with multiprocessing.get_context("spawn").Pool(config.workers, _without_accelerator) as pool:
         for name in config.maps:
             cities = pool.imap(draw, cities_of(name, config, grid))
-            for row in _rows(name, itertools.chain.from_iterable(map(_unpack, cities)), potentials, config, grid, pool):
+            for row in _rows(name, itertools.chain.from_iterable(cities), potentials, config, grid, pool):
                 rows.append(row)
                 print(row, file=sys.stderr, flush=True)
                 keep(config.name, config, rows, config.out)
@@ -143,55 +124,43 @@ def _potential(method: str) -> PotentialFn:
     return found
 
 
-def _unpack(city: _City) -> Iterator[tuple[_City, int]]:
-    """Each problem of a city, as its number there."""
-    return ((city, k) for k in range(_EACH))
-
-
 def _rows(
     name: str,
-    posed: Iterator[tuple[_City, int]],
+    drawn: Iterator[tuple[Task, bool]],
     potentials: dict[str, PotentialFn],
     config: Config,
     grid: maxjax.Grid,
     pool: multiprocessing.pool.Pool,
 ) -> Iterator[Row]:
     tallies = {method: _Tally() for method in potentials}
-    solvable: list[bool] = []
+    joins: list[bool] = []
     judged = []
-    posed = itertools.islice(posed, config.problems)
-    while chunk := list(itertools.islice(posed, config.batch)):
-        occupied, ground = (
-            np.stack([np.unpackbits(getattr(city, field), count=np.prod(grid.shape)) for city, _ in chunk])
-            .view(bool)
-            .reshape(-1, *grid.shape)
-            for field in ("occupied", "ground")
-        )
-        start, goal = (np.stack([getattr(city, end)[k] for city, k in chunk]) for end in ("start", "goal"))
+    drawn = itertools.islice(drawn, config.problems)
+    while chunk := list(itertools.islice(drawn, config.batch)):
+        tasks = [task for task, _ in chunk]
+        batch = joined(tasks)
         for place, (method, potential) in enumerate(potentials.items()):
-            plans = plan_task(Task.of(occupied, start, goal, grid, config.margin, ground), Climb(potential), method)
+            plans = plan_task(batch, Climb(potential), method)
             tally = tallies[method]
             tally.compile_s += sum(plan.timings["compile"] for plan in plans)
             tally.seconds += sum(plan.timings["total"] for plan in plans)
             tally.plans += [dataclasses.replace(plan, path=plan.path[:0]) for plan in plans]
             if place == 0:
                 for k, plan in enumerate(plans):
-                    if (len(solvable) + k) % config.measured == 0 and plan.status == maxjax.Status.OK:
-                        problem = Problem(occupied[k], ground[k], start[k], goal[k])
-                        case = case_of(problem, plan, config.margin, grid)
-                        judged.append((len(solvable) + k, pool.apply_async(judge, (case,))))
-        solvable += [bool(city.solvable[k]) for city, k in chunk]
-        print(f"{name}: {len(solvable)} of {config.problems}", file=sys.stderr, flush=True)
+                    if (len(joins) + k) % config.measured == 0 and plan.status == maxjax.Status.OK:
+                        judged.append((len(joins) + k, pool.apply_async(judge, (case_of(tasks[k], plan),))))
+        joins += [possible for _, possible in chunk]
+        print(f"{name}: {len(joins)} of {config.problems}", file=sys.stderr, flush=True)
     verdicts = {k: verdict.get() for k, verdict in judged}
     geodesics = {k: verdict.geodesic * grid.spacing for k, verdict in verdicts.items() if np.isfinite(verdict.geodesic)}
     first = next(iter(tallies.values())).plans
     for place, (method, tally) in enumerate(tallies.items()):
         unsafe = {} if place else {"unsafe": sum(verdict.unsafe for verdict in verdicts.values())}
-        yield {"map": name, "method": method, **_figures(tally, first, solvable, geodesics), **unsafe}
+        yield {"map": name, "method": method, **_figures(tally, first, joins, geodesics), **unsafe}
 
 
-def _figures(tally: _Tally, first: Sequence[Plan], solvable: Sequence[bool], geodesics: dict[int, float]) -> Row:
-    """What a method's plans say; lengths over those of the first method and over geodesics, problem by problem."""
+def _figures(tally: _Tally, first: Sequence[Plan], joins: Sequence[bool], geodesics: dict[int, float]) -> Row:
+    """Figures of a method's plans; lengths over those of the first method and over geodesics, problem by problem."""
     plans = tally.plans
     own = [p for p in plans if p.status == maxjax.Status.OK]
     pairs = [p.length / q.length for p, q in zip(plans, first, strict=True) if p.status == q.status == maxjax.Status.OK]
@@ -202,7 +171,7 @@ def _figures(tally: _Tally, first: Sequence[Plan], solvable: Sequence[bool], geo
 
     return {
         "problems": len(plans),
-        "solvable": sum(solvable),
+        "solvable": sum(joins),
         "ok": len(own),
         "certified": sum(p.certified for p in own),
         "proved_unsolvable": sum(p.status == maxjax.Status.NO_VALID_PATH for p in plans),

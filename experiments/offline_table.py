@@ -8,7 +8,7 @@ Each problem is planned by one method after the other; what takes time is the pl
 warm-up, compilation apart. `find` is the time between dilation and verification, which all methods share.
 
 Methods: those of `maxjax.plan`; `fast marching`, the travel time from the goal by scikit-fmm (second order), climbed
-and tightened as ours is, so that only the field differs; and networks, where weights are there: `network` (maxjax's,
+and tightened as ours is, so that only the field differs; and networks, where weights exist: `network` (maxjax's,
 with positive sweeps until certified), `network alone`, or a name of `maxjax.nn.architecture.CONFIGS`, alone or not.
 
 Lengths are compared over the problems that solver and A* both solve (`shared`), and given over each method's own
@@ -36,7 +36,7 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER
-from benchmarks.common.problems import Problem, problems
+from benchmarks.common.problems import problems, solvable
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.methods import METHODS
 from maxjax.nn.architecture import CONFIGS
@@ -167,15 +167,6 @@ def fast_marching(problem: Formulated, grid: maxjax.Grid) -> Route:
     return route
 
 
-def solvable(problem: Problem, grid: maxjax.Grid) -> bool:
-    """Whether free voxels join start and goal through faces, by SciPy; margins only take voxels away."""
-    labels, _ = ndimage.label(~problem.occupied)
-    ends = np.stack([problem.start, problem.goal]).astype(np.float64)
-    index = np.floor((ends - np.array(grid.origin)) / grid.spacing + 0.5).astype(int)
-    start, goal = labels[tuple(index.T)]
-    return bool(start == goal != 0)
-
-
 def turning(path: np.ndarray) -> float:
     """Sum of the absolute angles between consecutive segments over the length [degrees/m]."""
     moves = np.diff(path.astype(np.float64), axis=0)
@@ -188,24 +179,24 @@ def turning(path: np.ndarray) -> float:
 
 
 def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxjax.Grid) -> list[Row]:
-    posed: list[Problem] = []
+    tasks: list[Task] = []
     asked = config.problems
-    while len(posed) < config.problems:
-        posed = [p for p in problems(name, asked, config.seed, grid) if solvable(p, grid)][: config.problems]
+    while len(tasks) < config.problems:
+        drawn = problems(name, asked, config.seed, grid, config.margin)
+        tasks = [task for task in drawn if solvable(task).all()][: config.problems]
         asked += 10
 
-    def run(problem: Problem, method: str) -> maxjax.Plan:
-        task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, config.margin, problem.ground)
+    def run(task: Task, method: str) -> maxjax.Plan:
         return plan_one(task, finders[method], method)
 
-    compile_s = {method: run(posed[0], method).timings["compile"] for method in finders}
+    compile_s = {method: run(tasks[0], method).timings["compile"] for method in finders}
     plans: dict[str, list[maxjax.Plan]] = {method: [] for method in finders}
-    for k, problem in enumerate(posed):
+    for k, task in enumerate(tasks):
         for method in finders:
-            plans[method].append(run(problem, method))
-        print(f"{name}: {k + 1} of {len(posed)}", file=sys.stderr, flush=True)
+            plans[method].append(run(task, method))
+        print(f"{name}: {k + 1} of {len(tasks)}", file=sys.stderr, flush=True)
     judges = [plans[method] for method in ("solver", "astar") if method in plans]
-    shared = [all(one[k].status == maxjax.Status.OK for one in judges) for k in range(len(posed))]
+    shared = [all(one[k].status == maxjax.Status.OK for one in judges) for k in range(len(tasks))]
     rows: list[Row] = []
     for method in finders:
         row: dict[str, Any] = {"map": name, "method": method, "shared": sum(shared)}
@@ -215,7 +206,7 @@ def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxja
 
 
 def _figures(plans: Sequence[maxjax.Plan], shared: Sequence[bool], rivals: Sequence[maxjax.Plan]) -> dict[str, Any]:
-    """What a method's plans say; lengths also beside A*'s, problem by problem."""
+    """Figures of a method's plans; lengths also beside A*'s, problem by problem."""
     own = [p for p in plans if p.status == maxjax.Status.OK]
     both = [p for p, s in zip(plans, shared, strict=True) if s and p.status == maxjax.Status.OK]
     pairs = [
@@ -255,7 +246,7 @@ def _rounded(statistic: Any, values: Sequence[float] | np.ndarray, digits: int) 
 
 
 def section(document: dict[str, Any]) -> str:
-    """RESULTS.md: the table and what it says."""
+    """RESULTS.md: the table and what follows from it."""
     rows = [row for row in document["rows"] if row["map"]]
     config, device = document["config"], document["provenance"]["device"]
     lines = [
@@ -278,7 +269,7 @@ def section(document: dict[str, Any]) -> str:
         if name in PAPER:
             theirs = _theirs(PAPER[name]["3DMaxConvNet"])
             lines.append(f"| {name} | 3DMaxConvNet (the paper, {_CITY[name]}) |{' – |' * 11}{theirs}")
-    lines += [""] + [_said(name, [row for row in rows if row["map"] == name]) for name in config["maps"]]
+    lines += [""] + [_summary(name, [row for row in rows if row["map"] == name]) for name in config["maps"]]
     left = [f"{_NAMES.get(r['method'], r['method'])} ({r['left_out']})" for r in document["rows"] if not r["map"]]
     if left:
         lines += ["", f"Not measured: {', '.join(left)}."]
@@ -316,7 +307,7 @@ def _line(row: dict[str, Any], paper: tuple[float, float, float] | None) -> str:
     return f"| {' | '.join(cells)} |{_theirs(paper)}"
 
 
-def _said(name: str, rows: list[dict[str, Any]]) -> str:
+def _summary(name: str, rows: list[dict[str, Any]]) -> str:
     """Who beats the solver on a map, in what, and how ours stands to the paper's figures."""
     by = {row["method"]: row for row in rows}
     if "solver" not in by:

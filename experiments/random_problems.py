@@ -2,6 +2,7 @@
 
     python -m experiments.random_problems                  # 1,000 problems a map; 4 minutes on an H200 with 16 cores
     python -m experiments.random_problems --problems 50    # the set of the tests
+    python -m experiments.random_problems --origin 84888 447501 0    # the same in national coordinates
 
 Problems follow the offline protocol: start and goal 20 to 50 voxels apart, 3 to 15 m above ground, in free voxels, on
 the exact occupancy of a city (ten problems a city), margin 8 m. Sealed problems are the same with a closed shell of
@@ -25,7 +26,8 @@ import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import Verdict, judge
-from benchmarks.common.problems import Problem, case_of, problems, seal
+from benchmarks.common.problems import case_of, moved, planned, problems, seal
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
@@ -40,6 +42,7 @@ class Config:
         sealed: sealed problems in all, half of them with a sealed start.
         margin: [m].
         measured: every so many problems the length is judged by fast marching, which takes longest.
+        origin: where the middle of each map lies [m], for problems in national coordinates.
         seed: of everything.
         workers: processes that judge.
         out: where the JSON goes.
@@ -49,6 +52,7 @@ class Config:
     sealed: int = 200
     margin: float = 8.0
     measured: int = 1
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     seed: int = 0
     workers: int = 2
     out: Path = RESULTS
@@ -106,24 +110,24 @@ def main(config: Config) -> list[Row]:
     grid = maxjax.Grid()
     rows: list[Row] = []
 
-    def solve(p: Problem, method: str) -> maxjax.Plan:
-        return maxjax.plan(p.occupied, p.start, p.goal, grid, margin=config.margin, ground=p.ground, method=method)
+    def drawn(name: str, count: int) -> list[Task]:
+        return [moved(task, config.origin) for task in problems(name, count, config.seed, grid, config.margin)]
 
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name in MAPS:
-            drawn = problems(name, config.problems, config.seed, grid)
-            plans = [solve(p, "solver") for p in drawn]
-            cases = [case_of(p, q, config.margin, grid) for p, q in zip(drawn, plans, strict=True)]
+            tasks = drawn(name, config.problems)
+            plans = [planned(task, "solver") for task in tasks]
+            cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
             cases = [dataclasses.replace(case, measured=k % config.measured == 0) for k, case in enumerate(cases)]
             judged = pool.map_async(judge, cases)
-            rivals = [solve(p, "astar") for p in drawn]
+            rivals = [planned(task, "astar") for task in tasks]
             rows.append(row_of(name, plans, rivals, judged.get(), grid))
             print(rows[-1], file=sys.stderr, flush=True)
         share = -(-config.sealed // len(MAPS))
-        open_ones = [problem for name in MAPS for problem in problems(name, share, config.seed, grid)][: config.sealed]
-        drawn = [seal(problem, grid, ("start", "goal")[k % 2]) for k, problem in enumerate(open_ones)]
-        plans = [solve(p, "solver") for p in drawn]
-        verdicts = pool.map(judge, [case_of(p, q, config.margin, grid) for p, q in zip(drawn, plans, strict=True)])
+        open_ones = [task for name in MAPS for task in drawn(name, share)][: config.sealed]
+        tasks = [seal(task, ("start", "goal")[k % 2]) for k, task in enumerate(open_ones)]
+        plans = [planned(task, "solver") for task in tasks]
+        verdicts = pool.map(judge, [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)])
         rows.append(
             {
                 "map": "sealed",

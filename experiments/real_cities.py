@@ -39,7 +39,7 @@ from jaxtyping import Array, Bool, Float, Key
 import maxjax
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.oracle import judge
-from benchmarks.common.problems import Problem, case_of, draw_ends
+from benchmarks.common.problems import case_of, draw_ends, planned
 from experiments import random_problems as offline
 from maxjax.campaigns import trials as rules
 from maxjax.campaigns.outcomes import on_host
@@ -47,6 +47,7 @@ from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm
 from maxjax.methods import method_named
+from maxjax.planning.task import Task
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.real_city import TOLERANCE, city, crop, footprint_rows, inside, inside_boxes
@@ -154,12 +155,12 @@ def _tiles(footprints: Footprints, config: Config) -> list[Window]:
     tiles = []
     for centre in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2):
         kept = [crop(boxes, centre, config.half) for boxes in rows]
-        there = [k for k, boxes in enumerate(kept) if len(boxes)]
-        if there:
-            floors = np.array([buildings[k].base for k in there])
+        built = [k for k, boxes in enumerate(kept) if len(boxes)]
+        if built:
+            floors = np.array([buildings[k].base for k in built])
             relief = float(np.ptp(np.percentile(floors, [5, 95])))
-            fit = _fit([buildings[k] for k in there], [rows[k] for k in there])
-            tiles.append(Window(np.concatenate([kept[k] for k in there]), len(there), *fit, relief))
+            fit = _fit([buildings[k] for k in built], [rows[k] for k in built])
+            tiles.append(Window(np.concatenate([kept[k] for k in built]), len(built), *fit, relief))
     return tiles
 
 
@@ -227,21 +228,15 @@ def _geometry(name: str, found: list[Window]) -> Row:
 
 def _offline(name: str, found: list[Window], slots: int, config: Config, pool: Any) -> dict[str, Any]:
     grid = config.grid
-    posed: list[Problem] = []
+    tasks: list[Task] = []
     for k, one in enumerate(found):
         rng = np.random.default_rng([config.seed, zlib.crc32(name.encode()), k])
         occupied, ground = occupancy(city(one.rows, slots), grid)
         for _ in range(config.problems):
-            posed.append(Problem(occupied, ground, *draw_ends(rng, occupied, grid)))
-    plans, rivals = (
-        [
-            maxjax.plan(p.occupied, p.start, p.goal, grid, margin=config.margin, ground=p.ground, method=method)
-            for p in posed
-        ]
-        for method in ("solver", "astar")
-    )
-    settings = offline.Config(margin=config.margin)
-    cases = [case_of(p, q, settings.margin, grid) for p, q in zip(posed, plans, strict=True)]
+            start, goal = draw_ends(rng, occupied, grid)
+            tasks.append(Task.of(occupied, start[None], goal[None], grid, config.margin, ground))
+    plans, rivals = ([planned(task, method) for task in tasks] for method in ("solver", "astar"))
+    cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))
     del row["map"]
     solved = [plan.status == maxjax.Status.OK for plan in rivals]

@@ -11,12 +11,13 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Float, Int32
 from scipy import ndimage
 
 import maxjax
-from benchmarks.common.problems import problems
+from benchmarks.common.problems import EACH, problems
 from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import make_scene, occupancy
 
 _WIDTH = 200.0  # of the city of `city_at` [m]
@@ -53,25 +54,18 @@ class Scene:
 
     Attributes:
         name: map or crop.
-        grid: its grid.
-        occupied, ground: voxels.
-        goal: [m].
-        starts: the same distance from walls can be kept from each of them [m].
+        task: its map, its goal and some starts.
         problems: one a start, all at the same margin; the first gives the system.
     """
 
     name: str
-    grid: maxjax.Grid
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    ground: Bool[np.ndarray, "nx ny nz"]
-    goal: Float[np.ndarray, " 3"]
-    starts: list[Float[np.ndarray, " 3"]]
+    task: Task
     problems: list[Problem]
 
     @property
     def sigma(self) -> Float[Array, "nx ny nz"]:
         """Conductivity of the first problem."""
-        return maxjax.conductivity(self.problems[0].blocked, self.problems[0].goal_index, self.grid)
+        return maxjax.conductivity(self.problems[0].blocked, self.problems[0].goal_index, self.task.grid)
 
 
 def scenes_of(selection: Selection) -> list[Scene]:
@@ -84,37 +78,33 @@ def scenes_of(selection: Selection) -> list[Scene]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), selection.shape, 2.0)
     for name in selection.maps:
         # Ten problems share a city: the goal is the first one's, the starts are those of all.
-        drawn = problems(name, 10, selection.seed, grid)
-        starts = [problem.start for problem in drawn]
-        scene = Scene(name, grid, drawn[0].occupied, drawn[0].ground, drawn[0].goal, starts, [])
-        scenes.append(_joined(scene, selection.starts, selection.margin))
+        first, *others = problems(name, EACH, selection.seed, grid, selection.margin)
+        starts = np.concatenate([first.starts, *(other.starts for other in others)])
+        task = Task.of(first.occupied, starts, first.goals[0], grid, selection.margin, first.ground)
+        scenes.append(_scene(name, task, selection.starts))
     file = selection.data / "warframe" / f"crop101_{selection.crop}.npz"
     if selection.crop and file.is_file():
         crop = np.load(file, allow_pickle=False)
         occupied = crop["occupancy"]
         grid = maxjax.Grid(occupied.shape, 1.0, (0.0, 0.0, 0.0))
-        goal, starts = crop["goal"][0].astype(np.float32), list(crop["start"].astype(np.float32))
-        scene = Scene(selection.crop, grid, occupied, np.zeros_like(occupied), goal, starts, [])
-        scenes.append(_joined(scene, selection.starts, 0.0))
+        task = Task.of(occupied, crop["start"].astype(np.float32), crop["goal"][0].astype(np.float32), grid, 0.0)
+        scenes.append(_scene(selection.crop, task, selection.starts))
     return scenes
 
 
-def _joined(scene: Scene, count: int, margin: float) -> Scene:
-    """The scene with the first `count` starts that are joined to the goal at one margin, and their problems."""
-    found: list[Problem] = []
-    starts: list[np.ndarray] = []
-    for start in scene.starts:
-        ends = scene.grid.fractional_index(jnp.stack([jnp.asarray(start), jnp.asarray(scene.goal)]))
-        maps = jnp.asarray(scene.occupied), jnp.asarray(scene.ground)
-        problem = _formulate(*maps, ends, margin=margin, grid=scene.grid)
-        if problem.status == maxjax.Status.OK and (not found or problem.margin == found[0].margin):
-            found.append(problem)
-            starts.append(start)
+def _scene(name: str, task: Task, count: int) -> Scene:
+    """The first `count` starts of a task that are joined to its goal at one margin, and their problems."""
+    maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+    found: dict[int, Problem] = {}
+    for k, ends in enumerate(task.ends):
+        problem = _formulate(*maps, jnp.asarray(ends), margin=task.margin, grid=task.grid.local)
+        if problem.status == maxjax.Status.OK and problem.margin == next(iter(found.values()), problem).margin:
+            found[k] = problem
         if len(found) == count:
             break
     if not found:
-        raise ValueError(f"{scene.name}: expected a start joined to the goal, given none among {len(scene.starts)}")
-    return dataclasses.replace(scene, starts=starts, problems=found)
+        raise ValueError(f"{name}: expected a start joined to the goal, given none among {len(task)}")
+    return Scene(name, task.some(np.array(list(found))), list(found.values()))
 
 
 def city_at(edge: int, margin: float, seed: int) -> tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]:

@@ -19,7 +19,7 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.oracle import judge
-from benchmarks.common.problems import Problem, case_of, problems
+from benchmarks.common.problems import case_of, problems
 from experiments.ablations.parts import bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
 from experiments.closed_loop import figures_of
@@ -107,12 +107,11 @@ def main(config: Config) -> list[Row]:
     for name in config.maps:
         results: dict[Variant, list[Result]] = {variant: [] for variant in chosen}
         geodesics: list[float] = []
-        for k, problem in enumerate(problems(name, config.problems, config.seed, grid)):
-            found = run(problem, chosen, config.margin, grid)
+        for k, task in enumerate(problems(name, config.problems, config.seed, grid, config.margin)):
+            found = run(task, chosen)
             for variant, result in found.items():
                 results[variant].append(result)
-            case = case_of(problem, found[DEFAULT].plan, config.margin, grid)
-            geodesics.append(grid.spacing * judge(case).geodesic)
+            geodesics.append(grid.spacing * judge(case_of(task, found[DEFAULT].plan)).geodesic)
             print(f"{name}: {k + 1} of {config.problems}", file=sys.stderr, flush=True)
         rows += [
             {"group": group, "setting": setting, "map": name, **_figures(results[v], results[DEFAULT], geodesics)}
@@ -131,13 +130,12 @@ class Result:
     climbed: float
 
 
-def run(problem: Problem, variants: Sequence[Variant], margin: float, grid: maxjax.Grid) -> dict[Variant, Result]:
+def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
     """The plans of all variants; what they share (dilation, potential, smoothing) is computed once."""
-    margins = list(dict.fromkeys(margin if v.margin is None else v.margin for v in variants))
-    occupied = jnp.asarray(problem.occupied | problem.ground)
-    task = Task.of(problem.occupied, problem.start[None], problem.goal[None], grid, margin, problem.ground)
-    ends, ground = jnp.asarray(task.ends[0]), jnp.asarray(problem.ground)
-    formulated = {m: _formulate(occupied, ground, ends, margin=m, grid=grid) for m in margins}
+    grid = task.grid.local
+    margins = list(dict.fromkeys(task.margin if v.margin is None else v.margin for v in variants))
+    arrays = jnp.asarray(task.occupied | task.ground), jnp.asarray(task.ground), jnp.asarray(task.ends[0])
+    formulated = {m: _formulate(*arrays, margin=m, grid=grid) for m in margins}
 
     @functools.cache
     def field(source: Source, m: float) -> Potential:
@@ -151,7 +149,7 @@ def run(problem: Problem, variants: Sequence[Variant], margin: float, grid: maxj
     routes: list[Route] = []
     which: list[int] = []
     for v in variants:
-        m = margin if v.margin is None else v.margin
+        m = task.margin if v.margin is None else v.margin
         p = formulated[m]
         if p.status != maxjax.Status.OK:
             taut = walked = failed(p.status)

@@ -73,8 +73,8 @@ def _draw_solid(axes: Any, found: Planned, low: np.ndarray, high: np.ndarray) ->
     axes.add_collection3d(_faces(inside, corner, grid.spacing, _eye(azimuth)))
     _draw_line(axes, path, hidden_from(azimuth))
     for point, marker, size, color in (
-        (found.problem.start, "o", 5.5, "white"),
-        (found.problem.goal, "*", 10.0, "#F0E442"),
+        (found.task.starts[0], "o", 5.5, "white"),
+        (found.task.goals[0], "*", 10.0, "#F0E442"),
     ):
         x, y, z = point.astype(np.float64)
         axes.plot([x, x], [y, y], [0, z], color="black", linewidth=0.6, zorder=6)

@@ -11,8 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import maxjax
-from benchmarks.common.problems import Problem, problems
+from benchmarks.common.problems import planned as plan_of
+from benchmarks.common.problems import problems
 from maxjax.planning.climb import potential_field
+from maxjax.planning.task import Task
 from maxjax.viz import plan_view
 
 
@@ -21,24 +23,27 @@ class Planned:
     """A planned problem and its fields.
 
     Attributes:
-        problem: see there.
-        grid: of it.
+        task: one start and one goal.
         plan: by the solver.
         blocked: within the margin of the plan.
-        sigma, phi: conductivity and potential there.
+        sigma, phi: conductivity and potential outside it.
     """
 
-    problem: Problem
-    grid: maxjax.Grid
+    task: Task
     plan: maxjax.Plan
     blocked: Bool[np.ndarray, "nx ny nz"]
     sigma: Float[np.ndarray, "nx ny nz"]
     phi: Float[np.ndarray, "nx ny nz"]
 
     @property
+    def grid(self) -> maxjax.Grid:
+        """The grid of all volumes."""
+        return self.task.grid
+
+    @property
     def obstacle(self) -> Bool[np.ndarray, "nx ny nz"]:
         """Occupied voxels, ground left out."""
-        return np.asarray(self.problem.occupied & ~self.problem.ground)
+        return np.asarray(self.task.occupied & ~self.task.ground)
 
     @property
     def log_potential(self) -> Float[np.ndarray, "nx ny nz"]:
@@ -76,34 +81,32 @@ def planned(name: str, choice: Choice) -> Planned:
         ValueError: if no problem of the map is solvable.
     """
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), choice.shape, 2.0)
-    best: tuple[tuple[float, ...], Problem, maxjax.Plan, np.ndarray] | None = None
-    for problem in problems(name, choice.candidates, choice.seed, grid):
-        plan = maxjax.plan(
-            problem.occupied, problem.start, problem.goal, grid, margin=choice.margin, ground=problem.ground
-        )
+    best: tuple[tuple[float, ...], Task, maxjax.Plan, np.ndarray] | None = None
+    for task in problems(name, choice.candidates, choice.seed, grid, choice.margin):
+        plan = plan_of(task, "solver")
         if plan.status != maxjax.Status.OK:
             continue
-        volume = jnp.asarray(problem.occupied)
-        blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(problem.ground)))
+        volume = jnp.asarray(task.occupied)
+        blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(task.ground)))
         sampled = dense(plan.path.astype(np.float64), 0.5)[:, :2]
         x, y = np.floor((sampled - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
-        clear = float(np.mean(~blocked[x, y, plan_view.level_of(grid, float(problem.goal[2]))]))
-        rank = (plan.margin, min(clear, 0.95), plan.length / math.dist(problem.start, problem.goal))
+        clear = float(np.mean(~blocked[x, y, plan_view.level_of(grid, float(task.goals[0, 2]))]))
+        rank = (plan.margin, min(clear, 0.95), plan.length / math.dist(task.starts[0], task.goals[0]))
         if best is None or rank > best[0]:
-            best = rank, problem, plan, blocked
+            best = rank, task, plan, blocked
     if best is None:
         raise ValueError(f"candidates: expected one of {choice.candidates} problems of {name} to be solvable")
-    _, problem, plan, blocked = best
-    goal = grid.index_of(jnp.asarray(problem.goal))
+    _, task, plan, blocked = best
+    goal = grid.index_of(jnp.asarray(task.goals[0], jnp.float32))
     sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
     # The program that the plan was made by.
     phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential).phi
-    return Planned(problem, grid, plan, blocked, np.asarray(sigma), np.asarray(phi))
+    return Planned(task, plan, blocked, np.asarray(sigma), np.asarray(phi))
 
 
 def ends(found: Planned) -> tuple[np.ndarray, np.ndarray]:
     """X and y of start and goal [m]."""
-    x, y, _ = np.stack([found.problem.start, found.problem.goal]).T.astype(np.float64)
+    x, y, _ = np.concatenate([found.task.starts, found.task.goals]).T
     return x, y
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,19 @@ def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
         assert row["length_over_geodesic_mean"] <= 1.03
     assert sealed["solvable"] == sealed["solved"] == sealed["certified"] == 0
     assert sealed["proved_unsolvable"] == sealed["problems"]
+
+
+def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> None:
+    """The same problems on a map that lies at a Dutch easting and northing."""
+    pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
+    from experiments import random_problems
+
+    tiny = random_problems.Config(problems=3, sealed=3, workers=1, out=tmp_path)
+    here, away = (
+        [
+            {key: value for key, value in row.items() if not key.endswith("_ms_median")}
+            for row in random_problems.main(dataclasses.replace(tiny, origin=origin))
+        ]
+        for origin in ((0.0, 0.0, 0.0), (84888.0, 447501.0, 0.0))
+    )
+    assert here == away

@@ -17,6 +17,7 @@ import maxjax
 from benchmarks.common.problems import problems, seal
 from experiments import offline_many
 from experiments.offline_many import TINY, cities_of, draw, main, section
+from maxjax.planning.task import Task
 from maxjax.solvers.potential import Potential, solve_potential
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
@@ -52,12 +53,10 @@ def test_solver_solves_what_scipy_calls_solvable(document: dict[str, Any]) -> No
 
 def test_a_sealed_problem_is_proved_unsolvable_and_named(document: dict[str, Any]) -> None:
     """Two open problems and a sealed one, over two batches."""
-    city = draw(("suburb", 0, GRID))
-    shut = seal(problems("suburb", 1, 0, GRID)[0], GRID, "goal")
-    sealed = dataclasses.replace(city, occupied=np.packbits(shut.occupied), solvable=np.zeros(10, bool))
-    posed = iter([(city, 0), (city, 1), (sealed, 0)])
+    first, second, *_ = draw(("suburb", 0, GRID, TINY.margin))
+    drawn = iter([first, second, (seal(first[0], "goal"), False)])
     with ThreadPool(1) as pool:
-        (row,) = offline_many._rows("suburb", posed, {"solver": solve_potential}, TINY, GRID, pool)
+        (row,) = offline_many._rows("suburb", drawn, {"solver": solve_potential}, TINY, GRID, pool)
     assert row["problems"] == 3
     assert row["ok"] == row["certified"] == row["solvable"] == 2
     assert row["proved_unsolvable"] == 1
@@ -69,33 +68,35 @@ def test_a_sealed_problem_is_proved_unsolvable_and_named(document: dict[str, Any
 
 
 def test_as_many_problems_as_asked_lie_in_different_cities() -> None:
-    seeds = [seed for _, seed, _ in cities_of("suburb", dataclasses.replace(TINY, problems=250), GRID)]
+    seeds = [seed for _, seed, *_ in cities_of("suburb", dataclasses.replace(TINY, problems=250), GRID)]
     assert len(seeds) == len(set(seeds)) == 25
 
 
 def test_cities_are_those_of_the_offline_protocol_and_labels_tell_what_is_sealed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    city, other = draw(("suburb", 0, GRID)), draw(("suburb", 1, GRID))
-    for k, problem in enumerate(problems("suburb", 10, 0, GRID)):
-        np.testing.assert_array_equal(city.start[k], problem.start)
-        np.testing.assert_array_equal(city.goal[k], problem.goal)
-        np.testing.assert_array_equal(city.occupied, np.packbits(problem.occupied))
-    assert not np.array_equal(city.occupied, other.occupied)
-    assert city.solvable.all()
+    city, other = draw(("suburb", 0, GRID, 8.0)), draw(("suburb", 1, GRID, 8.0))
+    for (task, possible), problem in zip(city, problems("suburb", 10, 0, GRID), strict=True):
+        np.testing.assert_array_equal(task.starts, problem.starts)
+        np.testing.assert_array_equal(task.goals, problem.goals)
+        np.testing.assert_array_equal(task.occupied, problem.occupied)
+        assert possible
+    assert not np.array_equal(city[0][0].occupied, other[0][0].occupied)
 
-    def walled(name: str, count: int, seed: int, grid: maxjax.Grid) -> list[Any]:
+    def walled(*asked: Any) -> list[Task]:
         """A wall of voxels between west and east, the same for all."""
-        posed = problems(name, count, seed, grid)
-        wall = posed[0].occupied.copy()
+        tasks = problems(*asked)
+        wall = tasks[0].occupied.copy()
         wall[25] = True
-        return [dataclasses.replace(problem, occupied=wall) for problem in posed]
+        return [dataclasses.replace(task, occupied=wall) for task in tasks]
 
     monkeypatch.setattr(offline_many, "problems", walled)
-    sealed = draw(("suburb", 0, GRID))
-    across = (sealed.start[:, 0] < 0) != (sealed.goal[:, 0] < 0)
-    beside = (np.abs(sealed.start[:, 0]) < 2) | (np.abs(sealed.goal[:, 0]) < 2)  # in the wall itself
-    np.testing.assert_array_equal(sealed.solvable[~beside], ~across[~beside])
+    sealed = draw(("suburb", 0, GRID, 8.0))
+    starts, goals = (np.concatenate([getattr(task, name) for task, _ in sealed]) for name in ("starts", "goals"))
+    possible = np.array([joins for _, joins in sealed])
+    across = (starts[:, 0] < 0) != (goals[:, 0] < 0)
+    beside = (np.abs(starts[:, 0]) < 2) | (np.abs(goals[:, 0]) < 2)  # in the wall itself
+    np.testing.assert_array_equal(possible[~beside], ~across[~beside])
     assert across.any()
 
 

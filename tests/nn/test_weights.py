@@ -35,8 +35,8 @@ def test_the_default_network_comes_with_weights_and_all_are_small() -> None:
 @pytest.mark.parametrize("name", ["downtown", "suburb"])
 def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> None:
     (drawn,) = problems(name, 1, 3, GRID)
-    occupied, ground, start, goal = map(jnp.asarray, (drawn.occupied, drawn.ground, drawn.start, drawn.goal))
-    problem = formulate(occupied, ground, GRID.fractional_index(jnp.stack([start, goal])), 8.0, GRID)
+    maps = jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground)
+    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.margin, GRID)
     assert problem.status == Status.OK
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
     field = jax.jit(network_potential())(sigma, problem.goal_index)
@@ -56,9 +56,8 @@ def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> Non
 
 def test_alone_its_field_is_smoothed_so_that_less_of_it_holds_up_the_ascent(monkeypatch: pytest.MonkeyPatch) -> None:
     (drawn,) = problems("downtown", 1, 3, GRID)
-    ends = jnp.asarray(drawn.start), jnp.asarray(drawn.goal)
-    index = GRID.fractional_index(jnp.stack(ends))
-    problem = formulate(jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground), index, 8.0, GRID)
+    maps = jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground)
+    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.margin, GRID)
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
 
     def alone() -> Potential:
