@@ -181,6 +181,13 @@ POINT = np.zeros(3)
         ),
         (lambda: _scan(np.array(["a"]), POINT, POINT, GRID), r"points: expected numbers .*given <U1 \(1,\)"),
         (lambda: _scan(np.zeros((5, 3)), POINT, POINT, GRID, method="dijkstra"), "method: expected one of"),
+        (lambda: _scan(np.full((5, 3), 1 + 2j), POINT, POINT, GRID), r"points: expected numbers .*given complex128"),
+        (lambda: _scan(np.zeros((5, 3)), POINT, POINT, None), "grid: expected a maxjax.Grid, given None"),
+        (lambda: _plan(np.stack([EMPTY]), POINT, POINT, GRID), r"occupied: expected shape .*given \(1, 16, 18, 20\)"),
+        (lambda: _plan(EMPTY, None, POINT, GRID), r"start: expected numbers of shape \(3,\) .*given object"),
+        (lambda: _plan(EMPTY, [1, [2], 3], POINT, GRID), "start: expected an array, given list"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, margin="8"), "margin: expected a number of metres, given '8'"),
+        (lambda: _plan(EMPTY, POINT, POINT, GRID, method=None), "method: expected one of .*given None"),
     ],
 )
 def test_wrong_arguments_are_told_with_what_was_given(call: Callable[[], object], message: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 
 import jax
 import jax.numpy as jnp
@@ -112,22 +113,30 @@ def test_is_static_and_hashable() -> None:
 
 def test_bad_grids_are_told_with_what_was_given() -> None:
     # As users build them: without the run-time type checks of the tests.
-    def build(shape: object = (2, 2, 2), spacing: object = 1.0, origin: object = (0.0, 0.0, 0.0)) -> None:
+    def build(shape: object = (2, 2, 2), spacing: object = 1.0, origin: object = (0.0, 0.0, 0.0)) -> Grid:
         grid = object.__new__(Grid)
         for name, value in (("shape", shape), ("spacing", spacing), ("origin", origin)):
             object.__setattr__(grid, name, value)
         inspect.unwrap(Grid.__post_init__)(grid)
+        return grid
 
     build()
-    for shape in ((0, 2, 2), (2, 2), (2, 2, 2, 2), (2, -1, 2), (10.7, 2, 2)):
+    for shape in ((0, 2, 2), (2, 2), (2, 2, 2, 2), (2, -1, 2), (10.7, 2, 2), (2, math.inf, 2), (2, 2, None)):
         with pytest.raises(ValueError, match=r"Grid.shape: expected three positive integers, given \("):
             build(shape=shape)
-    for spacing in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match=f"Grid.spacing: expected a positive .*given {spacing}"):
+    for other in (5, None, "222", True, [[2, 2], 2, 2]):
+        with pytest.raises(
+            ValueError, match="Grid.shape: expected three positive integers, given " + re.escape(repr(other))
+        ):
+            build(shape=other)
+    for spacing in (0.0, -1.0, math.nan, math.inf, "2", None, True, 2j, [2.0]):
+        given = re.escape(repr(spacing))
+        with pytest.raises(ValueError, match=f"Grid.spacing: expected a positive .*given {given}"):
             build(spacing=spacing)
-    for origin in ((0.0, 0.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
-        with pytest.raises(ValueError, match=r"Grid.origin: expected three finite .*given \("):
+    for origin in ((0.0, 0.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), 0.0, None, "000", (0.0, 0.0, 1j)):
+        with pytest.raises(ValueError, match=r"Grid.origin: expected three finite .*given " + re.escape(repr(origin))):
             build(origin=origin)
+    assert build(shape=np.array([2, 3, 4]), spacing=np.float32(2), origin=[1, 2, 3]).local.origin == (0.0, 0.0, 0.0)
 
 
 def test_check_volume_tells_both_shapes() -> None:

@@ -1,0 +1,103 @@
+"""A task is what was given, checked once: whatever cannot be used is told with what was expected and what was given."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from maxjax import Grid
+from maxjax.planning.task import Task, rows_of
+
+GRID = Grid((4, 5, 6), 2.0, (84_888.25, 447_501.5, -3.0))
+EMPTY = np.zeros(GRID.shape, bool)
+POINTS = np.array([[84_890.0, 447_503.0, 1.0], [84_892.0, 447_505.5, 3.0]])
+
+
+def task(**changes: Any) -> Task:
+    given = {"occupied": EMPTY, "starts": POINTS, "goals": POINTS[::-1], "grid": GRID, "margin": 2.0, "ground": None}
+    return Task.of(**given | changes)
+
+
+def test_holds_what_was_given() -> None:
+    occupied = np.random.default_rng(0).random((2, *GRID.shape)) < 0.5
+    found = task(occupied=occupied, ground=occupied[0], starts=POINTS.tolist(), goals=POINTS[0].astype(np.float32))
+    assert len(found) == 2
+    np.testing.assert_array_equal(found.occupied, occupied)
+    np.testing.assert_array_equal(found.ground, occupied[0])
+    np.testing.assert_array_equal(found.starts, POINTS)
+    np.testing.assert_array_equal(found.goals, np.float32([POINTS[0]] * 2))
+    assert found.starts.dtype == found.goals.dtype == np.float64
+    assert (found.grid, found.margin) == (GRID, 2.0)
+    assert not task().ground.any()
+    # Numbers of any real type, arrays of any library.
+    assert task(margin=np.float32(1.5)).margin == 1.5
+    assert task(margin=np.array(2)).margin == 2.0
+    assert task(occupied=jax.numpy.asarray(EMPTY), margin=1).margin == 1.0
+
+
+def test_ends_are_index_coordinates_rounded_once() -> None:
+    np.testing.assert_array_equal(task().ends[:, 0], ((POINTS - np.array(GRID.origin)) / 2.0).astype(np.float32))
+    far = task(starts=[[1e300, math.nan, -math.inf]], goals=[math.inf, -1e300, 0.0]).ends[0]
+    assert max(GRID.shape) < far[0, 0] < math.inf
+    assert np.isnan(far[0, 1])
+    assert far[0, 2] == -math.inf
+    assert far[1, 0] == math.inf
+    assert -math.inf < far[1, 1] < -1
+
+
+def test_some_of_its_problems_are_views_of_its_maps() -> None:
+    maps = np.random.default_rng(0).random((2, *GRID.shape)) < 0.5
+    whole = task(occupied=maps)
+    second = whole.some(rows_of(np.array([1])))
+    assert np.shares_memory(second.occupied, maps)
+    np.testing.assert_array_equal(second.occupied, maps[1:])
+    np.testing.assert_array_equal(second.starts, POINTS[1:])
+    assert second.ground is whole.ground  # shared
+    twice = whole.some(rows_of(np.array([1, 1, 0])))
+    np.testing.assert_array_equal(twice.occupied, maps[[1, 1, 0]])
+    np.testing.assert_array_equal(twice.ends, whole.ends[[1, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"occupied": None}, "occupied: expected dtype bool, given object"),
+        ({"occupied": [*EMPTY.tolist()[:2], [[True]]]}, "occupied: expected an array, given list"),
+        ({"occupied": EMPTY.astype(np.uint8)}, "occupied: expected dtype bool, given uint8"),
+        ({"occupied": EMPTY[0]}, r"occupied: expected shape \(4, 5, 6\), given \(5, 6\)"),
+        ({"occupied": np.stack([EMPTY] * 3)}, r"occupied: expected shape \(2, 4, 5, 6\), given \(3, 4, 5, 6\)"),
+        ({"ground": EMPTY[None]}, r"ground: expected shape \(2, 4, 5, 6\), given \(1, 4, 5, 6\)"),
+        ({"ground": "none"}, "ground: expected dtype bool, given <U4"),
+        ({"starts": None}, r"starts: expected numbers of shape \(n, 3\) .*given object \(\)"),
+        ({"starts": [[1, 2], [3]]}, "starts: expected an array, given list"),
+        ({"starts": POINTS[:0]}, r"starts: .*n >= 1 .*given float64 \(0, 3\)"),
+        ({"starts": POINTS > 0}, "starts: expected numbers .*given bool"),
+        ({"starts": POINTS * 1j}, "starts: expected numbers .*given complex128"),
+        ({"starts": POINTS.astype(object)}, "starts: expected numbers .*given object"),
+        ({"starts": POINTS.astype("timedelta64[s]")}, "starts: expected numbers .*given timedelta64"),
+        ({"goals": POINTS[:1]}, r"goals: expected numbers of shape \(2, 3\) .*given float64 \(1, 3\)"),
+        ({"goals": POINTS[0, :2]}, r"goals: expected numbers of shape \(3,\) .*given float64 \(2,\)"),
+        ({"grid": None}, "grid: expected a maxjax.Grid, given None"),
+        ({"grid": (4, 5, 6)}, r"grid: expected a maxjax.Grid, given \(4, 5, 6\)"),
+        ({"margin": "8"}, "margin: expected a number of metres, given '8'"),
+        ({"margin": None}, "margin: expected a number of metres, given None"),
+        ({"margin": True}, "margin: expected a number of metres, given True"),
+        ({"margin": 8j}, "margin: expected a number of metres, given 8j"),
+        ({"margin": [8.0]}, r"margin: expected a number of metres, given \[8.0\]"),
+        ({"margin": math.nan}, "margin: expected 0 to 12 m, .*given nan"),
+        ({"margin": -1}, "margin: expected 0 to 12 m, .*given -1.0"),
+        ({"margin": 12.5}, "margin: expected 0 to 12 m, .*given 12.5"),
+    ],
+)
+def test_what_cannot_be_used_is_told(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        task(**changes)
+
+
+def test_traced_arrays_are_told() -> None:
+    with pytest.raises(ValueError, match=r"occupied: expected an array, given .*Tracer"):
+        jax.jit(lambda occupied: task(occupied=occupied))(EMPTY)

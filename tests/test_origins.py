@@ -1,0 +1,136 @@
+"""A map has the same plans wherever it lies in the world, and a second one of its shape compiles nothing."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+
+import jax
+import numpy as np
+import pytest
+from references import random_blocks, random_free
+
+from maxjax import Grid, Plan, Status, dilate, plan, plan_batch, plan_fleet, plan_scan, verify, voxelize
+from maxjax.methods import METHODS
+
+# The least that the network takes.
+GRID = Grid((32, 32, 32), 2.0, (-10.0, 3.0, 1.0))
+MARGIN = 2.0
+# Dutch and invented national coordinates; the last ones are no multiples of anything.
+SHIFTS = ((84_888.0, 447_501.0, 0.0), (1e6 + 0.1, -1e6 - 0.7, 250.3))
+
+
+def world(index: np.ndarray) -> np.ndarray:
+    return np.array(GRID.origin) + GRID.spacing * np.asarray(index, float)
+
+
+def moved(shift: tuple[float, float, float]) -> Grid:
+    x, y, z = np.array(GRID.origin) + shift
+    return Grid(GRID.shape, GRID.spacing, (float(x), float(y), float(z)))
+
+
+@pytest.fixture(scope="module")
+def problem() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A map, three starts and a goal, off the centres of their voxels."""
+    rng = np.random.default_rng(3)
+    occupied = random_blocks(rng, GRID.shape, 30, 7)
+    points = world(random_free(rng, occupied, 4) + rng.uniform(-0.4, 0.4, (4, 3)))
+    return occupied, points[:3], points[3]
+
+
+def same(here: Plan, there: Plan, shift: tuple[float, float, float]) -> None:
+    assert there.status is here.status
+    assert (there.margin, there.certified, there.method) == (here.margin, here.certified, here.method)
+    assert there.path.dtype == np.float64
+    np.testing.assert_allclose(there.path - shift, here.path, rtol=0, atol=1e-6)
+    np.testing.assert_allclose([there.length, there.clearance], [here.length, here.clearance], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", list(METHODS))
+def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    needs = METHODS[method].needs
+    if needs is not None and importlib.util.find_spec(needs) is None:
+        pytest.skip(f"{needs} is not installed")
+    occupied, starts, goal = problem
+    cloud = world(np.argwhere(occupied)) + np.random.default_rng(4).uniform(-0.9, 0.9, (int(occupied.sum()), 3))
+    options = {"method": method, "margin": MARGIN}
+    many = starts[:1] if method == "rrtstar" else starts  # which takes seconds each
+    here = plan(occupied, starts[0], goal, GRID, **options)
+    batch = plan_batch(occupied, many, np.stack([goal] * len(many)), GRID, **options)
+    scan = plan_scan(cloud, starts[0], goal, GRID, **options)
+    assert here.status is Status.OK or method == "apf"
+    same(here, scan, (0.0, 0.0, 0.0))
+    for shift in SHIFTS:
+        grid, ends = moved(shift), (starts[0] + shift, goal + shift)
+        there = plan(occupied, *ends, grid, **options)
+        same(here, there, shift)
+        if there.status is Status.OK:
+            np.testing.assert_array_equal(there.path[[0, -1]], ends)
+            blocked = np.asarray(dilate(occupied, there.margin, grid))
+            assert verify(there.path, blocked, occupied, grid).ok
+        same(scan, plan_scan(cloud + shift, *ends, grid, **options), shift)
+        goals = np.stack([goal + shift] * len(many))
+        for one, other in zip(batch, plan_batch(occupied, many + shift, goals, grid, **options), strict=True):
+            same(one, other, shift)
+
+
+def test_fleets_differ_by_the_shift_alone(problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    occupied, starts, goal = problem
+    fleet = plan_fleet(occupied, starts, goal, GRID, margin=MARGIN)
+    assert (fleet.status == Status.OK).any()
+    for shift in SHIFTS:
+        there = plan_fleet(occupied, starts + shift, goal + shift, moved(shift), margin=MARGIN)
+        for one, other in zip(fleet, there, strict=True):
+            same(one, other, shift)
+
+
+def test_correct_paths_are_handed_out_far_from_the_worlds_origin() -> None:
+    """Around a wall past dilated voxels, which the path passes at a thousandth of a voxel."""
+    occupied = np.zeros((17, 17, 17), bool)
+    occupied[8, :12, :] = True
+    for origin in ((0.0, 0.0, 0.0), (1000.0, 10_000.0, 0.0), (84_888.0, 447_501.0, 0.0)):
+        grid = Grid((17, 17, 17), 1.0, origin)
+        for method in ("solver", "astar"):
+            found = plan(occupied, np.add(origin, 3.0), np.add(origin, (14, 4, 9)), grid, method=method, margin=1.0)
+            assert found.status is Status.OK, (origin, method)
+
+
+def test_a_tower_at_a_dutch_northing() -> None:
+    """The README's, at a third of its size."""
+    grid = Grid.centered((84_888.0, 447_501.0, 0.0), (33, 33, 33), 2.0)
+    occupied = np.zeros(grid.shape, bool)
+    occupied[13:20, 11:21, :30] = True
+    start, goal = np.array([84_868.0, 447_501.0, 3.0]), np.array([84_908.0, 447_503.0, 4.0])
+    found = plan(occupied, start, goal, grid, margin=8.0)
+    assert found.status is Status.OK
+    assert found.certified
+    np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
+    assert math.dist(start, goal) < found.length < 80
+
+
+def test_a_second_map_of_a_shape_compiles_nothing_elsewhere(
+    problem: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    occupied, starts, goal = problem
+    compilations: list[str] = []
+    counting = False
+
+    def count(event: str, _: float, **__: object) -> None:
+        if counting and "backend_compile" in event:
+            compilations.append(event)
+
+    def run(shift: tuple[float, float, float]) -> list[Plan]:
+        grid, cloud = moved(shift), world(np.argwhere(occupied)) + shift
+        voxelize(cloud, grid)
+        dilate(occupied, MARGIN, grid)
+        plans = [plan_scan(cloud, starts[0] + shift, goal + shift, grid, margin=MARGIN)]
+        plans += plan_batch(occupied, starts + shift, np.stack([goal + shift] * 3), grid, margin=MARGIN)
+        return [*plans, *plan_fleet(occupied, starts + shift, goal + shift, grid, margin=MARGIN)]
+
+    run((0.0, 0.0, 0.0))
+    jax.monitoring.register_event_duration_secs_listener(count)
+    counting = True
+    plans = run((84_888.0, 447_501.0, 0.0))
+    counting = False
+    assert not compilations
+    assert {found.timings["compile"] for found in plans} == {0.0}
