@@ -26,13 +26,13 @@ from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
-from maxjax.fields.certificate import uncertified
-from maxjax.fields.connectivity import geodesic
 from maxjax.nn.architecture import CONFIGS, Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.encoding import UNIT, decode, encode
 from maxjax.nn.layers import Formulation
-from maxjax.solvers.potential import Potential, screening_length_for, solve_potential
+from maxjax.solvers.certify import input_status, sweep_until_certified, swept
+from maxjax.solvers.medium import medium_of, untouched
+from maxjax.solvers.potential import Potential, check_inputs, potential_of, screening_length_for, solve_potential
 
 WEIGHTS = Path(__file__).parent / "weights"
 # Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
@@ -101,12 +101,7 @@ def predict_potential(
         ValueError: for a sigma or goal_index of a wrong shape or dtype, or a grid too small for the network.
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
-    if sigma.ndim != 3 or not jnp.issubdtype(sigma.dtype, jnp.floating):
-        raise ValueError(
-            f"sigma: expected floating (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
-        )
-    if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
-        raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
+    check_inputs(sigma, goal_index)
     return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), max_sweeps)
 
 
@@ -119,51 +114,31 @@ def certified_from(
         start: the log-potential from which the sweeps start. Static.
         sigma, goal_index, max_sweeps: as of `predict_potential`.
     """
-    finite = jnp.all(jnp.isfinite(sigma) & (sigma >= 0))
-    outside = jnp.any((goal_index < 0) | (goal_index >= jnp.asarray(sigma.shape)))
-    component, steps = geodesic(sigma > 0, goal_index)
-    length = screening_length_for(steps)
+    medium = medium_of(sigma, goal_index)
+    component, length = medium.component, screening_length_for(medium.distance)
     goal = stencil.cell(sigma.shape, goal_index) & component
+    wrong = input_status(medium, length)
     # A network turns one NaN into many; with a bad sigma its output is not used.
-    y = start(jnp.where(finite, sigma, 0), goal_index, steps, length)
-    log_phi = slope.log_potential(decode(y, component, goal, length))
+    finite = jnp.where(wrong == Status.NONFINITE_INPUT, 0, sigma)
+    log_phi = slope.log_potential(decode(start(finite, goal_index, medium.distance, length), component, goal, length))
     phi = decode(-length * slope.smooth(log_phi, component, _SMOOTHING), component, goal, length)
-    operator = stencil.assemble(sigma, 1 / length**2)
-    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-
-    def sweep(phi: stencil.Volume) -> stencil.Volume:
-        return jnp.where(goal, phi, stencil.inflow(operator.faces, phi) / diagonal)
-
-    def some(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        phi, sweeps, _ = state
-        phi = lax.fori_loop(0, _LOOK, lambda _, phi: sweep(phi), phi)
-        return phi, sweeps + _LOOK, uncertified(phi, component, goal_index)
-
-    first = (phi, jnp.int32(0), uncertified(phi, component, goal_index))
-    phi, sweeps, stuck = lax.while_loop(lambda state: (state[2] != 0) & (state[1] < max_sweeps), some, first)
-    usable = finite & ~outside & jnp.any(component)
-    change = jnp.where(component & ~goal, jnp.abs(sweep(phi) - phi) / jnp.where(phi > 0, phi, 1), 0)
-    status = jnp.select(
-        [~finite, outside, ~jnp.any(component)],
-        [Status.NONFINITE_INPUT, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED],
-        Status.OK,
-    )
-    predicted = Potential(
-        phi=phi,
-        status=status.astype(jnp.int32),
-        iterations=jnp.int32(0),
-        sweeps=sweeps,
-        residual=jnp.max(change),
-        certified=usable & (stuck == 0),
-        uncertified=stuck,
-        screening_length=length,
+    progress = dataclasses.replace(untouched(medium, length), phi=phi)
+    progress = sweep_until_certified(medium, progress, most=max_sweeps, between=_LOOK)
+    phi = progress.phi
+    change = jnp.abs(swept(medium, length, phi, 1) - phi) / jnp.where(phi > 0, phi, 1)
+    usable = wrong == Status.OK
+    predicted = dataclasses.replace(
+        potential_of(progress),
+        status=wrong,
+        residual=jnp.max(jnp.where(component & ~goal, change, 0)),
+        certified=usable & (progress.uncertified == 0),
     )
     if max_sweeps == 0:
         return predicted
 
     def solved() -> Potential:
         exact = solve_potential(sigma, goal_index)
-        return dataclasses.replace(exact, sweeps=exact.sweeps + sweeps)
+        return dataclasses.replace(exact, sweeps=exact.sweeps + predicted.sweeps)
 
     field: Potential = lax.cond(usable & ~predicted.certified, solved, lambda: predicted)
     return field

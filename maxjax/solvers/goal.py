@@ -81,7 +81,7 @@ def goal_gradient(
     index = jnp.floor(jnp.clip(position, -1, max(sigma.shape)) + 0.5).astype(jnp.int32)
     outside = jnp.any((index < 0) | (index >= shape))
     x, y, z = jnp.clip(index, 0, shape - 1)
-    # The source of this solve is the start, so what it says of its goal is said of the start.
+    # The source of this solve is the start, so its status about its goal is about the start.
     at_start = jnp.select(
         [seen.status == Status.GOAL_OUTSIDE_MAP, seen.status == Status.GOAL_OCCUPIED],
         [Status.START_OUTSIDE_MAP, Status.START_OCCUPIED],

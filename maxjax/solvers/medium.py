@@ -61,7 +61,7 @@ class Progress:
         converged: whether it is within the solver's tolerance.
         uncertified: voxels of the component, goal aside, without a strictly higher neighbour.
         status: `Status` as int32; NOT_CONVERGED until it is judged.
-        attempts: screening lengths that were begun.
+        attempts: screening lengths tried, with this one.
     """
 
     phi: Float[Array, "nx ny nz"]

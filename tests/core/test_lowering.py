@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
 
-from maxjax.core.batching import settle
-from maxjax.core.lowering import materialise, maximum
+from maxjax.core.batching import batched_by, settle
+from maxjax.core.lowering import (
+    every,
+    first_maximum,
+    head_start,
+    in_this_turn,
+    lowered_for,
+    materialise,
+    maximum,
+    neighbours,
+    once,
+    repeat,
+    shifted,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -87,3 +99,76 @@ def test_the_largest_is_found_in_every_part(size: int, where: int) -> None:
     np.testing.assert_array_equal(jax.vmap(found, (0, None))(np.stack([a, b]), b), [np.abs(a - b).max(), 0])
     a[where, 0, 0] = np.nan
     assert np.isnan(found(a, b))
+
+
+both = pytest.mark.parametrize("platform", ["cpu", "gpu"])
+
+
+@both
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_a_step_is_repeated_so_many_times(platform: str, count: int) -> None:
+    with lowered_for(platform):
+        walker = jax.jit(
+            lambda x: repeat(count, lambda w: Walker(w.position * 2, w.turns + 1), Walker(x, jnp.int32(0)), 2)
+        )(jnp.ones(2))
+    assert (float(walker.position[0]), int(walker.turns)) == (2.0**count, count)
+
+
+@both
+@pytest.mark.parametrize("beyond", [0, -1.0])
+def test_neighbours_are_those_of_a_padded_copy(platform: str, beyond: float) -> None:
+    volume = np.random.default_rng(0).normal(size=(3, 4, 5)).astype(np.float32)
+    around = np.pad(volume, 1, constant_values=beyond)
+    with lowered_for(platform):
+        found = jax.jit(lambda x: neighbours(x, beyond))(volume)
+    for axis, (ahead, behind) in enumerate(found):
+        core = (slice(1, -1),) * 3
+        np.testing.assert_array_equal(ahead, np.roll(around, -1, axis)[core])
+        np.testing.assert_array_equal(behind, np.roll(around, 1, axis)[core])
+    np.testing.assert_array_equal(shifted(jnp.asarray(volume), 1, -2, 7)[:, :2], 7)
+
+
+@both
+def test_all_of_a_few_numbers_or_many_meet_a_condition(platform: str) -> None:
+    limits = jnp.asarray([0, 3, 6, 20])
+    for count in (1, 6, 12):
+        with lowered_for(platform):
+            found = jax.jit(lambda m: every(lambda k: k < m[:, None], count))(limits)  # noqa: B023
+        np.testing.assert_array_equal(found, limits >= count)
+
+
+def test_the_first_of_equal_maxima_is_taken_with_its_rows() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        score = rng.integers(0, 4, 8).astype(np.float32)
+        rows = rng.normal(size=(8, 3)).astype(np.float32)
+        best, row = first_maximum(jnp.asarray(score), jnp.asarray(rows))
+        assert best == score.max()
+        np.testing.assert_array_equal(row, rows[np.argmax(score)])
+
+
+def test_arrays_computed_once_are_what_they_were() -> None:
+    a, b = jnp.arange(3.0), jnp.ones((2, 2))
+    np.testing.assert_array_equal(jax.jit(once)(a), a)
+    for given, found in zip((a, b), jax.jit(once)(a, b), strict=True):
+        np.testing.assert_array_equal(found, given)
+    (kept,) = jax.jit(in_this_turn)((a,), b)
+    np.testing.assert_array_equal(kept, a)
+
+
+def test_only_accelerators_get_a_head_start_and_each_target_a_program_of_its_own() -> None:
+    @jax.jit
+    def three(x: Array) -> Array:
+        return head_start(lambda x: x + 3, x)
+
+    assert three(jnp.float32(0)) == 0
+    with lowered_for("gpu"):
+        assert three(jnp.float32(0)) == 3
+    assert three(jnp.float32(0)) == 0
+
+
+def test_a_batch_is_computed_by_its_own_rule() -> None:
+    rule = batched_by(lambda a, b: a + b, lambda a, b: 10 * (a + b))
+    assert rule(jnp.float32(1), jnp.float32(2)) == 3
+    found = jax.vmap(rule, (0, None))(jnp.arange(3.0), jnp.float32(1))
+    np.testing.assert_array_equal(found, [10, 20, 30])

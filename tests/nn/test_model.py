@@ -120,7 +120,7 @@ def test_bad_inputs_are_statuses_or_errors(model: Model) -> None:
         assert np.isfinite(found.phi).all()
     # Without the run-time checks of annotations, which would speak first.
     plain = inspect.unwrap(predict_potential)
-    with pytest.raises(ValueError, match="sigma: expected floating"):
+    with pytest.raises(ValueError, match="sigma: expected float32 or float64"):
         plain(model, sigma[0], goal)
     with pytest.raises(ValueError, match="goal_index: expected integer"):
         plain(model, sigma, goal.astype(jnp.float32))
