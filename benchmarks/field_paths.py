@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 import maxjax
 from benchmarks.common.harness import Row, Timing, left_out, timed_row, timing_of
-from benchmarks.common.scenes import Scene
+from benchmarks.common.scenes import Instance
 from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import uncertified
@@ -35,7 +35,7 @@ _tighten = jax.jit(tighten)
 
 
 def rows_of(
-    scene: Scene, ours: maxjax.Potential, timing: Timing, component: Mask, repeats: int
+    scene: Instance, ours: maxjax.Potential, timing: Timing, component: Mask, repeats: int
 ) -> tuple[dict[str, Any], list[Row]]:
     """Travel-time fields beside ours: (what to add to the row of ours, the rows of the others).
 
@@ -74,7 +74,7 @@ def rows_of(
     return paths[""], rows
 
 
-def _paths(scene: Scene, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
+def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Climb every field from every start; figures over the starts from which all of them arrived."""
     plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
     dilated = jax.tree.map(lambda *x: np.stack(x), *(problem.dilated for problem in scene.problems))

@@ -55,7 +55,7 @@ import maxjax
 from benchmarks import field_paths, linear_solvers
 from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show, timed_row
 from benchmarks.common.problems import problems
-from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
+from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from maxjax.planning.problem import formulate
 from maxjax.worlds.scenes import MAPS
 
@@ -167,7 +167,7 @@ def _ours(what: str, timing: Timing, shape: Sequence[int], bandwidth: float, sce
     )
 
 
-def _solve_rows(scene: Scene, bandwidth: float, config: Config) -> list[Row]:
+def _solve_rows(scene: Instance, bandwidth: float, config: Config) -> list[Row]:
     """Ours beside linear solvers and travel-time fields, on one scene."""
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     timing = measure(functools.partial(_solve, sigma, goal), config.repeats)

@@ -28,7 +28,7 @@ from jaxtyping import Array, Float, Int32
 
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, measure, save
-from benchmarks.common.scenes import Scene, Selection, city_at, scenes_of
+from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
 from maxjax.solvers.newton import so_many_cycles
@@ -105,7 +105,7 @@ def _cycle(medium: Medium, progress: Progress) -> Progress:
     return so_many_cycles(medium, progress, tolerance=0.0, count=1)
 
 
-def _convergence(scene: Scene, config: Config) -> list[Row]:
+def _convergence(scene: Instance, config: Config) -> list[Row]:
     print(f"convergence, {scene.name}", file=sys.stderr, flush=True)
     sigma, goal = scene.sigma, scene.problems[0].goal_index
     medium, progress = _start(sigma, goal)

@@ -38,12 +38,12 @@ def problem() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return occupied, points[:3], points[3]
 
 
-def same(here: Plan, there: Plan, shift: tuple[float, float, float]) -> None:
-    assert there.status is here.status
-    assert (there.margin, there.certified, there.method) == (here.margin, here.certified, here.method)
-    assert there.path.dtype == np.float64
-    np.testing.assert_allclose(there.path - shift, here.path, rtol=0, atol=1e-6)
-    np.testing.assert_allclose([there.length, there.clearance], [here.length, here.clearance], rtol=1e-9)
+def same(here: Plan, away: Plan, shift: tuple[float, float, float]) -> None:
+    assert away.status is here.status
+    assert (away.margin, away.certified, away.method) == (here.margin, here.certified, here.method)
+    assert away.path.dtype == np.float64
+    np.testing.assert_allclose(away.path - shift, here.path, rtol=0, atol=1e-6)
+    np.testing.assert_allclose([away.length, away.clearance], [here.length, here.clearance], rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", list(METHODS))
@@ -62,12 +62,12 @@ def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray,
     same(here, scan, (0.0, 0.0, 0.0))
     for shift in SHIFTS:
         grid, ends = moved(shift), (starts[0] + shift, goal + shift)
-        there = plan(occupied, *ends, grid, **options)
-        same(here, there, shift)
-        if there.status is Status.OK:
-            np.testing.assert_array_equal(there.path[[0, -1]], ends)
-            blocked = np.asarray(dilate(occupied, there.margin, grid))
-            assert verify(there.path, blocked, occupied, grid).ok
+        away = plan(occupied, *ends, grid, **options)
+        same(here, away, shift)
+        if away.status is Status.OK:
+            np.testing.assert_array_equal(away.path[[0, -1]], ends)
+            blocked = np.asarray(dilate(occupied, away.margin, grid))
+            assert verify(away.path, blocked, occupied, grid).ok
         same(scan, plan_scan(cloud + shift, *ends, grid, **options), shift)
         goals = np.stack([goal + shift] * len(many))
         for one, other in zip(batch, plan_batch(occupied, many + shift, goals, grid, **options), strict=True):
@@ -79,8 +79,8 @@ def test_fleets_differ_by_the_shift_alone(problem: tuple[np.ndarray, np.ndarray,
     fleet = plan_fleet(occupied, starts, goal, GRID, margin=MARGIN)
     assert (fleet.status == Status.OK).any()
     for shift in SHIFTS:
-        there = plan_fleet(occupied, starts + shift, goal + shift, moved(shift), margin=MARGIN)
-        for one, other in zip(fleet, there, strict=True):
+        away = plan_fleet(occupied, starts + shift, goal + shift, moved(shift), margin=MARGIN)
+        for one, other in zip(fleet, away, strict=True):
             same(one, other, shift)
 
 

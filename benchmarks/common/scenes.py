@@ -49,8 +49,8 @@ class Selection:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
-    """One map and goal.
+class Instance:
+    """One map and goal, with its problems.
 
     Attributes:
         name: map or crop.
@@ -68,7 +68,7 @@ class Scene:
         return maxjax.conductivity(self.problems[0].blocked, self.problems[0].goal_index, self.task.grid)
 
 
-def scenes_of(selection: Selection) -> list[Scene]:
+def scenes_of(selection: Selection) -> list[Instance]:
     """A scene of each map, and of the window.
 
     Raises:
@@ -92,7 +92,7 @@ def scenes_of(selection: Selection) -> list[Scene]:
     return scenes
 
 
-def _scene(name: str, task: Task, count: int) -> Scene:
+def _scene(name: str, task: Task, count: int) -> Instance:
     """The first `count` starts of a task that are joined to its goal at one margin, and their problems."""
     maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
     found: dict[int, Problem] = {}
@@ -104,7 +104,7 @@ def _scene(name: str, task: Task, count: int) -> Scene:
             break
     if not found:
         raise ValueError(f"{name}: expected a start joined to the goal, given none among {len(task)}")
-    return Scene(name, task.some(np.array(list(found))), list(found.values()))
+    return Instance(name, task.some(np.array(list(found))), list(found.values()))
 
 
 def city_at(edge: int, margin: float, seed: int) -> tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]:
