@@ -5,7 +5,7 @@ r"""Offline by the thousand: how many problems end in a verified path, and on a 
         "paper_difference alone" --name offline_networks --workers 15    # 1,000 problems a map
 
 Both unseen maps, offline protocol (`experiments.random_problems`), ten problems a city, margin 8 m or the largest that
-joins the ends. Methods are those of `experiments.offline_table` that climb a field; each plans the same problems in
+joins the ends. Methods are those of `experiments.offline_methods` that climb a field; each plans the same problems in
 batches (`planning.execute`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
 Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared with the
 eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths.
@@ -32,7 +32,8 @@ from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import judge
 from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
-from experiments.offline_table import failures, network
+from experiments.offline_methods import network
+from experiments.offline_table import failures
 from maxjax.planning.climb import Climb, PotentialFn
 from maxjax.planning.execute import plan_task
 from maxjax.planning.plan import Plan
@@ -49,7 +50,7 @@ class Config:
     Attributes:
         problems: a map.
         maps: nothing was ever tuned or trained on them.
-        methods: `solver`, or networks as `experiments.offline_table` names them.
+        methods: `solver`, or networks as `experiments.offline_methods` names them.
         batch: problems a call.
         measured: every so many problems the way is measured by fast marching, which takes longest.
         margin: [m].

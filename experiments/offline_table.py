@@ -31,22 +31,14 @@ from typing import Any
 
 import numpy as np
 import tyro
-from scipy import ndimage
 
 import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER
 from benchmarks.common.problems import problems, solvable
-from benchmarks.common.travel_time import as_potential, marching
-from maxjax.methods import METHODS
-from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, PotentialFn
-from maxjax.planning.execute import plan_one, staged, with_longer_ascents
-from maxjax.planning.problem import Problem as Formulated
-from maxjax.planning.recorder import timed
-from maxjax.planning.route import PathFinder, Route, failed, found
+from experiments.offline_methods import finder
+from maxjax.planning.execute import plan_one
+from maxjax.planning.route import PathFinder
 from maxjax.planning.task import Task
 
 RESULTS = Path(__file__).parent / "results"
@@ -111,60 +103,6 @@ def main(config: Config) -> list[Row]:
         rows += _rows(name, finders, config, grid)
     save("offline_table", config, rows, config.out)
     return rows
-
-
-def finder(method: str) -> PathFinder | str:
-    """The planner that a name means, or why it cannot be had here.
-
-    Raises:
-        ValueError: for an unknown name.
-    """
-    if method == "fast marching":
-        return fast_marching
-    if method not in METHODS or method == "network":
-        potential = network(method)
-        return potential if isinstance(potential, str) else staged(Climb(potential))
-    try:
-        METHODS[method].check()
-    except ImportError as error:
-        return str(error)
-    find = METHODS[method].finder()
-    return staged(find) if isinstance(find, Climb) else find
-
-
-def network(method: str) -> PotentialFn | str:
-    """The potential of a network, with sweeps or alone, or why it cannot be had here.
-
-    Raises:
-        ValueError: for an unknown name.
-    """
-    model, _, alone = method.partition(" ")
-    model = "maxjax" if model == "network" else model
-    if model not in CONFIGS or alone not in ("", "alone"):
-        raise ValueError(f"method: expected one of {', '.join(METHODS)}, fast marching or a network, given {method!r}")
-    if model not in shipped():
-        return "no weights"
-    return network_potential(model, 0 if alone else MAX_SWEEPS)
-
-
-def fast_marching(problem: Formulated, grid: maxjax.Grid) -> Route:
-    """The path finder that descends scikit-fmm's travel time, as `Climb` climbs a potential."""
-    blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
-    with timed("march"):
-        labels, _ = ndimage.label(~blocked)
-        component = np.asarray(labels == labels[goal])
-        march = marching(component, goal)["scikit-fmm, fast marching"]
-        if march is None:
-            raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
-        phi = as_potential(march(), component, goal)
-
-    def attempt(_: np.ndarray, settings: Ascent) -> list[Route]:
-        path, arrived, codes = ASCEND(phi, problem.blocked, problem.start, problem.goal, settings=settings)
-        taut = np.asarray(TIGHTEN(codes, path))
-        return [found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)]
-
-    (route,) = with_longer_ascents(attempt, 1, Ascent())
-    return route
 
 
 def turning(path: np.ndarray) -> float:

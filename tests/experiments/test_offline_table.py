@@ -14,7 +14,8 @@ pytest.importorskip("skfmm", reason="fast marching needs scikit-fmm: pip install
 
 import maxjax
 from benchmarks.common.problems import problems, seal, solvable
-from experiments.offline_table import TINY, finder, main, section, turning
+from experiments.offline_methods import finder
+from experiments.offline_table import TINY, main, section, turning
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
 
