@@ -10,24 +10,52 @@ apf        descends an artificial potential field
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from maxjax.nn.model import network_potential
-from maxjax.planning.baselines.apf import apf
-from maxjax.planning.baselines.astar_finder import search, search_in_flight
-from maxjax.planning.baselines.rrt_star import rrt_star
-from maxjax.planning.climb import Climb
 from maxjax.planning.method import Method
-from maxjax.planning.route import PathFinder
-from maxjax.solvers.potential import solve_potential
+
+if TYPE_CHECKING:
+    from maxjax.planning.route import PathFinder
+
+# Each path finder is imported when it is asked for: names and labels are wanted without JAX, for `maxjax --help`.
 
 
 def _solver() -> PathFinder:
+    from maxjax.planning.climb import Climb
+    from maxjax.solvers.potential import solve_potential
+
     return Climb(solve_potential)
 
 
 def _network() -> PathFinder:
+    from maxjax.nn.model import network_potential
+    from maxjax.planning.climb import Climb
+
     return Climb(network_potential())
+
+
+def _astar() -> PathFinder:
+    from maxjax.planning.baselines.astar_finder import search
+
+    return search
+
+
+def _astar_in_flight() -> PathFinder:
+    from maxjax.planning.baselines.astar_finder import search_in_flight
+
+    return search_in_flight
+
+
+def _rrtstar() -> PathFinder:
+    from maxjax.planning.baselines.rrt_star import rrt_star
+
+    return rrt_star()
+
+
+def _apf() -> PathFinder:
+    from maxjax.planning.baselines.apf import apf
+
+    return apf
 
 
 METHODS: Mapping[str, Method] = {
@@ -35,9 +63,9 @@ METHODS: Mapping[str, Method] = {
     for method in (
         Method("solver", "maxjax", _solver, climbs=True, in_flight=_solver),
         Method("network", "maxjax, network", _network, climbs=True, in_flight=_network),
-        Method("astar", "A*", lambda: search, in_flight=lambda: search_in_flight),
-        Method("rrtstar", "RRT*", rrt_star, needs="ompl", extra="bench"),
-        Method("apf", "APF", lambda: apf),
+        Method("astar", "A*", _astar, in_flight=_astar_in_flight),
+        Method("rrtstar", "RRT*", _rrtstar, needs="ompl", extra="bench"),
+        Method("apf", "APF", _apf),
     )
 }
 

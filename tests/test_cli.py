@@ -26,6 +26,7 @@ from maxjax import Grid, Status, verify
 from maxjax.cli import check, main, report
 from maxjax.cli.options import TrainOptions
 from maxjax.maps import PointCloud, load_map
+from maxjax.methods import METHODS
 from maxjax.nn.recipes import RECIPES
 from maxjax.planning.plan import Plan
 from maxjax.worlds.scenes import make_scene, occupancy
@@ -134,6 +135,38 @@ def test_a_map_far_from_the_origin_gives_the_same_path_there(terminal: Terminal,
     code, away, _ = terminal("plan", far, *between(START + shift, GOAL + shift), "--json")
     assert code == 0
     np.testing.assert_allclose(np.array(json.loads(away)["path"]) - shift, json.loads(here)["path"], atol=2e-6)
+
+
+def test_national_coordinates_are_kept_to_the_millimetre(terminal: Terminal, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    # The README's tower: 60 x 60 m wide, 80 m high, across the straight line; the second time in Dutch coordinates.
+    tower = np.zeros((101, 101, 51), bool)
+    tower[35:65, 35:65, :40] = True
+    start, goal = np.array([40.0, 101.0, 10.0]), np.array([160.0, 101.0, 10.0])
+    found = []
+    for number, corner in enumerate([np.zeros(3), np.array([84_900.125, 447_501.123, 0.0])]):
+        out = tmp_path / str(number)
+        archive = voxel_file(tmp_path, tower, corner)
+        code, _, err = terminal("plan", archive, *between(start + corner, goal + corner), "--out", out)
+        assert code == 0, err
+        content = json.loads((out / "plan.json").read_text())
+        assert content["configuration"]["grid"]["origin"] == corner.tolist()
+        path = np.loadtxt(out / "path.csv", delimiter=",", skiprows=1)
+        np.testing.assert_array_equal(path, np.array(content["path"]))
+        np.testing.assert_allclose(path[[0, -1]], np.stack([start, goal]) + corner, rtol=0, atol=1e-6)
+        assert verify(path, tower, tower, Grid(tower.shape, 2.0, tuple(corner))).clearance > 4
+        found.append((path - corner, content["length"], content["clearance"], content["margin"]))
+    np.testing.assert_allclose(found[1][0], found[0][0], rtol=0, atol=2e-6)
+    assert found[1][1:] == pytest.approx(found[0][1:], abs=1e-6)
+
+
+def test_methods_are_those_of_the_registry(terminal: Terminal) -> None:
+    for command, names in (
+        ("plan", list(METHODS)),
+        ("fly", [name for name, method in METHODS.items() if method.flies]),
+    ):
+        _, shown, _ = terminal(command, "--help")
+        assert "--method {" + ",".join(names) + "}" in shown
 
 
 def test_negative_coordinates_are_numbers(terminal: Terminal, tmp_path: Path) -> None:
@@ -453,7 +486,7 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert "pip install 'maxjax[viz]'" in terminal("check")[1]
     monkeypatch.setattr(check, "versions", lambda: {"jax": "0.10.2", "mujoco": "3.17.0", "mujoco-mjx": "3.16.0"})
-    monkeypatch.setattr(check, "_RESIDUAL", 0.0)
+    monkeypatch.setattr(check, "_RESIDUAL", 1e-12)
     code, out, err = terminal("check")
     assert code == 1
     assert "all good" not in out

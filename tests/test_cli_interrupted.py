@@ -115,6 +115,7 @@ import jax.numpy as jnp
 from maxjax.campaigns import campaign, execution
 from maxjax.cli import main
 from maxjax.core.status import Status
+from maxjax.methods import METHODS
 from maxjax.sim.flight import FlightLog
 
 def fly(geoms, start, goal, key, config):
@@ -136,7 +137,6 @@ def fly(geoms, start, goal, key, config):
         certified=jnp.int32(4),
     )
 
-from maxjax.methods import METHODS
 campaign_key = campaign.Campaign("suburb", method=METHODS["solver"]).key
 execution.fly = fly
 sys.exit(main())

@@ -1,12 +1,14 @@
-"""The options of each command: what is typed, with its help. Nothing here imports what a command needs to run."""
+"""The options of each command: what is typed, with its help. Nothing here imports JAX."""
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+from maxjax.methods import METHODS
 
 Point3 = tuple[float, float, float]
 
@@ -20,6 +22,13 @@ _OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 _Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
 _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 _Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+if TYPE_CHECKING:
+    _Planner = str
+    _Flyer = str
+else:  # the choices of the registry
+    _Planner = Literal[tuple(METHODS)]
+    _Flyer = Literal[tuple(name for name, method in METHODS.items() if method.flies)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +55,7 @@ class PlanOptions:
     start: _Xyz
     goal: _Xyz
     center: _OptionalXyz = None
-    method: Literal["solver", "network", "astar", "rrtstar", "apf"] = "solver"
+    method: _Planner = "solver"
     margin: _Metres = 8.0
     ground: _OptionalMetres = None
     out: _OptionalFolder = None
@@ -100,7 +109,7 @@ class FlyOptions:
     map: _Map
     trials: _Count = None
     seed: _Seed = 0
-    method: Literal["solver", "network", "astar"] = "solver"
+    method: _Flyer = "solver"
     batch: _Count = None
     wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
     noise: _Metres = 0.0

@@ -22,12 +22,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from maxjax.cli.placed_map import PlacedMap
+from maxjax.cli.task import MapTask
 from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
+from maxjax.methods import METHODS
 from maxjax.planning.plan import Plan
+from maxjax.planning.task import Task
 
 # In the order in which they run, so that plans by different methods share the rows of a table.
 _STAGES = (
@@ -138,17 +140,19 @@ def check_output(out: Path | None) -> None:
         raise ValueError(f"--out {out}: cannot be written: {error.strerror or error}; choose another folder") from error
 
 
-def explain(plan: Plan, placed: PlacedMap, start: Point3, goal: Point3) -> str:
-    """One paragraph: the status, what to do about it, and the given values that it is about."""
-    where = placed.file_grid
+def explain(plan: Plan, given: MapTask) -> str:
+    """The status and what to do about it; of a plan without a path, the given values that it is about as well."""
+    if plan.status == Status.OK:
+        return plan.status.advice
+    (start, goal), grid, occupied = given.ends, given.task.grid, given.task.occupied
     sentence = (
         f"{plan.status.name}: {plan.status.advice} Given: start {_xyz(start)}, goal {_xyz(goal)}, "
-        f"grid from {_xyz(where.lower)} to {_xyz(where.upper)} m"
+        f"grid from {_xyz(grid.lower)} to {_xyz(grid.upper)} m"
     )
     if plan.status == Status.NO_VALID_PATH:
-        sentence += f", {int(placed.occupied.sum())} of {placed.occupied.size} voxels occupied"
-    if placed.returns:
-        counts = placed.returns
+        sentence += f", {int(occupied.sum())} of {occupied.size} voxels occupied"
+    if given.returns:
+        counts = given.returns
         sentence += (
             f"; points inside the grid {counts['inside']}, outside {counts['outside']}, "
             f"without a return {counts['missing']}"
@@ -160,21 +164,21 @@ def _xyz(point: Point3) -> str:
     return "(" + ", ".join(f"{x:.10g}" for x in point) + ")"
 
 
-def document(plan: Plan, placed: PlacedMap, message: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Content of plan.json: the fields of `Plan`, and what is needed to run it again. The path is the map's."""
-    grid = placed.file_grid
+def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of plan.json: the fields of `Plan`, and what is needed to run it again; lengths to the micrometre."""
+    grid = given.task.grid
     where = {"shape": grid.shape, "spacing": grid.spacing, "origin": grid.origin}
     content = {
         "status": plan.status.name,
         "message": message,
-        "path": placed.globalize(plan.path).tolist(),
+        "path": np.round(plan.path, 6).tolist(),
         "length": plan.length,
         "clearance": plan.clearance,
         "certified": plan.certified,
         "margin": plan.margin,
         "timings": plan.timings,
         "method": plan.method,
-        "configuration": {**configuration, "grid": where, "returns": placed.returns},
+        "configuration": {**configuration, "grid": where, "returns": given.returns},
         "versions": versions(),
         "device": device(),
     }
@@ -213,17 +217,18 @@ def table(title: str, columns: Mapping[str, Mapping[str, str]]) -> Table:
     return grid
 
 
-def describe(plan: Plan, asked: float, start: Point3, goal: Point3) -> dict[str, str]:
+def describe(plan: Plan, task: Task) -> dict[str, str]:
     """A plan as the rows of a table."""
+    asked = task.margin
     rows = {
         "status": plan.status.name,
-        "certified": "yes" if plan.certified else "no" if plan.method in ("solver", "network") else "-",
+        "certified": "yes" if plan.certified else "no" if METHODS[plan.method].climbs else "-",
         "margin": f"{plan.margin:g} m" + (f" (asked {asked:g} m)" if plan.margin != asked else ""),
     }
     if plan.status == Status.OK:
         rows |= {
             "length": f"{plan.length:.2f} m",
-            "straight line": f"{math.dist(start, goal):.2f} m",
+            "straight line": f"{math.dist(task.starts[0], task.goals[0]):.2f} m",
             "clearance": f"{plan.clearance:.2f} m",
             "waypoints": str(len(plan.path)),
         }

@@ -10,7 +10,7 @@ import numpy as np
 
 from maxjax.cli import report
 from maxjax.cli.options import ScanOptions
-from maxjax.cli.placed_map import load_scene, place_map
+from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
@@ -60,14 +60,9 @@ def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: P
     from maxjax.viz.style import save_figure
 
     with report.progress("Drawing"):
-        placed = place_map(scene, pose, pose, None, None)
-        figure = figure_scan(
-            placed.occupied & ~placed.ground,
-            placed.file_grid,
-            found.points,
-            np.asarray(pose),
-            title=f"{scene.name}:{scene.seed}",
-        )
+        city = city_task(scene, pose, pose)
+        title = f"{scene.name}:{scene.seed}"
+        figure = figure_scan(city.occupied & ~city.ground, city.grid, found.points, np.asarray(pose), title=title)
         save_figure(figure, picture)
     content = io.BytesIO()
     np.savez_compressed(content, points=found.points, position=np.asarray(pose))

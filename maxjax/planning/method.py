@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from maxjax.planning.route import PathFinder
+if TYPE_CHECKING:
+    from maxjax.planning.route import PathFinder
 
 
 @dataclasses.dataclass(frozen=True)

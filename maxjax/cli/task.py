@@ -1,9 +1,6 @@
-"""From the argument MAP to voxels.
+"""From the argument MAP to a task: a map by name or file, as voxels on a grid in the map's own coordinates.
 
-    x_file = offset + x_grid
-
-Planning happens in the grid's own frame: about its middle, or for a voxel map from its first voxel. There float32 is
-finest, and one compiled program serves every place on Earth. `offset` leads back, in float64.
+The grid lies about the middle of start and goal, in whole voxels above flat ground; a voxel map brings its own.
 """
 
 from __future__ import annotations
@@ -17,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maxjax.cli.options import PlanOptions
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.occupancy import voxelize
 from maxjax.maps import MapError, PointCloud, VoxelMap, ground_mask, load_map, solidify
 from maxjax.planning.program import Program
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
 Source = Scene | PointCloud | VoxelMap
@@ -35,39 +34,22 @@ _VOXELIZE = Program("voxelise", voxelize, static=("grid",))
 
 
 @dataclasses.dataclass(frozen=True)
-class PlacedMap:
-    """A map on a grid.
+class MapTask:
+    """One problem in a map.
 
     Attributes:
-        occupied: obstacles and ground.
-        ground: the part of it that is ground.
-        grid: where the voxels lie in the frame of planning.
-        offset: position of that frame's origin in the map's own coordinates [m].
+        task: the problem, in the map's coordinates.
         returns: points by what became of them; empty where the map is not made of points.
     """
 
-    occupied: Volume
-    ground: Volume
-    grid: Grid
-    offset: Float[np.ndarray, "3"]
+    task: Task
     returns: Mapping[str, int]
 
-    def localize(self, point: Point3) -> Float[np.ndarray, "3"]:
-        """A point of the map [m] in the frame of planning; NaN and infinity stay."""
-        local: Float[np.ndarray, "3"] = np.asarray(point, np.float64) - self.offset
-        # float32 would turn a far point into an infinite one; outside it stays either way.
-        return np.asarray(np.where(np.isfinite(local), np.clip(local, -_FARTHEST, _FARTHEST), local))
-
-    def globalize(self, path: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-        """A path of the planner in the map's coordinates [m], float64 rounded to micrometres."""
-        # Below the resolution of float32 at 100 m, so that nothing but its digits is rounded away.
-        return np.asarray(np.round(path.astype(np.float64) + self.offset, 6))
-
     @property
-    def file_grid(self) -> Grid:
-        """The grid in the map's coordinates."""
-        x, y, z = np.asarray(self.grid.origin) + self.offset
-        return dataclasses.replace(self.grid, origin=(float(x), float(y), float(z)))
+    def ends(self) -> tuple[Point3, Point3]:
+        """Start and goal [m]."""
+        (start,), (goal,) = self.task.starts.tolist(), self.task.goals.tolist()
+        return tuple(start), tuple(goal)
 
 
 def load_source(text: str) -> Source:
@@ -96,62 +78,72 @@ def load_scene(text: str) -> Scene:
     return source
 
 
-def place_map(source: Source, start: Point3, goal: Point3, center: Point3 | None, ground: float | None) -> PlacedMap:
-    """Voxels of a map, on a grid about start and goal; making them from points is timed (`planning.recorder`).
+def task_in(source: Source, options: PlanOptions) -> MapTask:
+    """Start, goal and margin of some options in a map; making voxels from points is timed (`planning.recorder`).
 
     Args:
         source: from `load_source`.
-        start, goal: [m], in the map's coordinates.
-        center: middle of the grid [m]; None: half-way between start and goal.
-        ground: height of flat ground [m]; None: the map's own, if it has one.
+        options: start, goal, margin, middle of the grid, and height of flat ground.
 
     Raises:
-        ValueError: for a centre or ground that the map cannot have, or too large a voxel map.
+        ValueError: for a centre, a ground or a margin that the map cannot have, or too large a voxel map.
     """
-    if ground is not None and not np.isfinite(ground):
-        raise ValueError(f"--ground: expected a height in metres, given {ground}")
+    if options.ground is not None and not np.isfinite(options.ground):
+        raise ValueError(f"--ground: expected a height in metres, given {options.ground}")
     if isinstance(source, VoxelMap):
-        return _place_voxels(source, center, ground)
-    if isinstance(source, Scene) and ground is not None:
+        return _of_voxels(source, options)
+    if isinstance(source, Scene) and options.ground is not None:
         raise ValueError("--ground: a simulated city has its own ground (z = 0); leave the option out")
-    middle = _middle(start, goal, center, 0.0 if ground is None else ground)
-    grid = Grid()
+    middle = _middle(options)
+    grid = _about(middle)
     if isinstance(source, Scene):
-        occupied, below = occupancy(source.geoms, _about(middle))
-        return PlacedMap(occupied, below, grid, middle, {})
+        occupied, below = occupancy(source.geoms, grid)
+        return _task(occupied, below, grid, options)
     # Voxels are found in the cloud's frame, since there (0, 0, 0) still means a missed beam.
     frame = _about(middle - source.offset)
     found = _VOXELIZE(jnp.asarray(source.points), grid=frame)
     counts = {"inside": int(found.kept), "outside": int(found.outside), "missing": int(found.missing)}
-    below = ground_mask(source, frame) if ground is None else _flat(ground, _about(middle))
-    occupied = np.asarray(found.occupied) | solidify(source, frame) | below
-    return PlacedMap(occupied, below, grid, middle, counts)
+    below = ground_mask(source, frame) if options.ground is None else _flat(options.ground, grid)
+    return _task(np.asarray(found.occupied) | solidify(source, frame), below, grid, options, counts)
 
 
-def _place_voxels(source: VoxelMap, center: Point3 | None, ground: float | None) -> PlacedMap:
-    if center is not None:
+def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
+    """A problem in the true city, its grid about start and goal."""
+    return task_in(scene, PlanOptions(scene.name, start, goal)).task
+
+
+def _task(
+    obstacle: Volume, ground: Volume, grid: Grid, options: PlanOptions, returns: Mapping[str, int] | None = None
+) -> MapTask:
+    ends = np.asarray([options.start], np.float64), np.asarray([options.goal], np.float64)
+    return MapTask(Task.of(obstacle | ground, *ends, grid, options.margin, ground), returns or {})
+
+
+def _of_voxels(source: VoxelMap, options: PlanOptions) -> MapTask:
+    if options.center is not None:
         raise ValueError("--center: a voxel map brings its own grid; leave the option out")
     if source.occupied.size > _MOST_VOXELS:
         raise ValueError(
             f"{source.source}: expected at most {_MOST_VOXELS} voxels, given {source.occupied.size} "
             f"{source.occupied.shape}; crop it around start and goal"
         )
-    below = np.zeros_like(source.occupied) if ground is None else _flat(ground, source.grid)
-    grid = Grid(source.grid.shape, source.spacing, (0.0, 0.0, 0.0))
-    return PlacedMap(source.occupied | below, below, grid, np.asarray(source.origin, np.float64), {})
+    below = np.zeros_like(source.occupied) if options.ground is None else _flat(options.ground, source.grid)
+    return _task(source.occupied, below, source.grid, options)
 
 
-def _middle(start: Point3, goal: Point3, center: Point3 | None, ground: float) -> Float[np.ndarray, "3"]:
-    """Middle of the grid, in whole voxels above `ground`: flat ground then fills whole layers of voxels."""
+def _middle(options: PlanOptions) -> Float[np.ndarray, "3"]:
+    """Middle of the grid, in whole voxels above the ground: flat ground then fills whole layers of voxels."""
+    center = options.center
     # Halves first, as the sum of two large numbers could overflow.
-    wanted = 0.5 * np.asarray(start) + 0.5 * np.asarray(goal) if center is None else np.asarray(center, np.float64)
+    halfway = 0.5 * np.asarray(options.start) + 0.5 * np.asarray(options.goal)
+    wanted = halfway if center is None else np.asarray(center, np.float64)
     if center is not None and not np.isfinite(wanted).all():
         raise ValueError(f"--center: expected three finite coordinates [m], given {center}")
     # Start or goal is then not finite, which the planner has a status for.
     wanted = np.where(np.isfinite(wanted), wanted, 0.0)
     if np.abs(wanted).max() > _FARTHEST:
         raise ValueError(f"middle of the grid: expected coordinates within {_FARTHEST:.0e} m of 0, given {wanted}")
-    spacing, base = Grid().spacing, np.array([0.0, 0.0, ground])
+    spacing, base = Grid().spacing, np.array([0.0, 0.0, options.ground or 0.0])
     return np.asarray(base + spacing * np.round((wanted - base) / spacing))
 
 

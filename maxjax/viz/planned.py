@@ -1,0 +1,49 @@
+"""Figures of plans (extra `viz`): paths by method, over the potential that the first one climbed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.core.status import Status
+from maxjax.fields.occupancy import dilate
+from maxjax.methods import METHODS
+from maxjax.planning.climb import potential_field
+from maxjax.planning.plan import Plan
+from maxjax.planning.task import Task
+from maxjax.solvers.potential import solve_potential
+from maxjax.viz.figures import Overlay, Voxels, figure_plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: Task | None = None) -> Figure:
+    """The figure of one or more plans of a task.
+
+    Args:
+        task: one problem, on one map.
+        plans: by method; those without a path are left out.
+        overlay: title, returns, and width of the map around the paths.
+        city: the map to show, if another one, on the same grid; None: that of `task`.
+    """
+    shown = task if city is None else city
+    paths = {METHODS[name].label: plan.path for name, plan in plans.items() if plan.status == Status.OK}
+    first = next(iter(plans.values()))
+    if METHODS[first.method].climbs:
+        overlay = dataclasses.replace(overlay, log_potential=_log_potential(task, first.margin))
+    voxels = Voxels(shown.occupied, shown.ground, task.grid)
+    return figure_plan(voxels, paths, task.starts[0], task.goals[0], overlay)
+
+
+def _log_potential(task: Task, margin: float) -> Float[np.ndarray, "nx ny nz"]:
+    """Logarithm of φ of a plan's own problem; -inf where no current flows."""
+    blocked = dilate(jnp.asarray(task.occupied), margin, task.grid, jnp.asarray(task.ground))
+    goal_index = jnp.floor(jnp.asarray(task.ends[0, 1]) + 0.5).astype(jnp.int32)
+    phi = np.asarray(potential_field(blocked, goal_index, task.grid, solve_potential).phi)
+    return np.log(np.where(phi > 0, phi, 1.0), where=phi > 0, out=np.full(phi.shape, -np.inf, phi.dtype))
