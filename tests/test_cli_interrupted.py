@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -194,3 +195,49 @@ def test_files_being_written_are_finished_or_removed(tmp_path: Path) -> None:
         assert_ended_by(ended)
         assert os.listdir(tmp_path) == [file.name]
         assert file.read_text() == content
+
+
+def test_ignored_interrupts_stay_ignored() -> None:
+    script = (
+        "import os, signal, time\n"
+        "from maxjax.core.interruption import end_on_interrupt\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "end_on_interrupt('ended')\n"
+        "os.kill(os.getpid(), signal.SIGINT)\n"
+        "time.sleep(0.3)\n"
+        "print('finished')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment(cached=True))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "finished\n", "")
+
+
+def test_on_a_terminal_the_progress_bar_is_erased_and_the_cursor_comes_back() -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    command = [
+        sys.executable,
+        "-c",
+        HEED,
+        sys.executable,
+        "-m",
+        "maxjax",
+        "scan",
+        "downtown:0",
+        "--pose",
+        "0",
+        "0",
+        "5",
+    ]
+    given = {**environment(cached=False), "TERM": "xterm"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, env=given) as process:
+        os.close(theirs)
+        shown = b""
+        while b"Scanning" not in shown:
+            shown += os.read(ours, 4096)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=LIMIT) == 130
+    with contextlib.suppress(OSError):  # how Linux tells that the other side is closed
+        while part := os.read(ours, 4096):
+            shown += part
+    os.close(ours)
+    assert shown.decode().endswith(f"\r\x1b[2K\x1b[?25h{SENTENCE}\r\n")

@@ -1,6 +1,6 @@
-"""What a command shows and leaves behind: progress, tables, sentences, plan.json, path.csv, plan.png.
+"""Output of the commands: progress, tables and sentences; the files plan.json, path.csv and plan.png.
 
-A folder with a plan.json is whole: it is written last, and taken away first.
+A folder with a plan.json is complete: it is written last and removed first.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from maxjax.methods import METHODS
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 
-# In the order in which they run, so that plans by different methods share the rows of a table.
-_STAGES = (
+# Names of timings in the order in which they run, so that plans by different methods share the rows of a table.
+_TIMED = (
     "voxelise", "transfer", "device", "dilate", "solve", "ascend", "tighten", "search", "distance", "descend",
     "verify", "total",
 )  # fmt: skip
@@ -67,7 +67,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
 
     Yields:
         A function (done, arrived, computed) to call as trials finish: how many more, how many of them arrived, and how
-        many of them took time, the others having been there before.
+        many of them were flown by this process and not read from its folder.
     """
     console = _console(stderr=True)
     started = shown = time.monotonic()
@@ -80,7 +80,7 @@ def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
             text += f", {arrived} arrived ({100 * arrived / done:.1f} %)"
         if not computed:
             return text + f"; {FIRST_FLIGHT}" * (done < total)
-        # What came first was compiled as well: if there is more to go by, it does not count.
+        # The first batch includes compilation: it is left out once there are others.
         counted = computed[1:] or computed
         since = computed[0][0] if len(computed) > 1 else started
         each = (computed[-1][0] - since) / sum(count for _, count in counted)
@@ -232,8 +232,8 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
             "clearance": f"{plan.clearance:.2f} m",
             "waypoints": str(len(plan.path)),
         }
-    for stage in _STAGES:
-        rows[f"time: {stage}"] = f"{1e3 * plan.timings[stage]:.0f} ms" if stage in plan.timings else ""
+    for name in _TIMED:
+        rows[f"time: {name}"] = f"{1e3 * plan.timings[name]:.0f} ms" if name in plan.timings else ""
     rows["compiled before, once"] = f"{plan.timings['compile']:.1f} s"
     return rows
 

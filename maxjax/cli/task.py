@@ -99,7 +99,7 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
     if isinstance(source, Scene):
         occupied, below = occupancy(source.geoms, grid)
         return _task(occupied, below, grid, options)
-    # Voxels are found in the cloud's frame, since there (0, 0, 0) still means a missed beam.
+    # Voxels are found in the cloud's frame, where (0, 0, 0) still means a missed beam.
     frame = _about(middle - source.offset)
     found = _VOXELIZE(jnp.asarray(source.points), grid=frame)
     counts = {"inside": int(found.kept), "outside": int(found.outside), "missing": int(found.missing)}

@@ -77,7 +77,7 @@ def _draw(name: str, grid: Grid, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny 
     position = points[jnp.argmax(standing[:_POSES])]
     angle = jax.random.uniform(turn, (), maxval=2 * jnp.pi)
     returns = scan(geoms, _LIDAR, position, rotation_z(angle), noise)
-    # The grid is static: the world is moved under it, by whole voxels, until the sensor is in its middle.
+    # The grid is static: the city is shifted by whole voxels until the sensor is in its middle.
     middle = jnp.asarray(grid.origin) + 0.5 * grid.spacing * (jnp.asarray(grid.shape) - 1)
     shift = middle - grid.spacing * jnp.round(position / grid.spacing)
     occupied = voxelize(returns.points + shift, grid).occupied
