@@ -104,7 +104,7 @@ class Solver(Protocol):
 
     @property
     def opening(self) -> tuple[Stage, ...]:
-        """Stages ahead of the loop over attempts."""
+        """Stages before the loop over attempts."""
 
     @property
     def stages(self) -> tuple[Stage, ...]:

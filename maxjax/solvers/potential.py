@@ -83,6 +83,7 @@ def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]
     return jnp.maximum(jnp.max(distance).astype(jnp.float32) / NATS, SHORTEST_LENGTH)
 
 
+# arguments: a public name; sigma and the goal are data, the others are settings, by keyword
 def solve_potential(
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
@@ -94,8 +95,6 @@ def solve_potential(
     max_sweeps: int | None = None,
 ) -> Potential:
     """The certified conduction potential of a conductivity field; composes with `jit`, `vmap` and `grad`.
-
-    Seven arguments: sigma and the goal are data, the others are settings, by name only.
 
     Args:
         sigma: conductivity, zero in obstacles, of any scale; float32, or float64 for references.

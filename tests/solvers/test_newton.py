@@ -263,13 +263,13 @@ def test_accelerators_go_on_where_the_first_cycles_do_not_suffice(monkeypatch: p
     monkeypatch.setattr("maxjax.solvers.potential.NATS", 110.0)
     edge = 33
     easy, goal = scene(3, (edge,) * 3, doors=False)
-    doors, behind = scene(1, (edge,) * 3)
+    doors, beyond = scene(1, (edge,) * 3)
     corridor, corner = np.zeros((edge,) * 3, np.float32), np.zeros(3, np.int32)
     corridor[:31, :32, :1] = conducting(serpentine(31, 32, 1), corner)
     walled = easy.copy()
     walled[0, 0, 0] = 0
     sigma = jnp.asarray(np.stack([easy, doors, corridor, walled]))
-    goals = jnp.asarray(np.array([goal, behind, corner, corner], np.int32))
+    goals = jnp.asarray(np.array([goal, beyond, corner, corner], np.int32))
     # A tolerance that no other test uses: programs traced with other constants are kept.
     solve = functools.partial(solve_potential, tolerance=1.01e-4)
 
