@@ -13,19 +13,19 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool
 
-State = TypeVar("State")
+Carry = TypeVar("Carry")
 Result = TypeVar("Result")
 Leaves = list[Any]
 
 
 def settle(
-    going: Callable[[Any, State], Bool[Array, ""]],
-    step: Callable[[Any, State], State],
+    going: Callable[[Any, Carry], Bool[Array, ""]],
+    step: Callable[[Any, Carry], Carry],
     data: Any,
-    state: State,
+    carry: Carry,
     *,
     parts: int,
-) -> State:
+) -> Carry:
     """`lax.while_loop` for members of a batch that need different numbers of turns.
 
     Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here all take turns
@@ -33,34 +33,34 @@ def settle(
     they are computed. What each member gets is the same.
 
     Args:
-        going: (data, state) ↦ whether to take another turn. Like `step`, it may close over nothing that is batched.
-        step: (data, state) ↦ state.
+        going: (data, carry) ↦ whether to take another turn. Like `step`, it may close over nothing that is batched.
+        step: (data, carry) ↦ carry.
         data: what they read, a pytree of arrays.
-        state: what they change, a pytree of arrays.
+        carry: the loop carry, which they change, a pytree of arrays.
         parts: how many parts a batch has: the more, the less is computed for members that are done, and the less a
             device has to do at a time. Static.
     """
     # Leaves, not trees, cross the border of `custom_vmap`: there some have a batch axis and some have not, which a
     # dataclass need not allow.
     inputs, data_tree = jax.tree.flatten(data)
-    first, state_tree = jax.tree.flatten(state)
+    first, carry_tree = jax.tree.flatten(carry)
 
     def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
-        return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves))
+        return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(carry_tree, leaves))
 
     def turn(inputs: Leaves, leaves: Leaves) -> Leaves:
-        return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(state_tree, leaves)))
+        return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(carry_tree, leaves)))
 
     loop = _Loop(on, turn, parts)
     run = custom_vmap(loop.of_one)
     run.def_vmap(loop.of_batch)
-    result: State = jax.tree.unflatten(state_tree, run(inputs, first))
+    result: Carry = jax.tree.unflatten(carry_tree, run(inputs, first))
     return result
 
 
 @dataclasses.dataclass(frozen=True)
 class _Loop:
-    """The loop of `settle` on the leaves of its data (`inputs`) and of its state (`leaves`)."""
+    """The loop of `settle` on the leaves of its data (`inputs`) and of its carry (`leaves`)."""
 
     on: Callable[[Leaves, Leaves], Bool[Array, ""]]
     turn: Callable[[Leaves, Leaves], Leaves]

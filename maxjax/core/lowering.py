@@ -23,7 +23,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 Arrays = tuple[Array, ...]
-State = TypeVar("State")
+Carry = TypeVar("Carry")
 Volume = Shaped[Array, "nx ny nz"]
 # Per axis, what belongs to the neighbour ahead and to the one behind.
 Pairs = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume]]
@@ -57,7 +57,7 @@ def in_host_memory(array: Array) -> Array:
     return moved
 
 
-def repeat(count: int, step: Callable[[State], State], state: State, fused: int = 1) -> State:
+def repeat(count: int, step: Callable[[Carry], Carry], state: Carry, fused: int = 1) -> Carry:
     """`step`, `count` times: a loop on CPU, straight-line code on an accelerator.
 
     Args:
@@ -67,11 +67,11 @@ def repeat(count: int, step: Callable[[State], State], state: State, fused: int 
         fused: steps of the straight-line code that may become one kernel. Static.
     """
 
-    def loop(state: State) -> State:
-        last: State = lax.fori_loop(0, count, lambda _, s: step(s), state)
+    def loop(state: Carry) -> Carry:
+        last: Carry = lax.fori_loop(0, count, lambda _, s: step(s), state)
         return last
 
-    def straight(state: State) -> State:
+    def straight(state: Carry) -> Carry:
         for k in range(count):
             state = step(state)
             if (k + 1) % fused == 0 or k + 1 == count:
@@ -80,7 +80,7 @@ def repeat(count: int, step: Callable[[State], State], state: State, fused: int 
 
     if not count:
         return state
-    last: State = by_target(state, cpu=loop, default=straight)
+    last: Carry = by_target(state, cpu=loop, default=straight)
     return last
 
 
@@ -93,25 +93,25 @@ def once(*arrays: Array) -> Any:
     return found[0] if len(arrays) == 1 else found
 
 
-def in_this_turn(constants: State, carried: Any) -> State:
+def in_this_turn(constants: Carry, carried: Any) -> Carry:
     """Constants of a loop, such that what is computed from them stays in the loop: a turn that is not taken costs none.
 
     Args:
         constants: what the turns of a loop share, a pytree of arrays.
         carried: any array of the loop carry.
     """
-    kept: State
+    kept: Carry
     kept, _ = lax.optimization_barrier((constants, carried))
     return kept
 
 
-def head_start(work: Callable[[State], State], state: State) -> State:
+def head_start(work: Callable[[Carry], Carry], state: Carry) -> Carry:
     """work(state) ahead of a loop that would do the same work, on an accelerator; on CPU the state itself.
 
     On an accelerator each look at the condition of a loop is a synchronisation. The loop has to find out from the state
     that the work is done.
     """
-    last: State = by_target(state, cpu=lambda state: state, default=work)
+    last: Carry = by_target(state, cpu=lambda state: state, default=work)
     return last
 
 
