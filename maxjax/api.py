@@ -24,6 +24,9 @@ from maxjax.solvers.potential import solve_potential
 
 DEFAULT_MARGIN = 8.0
 
+# `plan`, `plan_batch` and `plan_scan` take seven arguments: they are the public interface, and four have defaults. They
+# make a `Task` of them at once.
+
 
 def _on_one_map(task: Task) -> Task:
     """The task itself.
@@ -164,10 +167,10 @@ def plan_fleet(
 ) -> PlanBatch:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
-    Every start keeps the largest margin at which it, alone, is joined to the goal: one UAV that stands beside a wall
-    does not cost the others their distance from it. So there is one solve for each margin that some start uses: one
-    where all of them stand clear, never more than margin / spacing + 1. The plans do not mind each other: paths may
-    cross, and keeping the UAVs apart in time is not done here.
+    Every start keeps the largest margin at which it, alone, is joined to the goal: a start beside a wall lowers no
+    other start's margin. There is one solve for each margin that some start uses: one where all of them stand clear,
+    never more than margin / spacing + 1. Plans are independent of each other: paths may cross, and the UAVs are not
+    kept apart in time.
 
     Args:
         occupied: occupied voxels, ground included, not dilated.

@@ -134,8 +134,8 @@ def points_of(name: str, given: Any, shape: tuple[int | str, ...], *, least: int
     Args:
         name: of the argument, for the message.
         given: what should be points.
-        shape: that it must have; a letter stands for any number that is not below `least`.
-        least: see there.
+        shape: that it must have; a letter stands for any number from `least` on.
+        least: the smallest number that a letter stands for.
 
     Raises:
         ValueError: for another shape, or for what are not real numbers.

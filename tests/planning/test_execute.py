@@ -15,9 +15,9 @@ from references import random_blocks, random_free, serpentine
 from maxjax import Grid, Plan, Status, plan, solve_potential, verify
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_one, plan_task, staged
+from maxjax.planning.execute import plan_one, plan_task, staged, with_longer_ascents
 from maxjax.planning.problem import Problem
-from maxjax.planning.route import PathFinder, Route, found
+from maxjax.planning.route import PathFinder, Route, failed, found
 from maxjax.planning.task import Task
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
@@ -127,3 +127,30 @@ def test_random_problems_are_solved_verified_and_certified() -> None:
         else:
             assert one.status is Status.NO_VALID_PATH
     assert outcomes.count(Status.OK) > 20
+
+
+def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
+    """Problem k needs 10^k steps; the one that fails otherwise is left alone."""
+    attempts: list[tuple[list[int], int]] = []
+
+    def attempt(which: np.ndarray, settings: Ascent) -> list[Route]:
+        attempts.append((which.tolist(), settings.steps))
+        assert settings.rate == 0.2
+
+        def route(k: int) -> Route:
+            if k == 1:
+                return failed(Status.NOT_CERTIFIED)
+            return (
+                found(np.full((1, 3), float(k)), certified=True)
+                if settings.steps >= 10**k
+                else failed(Status.PATH_STALLED)
+            )
+
+        return [route(k) for k in which.tolist()]
+
+    routes = with_longer_ascents(attempt, 4, Ascent(steps=8, rate=0.2))
+    assert attempts == [([0, 1, 2, 3], 8), ([2, 3], 32), ([2, 3], 128)]
+    assert [Status(int(route.status)) for route in routes] == [
+        Status.OK, Status.NOT_CERTIFIED, Status.OK, Status.PATH_STALLED,
+    ]  # fmt: skip
+    assert float(routes[2].path[0, 0]) == 2
