@@ -566,3 +566,24 @@ def a_row_lies_between(points: np.ndarray, start: Sequence[float], goal: Sequenc
 def test_the_help_of_training_names_every_recipe() -> None:
     named = re.findall(r"\w+", (TrainOptions.__doc__ or "").split("recipes:")[1].split(".")[0])
     assert sorted(named) == sorted(RECIPES.keys() - {"tiny"})
+
+
+def test_training_leaves_weights_and_their_record_and_goes_on_from_there(terminal: Terminal, tmp_path: Path) -> None:
+    train = ("train", "--tiny", "--epochs", 1, "--out", tmp_path, "--cache", tmp_path / "cache")
+    code, out, err = terminal(*train)
+    folder = tmp_path / "tiny"
+    assert (code, out) == (0, f"{folder / 'tiny.npz'}\n")
+    assert "tiny, epoch 1 of 1: loss" in err
+    record = json.loads((folder / "training.json").read_text())
+    assert record["scenes"] == 8
+    assert record["validation_scenes"] == 4
+    assert [line["epoch"] for line in record["epochs"]] == [1]
+    weights = (folder / "tiny.npz").read_bytes()
+    # Nothing is left to train: the checkpoint gives the same weights.
+    assert terminal(*train)[0] == 0
+    assert arrays_in(weights) == arrays_in((folder / "tiny.npz").read_bytes())
+
+
+def arrays_in(archive: bytes) -> dict[str, bytes]:
+    with np.load(io.BytesIO(archive)) as opened:
+        return {name: opened[name].tobytes() for name in opened.files if name != "header"}
