@@ -9,9 +9,10 @@ walls.
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
@@ -21,7 +22,7 @@ from jaxtyping import Array, Bool
 from maxjax.fields import stencil
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import Medium, Progress, Solver, Stage, held_system, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, held_system, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
@@ -32,11 +33,11 @@ SWEEPS_BETWEEN_LOOKS = 8
 
 
 @dataclasses.dataclass(frozen=True)
-class ConjugateGradients:
-    """The solver `cg`: screened, insulated outer faces.
+class LinearSolver(abc.ABC):
+    """What `cg` and `paper` share: conjugate gradients on the scaled system from φ = 0, sweeps, status.
 
     Attributes:
-        tolerance: of a voxel's residual beside its own φ; None: `TOLERANCES`.
+        tolerance: of the stopping rule; None: `tolerances`.
         max_iterations: cap on CG iterations.
         max_sweeps: cap on positive sweeps.
     """
@@ -45,10 +46,18 @@ class ConjugateGradients:
     max_iterations: int = 100
     max_sweeps: int = 400
 
-    tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
-    grounded: ClassVar[bool] = False
-    attempts: ClassVar[int] = 4
+    tolerances: ClassVar[Mapping[int, float]]
+    grounded: ClassVar[bool]
+    attempts: ClassVar[int]
     opening: ClassVar[tuple[Stage, ...]] = ()
+
+    @abc.abstractmethod
+    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
+        """Of I − G, whose faces these are."""
+
+    @abc.abstractmethod
+    def small(self, tolerance: float, y: stencil.Volume, r: stencil.Volume, b: stencil.Volume) -> Bool[Array, ""]:
+        """The stopping rule: whether the residual r of the iterate y is small; b is the right-hand side."""
 
     @property
     def stages(self) -> tuple[Stage, ...]:
@@ -60,55 +69,44 @@ class ConjugateGradients:
         """As it is."""
         return medium
 
+    @jax.named_scope("conjugate gradients")
+    def iterate(self, medium: Medium, progress: Progress) -> Progress:
+        """Conjugate gradients from φ = 0 until the stopping rule holds; `iterations` count on."""
+        operator, source = held_system(medium, progress.length)
+        faces, scale = stencil.normalize(operator)
+        b, tolerance = source * scale, tolerance_of(self, medium)
+        solution = pcg(
+            lambda y: y - stencil.inflow(faces, y),
+            b,
+            precondition=self.preconditioner(medium, operator, faces),
+            stop=lambda y, r: self.small(tolerance, y, r, b),
+            max_iterations=self.max_iterations,
+        )
+        return dataclasses.replace(
+            progress,
+            phi=jnp.where(medium.component, jnp.maximum(scale * solution.x, 0), 0),
+            iterations=progress.iterations + solution.iterations,
+            residual=solution.residual,
+            converged=solution.converged,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class ConjugateGradients(LinearSolver):
+    """The solver `cg`: screened, insulated outer faces; until |r_i| ≤ tolerance · y_i in every voxel."""
+
+    tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
+    grounded: ClassVar[bool] = False
+    attempts: ClassVar[int] = 4
+
     def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
         """The Chebyshev polynomial, its interval from the largest row sum (Gershgorin)."""
-        return chebyshev_of(operator, faces)
+        diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
+        rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
+        # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
+        radius = jnp.minimum(jnp.max(rows), 1 - 1 / DEGREE**2)
+        return chebyshev(functools.partial(stencil.inflow, faces), radius, DEGREE)
 
-    def iterate(self, medium: Medium, progress: Progress) -> Progress:
-        """From φ = 0, until |r_i| ≤ tolerance · y_i in every voxel."""
-        tolerance = tolerance_of(self, medium)
-
-        def small(y: stencil.Volume, r: stencil.Volume, _: stencil.Volume) -> Bool[Array, ""]:
-            return jnp.all(jnp.abs(r) <= tolerance * y)
-
-        return conjugate_gradients(self, small, medium, progress)
-
-
-def chebyshev_of(operator: stencil.Operator, faces: stencil.Faces) -> Linear:
-    """The Chebyshev preconditioner of I − G, whose faces these are."""
-    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-    rows = stencil.inflow(operator.faces, jnp.ones_like(diagonal)) / diagonal
-    # Below 1 - λ = 1/degree² a polynomial of this degree can do nothing; those few modes are left to CG.
-    radius = jnp.minimum(jnp.max(rows), 1 - 1 / DEGREE**2)
-    return chebyshev(functools.partial(stencil.inflow, faces), radius, DEGREE)
-
-
-Small = Callable[[stencil.Volume, stencil.Volume, stencil.Volume], Bool[Array, ""]]
-
-
-@jax.named_scope("conjugate gradients")
-def conjugate_gradients(solver: Solver, small: Small, medium: Medium, progress: Progress) -> Progress:
-    """φ by conjugate gradients on the scaled system, from zero.
-
-    Args:
-        solver: its preconditioner and cap. Static.
-        small: (y, residual, right-hand side) ↦ whether to stop.
-        medium, progress: of the stage; `iterations` count on.
-    """
-    operator, source = held_system(medium, progress.length)
-    faces, scale = stencil.normalize(operator)
-    b = source * scale
-    solution = pcg(
-        lambda y: y - stencil.inflow(faces, y),
-        b,
-        precondition=solver.preconditioner(medium, operator, faces),
-        stop=lambda y, r: small(y, r, b),
-        max_iterations=solver.max_iterations,
-    )
-    return dataclasses.replace(
-        progress,
-        phi=jnp.where(medium.component, jnp.maximum(scale * solution.x, 0), 0),
-        iterations=progress.iterations + solution.iterations,
-        residual=solution.residual,
-        converged=solution.converged,
-    )
+    def small(self, tolerance: float, y: stencil.Volume, r: stencil.Volume, b: stencil.Volume) -> Bool[Array, ""]:
+        """The residual of every voxel is small beside its own y."""
+        return jnp.all(jnp.abs(r) <= tolerance * y)

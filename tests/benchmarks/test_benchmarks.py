@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import lidar, plan, profile, training
+from benchmarks import first_cycles, lidar, plan, profile, training
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -31,6 +31,15 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert batch["plans_per_second"] == pytest.approx(1e3 / batch["median"], rel=0.1)
     stages = [row["median"] for what, row in rows.items() if what.startswith("batch of 2: ") and row is not batch]
     assert 0 < sum(stages) <= batch["median"]
+
+
+def test_the_benchmark_of_the_first_cycles_solves_alike_with_and_without_them(tmp_path: Path) -> None:
+    rows = first_cycles.main(
+        first_cycles.Config(shape=(51, 51, 51), maps=("suburb",), problems=2, batch=3, repeats=1, out=tmp_path)
+    )
+    solved = {(row["what"], row["first_cycles"]): row["solved"] for row in rows}
+    assert solved == {("single", 3): 2, ("single", 0): 2, ("batch of 3, a scene", 3): 3, ("batch of 3, a scene", 0): 3}
+    assert all(0 < row["min"] <= row["median"] <= row["max"] for row in rows)
 
 
 @pytest.mark.full_speed
