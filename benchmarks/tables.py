@@ -140,8 +140,8 @@ def profile(*documents: Document) -> str:
     return (
         "### Where a device's time goes\n\n"
         "Kernel time by step of the method [µs a scene], in brackets the kernels of a call; what wall clock exceeds\n"
-        "the sum by is spent between kernels. `waits`: a loop asks the host whether to go on. `city`: on so many\n"
-        "devices, means over these; `exchange`: what they hand each other, and wait for. On a CPU operations stand\n"
+        "the sum by is spent between kernels. `waits`: a synchronisation at the condition of a loop. `city`: on so\n"
+        "many devices, means over these; `exchange`: what they exchange, waits included. On a CPU operations stand\n"
         "for kernels; some run beside each other, and those that shift arrays by a voxel have lost their names.\n\n"
         + "\n".join(map(_profile, documents))
     )

@@ -31,7 +31,7 @@ def run(options: ScanOptions) -> int:
         try:
             found = measure(scene, pose)
         except ValueError as error:
-            raise ValueError(f"--{error}") from error
+            raise ValueError(f"--pose: {str(error).removeprefix('position: ')}") from error
     status = Status.OK if len(found.points) else Status.EMPTY_SCAN
     files = []
     if out is not None:

@@ -89,7 +89,7 @@ def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
                 chunk, messages = following.result()
                 if first + size < len(which):
                     following = pool.submit(prepared, first + size)
-                # At each turn of a loop the device asks the host, which keeps the thread that started it until the end.
+                # Loop conditions are synchronisations in the thread that started the program, which is busy to the end.
                 started = _MANY.start(*messages, shared=tuple(shared), **_static(task, climb))
                 answer = pool.submit(np.asarray, started)
                 for k in range(0, len(chunk), _TOGETHER):

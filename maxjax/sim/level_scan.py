@@ -39,17 +39,17 @@ class Returns:
         return {"rays": n + self.missed + self.dropped, "returns": n, "missed": self.missed, "dropped": self.dropped}
 
 
-def measure(scene: Scene, pose: Point3) -> Returns:
+def measure(scene: Scene, position: Point3) -> Returns:
     """One scan from a position, level; its noise is that of the scene's seed.
 
     Raises:
         ValueError: for a position that is not finite, or inside a solid.
     """
-    if not np.isfinite(pose).all():
-        raise ValueError(f"pose: expected three finite coordinates [m], given {pose}")
-    if np.abs(pose).max() > 1e6 or occupancy(scene.geoms, Grid((1, 1, 1), _ATOM, pose))[0].any():
-        raise ValueError(f"pose: expected a place in the open above z = 0, given {pose} inside an obstacle")
-    found, surfaces = _scan(scene.geoms, jnp.asarray(pose, jnp.float32), jax.random.key(scene.seed))
+    if not np.isfinite(position).all():
+        raise ValueError(f"position: expected three finite coordinates [m], given {position}")
+    if np.abs(position).max() > 1e6 or occupancy(scene.geoms, Grid((1, 1, 1), _ATOM, position))[0].any():
+        raise ValueError(f"position: expected a place in the open above z = 0, given {position} inside an obstacle")
+    found, surfaces = _scan(scene.geoms, jnp.asarray(position, jnp.float32), jax.random.key(scene.seed))
     hit = np.asarray(found.hit)
     missed = int((~np.asarray(surfaces)).sum())
     return Returns(np.asarray(found.points)[hit], missed, int((~hit).sum()) - missed)

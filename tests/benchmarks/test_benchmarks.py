@@ -33,12 +33,13 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert 0 < sum(stages) <= batch["median"]
 
 
-def test_the_benchmark_of_the_first_cycles_solves_alike_with_and_without_them(tmp_path: Path) -> None:
-    rows = first_cycles.main(
-        first_cycles.Config(shape=(51, 51, 51), maps=("suburb",), problems=2, batch=3, repeats=1, out=tmp_path)
+def test_the_benchmark_of_the_first_cycles_solves_alone_and_in_a_batch(tmp_path: Path) -> None:
+    # On a CPU all numbers of first cycles are one program.
+    config = first_cycles.Config(
+        cycles=(3,), shape=(51, 51, 51), maps=("suburb",), problems=1, batch=2, repeats=1, out=tmp_path
     )
-    solved = {(row["what"], row["first_cycles"]): row["solved"] for row in rows}
-    assert solved == {("single", 3): 2, ("single", 0): 2, ("batch of 3, a scene", 3): 3, ("batch of 3, a scene", 0): 3}
+    rows = first_cycles.main(config)
+    assert {row["what"]: row["solved"] for row in rows} == {"single": 1, "batch of 2, a scene": 2}
     assert all(0 < row["min"] <= row["median"] <= row["max"] for row in rows)
 
 

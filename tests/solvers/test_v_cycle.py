@@ -13,7 +13,7 @@ from maxjax.fields import stencil
 from maxjax.solvers.krylov import Solution, pcg
 from maxjax.solvers.v_cycle import hierarchy, v_cycle
 
-Problem = tuple[stencil.Operator, jax.Array, jax.Array, np.ndarray, np.ndarray]
+Discretised = tuple[stencil.Operator, jax.Array, jax.Array, np.ndarray, np.ndarray]
 
 
 def held(
@@ -24,7 +24,7 @@ def held(
     return stencil.hold(stencil.assemble(jnp.asarray(sigma), leak, grounded), jnp.asarray(mask))
 
 
-def problem(seed: int, shape: tuple[int, int, int], walls: int = 3) -> Problem:
+def problem(seed: int, shape: tuple[int, int, int], walls: int = 3) -> Discretised:
     """Random boxes, `walls` plates one voxel thick with a hole each, and a sealed pocket."""
     rng = np.random.default_rng(seed)
     blocked = random_blocks(rng, shape, max(4, int(np.prod(shape)) // 400), max(2, min(shape) // 4))
