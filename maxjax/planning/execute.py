@@ -64,8 +64,8 @@ def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
     """Formulate the only problem of a task, find a path, judge it; step by step."""
     with recording() as recorder:
         with timed("transfer"):
-            message = jax.block_until_ready(jax.device_put(pipeline.message_of(task)))
-        problem = _FORMULATE(message, margin=task.margin, grid=task.grid.local)
+            parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(task)))
+        problem = _FORMULATE(parts, margin=task.margin, grid=task.grid.local)
         status, dilated = fetched((problem.status, problem.dilated))
         route = failed(status) if status != Status.OK else find(problem, task.grid.local)
         (plan,) = judged([route], task, jax.tree.map(lambda x: x[None], dilated), method)

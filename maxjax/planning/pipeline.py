@@ -47,21 +47,21 @@ class Answer:
     dilated: Dilated
 
 
-def message_of(task: Task) -> UInt8[np.ndarray, " sent"]:
-    """What is sent of the only problem of a task."""
+def parts_of(task: Task) -> Parts:
+    """What a device needs of the only problem of a task."""
     shared, own = _parts(task, slice(0, 1))
-    return np.asarray(wire.pack(shared | {name: part[0] for name, part in own.items()}))
+    return shared | {name: part[0] for name, part in own.items()}
 
 
-def formulated(message: UInt8[Array, " sent"], margin: float, grid: Grid) -> Problem:
-    """The problem of a `message_of` a task."""
-    return _formulated(wire.unpack(message, _sent(grid)), margin, grid)
+def formulated(parts: Parts, margin: float, grid: Grid) -> Problem:
+    """The problem of its parts; `margin` and `grid` static."""
+    return formulate(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], margin, grid)
 
 
 def single(task: Task, climb: Climb, method: str) -> list[Plan]:
     """The plan of one problem; no thread is worth its start."""
     with timed("device"):
-        message = np.asarray(_ONE.start(message_of(task), **_static(task, climb)))
+        message = np.asarray(_ONE.start(wire.pack(parts_of(task)), **_static(task, climb)))
         answer = wire.unpack(message, _answered(task.grid, climb.settings), bits=False)
     return _judged(answer, task, method)
 
@@ -134,12 +134,8 @@ def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
     return np.broadcast_to(np.zeros((), dtype), shape)
 
 
-def _formulated(parts: Parts, margin: float, grid: Grid) -> Problem:
-    return formulate(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], margin, grid)
-
-
 def _answer(parts: Parts, margin: float, grid: Grid, climb: Climb) -> Answer:
-    problem = _formulated(parts, margin, grid)
+    problem = formulated(parts, margin, grid)
     return Answer(climb(problem, grid), problem.dilated)
 
 
