@@ -11,13 +11,17 @@ import dataclasses
 import json
 import math
 import shlex
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, Table
+from maxjax.core.status import Status
 from maxjax.core.streams import named
 from maxjax.planning.method import Method
 from maxjax.sim.disturbances import Disturbances
@@ -114,3 +118,56 @@ class Campaign:
         words += ["--latency"] * bool(self.strengths["latency"]) + ["--snapshot"] * self.config.snapshot
         words += ["--reactive", f"{self.config.reactive:.12g}"] if self.config.reactive else []
         return shlex.join(words)
+
+
+def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = None, place: int = 0) -> Outcome:
+    """The outcome of one trial of a campaign.
+
+    Args:
+        campaign: that it belongs to.
+        drawn: all trials of the campaign, in order.
+        row: of the trial in `drawn`.
+        logs: of the batch that it was flown in; None for a trial that could not be drawn.
+        place: of the trial in that batch.
+    """
+    trial = campaign.trials[row]
+    unflown = Outcome(
+        trial=trial,
+        city=int(drawn["city"][row]),
+        status=INVALID_DRAW,
+        start=None,
+        goal=None,
+        distance=None,
+        excluded=int(drawn["excluded"][row]),
+        flown_length=None,
+        duration=None,
+        clearance=None,
+        planning_iterations=0,
+        failed_plans=0,
+        margins={},
+        certified=None,
+        command=campaign.command(trial),
+    )
+    if logs is None:
+        return unflown
+
+    def millimetres(value: Any) -> float | None:
+        return round(float(value), 3) if math.isfinite(value) else None
+
+    log = {name: values[place] for name, values in logs.items()}
+    found = int(log["planning_iterations"]) - int(log["failed_plans"])
+    margins = Counter(log["margin"][np.isfinite(log["margin"])].tolist())
+    return dataclasses.replace(
+        unflown,
+        status=Status(int(log["status"])).name,
+        start=drawn["start"][row].tolist(),
+        goal=drawn["goal"][row].tolist(),
+        distance=millimetres(math.dist(drawn["start"][row], drawn["goal"][row])),
+        flown_length=millimetres(log["flown_length"]),
+        duration=millimetres(log["duration"]),
+        clearance=millimetres(log["clearance"]),
+        planning_iterations=int(log["planning_iterations"]),
+        failed_plans=int(log["failed_plans"]),
+        margins={f"{margin:g}": count for margin, count in sorted(margins.items(), reverse=True)},
+        certified=round(float(log["certified"]) / found, 4) if found else None,
+    )

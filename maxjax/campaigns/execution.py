@@ -22,9 +22,9 @@ from jax.errors import JaxRuntimeError
 from jaxtyping import Array, Float, Key
 
 from maxjax.campaigns.batch_size import first_size, halved, round_up
-from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.ledger import Ledger
-from maxjax.campaigns.outcomes import Outcome, Table, on_host, outcome_of
+from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
 from maxjax.core.threads import concurrently, interruptible
 from maxjax.sim.flight import FlightConfig, FlightLog, World, fly

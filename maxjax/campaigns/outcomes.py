@@ -6,18 +6,14 @@ success rate = arrivals / trials flown          detour = flown length / straight
 from __future__ import annotations
 
 import dataclasses
-import math
 import statistics
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from maxjax.core.status import Status
-
-if TYPE_CHECKING:
-    from maxjax.campaigns.campaign import Campaign
 
 # Status of a trial without a pair of ends in its city, which is not flown; it is not a member of `Status`.
 INVALID_DRAW = "INVALID_DRAW"
@@ -78,59 +74,6 @@ class Outcome:
 def on_host(batch: Any) -> Table:
     """The arrays of a registered dataclass by name, fetched from the device."""
     return {field.name: np.asarray(getattr(batch, field.name)) for field in dataclasses.fields(batch)}
-
-
-def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = None, place: int = 0) -> Outcome:
-    """The outcome of one trial of a campaign.
-
-    Args:
-        campaign: that it belongs to.
-        drawn: all trials of the campaign, in order.
-        row: of the trial in `drawn`.
-        logs: of the batch that it was flown in; None for a trial that could not be drawn.
-        place: of the trial in that batch.
-    """
-    trial = campaign.trials[row]
-    unflown = Outcome(
-        trial=trial,
-        city=int(drawn["city"][row]),
-        status=INVALID_DRAW,
-        start=None,
-        goal=None,
-        distance=None,
-        excluded=int(drawn["excluded"][row]),
-        flown_length=None,
-        duration=None,
-        clearance=None,
-        planning_iterations=0,
-        failed_plans=0,
-        margins={},
-        certified=None,
-        command=campaign.command(trial),
-    )
-    if logs is None:
-        return unflown
-
-    def millimetres(value: Any) -> float | None:
-        return round(float(value), 3) if math.isfinite(value) else None
-
-    log = {name: values[place] for name, values in logs.items()}
-    found = int(log["planning_iterations"]) - int(log["failed_plans"])
-    margins = Counter(log["margin"][np.isfinite(log["margin"])].tolist())
-    return dataclasses.replace(
-        unflown,
-        status=Status(int(log["status"])).name,
-        start=drawn["start"][row].tolist(),
-        goal=drawn["goal"][row].tolist(),
-        distance=millimetres(math.dist(drawn["start"][row], drawn["goal"][row])),
-        flown_length=millimetres(log["flown_length"]),
-        duration=millimetres(log["duration"]),
-        clearance=millimetres(log["clearance"]),
-        planning_iterations=int(log["planning_iterations"]),
-        failed_plans=int(log["failed_plans"]),
-        margins={f"{margin:g}": count for margin, count in sorted(margins.items(), reverse=True)},
-        certified=round(float(log["certified"]) / found, 4) if found else None,
-    )
 
 
 def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.execution import draw_trials, world_of
 from maxjax.campaigns.ledger import Ledger
-from maxjax.campaigns.outcomes import Outcome, on_host, outcome_of
+from maxjax.campaigns.outcomes import Outcome, on_host
 from maxjax.sim.flight import Flight, watch
 
 
