@@ -29,6 +29,7 @@ class Status(enum.IntEnum):
     IN_CONTACT = 13
     OUT_OF_PLANS = 14
     NONFINITE_STATE = 15
+    NO_SAFE_PATH = 16
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -46,8 +47,10 @@ _ADVICE = {
     Status.GOAL_OUTSIDE_MAP: "The goal lies outside the map; move it inside, or centre the grid between both.",
     Status.START_OCCUPIED: "The start lies inside an obstacle or the ground; choose a free start.",
     Status.GOAL_OCCUPIED: "The goal lies inside an obstacle or the ground; choose a free goal.",
-    Status.NO_VALID_PATH: "No free passage joins start and goal at any margin (proved by flood fill); "
+    Status.NO_VALID_PATH: "No free passage joins start and goal at any radius (proved by flood fill); "
     "choose another goal or a finer grid.",
+    Status.NO_SAFE_PATH: "Free passages join start and goal, but none keeps the radius (proved by flood fill); "
+    "ask for at most the radius that joins them, or choose another goal.",
     Status.NOT_CONVERGED: "The field solver stopped at its iteration cap; raise it, or plan with method 'astar'.",
     Status.NOT_CERTIFIED: "Some voxels of the goal's component have no higher neighbour; "
     "lengthen the screening length, allow more sweeps, or plan with method 'astar'.",

@@ -90,7 +90,7 @@ def first_joined(
 
     Args:
         free: free voxels of the k-th map; they are free in the maps after it, too.
-        first, last: which maps there are; last is static.
+        first, last: which maps there are, none if first > last; last is static.
         a, b: voxel indices; nothing joins a voxel outside the grid.
 
     Returns:
@@ -111,8 +111,8 @@ def first_joined(
         return _JoinCarry(after, k, met, met | (filled & (carry.k >= last)))
 
     nothing = jnp.zeros_like(seeds[0])
-    start = _JoinCarry((nothing, nothing), first, jnp.array(False), jnp.array(False))
-    end = lax.while_loop(lambda carry: ~carry.over, grow, grow(start))
+    start = _JoinCarry((nothing, nothing), first, jnp.array(False), first > last)
+    end = lax.while_loop(lambda carry: ~carry.over, grow, start)
     return jnp.minimum(end.k, last), end.met
 
 
