@@ -13,6 +13,15 @@ from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.osm import load_osm
 from maxjax.worlds.real_city import crop, footprint_rows, inside, inside_boxes
 
+# Files of each city, below the folder of public inputs.
+CITIES = {
+    "The Hague": ("the_hague/DenHaag_01.city.json",),
+    "Venice": (
+        "la_venice/buildings-addresses-060372733002.osm",
+        "la_venice/buildings-addresses-060372741001.osm",
+        "la_venice/buildings-addresses-060372742021.osm",
+    ),
+}
 # Points a footprint that measure by how much its boxes exceed it.
 _SAMPLES = 2000
 

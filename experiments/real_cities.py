@@ -41,7 +41,7 @@ from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.oracle import judge
 from benchmarks.common.problems import case_of, draw_ends, planned
 from experiments import random_problems as offline
-from experiments.city_windows import Window, windows
+from experiments.city_windows import CITIES, Window, windows
 from maxjax.campaigns import trials as rules
 from maxjax.campaigns.outcomes import on_host
 from maxjax.methods import method_named
@@ -52,14 +52,6 @@ from maxjax.worlds.real_city import TOLERANCE, city
 from maxjax.worlds.scenes import occupancy
 
 RESULTS = Path(__file__).parent / "results"
-CITIES = {
-    "The Hague": ("the_hague/DenHaag_01.city.json",),
-    "Venice": (
-        "la_venice/buildings-addresses-060372733002.osm",
-        "la_venice/buildings-addresses-060372741001.osm",
-        "la_venice/buildings-addresses-060372742021.osm",
-    ),
-}
 # Boxes are padded to a multiple of this.
 _SLOTS = 128
 

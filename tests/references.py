@@ -36,6 +36,13 @@ def grid_graph(blocked: np.ndarray) -> sparse.csr_matrix:
     return (half + half.T).tocsr()
 
 
+def priced_graph(blocked: np.ndarray, price: np.ndarray) -> sparse.csr_matrix:
+    """`grid_graph` with every step's length times the mean of the prices of its two voxels."""
+    graph, n = grid_graph(blocked).tocoo(), price.ravel().astype(np.float64)
+    mean = 0.5 * (n[graph.row] + n[graph.col])
+    return sparse.csr_matrix((graph.data * mean, (graph.row, graph.col)), shape=graph.shape)
+
+
 def cuts_no_corner(path: np.ndarray, blocked: np.ndarray) -> bool:
     """Whether consecutive voxels are neighbours, and every voxel of every block that a step spans is free."""
     for a, b in itertools.pairwise(path.tolist()):
