@@ -1,4 +1,4 @@
-"""The exact least distance from paths to occupied voxels, in float64 NumPy.
+"""The exact least distance from paths to occupied voxels, and where it is least, in float64 NumPy.
 
 Coordinates are index coordinates u, in which voxel i is the closed cube [i, i + 1]. A path is a set of segments
 u(t) = a + t d, t ∈ [0, 1]; its clearance is the least distance from any of them to any occupied cube. The squared
@@ -23,6 +23,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Integer
 from numpy.lib.stride_tricks import as_strided
 
+from maxjax.planning.zones import ZONES, Parts
+
 _PIECE = 4.0  # longest piece of a segment [voxels]
 _REACHES = (2.0, 4.0, 8.0)  # half widths of the windows that are tried before the whole map is searched [voxels]
 _TILE = 4  # edge of the tiles in which the whole map is searched: the bytes of one 32-bit number
@@ -31,9 +33,12 @@ _SLACK = 1e-6  # more than rounding adds to a squared distance [voxels²]
 
 
 class _Pieces(NamedTuple):
-    """Segments in pieces start + t step, t ∈ [0, 1], with their bounding boxes from `lower` to `upper`."""
+    """Parts in pieces start + t step, t ∈ [0, 1], with their bounding boxes from `lower` to `upper`.
 
-    path: Int64[np.ndarray, " k"]
+    `zone` counts the zones of all paths, path after path.
+    """
+
+    zone: Int64[np.ndarray, " k"]
     map: Int64[np.ndarray, " k"]
     start: Float64[np.ndarray, "k 3"]
     step: Float64[np.ndarray, "k 3"]
@@ -45,50 +50,103 @@ class _Pieces(NamedTuple):
         return _Pieces(*(field[some] for field in self))
 
 
+class _Nearest(NamedTuple):
+    """What is known of each zone of each path: its least squared distance so far [voxels²], and a point that has it.
+
+    Zones stand in one row, path after path, as `_Pieces.zone` counts them.
+    """
+
+    squared: Float64[np.ndarray, " pz"]
+    point: Float64[np.ndarray, "pz 3"]
+    zones: int
+
+    def lower(
+        self, zone: Int64[np.ndarray, " c"], squared: Float64[np.ndarray, " c"], point: Float64[np.ndarray, "c 3"]
+    ) -> None:
+        """Take in further points."""
+        np.minimum.at(self.squared, zone, squared)
+        least = squared == self.squared[zone]
+        self.point[zone[least]] = point[least]
+
+    @property
+    def bounds(self) -> Float64[np.ndarray, " pz"]:
+        """The least of a zone and all above it: what has no smaller distance counts no longer."""
+        ends = self.squared.reshape(-1, self.zones)[:, ::-1]
+        bounds: Float64[np.ndarray, " pz"] = np.minimum.accumulate(ends, axis=1)[:, ::-1].reshape(-1)
+        return bounds
+
+
 def clearances(
-    a: Float64[np.ndarray, "s 3"],
-    d: Float64[np.ndarray, "s 3"],
-    path_of: Int64[np.ndarray, " s"],
+    parts: Parts,
+    path_of: Int64[np.ndarray, " k"],
     which: Integer[np.ndarray, " p"],
     occupied: Bool[np.ndarray, "m nx ny nz"],
     ground: Bool[np.ndarray, "m nx ny nz"] | None,
-) -> Float64[np.ndarray, " p"]:
-    """Least distance [voxels] from each path to the cube of an occupied voxel.
+) -> tuple[Float64[np.ndarray, "p z"], Float64[np.ndarray, "p z 3"]]:
+    """Least distance [voxels] to the cube of an occupied voxel from each path, each zone and all above it.
 
     Args:
-        a, d: segments a + t d, t ∈ [0, 1], in index coordinates.
-        path_of: path of each segment.
+        parts: of the paths, in index coordinates.
+        path_of: path of each part.
         which: map of each path.
         occupied: voxels from which the distance is measured, for each map.
         ground: voxels of `occupied` from which it is not. None: there are none.
 
     Returns:
-        0 on contact, infinite where a map holds no such voxel, or a path no segment.
+        The distances, 0 on contact, infinite where a map holds no such voxel, or a path no such part; and for each a
+        point of the path that has it, NaN where it is infinite.
     """
     # What a search leaves out is farther than its reach: where it found a nearer voxel, that is the nearest of all.
-    squared = np.full(len(which), math.inf)
-    pieces = _pieces(a, d, path_of, which[path_of])
+    count = ZONES * len(which)
+    nearest = _Nearest(np.full(count, math.inf), np.full((count, 3), math.nan), ZONES)
+    pieces = _pieces(parts, path_of, which)
     for reach in _REACHES:
-        _measure_nearest(squared, pieces, *_around(pieces, occupied, reach, ground))
-        pieces = pieces.of(squared[pieces.path] > reach**2)
-        if not pieces.path.size:
+        _measure_nearest(nearest, pieces, *_around(pieces, occupied, reach, ground))
+        pieces = pieces.of(nearest.bounds[pieces.zone] > reach**2)
+        if not pieces.zone.size:
             break
     else:
-        for path in np.unique(pieces.path).tolist():
-            own = pieces.of(pieces.path == path)
-            seen = own.map[0]
-            _search(squared, own, occupied[seen] if ground is None else occupied[seen] & ~ground[seen])
-    least: Float64[np.ndarray, " p"] = np.sqrt(squared)
+        for seen in np.unique(pieces.map).tolist():
+            held = occupied[seen] if ground is None else occupied[seen] & ~ground[seen]
+            _search(nearest, pieces.of(pieces.map == seen), held)
+    squared, point = nearest.squared.reshape(-1, ZONES), nearest.point.reshape(-1, ZONES, 3)
+    for zone in range(ZONES - 1, 0, -1):
+        above = squared[:, zone] < squared[:, zone - 1]
+        squared[above, zone - 1], point[above, zone - 1] = squared[above, zone], point[above, zone]
+    return np.sqrt(squared), point
+
+
+def distances_at(
+    points: Float64[np.ndarray, "n 3"],
+    map_of: Integer[np.ndarray, " n"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    ground: Bool[np.ndarray, "m nx ny nz"] | None,
+) -> Float64[np.ndarray, " n"]:
+    """Distance [voxels] to the cube of an occupied voxel from each point, in index coordinates; else as `clearances`.
+
+    The box around a point is the point: the gap is the distance.
+    """
+    nothing, row = np.zeros_like(points), np.arange(len(points))
+    pieces = _Pieces(row, map_of.astype(np.int64), points, nothing, points, points)
+    squared = np.full(len(points), math.inf)
+    for reach in _REACHES[1:]:
+        piece, _, gap = _around(pieces, occupied, reach, ground)
+        np.minimum.at(squared, pieces.zone[piece], gap)
+        pieces = pieces.of(squared[pieces.zone] > reach**2)
+        if not pieces.zone.size:
+            break
+    else:
+        nearest = _Nearest(squared, np.full(points.shape, math.nan), 1)
+        for seen in np.unique(pieces.map).tolist():
+            held = occupied[seen] if ground is None else occupied[seen] & ~ground[seen]
+            _search(nearest, pieces.of(pieces.map == seen), held)
+    least: Float64[np.ndarray, " n"] = np.sqrt(squared)
     return least
 
 
-def _pieces(
-    a: Float64[np.ndarray, "s 3"],
-    d: Float64[np.ndarray, "s 3"],
-    path_of: Int64[np.ndarray, " s"],
-    map_of: Integer[np.ndarray, " s"],
-) -> _Pieces:
-    """The segments a + t d, cut into equal pieces no longer than `_PIECE`."""
+def _pieces(parts: Parts, path_of: Int64[np.ndarray, " k"], which: Integer[np.ndarray, " p"]) -> _Pieces:
+    """The parts of paths, cut into equal pieces no longer than `_PIECE`."""
+    a, d = parts.start, parts.step
     length = np.sqrt(np.add.reduce(d * d, axis=1))
     count = np.maximum(np.ceil(length / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
@@ -97,7 +155,8 @@ def _pieces(
     start = a[segment] + k[:, None] * step
     stop = start + step
     lower, upper = np.minimum(start, stop), np.maximum(start, stop)
-    return _Pieces(path_of[segment], map_of[segment], start, step, lower, upper)
+    path = path_of[segment]
+    return _Pieces(ZONES * path + parts.zone[segment], which[path].astype(np.int64), start, step, lower, upper)
 
 
 def _around(
@@ -138,28 +197,28 @@ def _around(
 
 
 def _measure_nearest(
-    squared: Float64[np.ndarray, " p"],
+    nearest: _Nearest,
     pieces: _Pieces,
     piece: Int64[np.ndarray, " c"],
     voxels: Int64[np.ndarray, "c 3"],
     gap: Float64[np.ndarray, " c"],
 ) -> None:
-    """Lower each path's least squared distance [voxels²] to that of its nearest pair of a piece and a voxel.
+    """Lower what is known of the pieces' paths to their nearest pairs of a piece and a voxel.
 
     The pair of least gap is measured for every piece; after that, whatever might be nearer still.
     """
-    least = np.full(len(pieces.path), math.inf)
+    least = np.full(len(pieces.zone), math.inf)
     np.minimum.at(least, piece, gap)
-    best, path = gap == least[piece], pieces.path[piece]
+    best, zone = gap == least[piece], pieces.zone[piece]
     for pairs in (best, ~best):
-        some = np.flatnonzero(pairs & (gap <= squared[path] + _SLACK))
+        some = np.flatnonzero(pairs & (gap <= nearest.bounds[zone] + _SLACK))
         if some.size:
             ends = pieces.start[piece[some]], pieces.step[piece[some]]
-            np.minimum.at(squared, path[some], _squared_distance(*ends, voxels[some]))
+            nearest.lower(zone[some], *_squared_distance(*ends, voxels[some]))
 
 
-def _search(squared: Float64[np.ndarray, " p"], pieces: _Pieces, occupied: Bool[np.ndarray, "nx ny nz"]) -> None:
-    """`_measure_nearest` in a whole map, for the pieces of one path.
+def _search(nearest: _Nearest, pieces: _Pieces, occupied: Bool[np.ndarray, "nx ny nz"]) -> None:
+    """`_measure_nearest` in a whole map, for the pieces in it.
 
     The tile nearest to every piece is opened; after that, every tile that might hold a nearer voxel still.
     """
@@ -182,10 +241,10 @@ def _search(squared: Float64[np.ndarray, " p"], pieces: _Pieces, occupied: Bool[
         filled = padded[tuple(voxels.T)]
         piece, voxels = np.repeat(piece, len(_CELLS))[filled], voxels[filled]
         gaps = _squared_gaps(voxels, 1, pieces.lower[piece], pieces.upper[piece])
-        _measure_nearest(squared, pieces, piece, voxels, np.add.reduce(gaps, axis=1))
+        _measure_nearest(nearest, pieces, piece, voxels, np.add.reduce(gaps, axis=1))
 
     open_tiles(np.arange(len(gap)), gap.argmin(axis=1))
-    open_tiles(*np.nonzero(gap <= squared[pieces.path[0]] + _SLACK))
+    open_tiles(*np.nonzero(gap <= nearest.bounds[pieces.zone, None] + _SLACK))
 
 
 def _squared_gaps(
@@ -199,8 +258,8 @@ def _squared_gaps(
 
 def _squared_distance(
     a: Float64[np.ndarray, "k 3"], d: Float64[np.ndarray, "k 3"], voxel: Int64[np.ndarray, "k 3"]
-) -> Float64[np.ndarray, " k"]:
-    """Squared distance [voxels²] from the segment a + t d, t ∈ [0, 1], to the closed cube of the voxel."""
+) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, "k 3"]]:
+    """Squared distance [voxels²] from segments a + t d, t ∈ [0, 1], to closed cubes, and the points that have it."""
     faces = voxel[:, None] + np.array([[0.0], [1.0]])
     t = np.zeros((len(a), 8))
     t[:, 7] = 1.0
@@ -221,6 +280,7 @@ def _squared_distance(
     t_0, t_1, slope_0, slope_1 = t[row, right - 1], t[row, right], slope[row, right - 1], slope[row, right]
     rise = slope_1 - slope_0
     weight = np.where(rise > 0, -slope_0 / np.where(rise > 0, rise, 1.0), 0.0)
-    best = outside((t_0 + np.minimum(np.maximum(weight, 0.0), 1.0) * (t_1 - t_0))[:, None])[:, 0]
+    t_best = t_0 + np.minimum(np.maximum(weight, 0.0), 1.0) * (t_1 - t_0)
+    best = outside(t_best[:, None])[:, 0]
     squared: Float64[np.ndarray, " k"] = np.einsum("ki,ki->k", best, best)
-    return squared
+    return squared, a + t_best[:, None] * d

@@ -1,42 +1,40 @@
 """The judge of every path: exact, in float64 NumPy, and independent of every planner and solver.
 
-A path is the closed polyline through its points. In index coordinates u = (x − origin) / spacing + 1/2, voxel i is the
-closed cube [i, i + 1]; a segment u(t) = a + t d, t ∈ [0, 1], touches it if the intervals of t in which its coordinates
-lie in the cube's three slabs share a point. Faces, edges and corners count: a segment along a face touches both sides,
-a diagonal through an edge or a corner touches all voxels around it, so no corner is ever cut.
+A path is the closed polyline through its points. It passes if it is finite, lies inside the map, and
 
-**Which cubes are tested.** Voxels lie in layers across the segment's longest axis. While a segment passes one layer,
-its two other coordinates change by no more than the layer is thick, so it touches at most 3 × 3 closed cubes there.
-These nine, for every layer between the segment's ends, are all there is to test.
+    everywhere            touches no occupied voxel (`planning.contacts`)
+    outside its balls     keeps `radius` to the cubes of occupied voxels, ground left out: a true distance
+                          (`planning.clearance`); and touches no voxel within one voxel, between centres, of the ground,
+                          unless the radius is 0
 
-**Tolerance.** Doubt counts against the path: every cube is grown by the rounding that the path may carry, in voxels
+Its balls are the two around its first and its last point in which an end that stands nearer than `radius` may be left
+(`planning.zones`): the path is cut where it enters and leaves them.
 
-    4 · 2⁻²⁴ max(shape)  +  4 · u · (largest world coordinate of the map) / spacing.
-
-The first term is that of planning: paths are found in float32 index coordinates, whose conversions round at most four
-times, by 2⁻²⁴ of an index each. The second is that of the world coordinates in which the path is given: u = 2⁻⁵³ for a
-float64 path and u = 2⁻²⁴ for a float32 path. Everything is computed in the grid's local frame, x − origin in float64.
-So a float64 path has the same verdict wherever its map lies (2.4e-5 voxel on 101 voxels, plus 4e-10 at a coordinate of
-1,000 km and voxels of 1 m), while a float32 path is judged by what float32 can tell apart there. Only across the outer
-faces of the map is a path allowed that much. The tolerance is that of contacts; length and clearance have none.
+**Tolerance.** Of a contact, doubt counts against the path: cubes are grown by the rounding that it may carry, which
+`planning.contacts` states. Of the radius it counts for the path: a thousandth of a voxel and that rounding, by which
+balls are larger and the distance that is kept may be shorter. Planning keeps half a voxel less `planning.sight.TOUCH`,
+2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is half a voxel. Length and clearance have
+no tolerance.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
 
-from maxjax.core.grid import Grid, Index3
-from maxjax.planning.clearance import clearances
+from maxjax.core.grid import Grid, Index3, Point3
+from maxjax.planning.clearance import clearances, distances_at
+from maxjax.planning.contacts import contacts, tolerance_of
+from maxjax.planning.zones import ZONES, Parts, cut
 
-# The nine voxels of one layer, from the lowest, by the axis across which the layer lies.
-_NINE = np.array([[np.insert(pair, axis, 0) for pair in itertools.product(range(3), repeat=2)] for axis in range(3)])
-_COARSEST = 0.1  # largest tolerance [voxels]: beyond it a verdict says little, and three voxels a layer are not enough
+# Radius of the balls around both ends [m] outside which a path cruises.
+CRUISE = 10.0
+# Of the radius, and of the balls [voxels].
+_SLACK = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,59 +42,79 @@ class Verification:
     """Verdict on a path.
 
     Attributes:
-        ok: finite, inside, and no blocked voxel touched. Nothing else makes a path safe.
+        ok: finite, inside, no forbidden voxel touched, and not too near. Nothing else makes a path safe.
         inside: the whole path lies in the volume of the grid.
         finite: no coordinate is NaN or infinite.
-        first_hit: index of the first blocked voxel that the path touches; None if there is none, or if the
+        first_hit: index of the first forbidden voxel that the path touches; None if there is none, or if the
             path is not inside.
+        too_near: whether the path comes nearer than `radius` to an occupied voxel outside its balls, ground left out.
         length: length of the path [m]; NaN unless finite.
-        clearance: least distance from the path to the cube of an occupied voxel [m]: 0 on contact, infinite
-            if no voxel is occupied, NaN unless inside.
+        clearance: least distance from the path to the cube of an occupied voxel [m], ground left out: 0 on contact,
+            infinite if no voxel is occupied, NaN unless inside.
+        nearest: a point of the path that has this distance [m]; None unless it is finite.
+        cruise_clearance: the least such distance outside the path's balls and those of `CRUISE` around both ends;
+            `clearance` where it does not leave them.
+        cruise_nearest: as `nearest`, of `cruise_clearance`.
+        clearance_at: (t,) float64, such a distance from each point that the path was given by.
     """
 
     ok: bool
     inside: bool
     finite: bool
     first_hit: Index3 | None
+    too_near: bool
     length: float
     clearance: float
+    nearest: Point3 | None
+    cruise_clearance: float
+    cruise_nearest: Point3 | None
+    clearance_at: Float64[np.ndarray, " t"] = dataclasses.field(compare=False)  # arrays have no single truth
 
 
+# arguments: a public name; all that has a default is given by keyword
 def verify(
     path: Float[np.ndarray, "t 3"],
-    blocked: Bool[np.ndarray, "nx ny nz"],
+    blocked: Bool[np.ndarray, "nx ny nz"] | None,
     occupied: Bool[np.ndarray, "nx ny nz"],
     grid: Grid,
     *,
     ground: Bool[np.ndarray, "nx ny nz"] | None = None,
+    radius: float = 0.0,
+    balls: tuple[float, float] = (0.0, 0.0),
 ) -> Verification:
     """Judge a path against the voxels that it must not touch, and measure its length and clearance.
 
     Args:
         path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
-        blocked: voxels that the path must not touch (obstacles with their margin).
-        occupied: voxels from which the clearance is measured (obstacles as seen).
+        blocked: further voxels that the path must not touch, wherever it is. None: there are none.
+        occupied: occupied voxels (obstacles as seen), ground included.
         grid: where the voxels lie in the world.
-        ground: voxels of `occupied` from which it is not. None: there are none.
+        ground: voxels of `occupied` that are ground, from which no distance is measured. None: there are none.
+        radius: distance to keep outside the balls [m].
+        balls: radii of the balls around the path's first and last point [m].
 
     Raises:
         ValueError: for a path that is not (t, 3) with t ≥ 1, for volumes that are not bool of the grid's
-            shape, or for a float32 path in a grid so far from the world's origin that float32 cannot tell its
-            voxels apart.
+            shape, for a float32 path in a grid so far from the world's origin that float32 cannot tell its
+            voxels apart, or for a radius or balls that are negative or not finite.
     """
     _check([path], grid, 3, blocked=blocked, occupied=occupied, ground=ground)
-    below = None if ground is None else ground[None]
-    return verify_batch([path], np.zeros(1, np.int64), blocked[None], occupied[None], grid, ground=below)[0]
+    one = [None if volume is None else volume[None] for volume in (blocked, ground)]
+    ends, which = np.array([balls]), np.zeros(1, np.int64)
+    return verify_batch([path], which, one[0], occupied[None], grid, ground=one[1], radius=radius, balls=ends)[0]
 
 
+# arguments: those of `verify`, and the map of each path
 def verify_batch(
     paths: Sequence[Float[np.ndarray, "_ 3"]],
     which: Integer[np.ndarray, " p"],
-    blocked: Bool[np.ndarray, "m nx ny nz"],
+    blocked: Bool[np.ndarray, "m nx ny nz"] | None,
     occupied: Bool[np.ndarray, "m nx ny nz"],
     grid: Grid,
     *,
     ground: Bool[np.ndarray, "m nx ny nz"] | None = None,
+    radius: float = 0.0,
+    balls: Float[np.ndarray, "p 2"] | None = None,
 ) -> list[Verification]:
     """`verify` for many paths at once: most of what one costs is the same for a hundred.
 
@@ -104,50 +122,204 @@ def verify_batch(
         paths: points in the world frame [m], ENU.
         which: map of each path.
         blocked, occupied, grid, ground: as in `verify`, for each map.
+        radius: as in `verify`.
+        balls: as in `verify`, for each path. None: there are none.
 
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
     _check(paths, grid, 4, blocked=blocked, occupied=occupied, ground=ground)
-    if which.shape != (len(paths),) or (which.size and not 0 <= which.min() <= which.max() < len(blocked)):
-        raise ValueError(f"which: expected the map, 0 to {len(blocked) - 1}, of {len(paths)} paths, given {which}")
+    balls = np.zeros((len(paths), 2)) if balls is None else balls.astype(np.float64)
+    _check_distances(radius, balls, len(paths))
+    if which.shape != (len(paths),) or (which.size and not 0 <= which.min() <= which.max() < len(occupied)):
+        raise ValueError(f"which: expected the map, 0 to {len(occupied) - 1}, of {len(paths)} paths, given {which}")
 
-    tolerance = np.array([_tolerance(path.dtype, grid) for path in paths])
+    tolerance = _tolerances(paths, grid)
     if len(paths) == 0:
         return []
-
-    local = np.concatenate(paths, dtype=np.float64) - np.array(grid.origin)
-    sizes = np.array([len(path) for path in paths])
-    last, path_of = np.cumsum(sizes) - 1, np.repeat(np.arange(len(paths)), sizes)
-    first = last - sizes + 1
-    grown = tolerance[path_of, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates and lengths are verdicts, not errors
-        points = local / grid.spacing + 0.5
-        d = _steps(points, path_of)
-        lengths = grid.spacing * np.linalg.norm(d, axis=1)
-    finite = np.logical_and.reduceat(np.isfinite(local).all(axis=1), first)
-    within = ((points >= -grown) & (points <= np.array(grid.shape) + grown)).all(axis=1)
-    inside = np.logical_and.reduceat(within, first)
-    moves = (d != 0).any(axis=1)
-    moves[first] |= ~np.logical_or.reduceat(moves, first)  # a path that stays where it is has one segment
-    moves &= inside[path_of]
-
-    a, d, path_of = points[moves], d[moves], path_of[moves]
-    segment, voxels = _contacts(a, d, tolerance[path_of], which[path_of], blocked)
-    backwards = zip(path_of[segment[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
-    first_hit: dict[int, Index3] = {k: (x, y, z) for k, (x, y, z) in backwards}
-    clearance = grid.spacing * clearances(a, d, path_of, which, occupied, ground)
+    lines = _Polylines.of(paths, grid, tolerance)
+    own = np.where(balls > 0, balls / grid.spacing + (_SLACK + tolerance)[:, None], 0.0)
+    parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
+    first_hit = _first_hits(parts, path_of, tolerance, which, _Maps(occupied, blocked, ground if radius > 0 else None))
+    least, places = clearances(parts, path_of, which, occupied, ground)
+    too_near = least[:, 1] < radius / grid.spacing - _SLACK - tolerance
+    at = grid.spacing * _at_points(lines, which, occupied, ground)
+    least = np.where(lines.inside[:, None], grid.spacing * least, math.nan)
+    places = np.array(grid.origin) + grid.spacing * (places - 0.5)
+    cruise = np.zeros(len(paths), np.int64)
+    cruise[path_of[parts.zone == ZONES - 1]] = ZONES - 1
     return [
         Verification(
-            ok=bool(inside[k]) and k not in first_hit,
-            inside=bool(inside[k]),
-            finite=bool(finite[k]),
+            ok=bool(lines.inside[k]) and k not in first_hit and not too_near[k],
+            inside=bool(lines.inside[k]),
+            finite=bool(lines.finite[k]),
             first_hit=first_hit.get(k),
-            length=float(lengths[first[k] : last[k]].sum()) if finite[k] else math.nan,
-            clearance=float(clearance[k]) if inside[k] else math.nan,
+            too_near=bool(too_near[k]),
+            length=float(lines.lengths[k]),
+            clearance=float(least[k, 0]),
+            nearest=_point(places[k, 0]),
+            cruise_clearance=float(least[k, cruise[k]]),
+            cruise_nearest=_point(places[k, cruise[k]]),
+            clearance_at=at[lines.first[k] : lines.last[k] + 1],
         )
         for k in range(len(paths))
     ]
+
+
+def _tolerances(paths: Sequence[np.ndarray], grid: Grid) -> Float64[np.ndarray, " p"]:
+    """Tolerance of each path [voxels], found once for each number format."""
+    found = {dtype: tolerance_of(dtype, grid) for dtype in {path.dtype for path in paths}}
+    return np.array([found[path.dtype] for path in paths])
+
+
+def _at_points(
+    lines: _Polylines,
+    which: Integer[np.ndarray, " p"],
+    occupied: Bool[np.ndarray, "m nx ny nz"],
+    ground: Bool[np.ndarray, "m nx ny nz"] | None,
+) -> Float64[np.ndarray, " n"]:
+    """Distance at each point of the paths [voxels]; NaN for paths that are not inside."""
+    at = np.full(len(lines.points), math.nan)
+    here = lines.inside[lines.path_of]
+    at[here] = distances_at(lines.points[here], which[lines.path_of[here]], occupied, ground)
+    return at
+
+
+def _first_hits(
+    parts: Parts,
+    path_of: Int64[np.ndarray, " k"],
+    tolerance: Float64[np.ndarray, " p"],
+    which: Integer[np.ndarray, " p"],
+    maps: _Maps,
+) -> dict[int, Index3]:
+    """The first forbidden voxel of each path that touches one."""
+
+    def forbidden(part: Int64[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]) -> Bool[np.ndarray, " c"]:
+        return maps.forbidden(which[path_of[part]], voxels, parts.zone[part] > 0)
+
+    part, voxels = contacts(parts.start, parts.step, tolerance[path_of], maps.occupied.shape[1:], forbidden)
+    backwards = zip(path_of[part[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
+    return {k: (x, y, z) for k, (x, y, z) in backwards}
+
+
+def _point(place: Float64[np.ndarray, "3"]) -> Point3 | None:
+    x, y, z = place.tolist()
+    return None if math.isnan(x) else (x, y, z)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Polylines:
+    """Paths in index coordinates, their points in one row.
+
+    Attributes:
+        points: of all paths, one path after the other.
+        path_of: path of each point.
+        first, last: which points each path begins and ends with.
+        steps: from each point to the next of its path; nothing from the last.
+        finite, inside: as in `Verification`.
+        lengths: [m], NaN unless finite.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    path_of: Int64[np.ndarray, " n"]
+    first: Int64[np.ndarray, " p"]
+    last: Int64[np.ndarray, " p"]
+    steps: Float64[np.ndarray, "n 3"]
+    finite: Bool[np.ndarray, " p"]
+    inside: Bool[np.ndarray, " p"]
+    lengths: Float64[np.ndarray, " p"]
+
+    @classmethod
+    def of(cls, paths: Sequence[np.ndarray], grid: Grid, tolerance: Float64[np.ndarray, " p"]) -> _Polylines:
+        """Paths given in the world [m]; inside the map with that tolerance [voxels]."""
+        local = np.concatenate(paths, dtype=np.float64) - np.array(grid.origin)
+        sizes = np.array([len(path) for path in paths])
+        last, path_of = np.cumsum(sizes) - 1, np.repeat(np.arange(len(paths)), sizes)
+        first = last - sizes + 1
+        grown = tolerance[path_of, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates and lengths are verdicts, not errors
+            points = local / grid.spacing + 0.5
+            steps = np.zeros_like(points)
+            np.subtract(points[1:], points[:-1], out=steps[:-1], where=(path_of[1:] == path_of[:-1])[:, None])
+            lengths = np.add.reduceat(grid.spacing * np.linalg.norm(steps, axis=1), first)
+        finite = np.logical_and.reduceat(np.isfinite(local).all(axis=1), first)
+        within = ((points >= -grown) & (points <= np.array(grid.shape) + grown)).all(axis=1)
+        inside = np.logical_and.reduceat(within, first)
+        return cls(points, path_of, first, last, steps, finite, inside, np.where(finite, lengths, math.nan))
+
+    def cut(self, radii: Float64[np.ndarray, "p 2 2"]) -> tuple[Parts, Int64[np.ndarray, " k"]]:
+        """The paths that are inside, cut by levels of balls [voxels] around their first and last points.
+
+        Returns:
+            Their parts, and the path of each.
+        """
+        moves = (self.steps != 0).any(axis=1)
+        moves[self.first] |= ~np.logical_or.reduceat(moves, self.first)  # a path that stays where it is: one segment
+        moves &= self.inside[self.path_of]
+        path_of = self.path_of[moves]
+        centres = self.points[np.stack([self.first, self.last], axis=1)][path_of]
+        parts = cut(self.points[moves], self.steps[moves], centres, radii[path_of])
+        return parts, path_of[parts.segment]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Maps:
+    """The voxels of each map: as in `verify_batch`; `ground` None where no distance is kept from it."""
+
+    occupied: Bool[np.ndarray, "m nx ny nz"]
+    blocked: Bool[np.ndarray, "m nx ny nz"] | None
+    ground: Bool[np.ndarray, "m nx ny nz"] | None
+
+    def forbidden(
+        self, map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"], apart: Bool[np.ndarray, " c"]
+    ) -> Bool[np.ndarray, " c"]:
+        """Which voxels must not be touched: those held; and, by what is kept `apart`, those beside ground."""
+        held = _at(self.occupied, map_of, voxels)
+        if self.blocked is not None:
+            held |= _at(self.blocked, map_of, voxels)
+        if self.ground is not None:
+            asked = np.flatnonzero(apart & ~held)
+            held[asked] = _beside(self.ground, map_of[asked], voxels[asked])
+        return held
+
+
+def _flat(
+    volumes: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
+) -> tuple[Bool[np.ndarray, " n"], Int64[np.ndarray, " c"]]:
+    """Maps in one row, and where voxels are: NumPy takes by one index far faster than by four."""
+    shared = volumes.strides[0] == 0  # one map, which a row of copies would multiply
+    nx, ny, nz = volumes.shape[1:]
+    x, y, z = voxels.T
+    first = x if shared else map_of * nx + x
+    return (volumes[0] if shared else volumes).reshape(-1), (first * ny + y) * nz + z
+
+
+def _at(
+    volumes: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
+) -> Bool[np.ndarray, " c"]:
+    row, index = _flat(volumes, map_of, voxels)
+    return np.take(row, index)
+
+
+def _beside(
+    ground: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
+) -> Bool[np.ndarray, " c"]:
+    """Whether voxels have a face neighbour that is ground."""
+    row, index = _flat(ground, map_of, voxels)
+    beside = np.zeros(len(index), bool)
+    for axis, step in enumerate((ground.shape[2] * ground.shape[3], ground.shape[3], 1)):
+        at = voxels[:, axis]
+        beside |= np.take(row, index - step, mode="clip") & (at > 0)
+        beside |= np.take(row, index + step, mode="clip") & (at < ground.shape[1 + axis] - 1)
+    return beside
+
+
+def _check_distances(radius: float, balls: Float64[np.ndarray, "p 2"], count: int) -> None:
+    """Raise a `ValueError` unless these are distances [m], two balls for each path."""
+    if not 0 <= radius < math.inf:
+        raise ValueError(f"radius: expected a distance [m] of at least 0, given {radius}")
+    if balls.shape != (count, 2) or not ((balls >= 0) & np.isfinite(balls)).all():
+        raise ValueError(f"balls: expected two radii [m] of at least 0 for each of {count} paths, given {balls}")
 
 
 def _check(paths: Sequence[np.ndarray], grid: Grid, axes: int, **volumes: np.ndarray | None) -> None:
@@ -161,121 +333,3 @@ def _check(paths: Sequence[np.ndarray], grid: Grid, axes: int, **volumes: np.nda
         grid.check_volume(name, volume)
         if volume.ndim != axes or volume.dtype != np.bool_:
             raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
-
-
-def touched_voxels(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], grid: Grid) -> Int64[np.ndarray, "k 3"]:
-    """Index of every voxel whose closed cube the segment from `a` to `b` [m] touches, in order of entry.
-
-    The cubes are grown by the tolerance that the module states. Voxels outside the grid are left out. Ends
-    more than 1e6 times the size of the map away lose that precision.
-
-    Raises:
-        ValueError: unless both points are three finite coordinates, or for a grid that `verify` refuses.
-    """
-    for name, point in (("a", a), ("b", b)):
-        if point.shape != (3,) or not np.isfinite(point).all():
-            raise ValueError(f"{name}: expected three finite coordinates [m], given {point}")
-    start, stop = ((np.stack([a, b]).astype(np.float64) - np.array(grid.origin)) / grid.spacing + 0.5)[:, None]
-    lower, upper = np.full((1, 3), -1.0), np.array([grid.shape]) + 1.0
-    times = _slab_times(start, stop - start, lower, upper)
-    if times[0] > times[1]:
-        return np.zeros((0, 3), np.int64)
-    # What is far outside would be a great many layers.
-    start, stop = np.clip(start + np.array(times) * (stop - start), lower, upper)[:, None]
-    tolerance = np.array([_tolerance(np.result_type(a, b), grid)])
-    everything = np.broadcast_to(True, (1, *grid.shape))
-    return _contacts(start, stop - start, tolerance, np.zeros(1, np.int64), everything)[1]
-
-
-def _steps(points: Float64[np.ndarray, "n 3"], path_of: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
-    """From each point of all paths in a row to the next of its path; nothing from the last."""
-    d = np.zeros_like(points)
-    np.subtract(points[1:], points[:-1], out=d[:-1], where=(path_of[1:] == path_of[:-1])[:, None])
-    return d
-
-
-def _tolerance(dtype: np.dtype, grid: Grid) -> float:
-    """Growth of every cube [voxels] for a path of this number format."""
-    u = float(np.finfo(dtype).eps) / 2 if np.issubdtype(dtype, np.floating) else 2.0**-53
-    farthest = max(map(abs, grid.lower + grid.upper))
-    tolerance = 4 * 2.0**-24 * max(grid.shape) + 4 * u * farthest / grid.spacing
-    if tolerance > _COARSEST:
-        raise ValueError(
-            f"grid: expected corners near enough to the world's origin that a path of {dtype} resolves "
-            f"{grid.spacing} m, given {grid.lower} and {grid.upper} [m]; give the path as float64, or use a world "
-            "frame whose origin lies next to the map"
-        )
-    return tolerance
-
-
-def _contacts(
-    a: Float64[np.ndarray, "s 3"],
-    d: Float64[np.ndarray, "s 3"],
-    tolerance: Float64[np.ndarray, " s"],
-    map_of: Integer[np.ndarray, " s"],
-    blocked: Bool[np.ndarray, "m nx ny nz"],
-) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, "k 3"]]:
-    """Segments and the blocked voxels that they touch, each pair once, by segment and time of entry.
-
-    Of voxels entered at once, the first is the lowest along the segment's longest axis, then along x, y and z.
-    """
-    segment, voxels = _candidates(a, d, tolerance, blocked.shape[1:])
-    held = blocked[map_of[segment], voxels[:, 0], voxels[:, 1], voxels[:, 2]]
-    segment, voxels = segment[held], voxels[held]
-    if not len(segment):
-        return segment, voxels
-    grown = tolerance[segment, None]
-    entry, leave = _slab_times(a[segment], d[segment], voxels - grown, voxels + (1 + grown))
-    touched = entry <= leave
-    segment, voxels, entry = segment[touched], voxels[touched], entry[touched]
-    layer = voxels[np.arange(len(voxels)), np.abs(d[segment]).argmax(axis=1)]
-    order = np.lexsort((*voxels.T[::-1], layer, entry, segment))
-    return segment[order], voxels[order]
-
-
-def _candidates(
-    a: Float64[np.ndarray, "s 3"],
-    d: Float64[np.ndarray, "s 3"],
-    tolerance: Float64[np.ndarray, " s"],
-    shape: tuple[int, ...],
-) -> tuple[Int64[np.ndarray, " c"], Int64[np.ndarray, "c 3"]]:
-    """Segments and the voxels of the map that they may touch: nine in each layer across the longest axis.
-
-    A grown cube v touches the interval [lower, upper] only if ⌊lower − 2 tolerance⌋ ≤ v ≤ ⌊upper + 2 tolerance⌋: once
-    the tolerance by which it is grown, and once more for the rounding of the interval.
-    """
-    row, axis = np.arange(len(a)), np.abs(d).argmax(axis=1)
-    begin, run = a[row, axis], d[row, axis]
-    lowest = np.floor(np.minimum(begin, begin + run) - 2 * tolerance).astype(np.int64)
-    highest = np.floor(np.maximum(begin, begin + run) + 2 * tolerance).astype(np.int64)
-    count = highest - lowest + 1
-    segment = np.repeat(row, count)
-    layer = np.arange(len(segment)) + (lowest - np.cumsum(count) + count)[segment]
-
-    # Where the segment is inside its layer, from t_0 to t_1; a segment that is a point is there at any t.
-    a, d, axis, tolerance = a[segment], d[segment], axis[segment], tolerance[segment]
-    begin, run = begin[segment], np.where(run == 0, 1.0, run)[segment]
-    t_0 = np.clip((layer - tolerance - begin) / run, 0.0, 1.0)
-    t_1 = np.clip((layer + 1 + tolerance - begin) / run, 0.0, 1.0)
-    nearest = np.minimum(a + t_0[:, None] * d, a + t_1[:, None] * d)
-    corner = np.floor(nearest - 2 * tolerance[:, None]).astype(np.int64)
-    corner[np.arange(len(corner)), axis] = layer
-    voxels = (corner[:, None] + _NINE[axis]).reshape(-1, 3)
-    held = ((voxels >= 0) & (voxels < np.array(shape))).all(axis=1)
-    return np.repeat(segment, 9)[held], voxels[held]
-
-
-def _slab_times(
-    a: Float64[np.ndarray, "k 3"],
-    d: Float64[np.ndarray, "k 3"],
-    lower: Float64[np.ndarray, "k 3"],
-    upper: Float64[np.ndarray, "k 3"],
-) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, " k"]]:
-    """Interval of t in [0, 1] for which a + t d lies in the closed box; entry > leave if there is none."""
-    still = d == 0
-    speed = np.where(still, 1.0, d)
-    s, t = (lower - a) / speed, (upper - a) / speed
-    within = (lower <= a) & (a <= upper)
-    entry = np.where(still, np.where(within, 0.0, np.inf), np.minimum(s, t))
-    leave = np.where(still, 1.0, np.maximum(s, t))
-    return np.maximum(np.maximum.reduce(entry, axis=1), 0.0), np.minimum(np.minimum.reduce(leave, axis=1), 1.0)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from references import to_world, touched
 
 from maxjax import Grid
-from maxjax.planning.judge import touched_voxels, verify, verify_batch
+from maxjax.planning.contacts import touched_voxels
+from maxjax.planning.judge import verify, verify_batch
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates

@@ -11,7 +11,7 @@ from references import touched
 
 from maxjax import Grid
 from maxjax.core.lowering import lowered_for
-from maxjax.planning.judge import touched_voxels
+from maxjax.planning.contacts import touched_voxels
 from maxjax.planning.sight import TOUCH, clear, span_codes, stands_free, visibility
 
 SHAPE = (5, 6, 4)
