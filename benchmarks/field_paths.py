@@ -83,12 +83,12 @@ def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, 
         climbed: list[float] = []
         for problem in scene.problems:
             for steps in (512, 2048, 8192):
-                path, arrived, bits = _climb(
+                path, arrived, sight = _climb(
                     phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
                 )
                 if arrived:
                     break
-            taut = np.asarray(_tighten(bits, path))
+            taut = np.asarray(_tighten(sight, path))
             routes.append(found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED))
             climbed.append(
                 scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())

@@ -64,8 +64,8 @@ def fast_marching(problem: Problem, grid: maxjax.Grid) -> Route:
         phi = as_potential(march(), component, goal)
 
     def attempt(_: np.ndarray, settings: Ascent) -> list[Route]:
-        path, arrived, codes = ASCEND(phi, problem.blocked, problem.start, problem.goal, settings=settings)
-        taut = np.asarray(TIGHTEN(codes, path))
+        path, arrived, sight = ASCEND(phi, problem.blocked, problem.start, problem.goal, settings=settings)
+        taut = np.asarray(TIGHTEN(sight.codes, path, room=sight.room))
         return [found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)]
 
     (route,) = with_longer_ascents(attempt, 1, Ascent())

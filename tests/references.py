@@ -81,6 +81,18 @@ def touched(
     return {v: t for v, t in times.items() if t is not None}
 
 
+def keeps(path: np.ndarray, blocked: np.ndarray, room: float) -> bool:
+    """Whether open boxes path ± room meet free voxels only, at points along the edges (index coordinates)."""
+    ends = [(a, b, int(40 * np.abs(b - a).max()) + 2) for a, b in itertools.pairwise(path.astype(float))]
+    points = np.concatenate([np.linspace(a, b, count) for a, b, count in ends])
+    low, high = np.floor(points + 0.5 - room).astype(int), np.ceil(points - 0.5 + room).astype(int)
+    padded = np.pad(blocked, 2, constant_values=True)
+    for corner in itertools.product((False, True), repeat=3):
+        if padded[tuple(np.clip(np.where(corner, high, low) + 2, 0, np.array(padded.shape) - 1).T)].any():
+            return False
+    return True
+
+
 def to_world(u: np.ndarray, grid: Grid) -> np.ndarray:
     """Index coordinates, voxel i being [i, i + 1], in metres of the world frame."""
     return np.array(grid.origin) + grid.spacing * (np.asarray(u, float) - 0.5)

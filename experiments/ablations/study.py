@@ -215,11 +215,11 @@ def _guarded(
     phi: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
 ) -> tuple[Route, Route]:
     """The library's ascent: tightened, and as climbed."""
-    path, arrived, bits = _climb(phi, problem.blocked, problem.start, problem.goal, settings=settings)
+    path, arrived, sight = _climb(phi, problem.blocked, problem.start, problem.goal, settings=settings)
     if not arrived:
         nothing = failed(maxjax.Status.PATH_STALLED, certified)
         return nothing, nothing
-    return found(np.asarray(_tighten(bits, path)), certified), found(np.asarray(path), certified)
+    return found(np.asarray(_tighten(sight, path)), certified), found(np.asarray(path), certified)
 
 
 def _figures(results: Sequence[Result], defaults: Sequence[Result], geodesics: Sequence[float]) -> dict[str, Any]:

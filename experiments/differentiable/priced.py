@@ -24,7 +24,7 @@ from maxjax.fields.connectivity import flood
 from maxjax.fields.gradient import gradient
 from maxjax.fields.gradient import log_potential as logarithm
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.sight import span_codes
+from maxjax.planning.sight import sight_of
 from maxjax.solvers.cg import DEGREE
 from maxjax.solvers.derivative import DERIVATIVE_TOLERANCE, TIGHT_TOLERANCE
 from maxjax.solvers.krylov import chebyshev, pcg
@@ -135,11 +135,11 @@ def follow(
 ) -> tuple[Float[Array, "m t 3"], Bool[Array, " m"], Int32[Array, ""]]:
     """Paths of our planner in a priced field, which of them arrived, and the voxels without a higher neighbour."""
     phi = priced_potential(town, price(town, theta), goal, length)
-    bits = span_codes(~town.free)
+    log_phi, sight = logarithm(phi), sight_of(~town.free)
 
     def one(start: Int32[Array, " 3"]) -> tuple[Array, Array]:
         ends = start.astype(phi.dtype), goal.astype(phi.dtype)
-        return ascend(phi, bits, town.free, *ends, Ascent(steps=1024))
+        return ascend(log_phi, sight, town.free, *ends, Ascent(steps=1024))
 
     paths, arrived = jax.vmap(one)(starts)
     return paths, arrived, uncertified(phi, flood(town.free, goal), goal)

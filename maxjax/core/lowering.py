@@ -167,16 +167,49 @@ def first_maximum(score: Float[Array, " k"], *rows: Float[Array, "k 3"]) -> Arra
     return best
 
 
+# Numbers of one turn of a sum.
+_STRETCH = 16
+
+
+def total(terms: Callable[[Int32[Array | np.ndarray, " h"]], Any], count: int, needed: Int32[Array, ""]) -> Any:
+    """Sums over the numbers 0 … count − 1; of truth values it is their count.
+
+    Args:
+        terms: numbers ↦ the term of each on the last axis, or a pytree of such arrays.
+        count: static.
+        needed: from this number on all terms are zero.
+    """
+
+    def summed(numbers: Int32[Array | np.ndarray, " h"]) -> Any:
+        return jax.tree.map(lambda term: jnp.sum(term, axis=-1), terms(numbers))
+
+    def together() -> Any:
+        return summed(np.arange(count, dtype=np.int32))
+
+    def in_turns() -> Any:
+        stretch = jnp.arange(_STRETCH, dtype=jnp.int32)
+        zero = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), jax.eval_shape(summed, stretch))
+        turns = (jnp.minimum(needed, count) + _STRETCH - 1) // _STRETCH
+        return lax.fori_loop(
+            0, turns, lambda k, sums: jax.tree.map(jnp.add, sums, summed(k * _STRETCH + stretch)), zero
+        )
+
+    return by_target(cpu=in_turns, default=together)
+
+
 # So few terms an accelerator takes one by one.
 _FEW = 8
 
 
-def every(holds: Callable[[Int32[np.ndarray, " h"]], Bool[Array, "*k h"]], count: int) -> Bool[Array, "*k"]:
+def every(
+    holds: Callable[[Int32[Array | np.ndarray, " h"]], Bool[Array, "*k h"]], count: int, needed: Int32[Array, ""]
+) -> Bool[Array, "*k"]:
     """Whether a condition holds for all of the numbers 0 … count − 1.
 
     Args:
         holds: numbers ↦ whether it holds for each, on the last axis.
         count: static.
+        needed: it holds from this number on.
     """
     numbers = np.arange(count, dtype=np.int32)
 
@@ -187,7 +220,7 @@ def every(holds: Callable[[Int32[np.ndarray, " h"]], Bool[Array, "*k h"]], count
         return functools.reduce(operator.and_, (holds(numbers[k : k + 1])[..., 0] for k in numbers))
 
     if count > _FEW:
-        return together()
+        return jnp.asarray(total(lambda numbers: ~holds(numbers), count, needed) == 0)
     found: Bool[Array, "*k"] = by_target(cpu=together, default=one_by_one)
     return found
 

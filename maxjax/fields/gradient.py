@@ -5,6 +5,8 @@
 
 No difference ever reads a wall. The gradient points uphill, towards the goal [1/voxel].
 
+Where there is no current u is −inf; such a voxel counts as a wall.
+
 Smoothing solves the heat equation with insulated walls for the time t = σ²/2, at which its kernel in free space is the
 Gaussian of standard deviation σ. Heat flows around a wall but never through it, so the two sides of a wall are never
 mixed (a plain Gaussian mixes them, and then nearly every path fails).
@@ -38,7 +40,7 @@ def gradient(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -
         log_phi: log-potential.
         free: voxels that are not walls.
     """
-    weight = free.astype(log_phi.dtype)
+    log_phi, weight = _of_current(log_phi, free)
     components = []
     for axis in range(3):
         forward = weight * stencil.ahead(weight, axis)
@@ -60,11 +62,11 @@ def gradient_at(
     corner = base + jnp.asarray(CORNERS, jnp.int32)
 
     def at(v: Int32[Array, "8 n 3"]) -> tuple[Float[Array, "8 n"], Float[Array, "8 n"]]:
-        """Value, and 1 where the voxel is free."""
+        """Value, and 1 where the voxel is free and has one."""
         inside = jnp.all((v >= 0) & (v < shape), axis=-1)
         x, y, z = jnp.moveaxis(jnp.clip(v, 0, shape - 1), -1, 0)
         flat = (x * log_phi.shape[1] + y) * log_phi.shape[2] + z
-        return log_phi.reshape(-1)[flat], (inside & free.reshape(-1)[flat]).astype(log_phi.dtype)
+        return _of_current(log_phi.reshape(-1)[flat], inside & free.reshape(-1)[flat])
 
     along = jnp.eye(3, dtype=jnp.int32)
     here, weight = at(corner[:, None])
@@ -88,11 +90,17 @@ def smooth(log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sig
         return log_phi
     steps = math.ceil(0.5 * sigma**2 / _TIME_STEP)
     flow = 0.5 * sigma**2 / steps
-    weight = free.astype(log_phi.dtype)
+    u, weight = _of_current(log_phi, free)
     x, y, z = (flow * weight * stencil.ahead(weight, axis) for axis in range(3))
     kept = 1 - stencil.inflow((x, y, z), jnp.ones_like(weight))
 
     def step(_: Array, u: Float[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
         return kept * u + stencil.inflow((x, y, z), u)
 
-    return jnp.asarray(lax.fori_loop(0, steps, step, log_phi))
+    return jnp.where(weight > 0, lax.fori_loop(0, steps, step, u), log_phi)
+
+
+def _of_current(log_phi: Float[Array, "*n"], free: Bool[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Values without −inf, and 1 where a voxel is free and has a value."""
+    finite = jnp.isfinite(log_phi)
+    return jnp.where(finite, log_phi, 0), (free & finite).astype(log_phi.dtype)

@@ -3,13 +3,15 @@
     m ← β m + g / |g|,    x ← x + η m,    g = ∇ log φ at x       (momentum; the paper has β = 0.9, η = 0.1)
     m ← β m + (1 − β) g,  v ← β₂ v + (1 − β₂) g²,  x ← x + η m̂ / √v̂      (its predecessor's ADAM, per component)
 
-A step must keep to free voxels (`sight.clear`) and must not enter a voxel whose φ is lower than where it left from.
+A step must be clear (`sight.clear`: of blocked voxels; with room, half a voxel beside it) and must not enter a
+voxel whose log φ is lower than where it left from.
 Where the wall is in the way the step loses the components that point into it, so the path slides along the wall. Where
 no such step is left, or the path lingers in one voxel, the *discrete step* takes over: to the centre of the voxel, then
-to the centre of its highest neighbour.
+to the centre of its highest neighbour. Both are clear with room, too: the position lies in a cell between centres of
+voxels, and its own voxel's centre is a corner of it; between centres of two face neighbours lies nothing else.
 
-Why it arrives: φ of the visited voxels never falls and each change of voxel raises it, so no voxel is entered twice and
-nothing can orbit; on a certified field every voxel but the goal has a higher neighbour, so the discrete step always
+Why it arrives: log φ of the visited voxels never falls and each change of voxel raises it, so no voxel is entered twice
+and nothing can orbit; on a certified field every voxel but the goal has a higher neighbour, so the discrete step always
 exists.
 
 Positions are index coordinates (whole numbers at voxel centres).
@@ -24,11 +26,11 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt16
+from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from maxjax.core.lowering import first_maximum, once
 from maxjax.fields import gradient as slope
-from maxjax.planning.sight import clear
+from maxjax.planning.sight import Sight, clear
 
 # Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
 _PATIENCE = 12
@@ -47,16 +49,16 @@ class _Field:
     """What a step reads.
 
     Attributes:
-        phi: potential.
-        log_phi: its logarithm, smoothed.
-        bits: `sight.span_codes` of the blocked voxels.
+        log_phi: log-potential; −inf in voxels without current.
+        smoothed: the same, smoothed: its gradient is climbed.
+        sight: of the blocked voxels.
         free: voxels that are not blocked.
         goal: index coordinates.
     """
 
-    phi: Float[Array, "nx ny nz"]
     log_phi: Float[Array, "nx ny nz"]
-    bits: UInt16[Array, "nx ny nz"]
+    smoothed: Float[Array, "nx ny nz"]
+    sight: Sight
     free: Bool[Array, "nx ny nz"]
     goal: Float[Array, " 3"]
 
@@ -126,8 +128,8 @@ class Ascent:
 
 @jax.named_scope("ascend")
 def ascend(
-    phi: Float[Array, "nx ny nz"],
-    bits: UInt16[Array, "nx ny nz"],
+    log_phi: Float[Array, "nx ny nz"],
+    sight: Sight,
     free: Bool[Array, "nx ny nz"],
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
@@ -136,17 +138,16 @@ def ascend(
     """Climb from start to goal.
 
     Args:
-        phi: potential, highest at the goal's voxel.
-        bits: `sight.span_codes` of the blocked voxels.
-        free: voxels that are not blocked; holds start and goal.
-        start, goal: index coordinates.
+        log_phi: log-potential, highest at the goal's voxel; −inf where there is no conductor or no current.
+        sight: of the blocked voxels.
+        free: voxels that are not blocked.
+        start, goal: index coordinates, both clear.
         settings: static.
 
     Returns:
         The path of `steps + 1` points, the last one repeated to the end, and whether it reached the goal.
     """
-    log_phi = slope.smooth(slope.log_potential(phi), free, settings.smoothing)
-    field = _Field(phi, log_phi, bits, free, goal)
+    field = _Field(log_phi, slope.smooth(log_phi, free, settings.smoothing), sight, free, goal)
     step = functools.partial(_step, field, settings)
     # One scan after the other, until the goal is reached: most paths need few of the steps that some do.
     stride = min(_STRIDE, settings.steps)
@@ -182,17 +183,17 @@ def _step(
     field: _Field, settings: Ascent, carry: _ClimberCarry, k: Int32[Array, ""]
 ) -> tuple[_ClimberCarry, Float[Array, " 3"]]:
     """The k-th step; returns the new position, too."""
-    x, phi, goal = carry.position, field.phi, field.goal
-    here = _voxel(x, phi.shape)
-    height = _at(phi, here)
-    g = slope.gradient_at(field.log_phi, field.free, x)
+    x, log_phi, goal = carry.position, field.log_phi, field.goal
+    here = _voxel(x, log_phi.shape)
+    height = _at(log_phi, here)
+    g = slope.gradient_at(field.smoothed, field.free, x)
     m, v, move = _moved(settings, carry, g, k)
 
-    masks = jnp.asarray(_MASKS, phi.dtype)
+    masks = jnp.asarray(_MASKS, log_phi.dtype)
     ends = jnp.where(jnp.any(masks > 0, axis=1, keepdims=True), x + masks * move, goal)
-    seen = clear(field.bits, x, ends, slabs=3)
-    rises = _at(phi, _voxel(ends, phi.shape)) > height
-    same = jnp.all(_voxel(ends, phi.shape) == here, axis=1)
+    seen = clear(field.sight, x, ends, slabs=3)
+    rises = _at(log_phi, _voxel(ends, log_phi.shape)) > height
+    same = jnp.all(_voxel(ends, log_phi.shape) == here, axis=1)
     gain = jnp.where(seen & (rises | same), jnp.sum(masks * move * g, axis=1), -jnp.inf)
     most, end, mask = first_maximum(gain, ends, masks)
     smooth_step = (most > 0) & (carry.lingered < _PATIENCE)
@@ -203,7 +204,7 @@ def _step(
     following = jnp.where(carry.arrived | (k >= settings.steps), x, following)
     # What the wall took from the step is lost to the momentum too; a discrete step starts afresh.
     following, m = once(following, jnp.where(smooth_step, m * mask, 0))
-    entered = jnp.any(_voxel(following, phi.shape) != here)
+    entered = jnp.any(_voxel(following, log_phi.shape) != here)
     lingered = jnp.where(entered, 0, carry.lingered + 1)
     return _ClimberCarry(following, m, v, lingered, carry.arrived | arrives), following
 
@@ -226,11 +227,11 @@ def _discrete(
     field: _Field, x: Float[Array, " 3"], here: Int32[Array, " 3"], height: Float[Array, ""]
 ) -> Float[Array, " 3"]:
     """The discrete step: to the centre first (the voxel is convex), from there to the highest neighbour."""
-    shape = jnp.asarray(field.phi.shape, jnp.int32)
+    shape = jnp.asarray(field.log_phi.shape, jnp.int32)
     around = here + jnp.asarray(_NEIGHBOURS, jnp.int32)
     inside = jnp.all((around >= 0) & (around < shape), axis=1)
     around = jnp.clip(around, 0, shape - 1)
-    values = jnp.where(inside & _at(field.free, around), _at(field.phi, around), -jnp.inf)
+    values = jnp.where(inside & _at(field.free, around), _at(field.log_phi, around), -jnp.inf)
     top, neighbour = first_maximum(values, around.astype(x.dtype))
     centre = here.astype(x.dtype)
     up = jnp.where(top > height, neighbour, centre)

@@ -13,17 +13,18 @@ from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32, UInt16
+from jaxtyping import Array, Bool, Float, Int32, UInt
 
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.fields.gradient import log_potential
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
 from maxjax.planning.route import Route
-from maxjax.planning.sight import span_codes
+from maxjax.planning.sight import Sight, sight_of
 from maxjax.planning.string_pulling import tighten
 
 
@@ -64,16 +65,21 @@ def climb(
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
     settings: Ascent,
-) -> tuple[Float[Array, "t 3"], Bool[Array, ""], UInt16[Array, "nx ny nz"]]:
-    """Ascend the field; returns the path, whether it arrived, and the span codes."""
-    codes = span_codes(blocked)
-    path, arrived = ascend(phi, codes, ~blocked, start, goal, settings)
-    return path, arrived, codes
+) -> tuple[Float[Array, "t 3"], Bool[Array, ""], Sight]:
+    """Ascend the field; returns the path, whether it arrived, and the lines of sight."""
+    sight = sight_of(blocked)
+    path, arrived = ascend(log_potential(phi), sight, ~blocked, start, goal, settings)
+    return path, arrived, sight
+
+
+def taut(codes: UInt[Array, "nx ny nz"], path: Float[Array, "t 3"], room: float) -> Float[Array, "t 3"]:
+    """`tighten`, by the fields of a `Sight`."""
+    return tighten(Sight(codes, room), path)
 
 
 SOLVE = Program("solve", solve, static=("grid", "potential"))
 ASCEND = Program("ascend", climb, static=("settings",))
-TIGHTEN = Program("tighten", tighten)
+TIGHTEN = Program("tighten", taut, static=("room",))
 
 
 def potential_field(
@@ -99,8 +105,8 @@ class Climb:
     def __call__(self, problem: Problem, grid: Grid) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""
         field = solve(problem.blocked, problem.goal_index, grid, self.potential)
-        path, arrived, codes = climb(field.phi, problem.blocked, problem.start, problem.goal, self.settings)
-        path = tighten(codes, path)
+        path, arrived, sight = climb(field.phi, problem.blocked, problem.start, problem.goal, self.settings)
+        path = tighten(sight, path)
         status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
         status = jnp.where(field.status != Status.OK, field.status, status)
         status = jnp.where(problem.status != Status.OK, problem.status, status)

@@ -89,8 +89,8 @@ def staged(climb: Climb) -> PathFinder:
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> list[Route]:
             ends = problem.start, problem.goal
-            path, arrived, codes = ASCEND(field.phi, problem.blocked, *ends, settings=settings)
-            taut = TIGHTEN(codes, path)
+            path, arrived, sight = ASCEND(field.phi, problem.blocked, *ends, settings=settings)
+            taut = TIGHTEN(sight.codes, path, room=sight.room)
             status, certified, on_goal, points = fetched((field.status, field.certified, arrived, taut))
             if status == Status.OK and on_goal:
                 return [found(points, bool(certified))]

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, Integer
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
+from maxjax.fields.gradient import log_potential
 from maxjax.fields.occupancy import blocked_within
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.climb import Climb, potential_field
@@ -27,7 +28,7 @@ from maxjax.planning.problem import Dilated, Faults
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import recording
 from maxjax.planning.route import Route, failed, found
-from maxjax.planning.sight import span_codes, stands_free
+from maxjax.planning.sight import sight_of, stands_free
 from maxjax.planning.string_pulling import tighten
 from maxjax.planning.task import Task
 
@@ -101,11 +102,11 @@ def _ascents(
     settings: Ascent,
 ) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
     """Ascend one field from many starts and tighten; returns the paths, and which arrived."""
-    codes = span_codes(blocked)
+    sight, log_phi = sight_of(blocked), log_potential(phi)
 
     def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
-        path, arrived = ascend(phi, codes, ~blocked, placed(blocked, start), placed(blocked, goal), settings)
-        return tighten(codes, path), arrived
+        path, arrived = ascend(log_phi, sight, ~blocked, placed(blocked, start), placed(blocked, goal), settings)
+        return tighten(sight, path), arrived
 
     return jax.vmap(one)(starts)
 

@@ -1,11 +1,12 @@
-"""String pulling: the shortest polyline through mutually visible points of a path.
+"""String pulling: the shortest or cheapest polyline through mutually visible points of a path.
 
-    cost(i) = min over j > i with j visible from i of  |x_j - x_i| + cost(j)
+    cost(i) = min over j > i with j visible from i of  ∫ n ds from x_i to x_j  +  cost(j)
 
 is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space:
-every new edge was found clear on the dilated grid (`sight.clear`). The points that survive are the corners of the new
-path; extra points inserted along its edges then let the next round cut each corner closer to the obstacle, until the
-string is taut.
+every new edge was found clear (`sight.clear`). Without a price n = 1 and the integral is |x_j − x_i|; with one it is
+that of `sight.clear_and_paid`, by which the path never becomes dearer. The points that survive are the corners of the
+new path; extra points inserted along its edges then let the next round cut each corner closer to the obstacle, until
+the string is taut.
 
 Positions are index coordinates. A path is a fixed-length array whose last point is repeated to its end.
 """
@@ -16,10 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int32, UInt16
+from jaxtyping import Array, Float, Int32
 
 from maxjax.core.lowering import repeat
-from maxjax.planning.sight import visibility
+from maxjax.planning.sight import Sight, clear_and_paid, visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
@@ -28,14 +29,16 @@ _DOUBLINGS = 3
 
 
 def _shorten(
-    bits: UInt16[Array, "nx ny nz"], points: Float[Array, "n 3"], slabs: int | None = None
+    sight: Sight,
+    points: Float[Array, "n 3"],
+    price: Float[Array, "nx ny nz"] | None,
+    slabs: int | None = None,
 ) -> Float[Array, "n 3"]:
     """One round of dynamic programming on n points; consecutive points are taken as visible."""
     n = points.shape[0]
-    distance = jnp.linalg.norm(points[:, None] - points[None], axis=-1)
-    seen = visibility(bits, points, slabs) | np.eye(n, k=1, dtype=bool)
+    seen, paid = visibility(sight, points, slabs, price)
     # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
-    edge = jnp.where(seen, distance + 1e-4, jnp.inf)
+    edge = jnp.where(seen | np.eye(n, k=1, dtype=bool), paid + 1e-4, jnp.inf)
     # All points at a time, in few turns that each do much (docs/performance.md): the best ways of at most two edges,
     # then four, eight; then those to the end, by eight edges more with each turn.
     far = jnp.where(np.eye(n, dtype=bool), 0, edge)
@@ -76,18 +79,26 @@ def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     return jnp.where((fraction < 1)[:, None], start + fraction[:, None] * (end - start), end)
 
 
+def _cost(sight: Sight, points: Float[Array, "n 3"], price: Float[Array, "nx ny nz"]) -> Float[Array, ""]:
+    _, paid = clear_and_paid(sight, price, points[:-1], points[1:])
+    return jnp.sum(paid)
+
+
 @jax.named_scope("tighten")
-def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: int = 4) -> Float[Array, "n 3"]:
-    """Pull a path taut on the dilated grid.
+def tighten(
+    sight: Sight, path: Float[Array, "n 3"], price: Float[Array, "nx ny nz"] | None = None, rounds: int = 4
+) -> Float[Array, "n 3"]:
+    """Pull a path taut.
 
     Args:
-        bits: `sight.span_codes` of the dilated grid.
+        sight: of the blocked voxels.
         path: index coordinates, start first, last point repeated; consecutive points visible from each other and at
             most a voxel apart along each axis.
+        price: n ≥ 1 of a metre in each voxel, finite; none: 1.
         rounds: rounds over the whole path, after two that take it window by window. Static.
 
     Returns:
-        A path of the same start, end and array length, never longer, every edge clear.
+        A path of the same start, end and array length, never longer (dearer), every edge clear.
     """
     n = path.shape[0]
     room = -(-n // WINDOW) * WINDOW + WINDOW // 2
@@ -100,7 +111,7 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
     def window(k: Int32[Array, ""], points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
         at = jnp.where(k < first, k * WINDOW, (k - first) * WINDOW + WINDOW // 2)
         # No two points of a window are further apart than its points are many: that bounds the slabs.
-        short = _shorten(bits, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), slabs=WINDOW + 1)
+        short = _shorten(sight, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), price, slabs=WINDOW + 1)
         return lax.dynamic_update_slice(points, short, (at, 0))
 
     # Most paths have one window: the first one is shortened before the loop.
@@ -108,7 +119,11 @@ def tighten(bits: UInt16[Array, "nx ny nz"], path: Float[Array, "n 3"], rounds: 
     points = _unrepeat(points)
 
     def whole(_: Array, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
-        return _shorten(bits, _refine(points))
+        found = _shorten(sight, _refine(points), price)
+        if price is None:
+            return found
+        # What the parts of an edge cost is what the edge costs, but for the error of the quadrature.
+        return jnp.where(_cost(sight, found, price) <= _cost(sight, points, price), found, points)
 
     taut = lax.fori_loop(0, rounds, whole, points[:WINDOW])
     fits = jnp.all(points[WINDOW - 1 :] == points[-1])

@@ -29,7 +29,7 @@ from maxjax.core.streams import Stream, stream
 from maxjax.fields.occupancy import reach_of, squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.sight import clear, span_codes
+from maxjax.planning.sight import clear, sight_of
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
 from maxjax.sim.reference import Course, Reference, evaluate, profile, sample
@@ -155,10 +155,11 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     problem = formulate(occupied & here, ground & here, ends, config.margin, grid, config.least_margin)
     found = config.find(problem, grid)
     path = to_world(flight, config, grid.to_world(jnp.asarray(found.path)))
-    bits = materialise(span_codes(problem.blocked))
+    sight = sight_of(problem.blocked)
+    sight = dataclasses.replace(sight, codes=materialise(sight.codes))
     # Verified after the conversion to world coordinates and back, as it will be flown.
     on_grid = grid.fractional_index(to_local(flight, config, path))
-    passed = jnp.all(clear(bits, on_grid[:-1], on_grid[1:]))
+    passed = jnp.all(clear(sight, on_grid[:-1], on_grid[1:]))
     status = jnp.where((found.status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, found.status)
     return Candidate(start, path, status, jnp.asarray(found.certified), problem)
 

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.fields.stencil import cell
-from maxjax.planning.sight import clear, span_codes, stands_free
+from maxjax.planning.sight import clear, sight_of, stands_free
 from maxjax.sim.lidar import Lidar
 
 # Candidates are at most this many voxels away along each axis.
@@ -100,7 +100,7 @@ def next_viewpoint(
     reachable = _reachable(view, position, ends)
     first = unseen.voxels[0].astype(position.dtype)
 
-    sight = span_codes(view.occupied)
+    sight = sight_of(view.occupied)
     in_field = _in_field(unseen.voxels - ends[:, None], lidar)
     shows = reachable & in_field[:, 0] & clear(sight, ends, first, slabs=2 * _REACH + 2)
     way = jnp.linalg.norm(ends - position, axis=1) + jnp.linalg.norm(ends - first, axis=1)
@@ -127,10 +127,10 @@ def _reachable(view: MapView, position: Float[Array, "3"], ends: Float[Array, "n
     """
     seen, blocked = view.seen, view.blocked
     own = cell(seen.shape, jnp.floor(position + 0.5).astype(jnp.int32))
-    room = seen & (~blocked | ~stands_free(blocked, position)) | own
-    codes = span_codes(~room)
+    passable = seen & (~blocked | ~stands_free(blocked, position)) | own
+    within = sight_of(~passable)
     i, j, k = jnp.clip(jnp.floor(ends + 0.5).astype(jnp.int32), 0, jnp.asarray(seen.shape) - 1).T
-    return clear(codes, position, ends, slabs=_REACH + 2) & ~blocked[i, j, k]
+    return clear(within, position, ends, slabs=_REACH + 2) & ~blocked[i, j, k]
 
 
 def _in_field(sight: Float[Array, "*n 3"], lidar: Lidar) -> Bool[Array, "*n"]:

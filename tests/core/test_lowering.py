@@ -21,6 +21,7 @@ from maxjax.core.lowering import (
     once,
     repeat,
     shifted,
+    total,
 )
 
 
@@ -133,8 +134,19 @@ def test_all_of_a_few_numbers_or_many_meet_a_condition(platform: str) -> None:
     limits = jnp.asarray([0, 3, 6, 20])
     for count in (1, 6, 12):
         with lowered_for(platform):
-            found = jax.jit(lambda m: every(lambda k: k < m[:, None], count))(limits)  # noqa: B023
+            found = jax.jit(lambda m: every(lambda k: k < m[:, None], count, jnp.int32(count)))(limits)  # noqa: B023
         np.testing.assert_array_equal(found, limits >= count)
+
+
+@both
+def test_sums_stop_where_nothing_follows(platform: str) -> None:
+    ends = jnp.asarray([0, 3, 17, 40])
+    with lowered_for(platform):
+        below, squares = jax.jit(
+            lambda m: total(lambda k: (k < m[:, None], jnp.where(k < m[:, None], k * k, 0)), 50, jnp.max(m))
+        )(ends)
+    np.testing.assert_array_equal(below, ends)
+    np.testing.assert_array_equal(squares, [sum(k * k for k in range(end)) for end in ends])
 
 
 def test_the_first_of_equal_maxima_is_taken_with_its_rows() -> None:

@@ -94,6 +94,17 @@ def test_smoothing_in_open_space_is_gaussian(sigma: float) -> None:
     assert np.linalg.norm(given - expected) < 0.05 * np.linalg.norm(expected)
 
 
+def test_where_there_is_no_value_there_is_a_wall() -> None:
+    """A log-potential is −inf where there is no current: behind walls, too."""
+    pocket = FREE.copy()
+    pocket[4:7, 4:7, 4:7] = False
+    nothing = np.where(pocket, NOISE, -np.inf).astype(np.float32)
+    for free in (FREE, pocket):
+        np.testing.assert_array_equal(everywhere(nothing, free), everywhere(NOISE, pocket))
+        np.testing.assert_array_equal(at(nothing, free, POSITIONS), at(NOISE, pocket, POSITIONS))
+        np.testing.assert_array_equal(blur(nothing, free, 1.5)[pocket], blur(NOISE, pocket, 1.5)[pocket])
+
+
 def test_no_smoothing_returns_the_field() -> None:
     np.testing.assert_array_equal(blur(NOISE, FREE, 0.0), NOISE)
 

@@ -7,13 +7,14 @@ import functools
 import inspect
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, direct_potential, random_blocks, random_free, serpentine
+from references import component_of, direct_potential, keeps, random_blocks, random_free, serpentine
 
 from maxjax import Grid, verify
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.sight import span_codes
+from maxjax.planning.sight import sight_of
 
 SHAPE = (16, 18, 20)
 SETTINGS = {
@@ -24,12 +25,12 @@ SETTINGS = {
 }
 
 
-@functools.partial(jax.jit, static_argnames="settings")
+@functools.partial(jax.jit, static_argnames=("settings", "room"))
 def climb(
-    phi: jax.Array, blocked: jax.Array, starts: jax.Array, goal: jax.Array, settings: Ascent
+    phi: jax.Array, blocked: jax.Array, starts: jax.Array, goal: jax.Array, settings: Ascent, room: float = 0.0
 ) -> tuple[jax.Array, jax.Array]:
-    bits = span_codes(blocked)
-    return jax.vmap(lambda start: ascend(phi, bits, ~blocked, start, goal, settings))(starts)
+    sight = sight_of(blocked, room)
+    return jax.vmap(lambda start: ascend(jnp.log(phi), sight, ~blocked, start, goal, settings))(starts)
 
 
 def field(blocked: np.ndarray, goal: np.ndarray, length: float = 2.0) -> np.ndarray:
@@ -66,6 +67,24 @@ def test_arrives_on_every_random_scene(name: str) -> None:
             check(blocked, path, start, target)
 
 
+def test_with_room_it_arrives_on_every_scene_and_keeps_half_a_voxel() -> None:
+    rng = np.random.default_rng(2)
+    for count in (15, 40, 80):
+        blocked = random_blocks(rng, SHAPE, count, 6)
+        goal = random_free(rng, blocked, 1)[0].astype(np.float32)
+        joined = np.argwhere(component_of(~blocked, tuple(goal.astype(int))))
+        starts = joined[rng.integers(len(joined), size=12)].astype(np.float32)
+        # Off the centres, where that keeps the room.
+        moved = starts + np.float32(rng.uniform(-0.9, 0.9, starts.shape))
+        legal = np.array([keeps(np.stack([x, x]), blocked, 0.5) for x in moved])
+        starts = np.where(legal[:, None], moved, starts)
+        paths, arrived = climb(field(blocked, goal.astype(int)), blocked, starts, goal, SETTINGS["smoothed"], 0.5)
+        assert arrived.all()
+        for start, path in zip(starts, np.asarray(paths), strict=True):
+            check(blocked, path, start, goal)
+            assert keeps(path, blocked, 0.5 - 1e-3)
+
+
 @pytest.mark.parametrize("name", ["momentum", "smoothed", "adam"])
 def test_arrives_through_a_corridor_one_voxel_wide(name: str) -> None:
     blocked = np.ones(SHAPE, bool)
@@ -76,10 +95,12 @@ def test_arrives_through_a_corridor_one_voxel_wide(name: str) -> None:
     assert phi[0, 0, 6] > 0
     # 14 steps a voxel at most: what the patience allows, and two for the discrete step.
     patient = dataclasses.replace(SETTINGS[name], steps=14 * int((~blocked).sum()))
-    paths, arrived = climb(phi, blocked, np.repeat(starts, 4, axis=0), goal.astype(np.float32), patient)
-    assert arrived.all()
-    for start, path in zip(np.repeat(starts, 4, axis=0), np.asarray(paths), strict=True):
-        check(blocked, path, start, goal)
+    for room in (0.0, 0.5) if name == "momentum" else (0.0,):
+        paths, arrived = climb(phi, blocked, np.repeat(starts, 4, axis=0), goal.astype(np.float32), patient, room)
+        assert arrived.all()
+        for start, path in zip(np.repeat(starts, 4, axis=0), np.asarray(paths), strict=True):
+            check(blocked, path, start, goal)
+            assert keeps(path, blocked, room and room - 1e-3)
 
 
 def test_straight_through_open_space() -> None:

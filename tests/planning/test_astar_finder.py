@@ -15,7 +15,7 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.baselines.astar_finder import POINTS, corners_of, search, search_in_flight
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.sight import clear, span_codes
+from maxjax.planning.sight import clear, sight_of
 
 
 def problem_of(seed: int) -> tuple[Problem, Grid]:
@@ -51,7 +51,7 @@ def test_astar_in_the_loop_is_astar(seed: int) -> None:
     inner = found[:-1][np.any(np.diff(found, axis=0) != 0, axis=1)]
     np.testing.assert_array_equal(inner[-len(corners) :], corners)
     assert len(inner) == len(corners) + 1 or np.array_equal(inner[1], expected.path[1])
-    bits = span_codes(problem.blocked)
+    bits = sight_of(problem.blocked)
     assert all(clear(bits, jnp.asarray(a), jnp.asarray(b)) for a, b in itertools.pairwise(inner))
 
 

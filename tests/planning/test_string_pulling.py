@@ -8,17 +8,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, random_blocks, random_free, serpentine
+from references import component_of, grid_graph, keeps, random_blocks, random_free, serpentine
+from scipy import ndimage
+from scipy.sparse import csgraph
 
 from maxjax import Grid, Status, verify
 from maxjax.planning.baselines.astar import astar
-from maxjax.planning.sight import span_codes
+from maxjax.planning.sight import clear_and_paid, sight_of
 from maxjax.planning.string_pulling import WINDOW, tighten
 
 SHAPE = (16, 18, 20)
 ROOM = 200  # length of the arrays
 
-pull = jax.jit(lambda blocked, path: tighten(span_codes(blocked), path))
+pull = jax.jit(lambda blocked, path: tighten(sight_of(blocked), path))
 
 
 def padded(path: np.ndarray, room: int = ROOM) -> np.ndarray:
@@ -119,12 +121,43 @@ def test_start_equal_to_goal() -> None:
     np.testing.assert_array_equal(pull(np.zeros(SHAPE, bool), path), path)
 
 
+def test_with_a_price_it_pays_less_than_dijkstra_and_never_more_than_before() -> None:
+    rng = np.random.default_rng(4)
+    tight = jax.jit(lambda sight, path, price: tighten(sight, path, price))
+    paid = jax.jit(lambda sight, path, price: clear_and_paid(sight, price, path[:-1], path[1:]))
+    ratios = []
+    for count in (5, 15, 20):
+        blocked = random_blocks(rng, SHAPE, count, 6)
+        far = ndimage.distance_transform_edt(~blocked) - 0.5
+        price = (1 + 4 * np.maximum(1 - far / 4, 0) ** 2).astype(np.float32)
+        graph, n = grid_graph(blocked).tocoo(), price.ravel()
+        graph.data *= (n[graph.row] + n[graph.col]) / 2
+        start, goal = np.ravel_multi_index(random_free(rng, blocked, 2).T, SHAPE)
+        cost, before = csgraph.dijkstra(graph.tocsr(), indices=start, return_predecessors=True)
+        if not np.isfinite(cost[goal]):
+            continue
+        way = [goal]
+        while way[-1] != start:
+            way.append(before[way[-1]])
+        path = padded(np.stack(np.unravel_index(way[::-1], SHAPE), axis=1))
+        sight = sight_of(jnp.asarray(blocked), 0.5)
+        taut = np.asarray(tight(sight, path, price))
+        np.testing.assert_array_equal(taut[[0, -1]], path[[0, -1]])
+        (_, old), (clear, new) = paid(sight, path, price), paid(sight, taut, price)
+        assert clear.all()
+        assert keeps(taut, blocked, 0.5 - 1e-3)
+        assert new.sum() <= old.sum() * (1 + 1e-6)
+        ratios.append(float(new.sum()) / cost[goal])
+    assert len(ratios) > 1
+    assert np.mean(ratios) < 1
+
+
 def test_vmap_equals_a_loop() -> None:
     rng = np.random.default_rng(3)
     blocked = np.stack([random_blocks(rng, SHAPE, 20, 5) for _ in range(3)])
     blocked[:, 0, 0, 0] = blocked[:, 15, 17, 19] = False
     blocked[:, 0] = blocked[:, :, 17] = blocked[:, :, :, 19] = False
     paths = np.stack([padded(shortest(b, (0, 0, 0), (15, 17, 19))) for b in blocked])
-    batch = jax.jit(jax.vmap(lambda b, p: tighten(span_codes(b), p)))(blocked, paths)
+    batch = jax.jit(jax.vmap(lambda b, p: tighten(sight_of(b), p)))(blocked, paths)
     for k in range(3):
         np.testing.assert_allclose(batch[k], pull(blocked[k], jnp.asarray(paths[k])), atol=1e-5)

@@ -24,7 +24,7 @@ from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import Problem
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import Route, failed, found
-from maxjax.planning.sight import clear, span_codes
+from maxjax.planning.sight import clear, sight_of
 
 # Paths of both planners have one length, so that a flight's arrays do.
 POINTS = Ascent().steps + 1
@@ -48,7 +48,7 @@ def search_in_flight(problem: Problem, grid: Grid) -> Route:
     """
     shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
     path, status = jax.pure_callback(_corners_on_host, shapes, problem, vmap_method="sequential")
-    straight = clear(span_codes(problem.blocked), path[0], path[2])
+    straight = clear(sight_of(problem.blocked), path[0], path[2])
     return Route(path.at[1].set(jnp.where(straight, path[0], path[1])), status, jnp.array(False))
 
 
