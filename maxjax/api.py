@@ -124,6 +124,16 @@ class PlanBatch(Sequence[Plan]):
         return np.array([plan.clearance for plan in self.plans])
 
     @property
+    def cruise_clearance(self) -> np.ndarray:
+        """(b,) float64 [m], NaN where there is no path."""
+        return np.array([plan.cruise_clearance for plan in self.plans])
+
+    @property
+    def cost(self) -> np.ndarray:
+        """(b,) float64 [m], NaN where there is no path."""
+        return np.array([plan.cost for plan in self.plans])
+
+    @property
     def margin(self) -> np.ndarray:
         """(b,) float64 [m]."""
         return np.array([plan.margin for plan in self.plans])

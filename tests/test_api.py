@@ -98,6 +98,10 @@ def test_a_second_plan_of_the_same_shape_compiles_nothing(
     assert stages <= set(found.timings)
     assert found.timings["total"] == pytest.approx(sum(found.timings[s] for s in stages))
     assert batch.status.shape == (COUNT,)
+    solved = batch.status == Status.OK
+    np.testing.assert_array_equal(batch.cost[solved], batch.length[solved])  # nothing is priced
+    assert (batch.cruise_clearance[solved] >= batch.clearance[solved]).all()
+    assert np.isnan([batch.cost[~solved], batch.cruise_clearance[~solved]]).all()
     again = plan_batch(problems[0][::-1], problems[1][::-1], problems[2][::-1], GRID, margin=4.0)
     assert again[0].timings["compile"] == 0
 

@@ -87,9 +87,10 @@ def verify(
     Args:
         path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
         blocked: further voxels that the path must not touch, wherever it is. None: there are none.
-        occupied: occupied voxels (obstacles as seen), ground included.
+        occupied: occupied voxels (obstacles as seen).
         grid: where the voxels lie in the world.
-        ground: voxels of `occupied` that are ground, from which no distance is measured. None: there are none.
+        ground: voxels that are ground, whether `occupied` has them or not; clearance is not measured from them. None:
+            there are none.
         radius: distance to keep outside the balls [m].
         balls: radii of the balls around the path's first and last point [m].
 
@@ -140,7 +141,7 @@ def verify_batch(
     lines = _Polylines.of(paths, grid, tolerance)
     own = np.where(balls > 0, balls / grid.spacing + (_SLACK + tolerance)[:, None], 0.0)
     parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
-    first_hit = _first_hits(parts, path_of, tolerance, which, _Maps(occupied, blocked, ground if radius > 0 else None))
+    first_hit = _first_hits(parts, path_of, tolerance, which, (_Maps(occupied, ground, blocked), radius > 0))
     least, places = clearances(parts, path_of, which, occupied, ground)
     too_near = least[:, 1] < radius / grid.spacing - _SLACK - tolerance
     at = grid.spacing * _at_points(lines, which, occupied, ground)
@@ -190,12 +191,13 @@ def _first_hits(
     path_of: Int64[np.ndarray, " k"],
     tolerance: Float64[np.ndarray, " p"],
     which: Integer[np.ndarray, " p"],
-    maps: _Maps,
+    kept: tuple[_Maps, bool],
 ) -> dict[int, Index3]:
-    """The first forbidden voxel of each path that touches one."""
+    """The first forbidden voxel of each path that touches one; `kept`: of which maps, and whether beside the ground."""
+    (maps, beside), outer = kept, parts.zone > 0
 
     def forbidden(part: Int64[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]) -> Bool[np.ndarray, " c"]:
-        return maps.forbidden(which[path_of[part]], voxels, parts.zone[part] > 0)
+        return maps.forbidden(which[path_of[part]], voxels, outer[part] & beside)
 
     part, voxels = contacts(parts.start, parts.step, tolerance[path_of], maps.occupied.shape[1:], forbidden)
     backwards = zip(path_of[part[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
@@ -264,19 +266,20 @@ class _Polylines:
 
 @dataclasses.dataclass(frozen=True)
 class _Maps:
-    """The voxels of each map: as in `verify_batch`; `ground` None where no distance is kept from it."""
+    """The voxels of each map, as in `verify_batch`."""
 
     occupied: Bool[np.ndarray, "m nx ny nz"]
-    blocked: Bool[np.ndarray, "m nx ny nz"] | None
     ground: Bool[np.ndarray, "m nx ny nz"] | None
+    blocked: Bool[np.ndarray, "m nx ny nz"] | None
 
     def forbidden(
         self, map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"], apart: Bool[np.ndarray, " c"]
     ) -> Bool[np.ndarray, " c"]:
         """Which voxels must not be touched: those held; and, by what is kept `apart`, those beside ground."""
         held = _at(self.occupied, map_of, voxels)
-        if self.blocked is not None:
-            held |= _at(self.blocked, map_of, voxels)
+        for volumes in (self.ground, self.blocked):
+            if volumes is not None:
+                held |= _at(volumes, map_of, voxels)
         if self.ground is not None:
             asked = np.flatnonzero(apart & ~held)
             held[asked] = _beside(self.ground, map_of[asked], voxels[asked])

@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64
@@ -39,7 +40,15 @@ class Plan:
             blocked voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
+        cruise_clearance: the least such distance outside balls of 10 m around the ends, and outside `balls`;
+            `clearance` where the path does not leave them; NaN unless OK.
+        clearance_at: (t,) float64 [m], such a distance at each point of the path.
+        radius: distance [m] that the path keeps outside `balls`.
+        balls: radii [m] of the balls around start and goal in which it does not, since they stand nearer; 0: none.
+        cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
+        potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
+            "geodesic"; "" where it climbed none.
         margin: dilation that was used [m].
         timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
             device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
@@ -50,15 +59,36 @@ class Plan:
     path: Float64[np.ndarray, "t 3"]
     length: float
     clearance: float
+    cruise_clearance: float
+    clearance_at: Float64[np.ndarray, " t"]
+    radius: float
+    balls: tuple[float, float]
+    cost: float
     certified: bool
+    potential: str
     margin: float
     timings: Mapping[str, float]
     method: str
 
 
-def no_plan(status: Status, method: str, *, certified: bool = False, margin: float = 0.0) -> Plan:
+def no_plan(status: Status, method: str, *, certified: bool = False, margin: float = 0.0, radius: float = 0.0) -> Plan:
     """A plan without a path."""
-    return Plan(status, NO_PATH.astype(np.float64), math.nan, math.nan, certified, margin, {}, method)
+    return Plan(
+        status,
+        NO_PATH.astype(np.float64),
+        length=math.nan,
+        clearance=math.nan,
+        cruise_clearance=math.nan,
+        clearance_at=np.zeros(0),
+        radius=radius,
+        balls=(0.0, 0.0),
+        cost=math.nan,
+        certified=certified,
+        potential="",
+        margin=margin,
+        timings={},
+        method=method,
+    )
 
 
 def judged(
@@ -67,6 +97,7 @@ def judged(
     dilated: Dilated,
     method: str,
     which: Int64[np.ndarray, " n"] | None = None,
+    radius: float = 0.0,
 ) -> list[Plan]:
     """Turn routes into plans: only a path that the judge passes is handed out.
 
@@ -76,6 +107,7 @@ def judged(
         dilated: the m maps that the routes must keep to, on the host.
         method: name of the planner.
         which: map of each route. None: each has its own.
+        radius: distance to keep [m], but in the routes' balls.
 
     Returns:
         One plan a route; their `timings` are empty.
@@ -85,18 +117,37 @@ def judged(
     for k, route in enumerate(routes):
         if route.status == Status.OK:
             local[k] = _local(np.asarray(route.path), task, k)
+    balls = np.array([route.balls for route in routes], np.float64).reshape(-1, 2)
     with timed("verify"):
-        verdicts = _verdicts(local, which, dilated, task)
+        verdicts = _verdicts(local, which, dilated, task, (radius, balls))
     plans = []
     for k, route in enumerate(routes):
-        certified, margin = bool(route.certified), float(dilated.margin[which[k]])
-        if k in verdicts and verdicts[k].ok:
-            path, figures = _world(local[k], task, k), (verdicts[k].length, verdicts[k].clearance)
-            plans.append(Plan(Status.OK, path, *figures, certified, margin, {}, method))
-            continue
-        status = Status.PATH_IN_COLLISION if k in verdicts else Status(int(route.status))
-        plans.append(no_plan(status, method, certified=certified, margin=margin))
+        sure: dict[str, Any] = {"certified": bool(route.certified), "margin": float(dilated.margin[which[k]])}
+        nothing = no_plan(Status.PATH_IN_COLLISION, method, radius=radius, **sure)
+        if k not in verdicts:
+            plans.append(dataclasses.replace(nothing, status=Status(int(route.status))))
+        elif verdicts[k].ok:
+            plans.append(_passed(nothing, _world(local[k], task, k), verdicts[k], route))
+        else:
+            plans.append(nothing)
     return plans
+
+
+def _passed(nothing: Plan, path: Float64[np.ndarray, "t 3"], verdict: Verification, route: Route) -> Plan:
+    """The plan of a path that the judge passed, from the one that there would be without it."""
+    start, goal = np.asarray(route.balls, np.float64).tolist()
+    return dataclasses.replace(
+        nothing,
+        status=Status.OK,
+        path=path,
+        length=verdict.length,
+        clearance=verdict.clearance,
+        cruise_clearance=verdict.cruise_clearance,
+        clearance_at=verdict.clearance_at,
+        balls=(start, goal),
+        cost=float(route.cost) or verdict.length,
+        potential="geodesic" if route.geodesic else "maxwell" if route.certified else "",
+    )
 
 
 def _local(path: Float[np.ndarray, "t 3"], task: Task, k: int) -> Float64[np.ndarray, "s 3"]:
@@ -125,16 +176,18 @@ def _verdicts(
     which: Int64[np.ndarray, " n"],
     dilated: Dilated,
     task: Task,
+    kept: tuple[float, Float64[np.ndarray, "n 2"]],
 ) -> dict[int, Verification]:
+    """Verdicts on paths; `kept` is the radius and, for each route, its balls [m]."""
+    radius, balls = kept
     blocked = np.asarray(dilated.blocked)
     occupied, ground = (np.broadcast_to(volumes, blocked.shape) for volumes in (task.occupied, task.ground))
 
     def some(keys: list[int]) -> list[tuple[int, Verification]]:
         first, last = which[keys[0]], which[keys[-1]] + 1
         maps = blocked[first:last], occupied[first:last]
-        found = verify_batch(
-            [paths[key] for key in keys], which[keys] - first, *maps, task.grid.local, ground=ground[first:last]
-        )
+        ends: dict[str, Any] = {"ground": ground[first:last], "radius": radius, "balls": balls[keys]}
+        found = verify_batch([paths[key] for key in keys], which[keys] - first, *maps, task.grid.local, **ends)
         return list(zip(keys, found, strict=True))
 
     parts: list[list[int]] = []

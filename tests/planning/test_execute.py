@@ -16,7 +16,8 @@ from maxjax import Grid, Plan, Status, plan, solve_potential, verify
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_one, plan_task, staged, with_longer_ascents
-from maxjax.planning.problem import Problem
+from maxjax.planning.plan import judged
+from maxjax.planning.problem import Dilated, Problem
 from maxjax.planning.route import PathFinder, Route, failed, found
 from maxjax.planning.task import Task
 
@@ -60,6 +61,27 @@ def test_ends_are_the_given_points_bit_by_bit() -> None:
     np.testing.assert_array_equal(plan.path, np.stack([START, GOAL]))  # repeated points are left out
     assert plan.length == pytest.approx(math.dist(START, GOAL), rel=1e-9)
     assert plan.clearance == math.inf
+
+
+def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
+    """An occupied voxel stands beside the start: nearer than the radius, which only a ball excuses."""
+    beside = EMPTY.copy()
+    x, y, z = np.floor((START - GRID.origin) / GRID.spacing + 0.5).astype(int)
+    beside[x - 1, y, z] = True
+    task, dilated = Task.of(beside, START[None], GOAL, GRID, 2.0), Dilated(EMPTY[None], np.zeros(1, np.float32))
+    path = (np.stack([START, GOAL]) - GRID.origin) / GRID.spacing
+    bare, excused = found(path, True), found(path, True, balls=(3.0, 0.0), geodesic=True, cost=99.5)
+    check_failed(judged([bare], task, dilated, "test", radius=1.9)[0], Status.PATH_IN_COLLISION)
+    (plan,) = judged([excused], task, dilated, "test", radius=1.9)
+    (free,) = judged([bare], task, dilated, "test")
+    verdict = verify(plan.path, None, beside, GRID)
+    assert plan.status is free.status is Status.OK
+    assert (plan.radius, plan.balls, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
+    assert (free.radius, free.balls, free.cost, free.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
+    assert plan.clearance < 1.9 < plan.cruise_clearance
+    for one in (plan, free):
+        assert (one.clearance, one.cruise_clearance) == pytest.approx((verdict.clearance, verdict.cruise_clearance))
+        np.testing.assert_allclose(one.clearance_at, verdict.clearance_at, rtol=1e-9)
 
 
 def capped(sigma: jax.Array, goal: jax.Array) -> object:
