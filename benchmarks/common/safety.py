@@ -247,7 +247,7 @@ def _search(
         rows.append(number[source][legal])
         columns.append(number[target][legal])
         length = np.sqrt(np.count_nonzero(step))
-        mean = 1.0 if prices is None else 0.5 * (prices[source][legal] + prices[target][legal]).astype(float)
+        mean = 1.0 if prices is None else 0.5 * (prices[source][legal] + prices[target][legal])
         weights.append(np.broadcast_to(length * mean, rows[-1].shape))
     for k, end in enumerate(ends):
         near, price_there = _around(free, nodes, end), 1.0 if prices is None else _interpolated(prices, end)
@@ -319,7 +319,7 @@ def cheapest(
 
     def search(window: _Window) -> float:
         moved = start - window.low, goal - window.low
-        return _search(free[window.box], None, prices[window.box], moved, window)
+        return _search(free[window.box], None, prices[window.box].astype(np.float64), moved, window)
 
     return _least(search, free.shape, start, goal, np.inf)
 

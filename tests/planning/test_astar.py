@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import cuts_no_corner, grid_graph
+from references import cuts_no_corner, grid_graph, priced_graph, random_free
 from scipy.sparse.csgraph import dijkstra
 
 from maxjax import Status
 from maxjax.planning.baselines import astar as module
+from maxjax.planning.baselines import steps
 from maxjax.planning.baselines.astar import astar
 
 
@@ -93,13 +94,45 @@ def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Pa
         assert cuts_no_corner(result.path, blocked)
 
 
+@pytest.mark.parametrize("density", [0.05, 0.25])
+def test_a_price_makes_the_path_the_cheapest(density: float) -> None:
+    rng = np.random.default_rng(int(100 * density))
+    blocked = rng.random((12, 11, 9)) < density
+    price = rng.choice([1.0, 1.3, 3.0, 9.0], blocked.shape)
+    graph = priced_graph(blocked, price)
+    for start in map(tuple, random_free(rng, blocked, 3).tolist()):
+        costs = dijkstra(graph, indices=np.ravel_multi_index(start, blocked.shape)).reshape(blocked.shape)
+        for goal in map(tuple, random_free(rng, blocked, 60).tolist()):
+            result = astar(blocked, start, goal, price)
+            assert result.cost == pytest.approx(costs[goal], rel=1e-9)
+            if result.status is Status.OK:
+                assert result.length == pytest.approx(euclidean_length(result.path), abs=1e-9)
+                assert cuts_no_corner(result.path, blocked)
+
+
+def test_a_price_of_one_changes_nothing_and_others_are_checked() -> None:
+    rng = np.random.default_rng(2)
+    blocked = rng.random((12, 11, 9)) < 0.2
+    start, goal = map(tuple, random_free(rng, blocked, 2).tolist())
+    bare, one = astar(blocked, start, goal), astar(blocked, start, goal, np.ones(blocked.shape, np.float32))
+    np.testing.assert_array_equal(bare.path, one.path)
+    assert (bare.expanded, bare.length, bare.cost) == (one.expanded, one.length, one.length)
+    for wrong in (0.99, np.nan, np.inf):
+        price = np.ones(blocked.shape)
+        price[3, 4, 5] = wrong
+        with pytest.raises(ValueError, match="price: expected finite numbers of at least 1"):
+            astar(blocked, start, goal, price)
+    with pytest.raises(ValueError, match=r"price: expected shape \(12, 11, 9\), given \(12, 11\)"):
+        inspect.unwrap(astar)(blocked, start, goal, np.ones((12, 11)))
+
+
 def test_empty_space_leaves_one_natural_successor_per_axis_subset() -> None:
-    for arrival, step in enumerate(module._STEPS):
-        onward = [module._STEPS[k] for k in module._successors(0, arrival)]
+    for arrival, step in enumerate(steps.STEPS):
+        onward = [steps.STEPS[k] for k in steps.successors(0, arrival)]
         # The steps along some of the axes of the last one, and nothing else.
         assert len(onward) == 2 ** np.count_nonzero(step) - 1
         assert all(n in (0, s) for a in onward for n, s in zip(a, step, strict=True))
-    assert len(module._successors(0, module._AT_START)) == 26
+    assert len(steps.successors(0, steps.AT_START)) == 26
 
 
 def test_heuristic_is_exact_in_empty_space() -> None:
@@ -110,7 +143,7 @@ def test_heuristic_is_exact_in_empty_space() -> None:
 
 def test_window_codes_hold_the_neighbourhood() -> None:
     blocked = np.random.default_rng(3).random((4, 5, 6)) < 0.4
-    codes = module._window_codes(blocked)
+    codes = steps.window_codes(blocked)
     padded = np.pad(blocked, 1, constant_values=True)
     for x, y, z in np.ndindex(blocked.shape):
         window = padded[x : x + 3, y : y + 3, z : z + 3].ravel()

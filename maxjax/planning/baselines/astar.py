@@ -1,48 +1,33 @@
 """A* on the voxel grid: the classical rival, optimal among 26-neighbour paths that cut no corner.
 
-    minimise  Σ ‖v_{k+1} − v_k‖  over  v_0 = start, …, v_T = goal  with steps in {−1, 0, 1}³,
+    minimise  Σ ‖v_{k+1} − v_k‖ (n_k + n_{k+1}) / 2  over  v_0 = start, …, v_T = goal  with steps in {−1, 0, 1}³,
 
-where a step is legal only if every voxel that it spans (2, 2×2 or 2×2×2 voxels) is free. The heuristic h is the
-octile distance: the shortest length in empty space, hence consistent. Three ideas make it fast:
+where a step is legal only if every voxel that it spans (2, 2×2 or 2×2×2 voxels) is free, and the price n ≥ 1 is that of
+∫ n ds for n linear along the step. The heuristic h is the octile distance: the shortest length in empty space, hence
+consistent, for a price is at least 1. Three ideas make it fast:
 
-**Window codes.** The 3×3×3 window of a voxel is packed into 27 bits, for all voxels at once by three passes
-of shifts. The legal steps are a function of that one integer: looked up in the loop, not computed.
-
-**Pruned successors.** A voxel x, reached by a step from p, skips the step x → n if a detour of one or two
-legal steps inside the window, p → n or p → y → n with y ≠ x, is shorter than p → x → n, or as long but with a
-shorter last step. In empty space 1, 3 or 7 of 26 steps remain. No optimum is lost: let g* be exact distances,
-f* = g* + h, and suppose that some voxel with f* below the goal's final label never got its exact label. Let n
-be one with the least g*. All its optimal predecessors have a smaller g* and, h being consistent, no larger
-f*, so they got theirs and were expanded with it. Take among them an x with the shortest step to n. As it
-skipped n, there was a detour from its parent p. A shorter detour contradicts that x is an optimal
-predecessor; one as long makes y an optimal predecessor with a shorter step, against the choice of x. So there
-is no such voxel, and the goal's label is exact.
+**Window codes and pruned successors.** The legal steps from a voxel, and which of them may be left out, are a
+function of one integer (`planning.baselines.steps`).
 
 **Buckets in place of a heap.** The proof uses no order of expansion. Open voxels lie in stacks by ⌊8 f⌋, and
 the last one in leaves first, which breaks ties toward larger g. A voxel is expanded again whenever its label
 improves; the search ends when no open f is below the goal's label.
 
-Labels are float64 multiples of 2⁻³³ (each step's length rounded to one), so that their sums are exact and
-ties are true ties; the optimum differs from that in real numbers by less than 1e-11 of its length.
+Without a price labels are float64 multiples of 2⁻³³ (each step's length rounded to one), so that their sums are
+exact and ties are true ties; the optimum differs from that in real numbers by less than 1e-11 of its length.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import itertools
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int32, UInt, UInt32
+from jaxtyping import Bool, Float, Float64, Int32, UInt32
 
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
-
-_STEPS: list[Index3] = [(x, y, z) for x, y, z in itertools.product((-1, 0, 1), repeat=3) if x or y or z]
-_AT_START = len(_STEPS)  # the "direction" in which the start was reached
-_RESOLUTION = 2.0**-33  # of labels, which count eighths of a voxel; sums stay exact up to 2¹⁹ of these
-_COST = [round(8 * math.sqrt(n) / _RESOLUTION) * _RESOLUTION for n in range(4)]  # by number of axes moved along
+from maxjax.planning.baselines.steps import AT_START, COST, STEPS, length_of, onward, successors, window_codes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,46 +38,61 @@ class AstarResult:
         status: OK, or why there is no path.
         path: voxel indices from start to goal, both included; (0, 3) unless OK.
         length: Euclidean length of the path [voxels]; infinite unless OK.
+        cost: what it pays, Σ ‖step‖ (n_k + n_{k+1}) / 2 [voxels]; its length where there is no price.
         expanded: number of expansions, repeated ones included.
     """
 
     status: Status
     path: Int32[np.ndarray, "t 3"]
     length: float
+    cost: float
     expanded: int
 
 
-def astar(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: Index3) -> AstarResult:
-    """Shortest 26-neighbour path from `start` to `goal` through free voxels, cutting no corner.
+def astar(
+    blocked: Bool[np.ndarray, "nx ny nz"],
+    start: Index3,
+    goal: Index3,
+    price: Float[np.ndarray, "nx ny nz"] | None = None,
+) -> AstarResult:
+    """Cheapest 26-neighbour path from `start` to `goal` through free voxels, cutting no corner.
 
     Args:
         blocked: True where the path must not go.
         start: voxel index.
         goal: voxel index; may equal `start`, which gives a path of one voxel.
+        price: n of every voxel. None: 1, and the path is the shortest.
 
     Returns:
-        The path, its length [voxels] and a status: OK, START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED,
+        The path, its length and cost [voxels] and a status: OK, START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED,
         GOAL_OCCUPIED, or NO_VALID_PATH once every voxel that can be reached from the start was expanded.
 
     Raises:
-        ValueError: unless `blocked` is a volume of bool and both indices have three components.
+        ValueError: unless `blocked` is a volume of bool, both indices have three components, and `price` has the shape
+            of `blocked` and is finite and at least 1.
     """
     if blocked.ndim != 3 or blocked.dtype != np.bool_:
         raise ValueError(f"blocked: expected bool of shape (nx, ny, nz), given {blocked.dtype} {blocked.shape}")
     for name, index in (("start", start), ("goal", goal)):
         if len(index) != 3:
             raise ValueError(f"{name}: expected three voxel indices, given {index}")
+    dearest = 1.0 if price is None else _dearest(price, blocked.shape)
     status = _endpoint_status(blocked, start, goal)
     if status is not Status.OK:
-        return AstarResult(status, np.empty((0, 3), np.int32), math.inf, 0)
+        return AstarResult(status, np.empty((0, 3), np.int32), math.inf, math.inf, 0)
 
-    codes = _window_codes(blocked)
+    codes = window_codes(blocked)
     shape = codes.shape
     padded_start, padded_goal = (tuple(int(c) + 1 for c in index) for index in (start, goal))
     source, target = (int(np.ravel_multi_index(index, shape)) for index in (padded_start, padded_goal))
-    came, expanded, found = _search(codes, _octile(shape, padded_goal), source, target)
+    heuristic = _octile(shape, padded_goal)
+    if price is None or dearest == 1:
+        came, expanded, found = _search(codes, heuristic, source, target)
+    else:
+        halves = np.pad(0.5 * price.astype(np.float64), 1)
+        came, expanded, found = _search_priced(codes, heuristic, halves, source, target)
     if not found:
-        return AstarResult(Status.NO_VALID_PATH, np.empty((0, 3), np.int32), math.inf, expanded)
+        return AstarResult(Status.NO_VALID_PATH, np.empty((0, 3), np.int32), math.inf, math.inf, expanded)
 
     backward, node, offsets = [target], target, _offsets(shape)
     while node != source:
@@ -101,7 +101,22 @@ def astar(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: Index3) ->
     path = np.stack(np.unravel_index(backward[::-1], shape), axis=1).astype(np.int32) - 1
     moved = np.bincount(np.abs(np.diff(path, axis=0)).sum(axis=1), minlength=4)
     length = math.fsum(count * math.sqrt(n) for n, count in enumerate(moved))
-    return AstarResult(Status.OK, path, length, expanded)
+    return AstarResult(Status.OK, path, length, length if price is None else _paid(path, price), expanded)
+
+
+def _dearest(price: Float[np.ndarray, "..."], shape: tuple[int, ...]) -> float:
+    if price.shape != shape:
+        raise ValueError(f"price: expected shape {shape}, given {price.shape}")
+    least, most = float(price.min(initial=1)), float(price.max(initial=1))
+    if not (least >= 1 and most < math.inf):  # NaN is both
+        raise ValueError(f"price: expected finite numbers of at least 1, given {least} to {most}")
+    return most
+
+
+def _paid(path: Int32[np.ndarray, "t 3"], price: Float[np.ndarray, "nx ny nz"]) -> float:
+    """∫ n ds along a path of voxels [voxels]."""
+    n = price[tuple(path.T)].astype(np.float64)
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1) @ (0.5 * (n[1:] + n[:-1])))
 
 
 def _endpoint_status(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: Index3) -> Status:
@@ -126,15 +141,15 @@ def _search(
     """Label voxels from `source` until `target` has its exact label.
 
     Indices are flat, in the padded grid. Returns the step by which each voxel was reached (its place in
-    `_STEPS`), the number of expansions, and whether the target was reached.
+    `STEPS`), the number of expansions, and whether the target was reached.
     """
-    moves_of = list(zip(_offsets(codes.shape), map(_cost, _STEPS), range(len(_STEPS)), strict=True))
+    moves_of = list(zip(_offsets(codes.shape), map(length_of, STEPS), range(len(STEPS)), strict=True))
     code, h = codes.reshape(-1).data, heuristic.reshape(-1).data
     # Plain containers: one look-up in a NumPy array costs more than all the arithmetic on it.
     g = [math.inf] * codes.size
     came = bytearray(codes.size)
     moves: dict[int, list[tuple[int, float, int]]] = {}
-    g[source], came[source] = -h[source], _AT_START  # labels count from here, so that f starts at 0
+    g[source], came[source] = -h[source], AT_START  # labels count from here, so that f starts at 0
     best = g[target]
     buckets = [[(g[source], source)]] if source != target else []
     expanded = 0
@@ -148,10 +163,10 @@ def _search(
             expanded += 1
             key = code[i] << 5 | came[i]
             try:
-                successors = moves[key]
+                pruned = moves[key]
             except KeyError:
-                successors = moves[key] = [moves_of[k] for k in _successors(code[i], came[i])]
-            for offset, cost, k in successors:
+                pruned = moves[key] = [moves_of[k] for k in successors(code[i], came[i])]
+            for offset, cost, k in pruned:
                 j = i + offset
                 g_j = g_i + cost
                 if g_j < g[j]:
@@ -169,31 +184,59 @@ def _search(
     return came, expanded, best < math.inf
 
 
-def _window_codes(blocked: Bool[np.ndarray, "nx ny nz"]) -> UInt32[np.ndarray, "px py pz"]:
-    """The 3×3×3 window of every voxel as 27 bits, 1 for blocked; padded by one blocked layer.
-
-    Bit 9 (x+1) + 3 (y+1) + (z+1) stands for the neighbour at (x, y, z) ∈ {−1, 0, 1}³. Codes of the padding
-    itself wrap around and mean nothing: no legal step leads there.
-    """
-    padded = np.pad(blocked, 1, constant_values=True)
-    _, ny, nz = padded.shape
-    row = _with_neighbors(padded.reshape(-1).astype(np.uint8), 1, 1)
-    plane = _with_neighbors(row.astype(np.uint16), nz, 3)
-    return _with_neighbors(plane.astype(np.uint32), ny * nz, 9).reshape(padded.shape)
-
-
-def _with_neighbors(code: UInt[np.ndarray, " n"], stride: int, bits: int) -> UInt[np.ndarray, " n"]:
-    """Codes of `bits` bits, joined with their neighbours `stride` before and after into codes of 3 `bits`."""
-    joined = code << bits
-    joined[stride:] |= code[:-stride]
-    joined[:-stride] |= code[stride:] << 2 * bits
-    return joined
+def _search_priced(
+    codes: UInt32[np.ndarray, "px py pz"],
+    heuristic: Float64[np.ndarray, "px py pz"],
+    halves: Float64[np.ndarray, "px py pz"],
+    source: int,
+    target: int,
+) -> tuple[bytearray, int, bool]:
+    """`_search` where voxels have prices, of which `halves` holds the halves: all legal steps but the way back."""
+    moves_of = list(zip(_offsets(codes.shape), map(length_of, STEPS), range(len(STEPS)), strict=True))
+    code, h, half = codes.reshape(-1).data, heuristic.reshape(-1).data, halves.reshape(-1).data
+    g = [math.inf] * codes.size
+    came = bytearray(codes.size)
+    moves: dict[int, list[tuple[int, float, int]]] = {}
+    g[source], came[source] = -h[source], AT_START
+    best = g[target]
+    buckets = [[(g[source], source)]] if source != target else []
+    expanded = 0
+    for lower, bucket in enumerate(buckets):  # grows while we walk
+        if lower >= best:
+            break
+        while bucket:
+            g_i, i = bucket.pop()
+            if g_i != g[i] or g_i + h[i] >= best:
+                continue
+            expanded += 1
+            key = code[i] << 5 | came[i]
+            try:
+                legal = moves[key]
+            except KeyError:
+                legal = moves[key] = [moves_of[k] for k in onward(code[i], came[i])]
+            half_i = half[i]
+            for offset, cost, k in legal:
+                j = i + offset
+                g_j = g_i + cost * (half_i + half[j])
+                if g_j < g[j]:
+                    f = g_j + h[j]
+                    if f < best:
+                        g[j], came[j] = g_j, k
+                        if j == target:
+                            best = f
+                            continue
+                        try:
+                            buckets[int(f)].append((g_j, j))
+                        except IndexError:
+                            buckets.extend([] for _ in range(int(f) + 1 - len(buckets)))
+                            buckets[int(f)].append((g_j, j))
+    return came, expanded, best < math.inf
 
 
 def _octile(shape: tuple[int, ...], goal: tuple[int, ...]) -> Float64[np.ndarray, "px py pz"]:
     """Length of the shortest path in empty space from every voxel to `goal` [1/8 voxel]."""
     a, b, c = (np.abs(np.arange(n) - at).astype(np.float64) for n, at in zip(shape, goal, strict=True))
-    _, one, two, three = _COST
+    _, one, two, three = COST
     # Sorted, the offsets cost three·least + two·(middle − least) + one·(greatest − middle). By their sum,
     # that is (two − one)·sum + (2 one − two)·greatest + (three − 2 two + one)·least: little work, plane by
     # plane in the cache.
@@ -213,55 +256,4 @@ def _octile(shape: tuple[int, ...], goal: tuple[int, ...]) -> Float64[np.ndarray
 
 def _offsets(shape: tuple[int, ...]) -> list[int]:
     """Flat offset of every step."""
-    return [(x * shape[1] + y) * shape[2] + z for x, y, z in _STEPS]
-
-
-def _cost(step: Index3) -> float:
-    """Length of a step [1/8 voxel]."""
-    return _COST[sum(map(abs, step))]
-
-
-@functools.lru_cache(maxsize=2**16)
-def _successors(code: int, arrival: int) -> list[int]:
-    """Steps (indices into `_STEPS`) to try from a voxel with this window code, reached by step `arrival`."""
-    return [k for k, span, detours in _rules(arrival) if not code & span and all(code & detour for detour in detours)]
-
-
-@functools.cache
-def _rules(arrival: int) -> list[tuple[int, int, list[int]]]:
-    """Steps on from a voxel reached by `arrival`: each its index, its span code, and the detours that prune it.
-
-    Block and detours are window codes of the voxels that have to be free for them.
-    """
-    if arrival == _AT_START:
-        return [(k, _span_code((0, 0, 0), n), []) for k, n in enumerate(_STEPS)]
-    x, y, z = _STEPS[arrival]
-    p = (-x, -y, -z)
-    rules = []
-    for k, n in enumerate(_STEPS):
-        if n == p:
-            continue
-        detours = {_span_code(p, n)} if _adjacent(p, n) else set()
-        for via in _STEPS:
-            if _adjacent(p, via) and _adjacent(via, n):
-                last = _cost(_difference(n, via))
-                length = _cost(_difference(via, p)) + last
-                through = _cost(p) + _cost(n)
-                if length < through or (length == through and last < _cost(n)):
-                    detours.add(_span_code(p, via) | _span_code(via, n))
-        rules.append((k, _span_code((0, 0, 0), n), sorted(detours, key=int.bit_count)))
-    return rules
-
-
-def _difference(a: Index3, b: Index3) -> Index3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _adjacent(a: Index3, b: Index3) -> bool:
-    return _difference(a, b) in _STEPS
-
-
-def _span_code(a: Index3, b: Index3) -> int:
-    """Window code of all voxels that the step between window positions `a` and `b` spans."""
-    spans = (range(min(p, q), max(p, q) + 1) for p, q in zip(a, b, strict=True))
-    return sum(1 << 9 * (x + 1) + 3 * (y + 1) + (z + 1) for x, y, z in itertools.product(*spans))
+    return [(x * shape[1] + y) * shape[2] + z for x, y, z in STEPS]
