@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, Status, plan
-from maxjax.planning.baselines.apf import distance_field, look
+from maxjax.planning.baselines.apf import descend, distance_field, look
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
 START, GOAL = (3.0, 12.0, 12.0), (21.0, 12.4, 12.0)
@@ -64,6 +64,18 @@ def test_a_convex_obstacle_is_passed_by() -> None:
     assert found.status is Status.OK
     assert found.clearance > 0.05
     assert 18.0 < found.length < 1.25 * 18.0
+
+
+def test_a_price_pushes_the_path_off_a_wall() -> None:
+    floor = np.zeros(GRID.shape, bool)
+    floor[:, :, :9] = True
+    distance, ends = distance_field(floor), (np.array(START), np.array(GOAL))
+    price = np.maximum(distance, 0)
+    bare, priced = descend(distance, *ends), descend(distance, *ends, 1 + 4 * np.maximum(1 - price / 8, 0) ** 2)
+    assert bare is not None
+    assert priced is not None
+    assert bare[:, 2].max() < 12.1
+    assert priced[:, 2].max() > 12.3
 
 
 def test_a_dead_end_is_a_local_minimum_and_has_no_path() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from maxjax import Grid, Plan, Status, plan, verify
-from maxjax.planning.baselines.rrt_star import line_of_sight, rrt_star
+from maxjax.planning.baselines.rrt_star import _grow, cost_of_segments, line_of_sight, rrt_star
 from maxjax.planning.execute import plan_one
 from maxjax.planning.task import Task
 
@@ -59,6 +61,50 @@ def test_edges_refuse_faces_corners_and_what_leaves_the_grid() -> None:
     assert not clear(x, np.array([-0.5, 0.0, 2.0]))
 
 
+def test_edges_with_room_keep_to_the_dual_cells() -> None:
+    """Sampled densely: a point is allowed if the voxels that the open box of one voxel around it overlaps are free."""
+    rng = np.random.default_rng(3)
+    blocked = rng.random(GRID.shape) < 0.01
+    clear = line_of_sight(blocked, 0.5)
+    counts = {True: 0, False: 0}
+    for a in rng.uniform(0.5, 23.5, (150, 3)):
+        b = np.clip(a + rng.normal(0, 4, 3), 0.5, 23.5)
+        line = a + np.linspace(0, 1, 400)[:, None] * (b - a)
+        allowed = True
+        for corner in np.ndindex(2, 2, 2):
+            allowed &= not blocked[tuple(np.where(corner, np.ceil(line), np.floor(line)).astype(int).T)].any()
+        seen = clear(a, b)
+        counts[seen] += 1
+        assert allowed or not seen
+        if allowed and not seen:  # it passes close to an edge of the boxes around the blocked voxels
+            gaps = np.abs(line[:, None] - np.argwhere(blocked)).max(axis=-1)
+            assert gaps.min() < 1.25
+    assert min(counts.values()) > 20
+
+
+def test_a_corridor_of_one_voxel_is_clear_along_its_middle() -> None:
+    blocked = np.ones((7, 5, 5), bool)
+    blocked[:, 2, 2] = False
+    clear = line_of_sight(blocked, 0.5)
+    assert clear(np.array([0.0, 2, 2]), np.array([6.0, 2, 2]))
+    assert clear(np.array([0.3, 2, 2]), np.array([5.6, 2, 2.0001]))
+    assert not clear(np.array([0.0, 2, 2]), np.array([6.0, 2.1, 2]))
+    assert not clear(np.array([0.0, 2, 2]), np.array([6.1, 2, 2]))  # half a voxel from the outside
+
+
+def test_an_edge_costs_the_integral_of_its_price() -> None:
+    rng = np.random.default_rng(4)
+    price = 1 + 4 * rng.random((9, 8, 7))
+    price = ndimage.gaussian_filter(price, 1)
+    cost = cost_of_segments(price)
+    for _ in range(40):
+        a, b = rng.uniform(-0.5, np.array(price.shape) - 0.5, (2, 3))
+        points = a + (np.arange(4000)[:, None] + 0.5) / 4000 * (b - a)
+        values = ndimage.map_coordinates(price, points.T, order=0, mode="nearest")
+        assert cost(a, b) == pytest.approx(np.linalg.norm(b - a) * values.mean(), rel=0.15)
+    assert cost(a, a) == 0
+
+
 def test_a_missing_ompl_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is computed: the first plan of a process compiles for seconds."""
     monkeypatch.setitem(sys.modules, "ompl", None)
@@ -87,6 +133,18 @@ class TestTree:
         lengths = [grow(wall(gap=True), n).length for n in (400, 800, 1600)]
         assert lengths == sorted(lengths, reverse=True)
         assert lengths[-1] < lengths[0]
+
+    def test_a_price_is_avoided(self) -> None:
+        price = np.ones(GRID.shape, np.float32)
+        price[8:17, 6:19, :] = 6
+        ends = [START.astype(float), GOAL.astype(float)]
+        paths = [_grow(np.zeros(GRID.shape, bool), ends, 300, prices, 0.5) for prices in (None, price)]
+        costs = []
+        for path in paths:
+            assert path is not None
+            costs.append(sum(cost_of_segments(price)(a, b) for a, b in itertools.pairwise(path)))
+        assert costs[0] > 1.8 * costs[1]  # 9 voxels at 6 against a detour of about 4
+        assert costs[1] < 32
 
     def test_the_same_seed_gives_the_same_path(self) -> None:
         paths = [grow(wall(gap=True), 600, seed).path for seed in (3, 3, 4)]

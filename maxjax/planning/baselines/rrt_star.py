@@ -6,31 +6,36 @@
              rewire: a neighbour that is reached at less cost through x_new becomes its child
 
 (Karaman and Frazzoli, 2011; Sucan, Moll and Kavraki, OMPL, 2012.) Neighbours are the k nearest of n vertices,
-k = 1.1 (e + e/3) log n; edges are checked in the order of what they promise, until one is clear. The tree grows for a
-number of iterations, whether or not there is a path yet. Its best path is handed out as it is, not shortened.
+k = 1.1 · 2⁴ (e + e/3) log n; edges are checked in the order of what they promise, until one is clear. The tree grows
+for a number of iterations, whether or not there is a path yet. Its best path is handed out as it is, not shortened.
 
 **Our reading.** The paper compares with "RRT*(3k)" and says no more: no step size, goal bias or radius. We take it as
 3,000 iterations of `ompl::geometric::RRTstar` with the settings that OMPL chooses. Two things favour the peer: samples
 come from the box that holds the free voxels (in a city, the ground fills the other half of the grid), and edges are
 long: shorter ones, of 3 to 20 voxels, gave longer paths or none.
 
-**What an edge costs.** OMPL checks an edge at states that are 1 % of the map apart, nearly two voxels, and would cut
+**Prices.** Where metres have a price, an edge costs ∫ n ds in place of its length, with the n of the voxel that holds
+each half voxel of it. OMPL asks for the cost of every edge to a neighbour, a million times in 3,000 iterations.
+
+**Which edges are clear.** OMPL checks an edge at states that are 1 % of the map apart, nearly two voxels, and would cut
 corners. Here it is checked exactly, so every edge passes `verify` and no path has to be mended: it is cut into pieces
-of at most a quarter of a voxel along each axis, and all voxels of the block that a piece spans (at most two along each
-axis) have to be free. That refuses what passes an edge of a blocked voxel by less than a quarter. A check is a dozen
-NumPy calls, called back from C++, and all of them are about half of the run time: a validator in C++ would at best
-halve it.
+of at most a quarter of a voxel along each axis, and all voxels have to be free that the box around a piece meets, grown
+by the room that a path keeps (`planning.sight`: none, which leaves at most two along each axis, or half a voxel, which
+leaves three). That refuses what passes an edge of a blocked voxel, so grown, by less than a quarter. A check is a dozen
+NumPy calls, called back from C++, and all of them are about half of the run time without a price: a validator in C++
+would at best halve it.
 
 Positions are index coordinates (whole numbers at voxel centres).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float, Float64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -42,6 +47,7 @@ from maxjax.planning.sight import TOUCH
 _PIECE = 0.25  # [voxels]
 
 Point = Float64[np.ndarray, " 3"]
+Volume = Float[np.ndarray, "nx ny nz"]
 
 
 def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
@@ -58,7 +64,7 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
     """
 
     def find(problem: Problem, grid: Grid) -> Route:
-        from ompl import base, geometric, util
+        from ompl import util
 
         with timed("search"):
             blocked = np.asarray(problem.blocked)
@@ -68,7 +74,7 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
             util.setLogLevel(util.LogLevel.LOG_NONE)
             try:
                 util.RNG.setSeed(seed)
-                path = _grow(base, geometric, blocked, ends, iterations)
+                path = _grow(blocked, ends, iterations)
             finally:
                 util.setLogLevel(level)
         if path is None:
@@ -80,18 +86,20 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
 
 
 def _grow(
-    base: Any,
-    geometric: Any,
     blocked: Bool[np.ndarray, "nx ny nz"],
     ends: list[Point],
     iterations: int,
+    price: Volume | None = None,
+    room: float = 0.0,
 ) -> Float64[np.ndarray, "t 3"] | None:
     """The best path of the tree after so many iterations; None where it has not reached the goal."""
-    clear = line_of_sight(blocked)
+    from ompl import base, geometric
+
+    clear = line_of_sight(blocked, room)
 
     class Edges(base.MotionValidator):  # type: ignore[misc]
         def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802
-            return clear(np.array([a[0], a[1], a[2]]), np.array([b[0], b[1], b[2]]))
+            return clear(_point(a), _point(b))
 
     space = base.RealVectorStateSpace(3)
     bounds = base.RealVectorBounds(3)
@@ -111,34 +119,80 @@ def _grow(
             state[axis] = float(end[axis])
     problem = base.ProblemDefinition(information)
     problem.setStartAndGoalStates(*states)
-    problem.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
+    problem.setOptimizationObjective(_objective(base, information, price))
     tree = geometric.RRTstar(information)
     tree.setProblemDefinition(problem)
     tree.setup()
     tree.solve(base.PlannerTerminationCondition(lambda: tree.numIterations() >= iterations))
     if not problem.hasExactSolution():
         return None
-    found = problem.getSolutionPath().getStates()
-    return np.array([[state[axis] for axis in range(3)] for state in found])
+    return np.array([_point(state) for state in problem.getSolutionPath().getStates()])
 
 
-def line_of_sight(blocked: Bool[np.ndarray, "nx ny nz"]) -> Callable[[Point, Point], bool]:
-    """The function that tells whether the closed segment between two points of the grid touches free voxels only.
+def _point(state: Any) -> Point:
+    return np.array([state[0], state[1], state[2]])
+
+
+def _objective(base: Any, information: Any, price: Volume | None) -> Any:
+    """What the tree makes small: lengths, or what they cost."""
+    if price is None:
+        return base.PathLengthOptimizationObjective(information)
+    cost = cost_of_segments(price)
+
+    # Its bound on what is to come is a length, which is a bound with prices too: they are at least 1.
+    class Cost(base.PathLengthOptimizationObjective):  # type: ignore[misc]
+        def motionCost(self, a: Any, b: Any) -> Any:  # noqa: N802
+            return base.Cost(cost(_point(a), _point(b)))
+
+    return Cost(information)
+
+
+def cost_of_segments(price: Volume) -> Callable[[Point, Point], float]:
+    """The function that gives ∫ n ds from a point of the grid to another [voxels], in pieces of at most half a voxel.
+
+    Args:
+        price: n of every voxel; that of a piece is that of the voxel its middle lies in.
+    """
+    n, (_, ny, nz) = price.astype(np.float64).reshape(-1), price.shape
+    strides = np.array([ny * nz, nz, 1])
+    middles = np.arange(4.0 * max(price.shape)) + 0.5
+
+    def cost(a: Point, b: Point) -> float:
+        move = b - a
+        length = math.sqrt(move @ move)
+        pieces = int(2 * length) + 1
+        points = np.multiply.outer(middles[:pieces] / pieces, move)
+        points += a
+        points += 0.5
+        return length * float(n.take(points.astype(np.intp) @ strides).sum()) / pieces
+
+    return cost
+
+
+def line_of_sight(blocked: Bool[np.ndarray, "nx ny nz"], room: float = 0.0) -> Callable[[Point, Point], bool]:
+    """The function that tells whether every point of a closed segment is allowed.
 
     Args:
         blocked: voxels; those outside the grid count as blocked.
+        room: a point is allowed if the voxels that meet the box of half this width around it are free: 0, the closed
+            voxels that hold it, or 1/2, the open box.
     """
-    # Bit i + 2 j + 4 k of a voxel is set where the (1+i) x (1+j) x (1+k) box that starts there is not free. What
-    # wraps around the padded volume is its padding.
+    # Bit i + w j + w² k of a voxel is set where the (1+i) x (1+j) x (1+k) box that starts there is not free, with the
+    # greatest width w. What wraps around the padded volume is its padding.
+    width = 3 if room else 2
+    reach = room - TOUCH if room else TOUCH
     extents = [np.pad(blocked, 1, constant_values=True)]
     shape = extents[0].shape
     for axis in range(3):
-        extents += [extent | np.roll(extent, -1, axis) for extent in extents]
-    table = np.zeros(shape, np.uint8)
+        longer = [extents]
+        for k in range(1, width):
+            longer.append([a | np.roll(b, -k, axis) for a, b in zip(longer[-1], extents, strict=True)])
+        extents = [extent for these in longer for extent in these]
+    table = np.zeros(shape, np.uint32)
     for bit, extent in enumerate(extents):
-        table |= extent.astype(np.uint8) << bit
+        table |= extent.astype(np.uint32) << bit
     hits = table.reshape(-1)
-    strides, variants = np.array([shape[1] * shape[2], shape[2], 1]), np.array([1, 2, 4])
+    strides, variants = np.array([shape[1] * shape[2], shape[2], 1]), np.array([1, width, width**2])
     counts = np.arange(int(max(shape) / _PIECE) + 2.0)
 
     def clear(a: Point, b: Point) -> bool:
@@ -146,8 +200,8 @@ def line_of_sight(blocked: Bool[np.ndarray, "nx ny nz"]) -> Callable[[Point, Poi
         pieces = int(np.abs(move).max() / _PIECE) + 1
         # Voxel 0 is voxel 1 of the padded table.
         points = np.multiply.outer(move / pieces, counts[: pieces + 1]) + (a + 1.5)[:, None]
-        low = (np.minimum(points[:, :-1], points[:, 1:]) - TOUCH).astype(np.intp)
-        high = (np.maximum(points[:, :-1], points[:, 1:]) + TOUCH).astype(np.intp)
+        low = (np.minimum(points[:, :-1], points[:, 1:]) - reach).astype(np.intp)
+        high = (np.maximum(points[:, :-1], points[:, 1:]) + reach).astype(np.intp)
         return not (hits.take(strides @ low) >> variants @ (high - low) & 1).any()
 
     return clear
