@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import csv
+import dataclasses
 import errno
 import importlib.util
 import io
@@ -28,7 +29,8 @@ from maxjax.cli.options import TrainOptions
 from maxjax.maps import PointCloud, load_map
 from maxjax.methods import METHODS
 from maxjax.nn.recipes import RECIPES
-from maxjax.planning.plan import Plan
+from maxjax.planning.plan import Plan, no_plan
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import make_scene, occupancy
 
 # One shape for all small maps, so that the planner compiles once.
@@ -492,6 +494,31 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     assert "all good" not in out
     for piece in ("miscompiles", "does not match", "residual"):
         assert piece in err
+
+
+def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.CaptureFixture[str]) -> None:
+    grid = Grid((20, 9, 9), 2.0, (0.0, 0.0, 0.0))
+    occupied = np.zeros(grid.shape, bool)
+    occupied[9, 2, 4] = True
+    path = np.array([[2.0, 8.0, 8.0], [36.0, 8.0, 8.0]])
+    task = Task.of(occupied, path[:1], path[1], grid, 8.0)
+    verdict = verify(path, None, occupied, grid)
+    numbers = {
+        "clearance_at": verdict.clearance_at,
+        "clearance": 3.0,
+        "cruise_clearance": 3.0,
+        "radius": 1.0,
+        "balls": (0.0, 2.5),
+    }
+    plan = dataclasses.replace(no_plan(Status.OK, "astar"), path=path, **numbers)
+    assert verdict.cruise_clearance == 3.0
+    report.warn(plan, task)
+    ball, least = capfd.readouterr().err.splitlines()
+    assert "goal (36, 8, 8) stands nearer to an obstacle than the radius of 1 m; within 2.5 m" in ball
+    near = r"within 3\.00 m of an obstacle at \(1[79]\.\d, 8\.0, 8\.0\) m, less than half the margin of 8 m"
+    assert re.search(near, least)
+    report.warn(dataclasses.replace(plan, cruise_clearance=4.0, balls=(0.0, 0.0)), task)
+    assert not capfd.readouterr().err
 
 
 def test_text_in_brackets_is_printed_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:

@@ -95,6 +95,7 @@ def run(options: DemoOptions) -> int:
     print(f"start {corner.start}, goal {corner.goal}, sensor {corner.sensor} [m]")
     print(*files, sep="\n")
     if plan.status == Status.OK:
+        report.warn(plan, given.task)
         return 0
     report.complain(message)
     return 1

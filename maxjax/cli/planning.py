@@ -52,6 +52,7 @@ def run(options: PlanOptions) -> int:
         if files:
             print(*files, sep="\n")
     if plan.status == Status.OK:
+        report.warn(plan, given.task)
         return 0
     report.complain(message)
     return 1

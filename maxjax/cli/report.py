@@ -28,6 +28,7 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
+from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 
@@ -174,6 +175,12 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "path": np.round(plan.path, 6).tolist(),
         "length": plan.length,
         "clearance": plan.clearance,
+        "cruise_clearance": plan.cruise_clearance,
+        "clearance_at": np.round(plan.clearance_at, 6).tolist(),
+        "radius": plan.radius,
+        "balls": list(plan.balls),
+        "cost": plan.cost,
+        "potential": plan.potential,
         "certified": plan.certified,
         "margin": plan.margin,
         "timings": plan.timings,
@@ -229,13 +236,39 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
         rows |= {
             "length": f"{plan.length:.2f} m",
             "straight line": f"{math.dist(task.starts[0], task.goals[0]):.2f} m",
+            "price paid": f"{plan.cost:.2f} m",
             "clearance": f"{plan.clearance:.2f} m",
+            "clearance away from the ends": f"{plan.cruise_clearance:.2f} m",
+            "radius": f"{plan.radius:g} m",
             "waypoints": str(len(plan.path)),
         }
     for name in _TIMED:
         rows[f"time: {name}"] = f"{1e3 * plan.timings[name]:.0f} ms" if name in plan.timings else ""
     rows["compiled before, once"] = f"{plan.timings['compile']:.1f} s"
     return rows
+
+
+def warn(plan: Plan, task: Task) -> None:
+    """Say on stderr where a plan of the task's only problem comes nearer to obstacles than it was asked to."""
+    if plan.status != Status.OK:
+        return
+    for end, ball, point in zip(("start", "goal"), plan.balls, (task.starts[0], task.goals[0]), strict=True):
+        if ball:
+            complain(
+                f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to an obstacle than the radius of "
+                f"{plan.radius:g} m; within {ball:g} m of it the path keeps less."
+            )
+    if plan.cruise_clearance < 0.5 * task.margin:
+        found = verify(plan.path, None, task.occupied, task.grid, ground=task.ground, balls=plan.balls)
+        place = "" if found.cruise_nearest is None else f" at {_place(found.cruise_nearest)}"
+        complain(
+            f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "
+            f"less than half the margin of {task.margin:g} m."
+        )
+
+
+def _place(point: Point3) -> str:
+    return "(" + ", ".join(f"{x:.1f}" for x in point) + ") m"
 
 
 def show(*tables: Table) -> None:

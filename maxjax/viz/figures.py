@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
-from maxjax.viz.marks import Mark, draw_ends, draw_mark, draw_path, draw_returns
+from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.viz.plan_view import View, draw_field, draw_plan, view_around
 from maxjax.viz.section import Section, draw_section, horizontal_distance, section_along
 from maxjax.viz.style import STYLE, load_matplotlib
@@ -47,6 +47,21 @@ class Voxels:
 
 
 @dataclasses.dataclass(frozen=True)
+class Nearness:
+    """How near the main path comes to obstacles.
+
+    Attributes:
+        points: along the path, so close that its colour changes smoothly [m].
+        distance: from each to the nearest obstacle, ground left out [m].
+        least: where the distance is least away from the ends [m]; None where there is no obstacle.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    distance: Float[np.ndarray, " n"]
+    least: tuple[float, float, float] | None
+
+
+@dataclasses.dataclass(frozen=True)
 class Overlay:
     """What a figure of paths shows beside them.
 
@@ -54,12 +69,14 @@ class Overlay:
         log_potential: logarithm of the potential; its level lines are drawn in the free space at the main path's
             median altitude, and left out where it is not finite.
         points: returns of a scan [m], shown as dots in the plan view.
+        nearness: what the main path is coloured by; its least place is marked and named.
         title: headline.
         around: width of the map shown around the paths [m].
     """
 
     log_potential: Float[np.ndarray, "nx ny nz"] | None = None
     points: Float[np.ndarray, "_ 3"] | None = None
+    nearness: Nearness | None = None
     title: str | None = None
     around: float = 14.0
 
@@ -73,6 +90,7 @@ class _Page:
     bar: Box
     side: Box
     legend: Box
+    scale: Box
 
     @classmethod
     def of(cls, view: View, section: Section, rows: int, titled: bool) -> _Page:
@@ -91,6 +109,7 @@ class _Page:
             bar=(left + width + 0.12, above, 0.1, min(height, 2.4)),
             side=(left, bottom, _WIDTH, side),
             legend=(0.3, 0.0, size[0] - 0.6, _ROW * rows + 0.08),
+            scale=(left + _WIDTH + 0.12, bottom, 0.1, side),
         )
 
     def share(self, box: Box) -> Box:
@@ -125,7 +144,8 @@ def figure_plan(
     ends = np.stack([start, goal]).astype(np.float64)
     view = view_around(grid, np.concatenate([*paths.values(), ends]), overlay.around)
     section = section_along(voxels.occupied, voxels.ground, grid, main)
-    rows = max(len(paths), 3 + (overlay.log_potential is not None) + (overlay.points is not None))
+    shown = (overlay.log_potential, overlay.points, overlay.nearness)
+    rows = max(len(paths), 3 + sum(part is not None for part in shown))
     page = _Page.of(view, section, rows, bool(overlay.title))
 
     with rc_context(STYLE):
@@ -144,12 +164,35 @@ def figure_plan(
             length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
             lines += [draw_path(plan, path[:, 0], path[:, 1], number, f"{name}, {length:.1f} m")]
         draw_path(side, horizontal_distance(main), main[:, 2], 0, None)
+        if overlay.nearness is not None:
+            _draw_nearness(plan, side, figure.add_axes(page.share(page.scale)), overlay.nearness)
         _draw_legends(figure, page, lines, plan, side)
         if overlay.title:
             left, _, width, _ = page.plan
             across, top = (left + 0.5 * width) / page.size[0], 1 - 0.08 / page.size[1]
             figure.suptitle(overlay.title, x=across, y=top, va="top", fontsize=9)
     return figure
+
+
+def _draw_nearness(plan: Axes, side: Axes, bar: Axes, nearness: Nearness) -> None:
+    """Colour the main path in both panels by its distance to obstacles, and mark and name where that is least."""
+    points, distance = nearness.points, nearness.distance
+    along = horizontal_distance(points)
+    finite = distance[np.isfinite(distance)]
+    limits = (0.0, float(finite.max()) if finite.size else 1.0)
+    lines = [
+        draw_colored(axes, x, y, distance, limits)
+        for axes, x, y in ((plan, points[:, 0], points[:, 1]), (side, along, points[:, 2]))
+    ]
+    plan.figure.colorbar(lines[0], cax=bar, label="Clearance [m]")
+    if nearness.least is None:
+        return
+    least = np.array(nearness.least)
+    at = int(np.linalg.norm(points - least, axis=1).argmin())
+    place = ", ".join(f"{x:.0f}" for x in least)
+    mark = Mark("D", 5.0, "white", f"least clearance, {distance[at]:.1f} m at ({place})")
+    draw_mark(plan, float(least[0]), float(least[1]), mark)
+    draw_mark(side, float(along[at]), float(least[2]), dataclasses.replace(mark, label=None))
 
 
 def _check(voxels: Voxels, paths: Mapping[str, np.ndarray], overlay: Overlay) -> None:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxjax.viz.style import GOAL, PATHS, RETURN
+from maxjax.viz.style import CLEARANCES, GOAL, PATHS, RETURN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
 
@@ -37,6 +38,21 @@ def draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, number: int, label: str 
     width = 1.8 if number == 0 else 1.5
     axes.plot(x, y, color="white", linewidth=width + 1.4, zorder=5, solid_capstyle="round")
     (line,) = axes.plot(x, y, color=color, linewidth=width, linestyle=dashes, zorder=7 - 0.1 * number, label=label)
+    return line
+
+
+def draw_colored(
+    axes: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, limits: tuple[float, float]
+) -> LineCollection:
+    """A line whose colour is a value at each of its points, over the line of the main path."""
+    from matplotlib.collections import LineCollection
+
+    points = np.stack([x, y], axis=1)
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    line = LineCollection(list(segments), cmap=CLEARANCES, linewidths=1.8, zorder=7.5, capstyle="round")
+    line.set_array(np.minimum(0.5 * (values[:-1] + values[1:]), limits[1]))
+    line.set_clim(*limits)
+    axes.add_collection(line, autolim=False)
     return line
 
 

@@ -14,10 +14,11 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import dilate
 from maxjax.methods import METHODS
 from maxjax.planning.climb import potential_field
+from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
-from maxjax.viz.figures import Overlay, Voxels, figure_plan
+from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,8 +38,20 @@ def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: 
     first = next(iter(plans.values()))
     if METHODS[first.method].climbs:
         overlay = dataclasses.replace(overlay, log_potential=_log_potential(task, first.margin))
+    if first.status == Status.OK:
+        overlay = dataclasses.replace(overlay, nearness=_nearness(task, first))
     voxels = Voxels(shown.occupied, shown.ground, task.grid)
     return figure_plan(voxels, paths, task.starts[0], task.goals[0], overlay)
+
+
+def _nearness(task: Task, plan: Plan) -> Nearness:
+    """Distances along a plan's path, every half voxel."""
+    steps = np.ceil(np.linalg.norm(np.diff(plan.path, axis=0), axis=1) / (0.5 * task.grid.spacing)).astype(int)
+    ends = zip(plan.path[:-1], plan.path[1:], np.maximum(steps, 1).tolist(), strict=True)
+    pieces = [np.linspace(a, b, n, endpoint=False) for a, b, n in ends]
+    points = np.concatenate([*pieces, plan.path[-1:]])
+    verdict = verify(points, None, task.occupied, task.grid, ground=task.ground, balls=plan.balls)
+    return Nearness(points, verdict.clearance_at, verdict.cruise_nearest)
 
 
 def _log_potential(task: Task, margin: float) -> Float[np.ndarray, "nx ny nz"]:

@@ -27,6 +27,7 @@ PATHS: tuple[tuple[str, Any], ...] = (
     ("#56B4E9", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
 HEIGHTS = ("#E4E4E4", "#484848")
+CLEARANCES = "plasma"  # readable to the colour-blind, and in black and white
 FIELD = "#6FA3CC"
 RETURN = "#222222"
 ARRIVED, FAILED, PLANNED, KNOWN, GOAL = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#F0E442"

@@ -13,7 +13,7 @@ import pytest
 
 from maxjax.core.grid import Grid
 from maxjax.maps import ground_mask, load_map, solidify
-from maxjax.viz.figures import Overlay, Voxels, figure_plan
+from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
 from maxjax.viz.style import save_figure
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -86,6 +86,17 @@ def test_legend_states_lengths_in_metres_and_axes_are_in_metres() -> None:
     for label in (plan.get_xlabel(), plan.get_ylabel(), section.get_xlabel(), section.get_ylabel()):
         assert label.endswith("[m]")
     assert plan.get_aspect() == 1.0
+
+
+def test_the_main_path_is_coloured_by_clearance_and_its_least_place_named() -> None:
+    points = np.linspace(*np.array([[4.0, 4.0, 6.0], [30.0, 20.0, 6.0]]), 40)
+    distance = np.abs(np.linspace(-5.0, 6.0, 40)) + 1.5
+    near = Nearness(points, distance, tuple(points[distance.argmin()].tolist()))
+    drawn = figure(nearness=near)
+    assert any(axes.get_ylabel() == "Clearance [m]" for axes in drawn.axes)
+    place = ", ".join(f"{x:.0f}" for x in points[distance.argmin()])
+    assert any(text == f"least clearance, {distance.min():.1f} m at ({place})" for text in texts(drawn))
+    assert not any("least" in text for text in texts(figure(nearness=Nearness(points, distance, None))))
 
 
 def test_plan_view_is_cropped_to_the_paths() -> None:
