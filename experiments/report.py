@@ -42,6 +42,8 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("warframe_crops", "warframe_crops"),
         ("warframe_full", "warframe_full"),
         ("real_cities", "real_cities"),
+        ("clearance", "clearance"),
+        ("clearance_ablation", "clearance"),
     ),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),

@@ -145,13 +145,15 @@ class Kept:
     Attributes:
         least: over the whole path.
         cruise: away from the ends; infinite where nothing of it is.
+        outside: outside balls around the ends.
         mean: over its length.
         occupied: whether it enters an occupied voxel, ground included, or leaves the map.
-        below: whether it enters a voxel that is not free, outside balls around the ends.
+        below: whether it enters a voxel that is not free, outside these balls.
     """
 
     least: float
     cruise: float
+    outside: float
     mean: float
     occupied: bool
     below: bool
@@ -163,7 +165,7 @@ def kept(walls: Walls, path: np.ndarray, balls: tuple[float, float] = (0.0, 0.0)
     Args:
         walls: the map.
         path: start first, goal last.
-        balls: radii around start and goal in which unoccupied voxels are as good as free ones [voxels].
+        balls: radii around start and goal [voxels].
     """
     middles, pieces = samples(path)
     points = np.concatenate([path, middles])
@@ -176,12 +178,14 @@ def kept(walls: Walls, path: np.ndarray, balls: tuple[float, float] = (0.0, 0.0)
     distance = np.where(occupied, 0.0, walls.distance_at(points))
     ends = np.linalg.norm(points[:, None] - path[[0, -1]], axis=-1)
     away = ends.min(axis=1) > AWAY / walls.spacing
+    outside = np.all(ends > balls, axis=1)
     return Kept(
         float(distance.min()),
         float(distance[away].min(initial=np.inf)),
+        float(distance[outside].min(initial=np.inf)),
         float(np.average(np.minimum(distance[len(path) :], 1e6), weights=pieces)) if pieces.sum() else distance[0],
         bool(occupied.any()),
-        bool((~free & np.all(ends > balls, axis=1)).any()),
+        bool((~free & outside).any()),
     )
 
 
@@ -300,39 +304,20 @@ def way(walls: Walls, start: np.ndarray, goal: np.ndarray, clearance: float = 0.
     return _least(search, walls.occupied.shape, start, goal, most)
 
 
-def cheapest(
-    walls: Walls,
-    start: np.ndarray,
-    goal: np.ndarray,
-    prices: np.ndarray,
-    balls: tuple[float, float] = (0.0, 0.0),
-) -> float:
+def cheapest(walls: Walls, start: np.ndarray, goal: np.ndarray, prices: np.ndarray) -> float:
     """Cost of the cheapest way [voxels]; infinite where there is none.
 
     Args:
         walls: the map.
         start, goal: index coordinates.
         prices: n of every voxel, at least 1.
-        balls: radii around start and goal in which ways may use all unoccupied voxels [voxels].
     """
-    free = opened(walls, start, goal, balls)
 
     def search(window: _Window) -> float:
         moved = start - window.low, goal - window.low
-        return _search(free[window.box], None, prices[window.box].astype(np.float64), moved, window)
+        return _search(walls.free[window.box], None, prices[window.box].astype(np.float64), moved, window)
 
-    return _least(search, free.shape, start, goal, np.inf)
-
-
-def opened(walls: Walls, start: np.ndarray, goal: np.ndarray, balls: tuple[float, float]) -> np.ndarray:
-    """The free voxels, and the unoccupied ones of a ball around either end [voxels]."""
-    free = walls.free
-    for end, ball in zip((start, goal), balls, strict=True):
-        if ball > 0:
-            axes = np.ogrid[tuple(map(slice, free.shape))]
-            squared = sum((x - e) ** 2 for x, e in zip(axes, end, strict=True))
-            free = free | ((squared <= ball**2) & ~walls.occupied)
-    return free
+    return _least(search, prices.shape, start, goal, np.inf)
 
 
 def _least(
@@ -351,14 +336,7 @@ def _least(
         bound = found + 1e-6 if np.isfinite(found) else 1.6 * bound
 
 
-def marched(
-    walls: Walls,
-    start: np.ndarray,
-    goal: np.ndarray,
-    prices: np.ndarray,
-    bound: float,
-    balls: tuple[float, float] = (0.0, 0.0),
-) -> float:
+def marched(walls: Walls, start: np.ndarray, goal: np.ndarray, prices: np.ndarray, bound: float) -> float:
     """Travel time from goal to start at speed 1/n by second-order fast marching [voxels]; NaN if it does not arrive.
 
     The front starts where straight rays from the goal cost τ, in a ball that no wall reaches if there is room.
@@ -368,12 +346,11 @@ def marched(
         start, goal: index coordinates.
         prices: n of every voxel, at least 1.
         bound: cost of some path, which bounds the window.
-        balls: as in `cheapest`.
     """
     import skfmm  # an extra
 
     window = _window(prices.shape, start, goal, _SLACK * bound)
-    free = opened(walls, start, goal, balls)[window.box]
+    free = walls.free[window.box]
     local, source, sink = prices[window.box].astype(np.float64), goal - window.low, start - window.low
     axes = np.ogrid[tuple(map(slice, free.shape))]
     distance = np.sqrt(sum((x - e) ** 2 for x, e in zip(axes, source, strict=True)))

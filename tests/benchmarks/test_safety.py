@@ -87,6 +87,7 @@ def test_what_a_path_keeps() -> None:
     assert found.least == pytest.approx(0.25)
     assert found.cruise == pytest.approx(1.75)  # the nearer cube lies within 10 m of the start
     assert found.cruise < found.mean < 20
+    assert safety.kept(walls, path, (3.0, 0.0)).outside == pytest.approx(np.hypot(0.5, 0.25), abs=0.03)
     assert not found.occupied
     assert not found.below
     through = safety.kept(walls, path - [0, 0, 2])

@@ -1,0 +1,74 @@
+"""The clearance table: judged figures of planned and of stored paths, and what the stored ones are."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.common import safety
+from experiments import clearance
+from experiments.problem_sets import Instance, problem_set
+from maxjax import Grid, Status
+
+
+def test_a_tiny_run_plans_keeps_judges_and_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("skfmm", reason="fast marching is scikit-fmm's: pip install 'maxjax[bench]'")
+    stored = tmp_path / "paths.npz"
+    config = dataclasses.replace(clearance.TINY, variants=("astar",), keep=stored, out=tmp_path)
+    (first,) = clearance.main(config)
+    monkeypatch.setattr(clearance.before, "__defaults__", (stored,))
+    again = clearance.main(dataclasses.replace(config, keep=None, before=True))
+    assert [row["variant"] for row in again] == ["before, astar", "astar"]
+    assert first["ok"] == first["problems"] == first["solvable"] == 2
+    assert first["unsafe"] == first["certified"] == 0
+    assert float(first["over_cheapest_mean"] or 0) >= 0.98
+    for key in ("length_m", "cruise_m", "over_cheapest_mean", "possible_4", "below_4"):
+        assert again[0][key] == pytest.approx(first[key], abs=2e-3)
+    text = clearance.section(json.loads((tmp_path / "clearance.json").read_text()))
+    assert "| suburb | astar | 2 of 2 | 0 | 0 |" in text
+
+
+def test_figures_count_what_was_possible() -> None:
+    """A wall with a gap of 3 and one of 9 voxels, a floor of ground; paths through either."""
+    grid = Grid((41, 41, 9), 2.0, (0.0, 0.0, 0.0))
+    ground = np.zeros(grid.shape, bool)
+    ground[:, :, 0] = True
+    occupied = ground.copy()
+    occupied[20] = True
+    occupied[20, 14:17, 1:] = occupied[20, 24:33, 1:] = False
+    ends = np.array([[8.0, 40, 10], [72.0, 40, 10]])
+    instances = [Instance(occupied, ground, ends[0], ends[1], grid)] * 3
+    near = np.array([[4.0, 20, 5], [20, 15, 5], [36, 20, 5]])
+    wide = np.array([[4.0, 20, 5], [20, 28, 5], [36, 20, 5]])
+    through = np.array([[4.0, 20, 5], [36.0, 20, 5]])
+    outcomes = {"solver": [clearance.Outcome(Status.OK, True, path, 1.0) for path in (near, wide, through)]}
+    judged = clearance.judged_by(instances, outcomes, {"solver": ("quadratic", 4.0, 8.0)})["solver"]
+    assert [one.unsafe for one in judged] == [False, False, True]
+    assert judged[0].ways[1] > judged[0].ways[0]
+    assert np.isfinite(judged[0].ways[2])
+    off_the_corner = 2 * (1.5 - 0.5 * 5 / 16) / np.hypot(1, 5 / 16)
+    assert judged[0].cruise == pytest.approx(off_the_corner, abs=0.01)
+    assert judged[1].cost < judged[0].cost
+    assert judged[1].cheapest == judged[0].cheapest < judged[0].cost
+    row = clearance._figures(outcomes["solver"], judged, judged)
+    assert row["possible_4"] == 3
+    assert row["below_4"] == 2
+    assert row["below_2"] == 1
+    assert row["over_before"] == 1
+
+
+def test_the_stored_paths_are_those_of_the_problems() -> None:
+    instances = problem_set("downtown", 3)
+    walls = safety.Walls(instances[0].occupied, instances[0].ground, 2.0)
+    for one, outcome in zip(instances, clearance.before("downtown", instances)["solver"], strict=True):
+        assert outcome.status == Status.OK
+        assert outcome.certified
+        ends = outcome.path[[0, -1]] * one.grid.spacing + np.array(one.grid.origin)
+        np.testing.assert_allclose(ends, [one.start, one.goal], atol=3e-3)
+        assert not safety.kept(walls, outcome.path).occupied
+    with np.load(clearance.BEFORE) as stored:
+        assert len(json.loads(str(stored["meta"]))["commit"]) == 40
