@@ -353,8 +353,10 @@ def _figures(outcomes: Sequence[Outcome], judged: Sequence[Judged], reference: S
     for name, optimum in optima.items():
         figures[f"over_{name}_mean"] = _number(field["cost"] / optimum, 4)
         figures[f"over_{name}_worst"] = _number(field["cost"] / optimum, 4, np.nanmax)
-    lengths = [j.length for j in reference] if reference is not None else [np.nan]
-    figures["over_before"] = _number(field["length"] / np.array(lengths), 4)
+    if reference is not None:
+        lengths = np.array([j.length for j in reference])
+        both = np.isfinite(lengths) & ok
+        figures["over_before"] = _number(field["length"][both].sum() / lengths[both].sum(), 4)
     return figures
 
 
@@ -398,7 +400,7 @@ def section(document: Document) -> str:
             row["set"],
             row["variant"],
             text(row["length_m"], ".1f"),
-            text(row["over_before"], ".3f"),
+            text(row.get("over_before"), ".3f"),
             f"{text(row['over_cheapest_mean'], '.3f')} ({text(row['over_cheapest_worst'], '.3f')})",
             f"{text(row['over_marched_mean'], '.3f')} ({text(row['over_marched_worst'], '.3f')})",
             f"{row['balls']} ({row['ball_most_m']:g})",
@@ -421,9 +423,8 @@ def section(document: Document) -> str:
         + table(heads, safe, left=2)
         + "\nWhat paths cost at prices of their own (of the planner's default, where they knew none) over the\n"
         "cheapest 26-neighbour way and over fast marching, mean and, in brackets, worst; ends that needed a ball to\n"
-        "leave by, and the largest; median of a whole plan.\n\n"
-        + table(costs, paid, left=2)
-        + ("\nWithout a path:\n\n" + "".join(missing) if missing else "")
+        "leave by, and the largest; median of a whole plan. `/ before`: mean length over that of the solver before.\n"
+        "\n" + table(costs, paid, left=2) + ("\nWithout a path:\n\n" + "".join(missing) if missing else "")
     )
 
 
