@@ -47,7 +47,7 @@ def rows_of(
         repeats: timed calls of a peer.
     """
     goal = tuple(int(i) for i in scene.problems[0].goal_index)
-    fields = {"": ours.phi}
+    fields = {"": ours.log_phi}
     times: dict[str, Timing] = {}
     rows: list[Row] = []
     for name, run in marching(component, goal).items():
@@ -78,13 +78,13 @@ def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, 
     """Climb every field from every start; figures over the starts from which all of them arrived."""
     plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
     dilated = jax.tree.map(lambda *x: np.stack(x), *(problem.dilated for problem in scene.problems))
-    for name, phi in fields.items():
+    for name, log_phi in fields.items():
         routes: list[Route] = []
         climbed: list[float] = []
         for problem in scene.problems:
             for steps in (512, 2048, 8192):
                 path, arrived, sight = _climb(
-                    phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
+                    log_phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
                 )
                 if arrived:
                     break

@@ -104,7 +104,7 @@ def _scenes(config: Config, grid: maxjax.Grid) -> tuple[jax.Array, jax.Array]:
 def _solver(cycles: int) -> Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
     def solve(sigma: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
         found = maxjax.solve_potential(sigma, goal, setting=Screened(first_cycles=cycles))
-        return found.phi, found.status
+        return found.log_phi, found.status
 
     return solve
 

@@ -30,9 +30,9 @@ import maxjax
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
+from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
 from maxjax.solvers.newton import so_many_cycles
-from maxjax.solvers.potential import screening_length_for
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
 from maxjax.viz.style import PATHS, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import MAPS
@@ -124,7 +124,7 @@ def _convergence(scene: Instance, config: Config) -> list[Row]:
         if cycles:
             progress = _cycle(medium, progress)
             residual = float(progress.residual)
-        values = np.asarray(progress.phi, np.float64)[inside]
+        values = np.where(joined, np.exp(np.asarray(progress.log_phi, np.float64)[inside]), 0)
         one, five = angles(values)
         error = np.max(np.abs(values[joined] / exact[joined] - 1))
         rows.append({

@@ -98,11 +98,11 @@ def to_world(u: np.ndarray, grid: Grid) -> np.ndarray:
     return np.array(grid.origin) + grid.spacing * (np.asarray(u, float) - 0.5)
 
 
-def conduction_matrix(sigma: np.ndarray, leak: float, grounded: bool) -> sparse.csr_matrix:
+def conduction_matrix(sigma: np.ndarray, leak: float | np.ndarray, grounded: bool) -> sparse.csr_matrix:
     """The stored float64 matrix of steady conduction: graph Laplacian of the faces, leak, and grounded outer faces.
 
     Two half voxels in series conduct 1 / (1/2σ_i + 1/2σ_j), the half voxel at a grounded face 2σ; σ = 0 conducts
-    nothing. Node i is voxel i of the ravelled grid.
+    nothing. Node i is voxel i of the ravelled grid, and so is entry i of a leak a voxel.
     """
     sigma = sigma.astype(np.float64)
     nodes = np.arange(sigma.size).reshape(sigma.shape)
@@ -133,7 +133,9 @@ def component_of(free: np.ndarray, seed: tuple[int, ...]) -> np.ndarray:
     return labels == labels[seed] if free[seed] else np.zeros(free.shape, bool)
 
 
-def direct_potential(sigma: np.ndarray, goal: tuple[int, ...], leak: float, grounded: bool = False) -> np.ndarray:
+def direct_potential(
+    sigma: np.ndarray, goal: tuple[int, ...], leak: float | np.ndarray, grounded: bool = False
+) -> np.ndarray:
     """φ by sparse elimination in float64: 1 on the goal, 0 wherever no current from the goal arrives.
 
     The matrix is an M-matrix and is eliminated along its diagonal, so only positive terms are added up and every

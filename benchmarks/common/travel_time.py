@@ -18,7 +18,6 @@ from benchmarks.common.harness import package
 from benchmarks.common.screened_system import Mask
 
 _IN_WALLS = 1e-6  # speed in obstacles, for a method that knows none
-_DECADES = 30.0  # that exp(−T / scale) spans
 
 
 def marching(component: Mask, index: tuple[int, ...]) -> dict[str, Callable[[], np.ndarray] | None]:
@@ -59,9 +58,7 @@ def marching(component: Mask, index: tuple[int, ...]) -> dict[str, Callable[[], 
 
 
 def as_potential(travel: np.ndarray, component: Mask, index: tuple[int, ...]) -> Float[Array, "nx ny nz"]:
-    """exp(−T / scale), within float32; 1 at the goal, 0 outside its component."""
-    known = component & np.isfinite(travel)
-    scale = max(float(travel[known].max()), 1.0) / (_DECADES * np.log(10))
-    phi = np.where(known, np.exp(-np.where(known, travel, 0) / scale), 0)
-    phi[index] = 1.0
-    return jnp.asarray(phi, jnp.float32)
+    """Log φ = −T; 0 at the goal, −∞ outside its component."""
+    log_phi = np.where(component & np.isfinite(travel), -travel, -np.inf)
+    log_phi[index] = 0.0
+    return jnp.asarray(log_phi, jnp.float32)

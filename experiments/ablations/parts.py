@@ -33,14 +33,13 @@ def _aware(u: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sigma: fl
 
 
 def smooth(
-    phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sigma: float, kernel: Kernel
+    u: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], sigma: float, kernel: Kernel
 ) -> Float[Array, "nx ny nz"]:
     """The smoothed log-potential, by the library's kernel or by the Gaussian that does not see walls."""
-    u = slope.log_potential(phi)
     if kernel == "walls" or sigma == 0:
         return jnp.asarray(_aware(u, free, sigma))
-    reached = np.asarray(phi) > 0
     values = np.asarray(u)
+    reached = np.isfinite(values)
     blurred = ndimage.gaussian_filter(np.where(reached, values, values[reached].min()), sigma, mode="nearest")
     return jnp.asarray(blurred)
 

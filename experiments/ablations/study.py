@@ -144,7 +144,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
 
     @functools.cache
     def smoothed(source: Source, sigma: float, kernel: Kernel, m: float) -> Float[Array, "nx ny nz"]:
-        return smooth(field(source, m).phi, ~formulated[m].blocked, sigma, kernel)
+        return smooth(field(source, m).log_phi, ~formulated[m].blocked, sigma, kernel)
 
     routes: list[Route] = []
     which: list[int] = []
@@ -159,11 +159,11 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             sure = bool(field(v.source, m).certified) if v.smoothing == 0 else _certified(u, p.blocked, p.goal_index)
             taut = walked = Route(np.asarray(path), np.asarray(status), np.asarray(sure))
         else:
-            phi, sure, sigma = field(v.source, m).phi, bool(field(v.source, m).certified), v.smoothing
+            u, sure, sigma = field(v.source, m).log_phi, bool(field(v.source, m).certified), v.smoothing
             if v.guard == "smoothed":
                 u = smoothed(v.source, v.smoothing, v.kernel, m)
-                phi, sure, sigma = jnp.exp(u), _certified(u, p.blocked, p.goal_index), 0.0
-            taut, walked = _guarded(phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
+                sure, sigma = _certified(u, p.blocked, p.goal_index), 0.0
+            taut, walked = _guarded(u, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
         routes += [taut, walked]
         which += [margins.index(m)] * 2
     dilated = jax.tree.map(lambda *x: np.stack(x), *(formulated[m].dilated for m in margins))
@@ -212,10 +212,10 @@ _stuck = jax.jit(lambda u, component, goal: uncertified(u - jnp.min(u), componen
 
 
 def _guarded(
-    phi: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
+    u: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
 ) -> tuple[Route, Route]:
     """The library's ascent: tightened, and as climbed."""
-    path, arrived, sight = _climb(phi, problem.blocked, problem.start, problem.goal, settings=settings)
+    path, arrived, sight = _climb(u, problem.blocked, problem.start, problem.goal, settings=settings)
     if not arrived:
         nothing = failed(maxjax.Status.PATH_STALLED, certified)
         return nothing, nothing

@@ -47,9 +47,7 @@ def log_volume(
     `jit`, it is compiled once for all losses on one shape.
     """
     tolerance = TIGHT_TOLERANCE[sigma.dtype.itemsize]
-    phi = maxjax.solve_potential(sigma, goal, screening_length=screening_length, tolerance=tolerance).phi
-    # A voxel that no current reaches is told by a logarithm that no other has.
-    return jnp.log(jnp.maximum(phi, float(np.finfo(np.float32).tiny)))
+    return maxjax.solve_potential(sigma, goal, screening_length=screening_length, tolerance=tolerance).log_phi
 
 
 def log_potential(

@@ -47,7 +47,7 @@ from experiments.differentiable.field import (
     metres,
     table,
 )
-from experiments.differentiable.priced import fly, linearized
+from experiments.differentiable.priced import follow, linearized
 
 NAME = "differentiable_learning"
 PARAMETERS = ("wall price a", "reach of the walls w", "price of height v")
@@ -123,7 +123,8 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
     flown: dict[str, list[list[np.ndarray]]] = {"demonstrations": [one.shown for one in tests]}
     counts: dict[str, tuple[int, int]] = {}
     for name, parameters in (("before", nothing), ("learnt", theta), ("hidden", jnp.log(jnp.asarray(config.hidden)))):
-        found = [fly(parameters, one.town, one.goal, one.starts, config.length) for one in tests]
+        length = jnp.float32(config.length)
+        found = [follow(parameters, one.town, jnp.asarray(one.goal), length, jnp.asarray(one.starts)) for one in tests]
         flown[name] = [list(np.asarray(paths, np.float64)) for paths, _, _ in found]
         counts[name] = sum(int(arrived.sum()) for _, arrived, _ in found), sum(int(stuck) == 0 for *_, stuck in found)
     for name, groups in flown.items():

@@ -100,8 +100,8 @@ def planned(name: str, choice: Choice) -> Planned:
     goal = grid.index_of(jnp.asarray(task.goals[0], jnp.float32))
     sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
     # The program that the plan was made by.
-    phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential).phi
-    return Planned(task, plan, blocked, np.asarray(sigma), np.asarray(phi))
+    log_phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential).log_phi
+    return Planned(task, plan, blocked, np.asarray(sigma), np.exp(np.asarray(log_phi)))
 
 
 def ends(found: Planned) -> tuple[np.ndarray, np.ndarray]:

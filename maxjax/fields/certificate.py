@@ -19,8 +19,8 @@ from maxjax.core.lowering import neighbours
 
 
 def best_neighbour(phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
-    """The highest φ among the free face neighbours of each voxel; −1 where there is none (φ is never negative)."""
-    pairs = neighbours(jnp.where(free, phi, -1), beyond=-1.0)
+    """The highest φ (or log φ) among the free face neighbours of each voxel; −∞ where there is none."""
+    pairs = neighbours(jnp.where(free, phi, -jnp.inf), beyond=-jnp.inf)
     return functools.reduce(jnp.maximum, itertools.chain(*pairs))
 
 
@@ -31,7 +31,7 @@ def uncertified(
     """Number of voxels of the goal's component, goal aside, without a strictly higher face neighbour: zero certifies φ.
 
     Args:
-        phi: potential.
+        phi: potential, or any monotone function of it, such as its logarithm.
         component: the goal's component (`connectivity.flood` from the goal).
         goal_index: voxel of the goal.
     """

@@ -116,8 +116,8 @@ def first_joined(
     return jnp.minimum(end.k, last), end.met
 
 
-# Digits of the number of rounds, enough for 12,264 steps; the lowest of them count the eight rounds of a turn.
-_DIGITS, _LOW = 12, 3
+# Digits of the number of rounds, enough for 3 million steps; the lowest of them count the eight rounds of a turn.
+_DIGITS, _LOW = 20, 3
 
 
 def geodesic(
@@ -318,10 +318,21 @@ def _steps(counted: _CountCarry, nx: int) -> Int32[Array, "*b nx ny nz"]:
     def unpacked(words: UInt32[Array, "*b words ny nz"]) -> Int32[Array, "*b nx ny nz"]:
         return packed.digits(words, nx).astype(jnp.int32)
 
+    def read(gray: Array, so_far: tuple[Array, Array]) -> tuple[Array, Array]:
+        digit, rounds = so_far[0] ^ gray, so_far[1]
+        return digit, 2 * rounds + unpacked(digit)
+
     last = counted.rounds
-    digit = jnp.zeros_like(last.words)
-    rounds = jnp.zeros_like(unpacked(digit))
-    for gray in (*reversed(counted.high), counted.middle, last.low, last.lowest):
-        digit = digit ^ gray
-        rounds = 2 * rounds + unpacked(digit)
+    nothing = jnp.zeros_like(last.words)
+    # The digits above those of the number of turns are zero.
+    used = 32 - lax.clz(counted.turns)
+    so_far = lax.fori_loop(
+        0,
+        used,
+        lambda k, so_far: read(counted.high[used - 1 - k], so_far),
+        (nothing, jnp.zeros_like(unpacked(nothing))),
+    )
+    for gray in (counted.middle, last.low, last.lowest):
+        so_far = read(gray, so_far)
+    rounds: Array = so_far[1]
     return 3 * rounds + unpacked(last.second) + 2 * unpacked(last.third) + 1

@@ -78,4 +78,5 @@ def lattice_price(n: Float[Array, "*b"], length: float) -> Float[Array, "*b"]:
         n: price.
         length: screening length ℓ [voxels].
     """
-    return 2 * length * jnp.sinh(n * math.asinh(1 / (2 * length)))
+    # Rounding must not take it below 1.
+    return jnp.maximum(2 * length * jnp.sinh(n * math.asinh(1 / (2 * length))), 1)

@@ -62,12 +62,12 @@ class Operator:
 
 
 @jax.named_scope("assemble")
-def assemble(sigma: Volume, leak: Float[Array, ""] | float, grounded: bool = False) -> Operator:
+def assemble(sigma: Volume, leak: Float[Array, "*#grid"] | float, grounded: bool = False) -> Operator:
     """The operator of a conductivity field.
 
     Args:
         sigma: conductivity, ≥ 0, zero in obstacles.
-        leak: κ = 1/ℓ² [1/voxel²].
+        leak: κ n² [1/voxel²], κ = 1/ℓ²; one number, or one a voxel.
         grounded: whether the outer faces of the grid are held at φ = 0 (else insulated). Static.
     """
     faces = (_conductance(sigma, 0), _conductance(sigma, 1), _conductance(sigma, 2))
@@ -136,6 +136,25 @@ def normalize(operator: Operator) -> tuple[Faces, Volume]:
     scale = jnp.where(free, lax.rsqrt(jnp.where(free, operator.diagonal, 1)), 0)
     faces = tuple(face * scale * ahead(scale, axis) for axis, face in enumerate(operator.faces))
     return faces, scale  # type: ignore[return-value]
+
+
+@jax.named_scope("rates")
+def rates(faces: Faces, log_phi: Volume) -> Links:
+    """w_ij φ_j / φ_i: what each neighbour sends, in terms of the voxel's own φ.
+
+    Of φ only the ratios of neighbours are computed, so its logarithm may be of any size.
+
+    Args:
+        faces: w.
+        log_phi: log φ, finite wherever a face conducts; elsewhere it is not read.
+    """
+    links = []
+    for axis, face in enumerate(faces):
+        preceding = behind(face, axis)
+        fall = jnp.where(face > 0, log_phi - ahead(log_phi, axis), 0)
+        rise = jnp.where(preceding > 0, log_phi - behind(log_phi, axis), 0)
+        links.append((face / jnp.exp(fall), preceding / jnp.exp(rise)))
+    return tuple(links)  # type: ignore[return-value]
 
 
 def gather(links: Links, y: Volume) -> Volume:

@@ -69,8 +69,7 @@ def label(blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid
     sigma = conductivity(blocked, goal_index, grid)
     solved = solve_potential(sigma, goal_index, tolerance=TOLERANCE)
     _, steps = geodesic(~blocked, goal_index)
-    known = solved.phi > 0
-    target = jnp.where(known, -solved.screening_length * jnp.log(jnp.where(known, solved.phi, 1)), 0)
+    target = jnp.where(jnp.isfinite(solved.log_phi), -solved.screening_length * solved.log_phi, 0)
     return Scenes(blocked, goal_index, steps.astype(jnp.uint16), target, solved.screening_length, solved.status)
 
 

@@ -31,8 +31,9 @@ from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.encoding import UNIT, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
+from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import medium_of, untouched
-from maxjax.solvers.potential import Potential, check_inputs, potential_of, screening_length_for, solve_potential
+from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential
 
 WEIGHTS = Path(__file__).parent / "weights"
 # Positive sweeps that a prediction is given to be certified; where they do not suffice, the solver takes over.
@@ -121,14 +122,13 @@ def certified_from(
     # A network turns one NaN into many; with a bad sigma its output is not used.
     finite = jnp.where(wrong == Status.NONFINITE_INPUT, 0, sigma)
     log_phi = slope.log_potential(decode(start(finite, goal_index, medium.distance, length), component, goal, length))
-    phi = decode(-length * slope.smooth(log_phi, component, _SMOOTHING), component, goal, length)
-    progress = dataclasses.replace(untouched(medium, length), phi=phi)
+    log_phi = jnp.where(goal, 0, jnp.where(component, slope.smooth(log_phi, component, _SMOOTHING), 0))
+    progress = dataclasses.replace(untouched(medium, length), log_phi=log_phi)
     progress = sweep_until_certified(medium, progress, most=max_sweeps, between=_LOOK)
-    phi = progress.phi
-    change = jnp.abs(swept(medium, length, phi, 1) - phi) / jnp.where(phi > 0, phi, 1)
+    change = jnp.abs(jnp.expm1(swept(medium, length, progress.log_phi, 1) - progress.log_phi))
     usable = wrong == Status.OK
     predicted = dataclasses.replace(
-        potential_of(progress),
+        potential_of(progress, component),
         status=wrong,
         residual=jnp.max(jnp.where(component & ~goal, change, 0)),
         certified=usable & (progress.uncertified == 0),

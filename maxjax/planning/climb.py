@@ -19,7 +19,6 @@ from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
-from maxjax.fields.gradient import log_potential
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
@@ -33,8 +32,8 @@ class PotentialLike(Protocol):
     """What the solver and a network return alike."""
 
     @property
-    def phi(self) -> Array:
-        """Potential, 1 at the goal."""
+    def log_phi(self) -> Array:
+        """Logarithm of the potential, 0 at the goal; −∞ where there is none."""
         ...
 
     @property
@@ -44,7 +43,12 @@ class PotentialLike(Protocol):
 
     @property
     def certified(self) -> Array:
-        """Whether no voxel but the goal is a local maximum."""
+        """Whether no voxel but the goal is a local maximum of it."""
+        ...
+
+    @property
+    def geodesic(self) -> Array:
+        """Whether it is the flood's distance instead of a solution."""
         ...
 
 
@@ -60,7 +64,7 @@ def solve(
 
 
 def climb(
-    phi: Float[Array, "nx ny nz"],
+    log_phi: Float[Array, "nx ny nz"],
     blocked: Bool[Array, "nx ny nz"],
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
@@ -68,7 +72,7 @@ def climb(
 ) -> tuple[Float[Array, "t 3"], Bool[Array, ""], Sight]:
     """Ascend the field; returns the path, whether it arrived, and the lines of sight."""
     sight = sight_of(blocked)
-    path, arrived = ascend(log_potential(phi), sight, ~blocked, start, goal, settings)
+    path, arrived = ascend(log_phi, sight, ~blocked, start, goal, settings)
     return path, arrived, sight
 
 
@@ -105,9 +109,11 @@ class Climb:
     def __call__(self, problem: Problem, grid: Grid) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""
         field = solve(problem.blocked, problem.goal_index, grid, self.potential)
-        path, arrived, sight = climb(field.phi, problem.blocked, problem.start, problem.goal, self.settings)
+        path, arrived, sight = climb(field.log_phi, problem.blocked, problem.start, problem.goal, self.settings)
         path = tighten(sight, path)
         status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
         status = jnp.where(field.status != Status.OK, field.status, status)
         status = jnp.where(problem.status != Status.OK, problem.status, status)
-        return Route(path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK))
+        return Route(
+            path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK), geodesic=field.geodesic
+        )

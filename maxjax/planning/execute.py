@@ -89,7 +89,7 @@ def staged(climb: Climb) -> PathFinder:
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> list[Route]:
             ends = problem.start, problem.goal
-            path, arrived, sight = ASCEND(field.phi, problem.blocked, *ends, settings=settings)
+            path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings)
             taut = TIGHTEN(sight.codes, path, room=sight.room)
             status, certified, on_goal, points = fetched((field.status, field.certified, arrived, taut))
             if status == Status.OK and on_goal:

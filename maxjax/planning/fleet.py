@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, Integer
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.gradient import log_potential
 from maxjax.fields.occupancy import blocked_within
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.climb import Climb, potential_field
@@ -95,14 +94,14 @@ def _dilated(
 
 
 def _ascents(
-    phi: Float[Array, "nx ny nz"],
+    log_phi: Float[Array, "nx ny nz"],
     blocked: Bool[Array, "nx ny nz"],
     starts: Float[Array, "n 3"],
     goal: Float[Array, " 3"],
     settings: Ascent,
 ) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
     """Ascend one field from many starts and tighten; returns the paths, and which arrived."""
-    sight, log_phi = sight_of(blocked), log_potential(phi)
+    sight = sight_of(blocked)
 
     def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
         path, arrived = ascend(log_phi, sight, ~blocked, placed(blocked, start), placed(blocked, goal), settings)
@@ -160,7 +159,7 @@ def _routes(
         routes: list[Route] = []
         for some in np.array_split(which, range(_BATCH, len(which), _BATCH)):
             filled = starts[np.resize(some, _SMALL_BATCH if len(some) <= _SMALL_BATCH else _BATCH)]
-            paths, arrived = map(np.asarray, _ASCENTS(field.phi, dilated.blocked, filled, goal, settings=settings))
+            paths, arrived = map(np.asarray, _ASCENTS(field.log_phi, dilated.blocked, filled, goal, settings=settings))
             stalled = failed(Status.PATH_STALLED, certified)
             routes += [found(paths[k], certified) if arrived[k] else stalled for k in range(len(some))]
         return routes

@@ -26,9 +26,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.lowering import neighbours, repeat
+from maxjax.core.lowering import repeat
 from maxjax.core.slabs import on_every_device
-from maxjax.fields.stencil import Faces, Links, Volume, behind, cell, gather, inflow
+from maxjax.fields.stencil import Faces, Links, Volume, cell, gather
 
 Mask = Bool[Array, "nx ny nz"]
 Aggregates = Float[Array, "mx my mz"]  # one number an aggregate
@@ -41,6 +41,8 @@ _COARSEST = 16
 _THIN = 4
 # Levels of no more states than these are relaxed by every device alone: to fetch a layer from a neighbour takes longer.
 _SHARED = 2**20
+# log φ where there is none.
+_NOTHING = -1e30
 
 
 def halvings(shape: Sequence[int]) -> tuple[int, int, int]:
@@ -110,25 +112,38 @@ def levels_of(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> 
 
 
 @jax.named_scope("lump")
-def correction(faces: Faces, diagonal: Volume, phi: Volume, levels: tuple[Level, ...]) -> Aggregates:
-    """δ on the aggregates: the lumped walk's answer to the residual of φ."""
-    around = neighbours(phi)
-    total = inflow(faces, phi, around)
-    known = (total > 0) & (phi > 0)
-    residual = jnp.where(known, jnp.log(jnp.where(known, total, 1) / jnp.where(known, diagonal * phi, 1)), 0)
+def correction(links: Links, diagonal: Volume, log_phi: Volume, levels: tuple[Level, ...]) -> Aggregates:
+    """δ on the aggregates: the lumped walk's answer to the residual of φ.
+
+    Args:
+        links: w_ij φ_j / φ_i (`stencil.rates`), zero outside the component.
+        diagonal: d_i; 1 in obstacles.
+        log_phi: log φ.
+        levels: of `levels_of`.
+    """
+    total = sum((forward + backward for forward, backward in links), start=jnp.zeros((), log_phi.dtype))
+    known = total > 0
+    residual = jnp.log(jnp.where(known, total / diagonal, 1))
     axes = levels[0].axes
-    # A row of rates w_ij φ_j sums to the inflow, about d_i φ_i: undivided, it is weighted by φ already.
-    weight = 1 / jnp.where(spread(levels[0].even, axes) & (total > 0), total, 1)
-    rates = tuple(
-        (weight * face * following, weight * behind(face, axis) * preceding)
-        for axis, (face, (following, preceding)) in enumerate(zip(faces, around, strict=True))
-    )
+    phi, below = _in_aggregates(jnp.where(known, log_phi, _NOTHING), axes)
+    # A row of rates sums to about d_i: undivided, it is weighted by d_i already.
+    weight = jnp.where(spread(levels[0].even, axes), 1 / jnp.where(known, total, 1), phi)
+    rates = tuple((weight * forward, weight * backward) for forward, backward in links)
     walk, residual = _lump(rates, weight * total, weight * total * residual, axes)  # type: ignore[arg-type]
-    return _relaxed(walk, residual, _sums(phi, axes), levels, _RELAX)
+    return _relaxed(walk, residual, below, levels, _RELAX)
+
+
+def _in_aggregates(log_phi: Volume, axes: tuple[int, ...]) -> tuple[Volume, Aggregates]:
+    """φ in terms of the largest of its aggregate, and log Σ φ of each."""
+    largest = log_phi
+    for axis in axes:
+        largest = jnp.maximum(_half(largest, axis, 0), _half(largest, axis, 1))
+    phi = jnp.exp(log_phi - spread(largest, axes))
+    return phi, largest + jnp.log(_sums(phi, axes))
 
 
 @jax.named_scope("relax")
-def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[Level, ...], times: int) -> Volume:
+def _relaxed(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[Level, ...], times: int) -> Volume:
     """Solve leaving δ = residual + Σ rates δ, about, on the first of these levels: relax, correct from below, relax."""
     # Nothing leaves the aggregate of the goal: δ = 0 there.
     leaving = jnp.where(levels[0].goal, jnp.inf, walk.leaving)
@@ -140,21 +155,22 @@ def _relaxed(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[Level, ..
     if not levels[1:]:
         return delta
     below = levels[1]
+    phi, log_sums = _in_aggregates(log_phi, below.axes)
     weight = jnp.where(spread(below.even, below.axes), 1, phi) / walk.leaving
     rates = tuple((weight * forward, weight * backward) for forward, backward in walk.rates)
     left = weight * (gather(walk.rates, delta) + residual - walk.leaving * delta)
     coarse, left = _lump(rates, weight * walk.leaving, left, below.axes)  # type: ignore[arg-type]
-    correction = _relaxed_deeper(coarse, left, _sums(phi, below.axes), levels[1:])
+    correction = _relaxed_deeper(coarse, left, log_sums, levels[1:])
     correction = jnp.where(levels[0].goal, 0, spread(correction, below.axes))
     return _repeat(relax, delta + correction, times)
 
 
-def _relaxed_deeper(walk: _Walk, residual: Volume, phi: Volume, levels: tuple[Level, ...]) -> Volume:
+def _relaxed_deeper(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[Level, ...]) -> Volume:
     """`_relaxed` on a level that costs little; on a small one, by every device alone."""
     relaxed = functools.partial(_relaxed, times=_RELAX_DEEP)
     if residual.size > _SHARED:
-        return relaxed(walk, residual, phi, levels)
-    return on_every_device(relaxed, walk, residual, phi, levels)
+        return relaxed(walk, residual, log_phi, levels)
+    return on_every_device(relaxed, walk, residual, log_phi, levels)
 
 
 def _repeat(step: Callable[[Volume], Volume], x: Volume, times: int) -> Volume:

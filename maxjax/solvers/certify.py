@@ -29,25 +29,26 @@ class SweepCarry:
     """Carry of the loop.
 
     Attributes:
-        phi: potential.
+        log_phi: its logarithm.
         sweeps: taken.
         uncertified: voxels without a strictly higher neighbour.
     """
 
-    phi: Float[Array, "nx ny nz"]
+    log_phi: Float[Array, "nx ny nz"]
     sweeps: Int32[Array, ""]
     uncertified: Int32[Array, ""]
 
 
-def swept(medium: Medium, length: Float[Array, ""], phi: stencil.Volume, times: int) -> stencil.Volume:
-    """φ after so many (static) positive sweeps."""
-    operator, held = operator_of(medium, length), stencil.cell(medium.sigma.shape, medium.goal)
+def swept(medium: Medium, length: Float[Array, ""], log_phi: stencil.Volume, times: int) -> stencil.Volume:
+    """Log φ after so many (static) positive sweeps, of its ratio ψ to the φ before them."""
+    held = stencil.cell(medium.sigma.shape, medium.goal) | ~medium.component
+    operator = operator_of(medium, length)
+    links = stencil.rates(operator.faces, log_phi)
     diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
-    return jnp.asarray(
-        lax.fori_loop(
-            0, times, lambda _, phi: jnp.where(held, phi, stencil.inflow(operator.faces, phi) / diagonal), phi
-        )
+    psi = lax.fori_loop(
+        0, times, lambda _, psi: jnp.where(held, psi, stencil.gather(links, psi) / diagonal), jnp.ones_like(log_phi)
     )
+    return log_phi + jnp.log(psi)
 
 
 @jax.named_scope("positive sweeps")
@@ -59,26 +60,26 @@ def sweep_until_certified(medium: Medium, progress: Progress, *, most: int, betw
         most: cap on sweeps. Static.
         between: sweeps between two looks at the certificate. Static.
     """
-    # A voxel at zero is below float32's range, and sweeps cannot bring it back.
-    lost = progress.converged & jnp.any(medium.component & (progress.phi <= 0))
 
     def going(carry: SweepCarry) -> Bool[Array, ""]:
-        return (carry.uncertified != 0) & (carry.sweeps < most) & ~(lost & (carry.sweeps > 0))
+        return (carry.uncertified != 0) & (carry.sweeps < most)
 
     def turn(carry: SweepCarry) -> SweepCarry:
         # Few fields need sweeps, so A is assembled in the loop rather than kept.
-        sigma, length = in_this_turn((medium.sigma, progress.length), carry.phi)
-        phi = swept(dataclasses.replace(medium, sigma=sigma), length, carry.phi, between)
-        return SweepCarry(phi, carry.sweeps + between, uncertified(phi, medium.component, medium.goal))
+        here, length = in_this_turn((medium, progress.length), carry.log_phi)
+        log_phi = swept(here, length, carry.log_phi, between)
+        return SweepCarry(log_phi, carry.sweeps + between, uncertified(log_phi, medium.component, medium.goal))
 
-    first = SweepCarry(progress.phi, jnp.int32(0), uncertified(progress.phi, medium.component, medium.goal))
+    first = SweepCarry(progress.log_phi, jnp.int32(0), uncertified(progress.log_phi, medium.component, medium.goal))
     last = lax.while_loop(going, turn, first)
-    return dataclasses.replace(progress, phi=last.phi, sweeps=last.sweeps, uncertified=last.uncertified)
+    return dataclasses.replace(progress, log_phi=last.log_phi, sweeps=last.sweeps, uncertified=last.uncertified)
 
 
 def input_status(medium: Medium, length: Float[Array, ""]) -> Int32[Array, ""]:
-    """What is wrong with sigma, ℓ or the goal; OK if nothing is."""
+    """What is wrong with sigma, price, ℓ or the goal; OK if nothing is."""
     finite = jnp.all(jnp.isfinite(medium.sigma) & (medium.sigma >= 0)) & jnp.isfinite(length) & (length > 0)
+    if medium.price is not None:
+        finite = finite & jnp.all((medium.sigma == 0) | (jnp.isfinite(medium.price) & (medium.price >= 1)))
     outside = jnp.any((medium.goal < 0) | (medium.goal >= jnp.asarray(medium.shape, jnp.int32)))
     status = jnp.select(
         [~finite, outside, ~jnp.any(medium.component)],
@@ -91,7 +92,7 @@ def input_status(medium: Medium, length: Float[Array, ""]) -> Int32[Array, ""]:
 def judge(medium: Medium, progress: Progress) -> Progress:
     """Set the status; OK only where the field is finite and certified."""
     wrong = input_status(medium, progress.length)
-    certified = (progress.uncertified == 0) & jnp.all(jnp.isfinite(progress.phi))
+    certified = (progress.uncertified == 0) & jnp.all(jnp.isfinite(progress.log_phi))
     status = jnp.select(
         [wrong != Status.OK, certified, ~progress.converged], [wrong, Status.OK, Status.NOT_CONVERGED],
         Status.NOT_CERTIFIED,

@@ -1,4 +1,4 @@
-"""Conjugate gradients for the screened setting: a reference, and the fallback where Newton's cycles stall.
+"""Conjugate gradients for the screened setting: a reference.
 
     (I − G) y = D^-1/2 q,   φ = D^-1/2 y,   I − G = D^-1/2 A D^-1/2        (`fields.stencil.normalize`)
 
@@ -17,12 +17,13 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields import stencil
+from maxjax.fields.gradient import log_potential
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import Medium, Progress, Stage, held_system, tolerance_of
+from maxjax.solvers.medium import SCREENING_LENGTH, Medium, Progress, Stage, held_system, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
@@ -30,6 +31,18 @@ DEGREE = 32
 # Of a voxel's residual beside its own φ, by a number's bytes.
 TOLERANCES = {4: 1e-2, 8: 1e-12}
 SWEEPS_BETWEEN_LOOKS = 8
+# float32 spans 87 nats below 1. What distance does not use up is left to prices and narrow passages, which attenuate φ
+# as well, and to the few per cent by which `geodesic` may fall short.
+NATS = 68.0
+
+
+def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]:
+    """The shortest screening length [voxels], not below the default, at which float32 spans the goal's component.
+
+    Args:
+        distance: to the goal inside its component (`fields.connectivity.geodesic`) [voxels].
+    """
+    return jnp.maximum(jnp.max(distance).astype(jnp.float32) / NATS, SCREENING_LENGTH)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +78,10 @@ class LinearSolver(abc.ABC):
         sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
         return self.iterate, sweep, judge
 
+    def screening_length(self, medium: Medium) -> Float[Array, ""]:
+        """Such that float32 spans φ."""
+        return screening_length_for(medium.distance)
+
     def prepared(self, medium: Medium) -> Medium:
         """As it is."""
         return medium
@@ -84,7 +101,7 @@ class LinearSolver(abc.ABC):
         )
         return dataclasses.replace(
             progress,
-            phi=jnp.where(medium.component, jnp.maximum(scale * solution.x, 0), 0),
+            log_phi=jnp.where(medium.component, log_potential(scale * solution.x), 0),
             iterations=progress.iterations + solution.iterations,
             residual=solution.residual,
             converged=solution.converged,

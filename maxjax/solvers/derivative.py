@@ -1,10 +1,12 @@
 """The implicit derivative of the potential.
 
-    F(φ, σ, κ) = A φ − q = 0     ⇒     A dφ = −(∂F/∂σ dσ + ∂F/∂κ dκ)
+    F(φ, σ, n, κ) = A φ − q = 0     ⇒     A dφ = −(∂F/∂σ dσ + ∂F/∂n dn + ∂F/∂κ dκ),     d log φ = dφ / φ
 
 by the implicit function theorem: one more solve with the same symmetric A. It is written with
 `lax.custom_linear_solve`, so JAX transposes it for reverse mode: the adjoint λ of a loss L solves A λ = ∂L/∂φ, and
 dL/dσ = −λᵀ ∂F/∂σ. Neither iterations nor sweeps are ever differentiated.
+
+The linear solve is one for φ itself: where φ is below the range of its number format, the derivative is 0.
 """
 
 from __future__ import annotations
@@ -35,12 +37,12 @@ Leaves = dict[str, Any]
 
 
 def differentiable(solve: Solve, solver: Solver, medium: Medium, length: Float[Array, ""]) -> Progress:
-    """solve(solver, medium, length), whose `phi` is differentiable in `medium.sigma` and `length`.
+    """solve(solver, medium, length), whose `log_phi` is differentiable in `medium.sigma`, `medium.price` and `length`.
 
     Args:
         solve: to be differentiated. Static.
         solver: its settings. Static.
-        medium: of any shape; `sigma` is its only differentiable part.
+        medium: of any shape; `sigma` and `price` are its differentiable parts.
         length: ℓ to begin with.
     """
     static = {name: getattr(medium, name) for name in ("shape", "grounded")}
@@ -56,18 +58,24 @@ def _solved(solve: Solve, solver: Solver, static: tuple[Any, ...], arrays: Leave
 
 @_solved.defjvp
 def _solved_jvp(solve, solver, static, primals, tangents):  # type: ignore[no-untyped-def]
-    """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂ℓ ℓ̇)."""
+    """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂n ṅ + ∂F/∂ℓ ℓ̇)."""
     (arrays, length), (arrays_dot, length_dot) = primals, tangents
     medium = Medium(**arrays, **dict(static))
     tight = min(tolerance_of(solver, medium), TIGHT_TOLERANCE[medium.sigma.dtype.itemsize])
     solver = dataclasses.replace(solver, tolerance=tight)
     solved = _solved(solve, solver, static, arrays, length)
 
-    def imbalance(sigma: stencil.Volume, length: Float[Array, ""]) -> stencil.Volume:
-        operator, source = held_system(dataclasses.replace(medium, sigma=sigma), length)
-        return stencil.residual(operator, solved["phi"], source)
+    phi = jnp.where(medium.component, jnp.exp(solved["log_phi"]), 0)
 
-    _, right = jax.jvp(imbalance, (medium.sigma, solved["length"]), (arrays_dot["sigma"], length_dot))
+    def imbalance(sigma: stencil.Volume, price: stencil.Volume | None, length: Float[Array, ""]) -> stencil.Volume:
+        operator, source = held_system(dataclasses.replace(medium, sigma=sigma, price=price), length)
+        return stencil.residual(operator, phi, source)
+
+    _, right = jax.jvp(
+        imbalance,
+        (medium.sigma, medium.price, solved["length"]),
+        (arrays_dot["sigma"], arrays_dot["price"], length_dot),
+    )
     operator, _ = held_system(medium, solved["length"])
     faces, scale = stencil.normalize(operator)
     tolerance = DERIVATIVE_TOLERANCE[medium.sigma.dtype.itemsize]
@@ -87,4 +95,5 @@ def _solved_jvp(solve, solver, static, primals, tangents):  # type: ignore[no-un
     def zero(x: Array) -> Array:
         return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)
 
-    return solved, {**jax.tree.map(zero, solved), "phi": scale * y_dot}
+    log_dot = jnp.where(phi > 0, scale * y_dot / jnp.where(phi > 0, phi, 1), 0)
+    return solved, {**jax.tree.map(zero, solved), "log_phi": log_dot}

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int32
 
 from maxjax.core.status import Status
-from maxjax.fields.gradient import gradient_at, log_potential
+from maxjax.fields.gradient import gradient_at
 from maxjax.solvers.derivative import TIGHT_TOLERANCE
 from maxjax.solvers.potential import solve_potential
 
@@ -88,11 +88,11 @@ def goal_gradient(
         seen.status,
     )
     status = jnp.select(
-        [~finite, at_start != Status.OK, outside, sigma[x, y, z] <= 0, seen.phi[x, y, z] <= 0],
+        [~finite, at_start != Status.OK, outside, sigma[x, y, z] <= 0, ~jnp.isfinite(seen.log_phi[x, y, z])],
         [Status.NONFINITE_INPUT, at_start, Status.GOAL_OUTSIDE_MAP, Status.GOAL_OCCUPIED, Status.NO_VALID_PATH],
         Status.OK,
     )
     # A free voxel that no current reaches counts as a wall: its logarithm says nothing.
-    slope = gradient_at(log_potential(seen.phi), seen.phi > 0, position)
+    slope = gradient_at(seen.log_phi, jnp.isfinite(seen.log_phi), position)
     gradient = jnp.where(status == Status.OK, -seen.screening_length * slope, 0)
     return GoalGradient(gradient, status.astype(jnp.int32))

@@ -1,6 +1,6 @@
 """What is solved, how far it is solved, and what a solver is.
 
-    A(σ, κ) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
+    A(σ, κ n²) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
 
 A solve is a chain of *stages*, pure functions (Medium, Progress) ↦ Progress. A solver is a frozen dataclass of static
 settings whose stages take a `Medium` to a certified φ for one screening length ℓ.
@@ -31,15 +31,17 @@ class Medium:
 
     Attributes:
         sigma: conductivity, zero in obstacles.
+        price: n ≥ 1, what a metre costs; None: 1 everywhere.
         goal: voxel of the goal.
         component: the goal's component of free voxels.
         distance: to the goal inside it (`fields.connectivity.geodesic`) [voxels].
         shape: of the map; what the volumes hold beyond it is padding, obstacles. Static.
         grounded: whether the outer faces are held at φ = 0 and nothing leaks (the paper's setting); else they are
-            insulated and the leak is 1/ℓ². Static.
+            insulated and the leak is n²/ℓ². Static.
     """
 
     sigma: Float[Array, "nx ny nz"]
+    price: Float[Array, "nx ny nz"] | None
     goal: Int32[Array, " 3"]
     component: Bool[Array, "nx ny nz"]
     distance: Int32[Array, "nx ny nz"]
@@ -53,7 +55,7 @@ class Progress:
     """How far a solve is.
 
     Attributes:
-        phi: the iterate.
+        log_phi: logarithm of the iterate; zero outside the goal's component.
         length: ℓ [voxels].
         iterations: of the solver, with this ℓ.
         sweeps: positive sweeps after them.
@@ -62,9 +64,10 @@ class Progress:
         uncertified: voxels of the component, goal aside, without a strictly higher neighbour.
         status: `Status` as int32; NOT_CONVERGED until it is judged.
         attempts: screening lengths tried, with this one.
+        geodesic: whether log φ is the distance of the flood instead of a solution.
     """
 
-    phi: Float[Array, "nx ny nz"]
+    log_phi: Float[Array, "nx ny nz"]
     length: Float[Array, ""]
     iterations: Int32[Array, ""]
     sweeps: Int32[Array, ""]
@@ -73,9 +76,13 @@ class Progress:
     uncertified: Int32[Array, ""]
     status: Int32[Array, ""]
     attempts: Int32[Array, ""]
+    geodesic: Bool[Array, ""]
 
 
 Stage = Callable[[Medium, Progress], Progress]
+
+# ℓ [voxels]: the shorter, the closer to cheapest paths; below it the lattice itself shows.
+SCREENING_LENGTH = 1.5
 
 
 @runtime_checkable
@@ -110,6 +117,9 @@ class Solver(Protocol):
     def stages(self) -> tuple[Stage, ...]:
         """Stages of an attempt; the last one sets the status."""
 
+    def screening_length(self, medium: Medium) -> Float[Array, ""]:
+        """ℓ [voxels], where the caller leaves it open."""
+
     def prepared(self, medium: Medium) -> Medium:
         """The medium on the grid that the stages expect."""
 
@@ -117,17 +127,22 @@ class Solver(Protocol):
         """Of D^-1/2 A D^-1/2 = I − G, for the derivative; `faces` are those of G (`stencil.normalize`)."""
 
 
-def medium_of(sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"], grounded: bool = False) -> Medium:
+def medium_of(
+    sigma: Float[Array, "nx ny nz"],
+    goal: Int32[Array, " 3"],
+    price: Float[Array, "nx ny nz"] | None = None,
+    grounded: bool = False,
+) -> Medium:
     """The medium of a conductivity field; `grounded` is static."""
     component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal)
-    return Medium(sigma, goal, component, distance, sigma.shape, grounded)
+    return Medium(sigma, price, goal, component, distance, sigma.shape, grounded)
 
 
 def untouched(medium: Medium, length: Float[Array, ""]) -> Progress:
     """Before the first iteration."""
     none = jnp.int32(0)
     return Progress(
-        phi=jnp.zeros_like(medium.sigma),
+        log_phi=jnp.zeros_like(medium.sigma),
         length=length,
         iterations=none,
         sweeps=none,
@@ -136,6 +151,7 @@ def untouched(medium: Medium, length: Float[Array, ""]) -> Progress:
         uncertified=none,
         status=jnp.int32(Status.NOT_CONVERGED),
         attempts=none,
+        geodesic=jnp.array(False),
     )
 
 
@@ -151,7 +167,8 @@ def tolerance_of(solver: Solver, medium: Medium) -> float:
 
 def operator_of(medium: Medium, length: Float[Array, ""]) -> stencil.Operator:
     """A, without φ held on the goal."""
-    return stencil.assemble(medium.sigma, 0.0 if medium.grounded else 1 / length**2, grounded=medium.grounded)
+    leak = 0.0 if medium.grounded else (1 if medium.price is None else medium.price**2) / length**2
+    return stencil.assemble(medium.sigma, leak, grounded=medium.grounded)
 
 
 def held_system(medium: Medium, length: Float[Array, ""]) -> tuple[stencil.Operator, stencil.Volume]:

@@ -2,18 +2,23 @@
 
     d_i φ_i = Σ_j w_ij φ_j   (`fields.stencil`; φ > 0, held on the goal)
 
-Linear solvers lose the far field: φ spans thirty decades, and what counts is its *relative* accuracy in every voxel.
-So solve for u = log φ instead, 0 = log(Σ_j w_ij φ_j / d_i φ_i) = ρ_i. Its Newton step δ, φ ← φ e^δ, solves
+Linear solvers lose the far field: φ spans hundreds of decades, more than a float can, and what counts is its *relative*
+accuracy in every voxel. So the unknown is u = log φ, and of φ only ratios of neighbours are computed (`stencil.rates`):
 
-    δ_i = ρ_i + Σ_j p_ij δ_j,   p_ij = w_ij φ_j / Σ_k w_ik φ_k,   δ = 0 on the goal:
+    p_ij = w_ij e^(u_j − u_i) / d_i,     ρ_i = log Σ_j p_ij = 0
 
-rows of p sum to one. It is a random walk that drifts to the goal (Doob's transform of the leaky one by φ), and δ_i the
-residual that it meets on its way. Where the linear problem is about values that e-fold every voxel or two, this one is
-about transport: its solution is smooth, and every quantity in it is of order one.
+The Newton step δ, u ← u + δ, solves
 
-A cycle is one correction e^δ, constant on aggregates of 2 × 2 × 2 voxels, and five weighted sweeps
-φ_i ← φ_i + ω (Σ_j w_ij φ_j / d_i − φ_i). Everything stays positive: walls one voxel thick, sealed pockets and dead
-ends need no care. Doors of one voxel in such walls may stall the cycles on deep levels; they then end unconverged.
+    δ_i = ρ_i + Σ_j p_ij δ_j / Σ_k p_ik,   δ = 0 on the goal:
+
+a random walk that drifts to the goal (Doob's transform of the leaky one by φ), and δ_i the residual that it meets on
+its way. Where the linear problem is about values that e-fold every voxel or two, this one is about transport: its
+solution is smooth, and every quantity in it is of order one.
+
+A cycle takes one correction δ, constant on aggregates of 2 × 2 × 2 voxels, and five weighted sweeps of the factor
+ψ = e^δ, ψ_i ← ψ_i + ω (Σ_j p_ij ψ_j − ψ_i); then u ← u + log ψ. Everything stays positive: walls one voxel thick,
+sealed pockets and dead ends need no care. Doors of one voxel in such walls may stall the cycles on deep levels; they
+then end unconverged.
 """
 
 from __future__ import annotations
@@ -22,20 +27,26 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.batching import settle
-from maxjax.core.lowering import maximum, once
-from maxjax.fields.stencil import Faces, Volume, cell, inflow
+from maxjax.core.lowering import maximum, repeat
+from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
 from maxjax.solvers.aggregation import Level, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
 
 # Weights of the sweeps after a correction, to damp what an aggregate cannot represent: (1 − 0.6 λ)² (1 − λ)²
 # |1 − 1.7 λ| stays below 0.07 for 0.4 ≤ λ ≤ 1.9. Plain sweeps do not damp what alternates from voxel to voxel, λ = 2.
 _SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
-# Cycles end when for so many of them the residual has not fallen below this share of the best.
-_PATIENCE, _PROGRESS = 4, 0.8
+# Beyond it [nats] rounding is not excused.
+_FAR = 1e5
+# A correction changes no log φ by more than this: where walls mislead the coarse walks, they overshoot.
+_BOUND = 8.0
+# Cycles end when for so many of them the residual has not fallen below this share of the best. From a guess that knows
+# no price it rises first.
+_PATIENCE, _PROGRESS = 8, 0.8
 
 
 @jax.tree_util.register_dataclass
@@ -44,15 +55,13 @@ class _System:
     """What cycles read.
 
     Attributes:
-        faces: conductances of A.
-        diagonal: of A; 1 in obstacles.
-        goal: the goal's voxel.
+        operator: A.
+        held: where log φ stays as it is: the goal's voxel, and what is not of its component.
         levels: the coarser grids.
     """
 
-    faces: Faces
-    diagonal: Volume
-    goal: Bool[Array, "nx ny nz"]
+    operator: Operator
+    held: Bool[Array, "nx ny nz"]
     levels: tuple[Level, ...]
 
 
@@ -62,14 +71,14 @@ class _CycleCarry:
     """Carry of the loop.
 
     Attributes:
-        phi: positive on the component, zero elsewhere.
+        log_phi: finite on the component, zero elsewhere.
         cycles: taken.
         change: largest relative change of a voxel by the last full sweep.
         best: the least change so far.
         stalled: cycles in a row without progress.
     """
 
-    phi: Volume
+    log_phi: Volume
     cycles: Int32[Array, ""]
     change: Float[Array, ""]
     best: Float[Array, ""]
@@ -80,9 +89,9 @@ def newton_cycles(medium: Medium, progress: Progress, *, tolerance: float, most:
     """Cycles until no sweep would change any voxel by more than `tolerance` of itself.
 
     Args:
-        medium: on a grid that is `aggregation.padded`.
-        progress: φ positive on the component, zero elsewhere; its value on the goal is kept. `iterations` count on.
-        tolerance: largest |ρ|. Static.
+        medium: on a grid that is `aggregation.padded`, conducting on the component only.
+        progress: log φ finite on the component, zero elsewhere; its value on the goal is kept. `iterations` count on.
+        tolerance: largest |ρ|, beyond what log φ's own rounding brings. Static.
         most: cap on iterations. Static.
 
     Returns:
@@ -107,19 +116,18 @@ def so_many_cycles(medium: Medium, progress: Progress, *, tolerance: float, coun
 
 def _system(medium: Medium, length: Float[Array, ""]) -> _System:
     operator = operator_of(medium, length)
-    diagonal = jnp.where(operator.diagonal > 0, operator.diagonal, 1)
     levels = levels_of(operator.faces, medium.component, medium.goal)
-    return _System(operator.faces, diagonal, cell(medium.component.shape, medium.goal), levels)
+    return _System(operator, cell(medium.component.shape, medium.goal) | ~medium.component, levels)
 
 
 def _carry(progress: Progress) -> _CycleCarry:
-    return _CycleCarry(progress.phi, progress.iterations, progress.residual, progress.residual, jnp.int32(0))
+    return _CycleCarry(progress.log_phi, progress.iterations, progress.residual, progress.residual, jnp.int32(0))
 
 
 def _progress(before: Progress, carry: _CycleCarry, tolerance: float) -> Progress:
     return dataclasses.replace(
         before,
-        phi=carry.phi,
+        log_phi=carry.log_phi,
         iterations=carry.cycles,
         residual=carry.change,
         converged=carry.change <= tolerance,
@@ -128,27 +136,37 @@ def _progress(before: Progress, carry: _CycleCarry, tolerance: float) -> Progres
 
 def _cycle(system: _System, carry: _CycleCarry) -> _CycleCarry:
     """One correction, and sweeps."""
-    phi = carry.phi
+    links = rates(system.operator.faces, carry.log_phi)
+    diagonal = jnp.where(system.operator.diagonal > 0, system.operator.diagonal, 1)
+    psi = jnp.ones_like(carry.log_phi)
     if system.levels:
-        delta = correction(system.faces, system.diagonal, phi, system.levels)
-        phi = phi / spread(jnp.exp(-delta), system.levels[0].axes)
-    for weight in _SWEEPS[:-1]:
-        phi = once(_sweep(system, phi, weight))
+        delta = jnp.clip(correction(links, diagonal, carry.log_phi, system.levels), -_BOUND, _BOUND)
+        psi = jnp.where(system.held, psi, spread(jnp.exp(delta), system.levels[0].axes))
+
+    def sweep(psi: Volume, weight: Float[Array, ""] | float) -> Volume:
+        here = psi * diagonal
+        # Weights above one may overshoot: what remains is positive.
+        swept = jnp.maximum(weight * gather(links, psi) + (1 - weight) * here, here / 8)
+        return jnp.where(system.held, here, swept) / diagonal
+
+    weights = jnp.asarray(_SWEEPS, psi.dtype)
+    with jax.named_scope("sweep"):
+        first = jnp.int32(0), psi
+        _, psi = repeat(len(_SWEEPS) - 1, lambda state: (state[0] + 1, sweep(state[1], weights[state[0]])), first)
     with jax.named_scope("change"):
-        after = _sweep(system, phi, 1.0)
-        change = maximum(lambda after, phi: jnp.abs(after - phi) / jnp.where(phi > 0, phi, 1), after, phi)
+        after = sweep(psi, 1.0)
+        # What the rounding of log φ itself brings is none: log φ ≤ 0.
+        ulp = 4 * float(np.finfo(psi.dtype).eps)
+        change = maximum(
+            lambda after, psi, log_phi: jnp.maximum(jnp.abs(after - psi) / psi + ulp * log_phi, 0),
+            after,
+            psi,
+            jnp.maximum(carry.log_phi, -_FAR),
+        )
         return _CycleCarry(
-            phi=phi + _SWEEPS[-1] * (after - phi),
+            log_phi=carry.log_phi + jnp.log(psi + _SWEEPS[-1] * (after - psi)),
             cycles=carry.cycles + 1,
             change=change,
             best=jnp.minimum(change, carry.best),
             stalled=jnp.where(change < _PROGRESS * carry.best, 0, carry.stalled + 1),
         )
-
-
-@jax.named_scope("sweep")
-def _sweep(system: _System, phi: Volume, weight: float) -> Volume:
-    here = phi * system.diagonal
-    # Weights above one may overshoot: what remains of φ stays positive.
-    swept = jnp.maximum(weight * inflow(system.faces, phi) + (1 - weight) * here, here / 8)
-    return jnp.where(system.goal, here, swept) / system.diagonal

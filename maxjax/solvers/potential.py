@@ -1,13 +1,16 @@
 """The conduction potential of a map, certified and differentiable: the public function.
 
-    A(σ, κ) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
+    A(σ, κ n²) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
+
+A price n ≥ 1 is what a metre costs: −ℓ log φ tends to min ∫ n ds as ℓ shrinks (Varadhan 1967, with the metric n).
 
 Settings: `screened` (leak κ, insulated outer faces; the default), `cg` (the same, by conjugate gradients alone) and
 `paper` (κ = 0, outer faces grounded), each a solver object in a file of its own. Scaling φ to 1 at the goal instead of
 feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
 
-Here ℓ is chosen, and lengthened where φ leaves float32's range all the same. The solver does one attempt; what it finds
-carries the implicit derivative (`solvers.derivative`).
+What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.5 voxels, whatever the size of the map;
+`cg` and `paper` solve for φ, so `cg` chooses ℓ such that float32 spans it, and lengthens it where that was not enough.
+The solver does one attempt; what it finds carries the implicit derivative (`solvers.derivative`).
 """
 
 from __future__ import annotations
@@ -33,11 +36,7 @@ from maxjax.solvers.screened import Screened
 Setting = Literal["screened", "paper", "cg"]
 SETTINGS: dict[str, Solver] = {"screened": Screened(), "paper": Paper(), "cg": ConjugateGradients()}
 
-# float32 spans 87 nats below 1. What distance does not use up is left to narrow passages, which attenuate φ as well,
-# and to the few per cent by which `geodesic` may fall short.
-NATS = 68.0
-SHORTEST_LENGTH = 1.5
-# Where that was not enough, the screening length grows by this factor.
+# Where float32's range was not enough, the screening length grows by this factor.
 _LENGTHEN = 1.5
 # Sigma is scaled by a power of two to a maximum between 2¹⁹ and 2²⁰, as `fields.conductivity` has it: exact, and φ does
 # not depend on the scale, but products of two conductivities must stay within float32's range.
@@ -50,18 +49,19 @@ class Potential:
     """A potential and what is known of it.
 
     Attributes:
-        phi: potential, 1 at the goal, 0 in obstacles and in pockets that no current reaches.
+        log_phi: logarithm of the potential: 0 at the goal, −∞ in obstacles and in pockets that no current reaches.
         status: `Status` as int32: OK, NOT_CONVERGED, NOT_CERTIFIED, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NONFINITE_INPUT.
-        iterations: Newton cycles (`screened`), with those of CG where cycles stalled; CG iterations (`paper`, `cg`).
+        iterations: Newton cycles (`screened`); CG iterations (`paper`, `cg`).
         sweeps: positive sweeps after them.
         residual: largest relative change that one more sweep would have made (`screened`); |q − A φ| / |q| of the
             Jacobi-scaled system, recomputed from φ (`paper`, `cg`).
-        certified: every voxel of the goal's component but the goal has a strictly higher face neighbour.
+        certified: every voxel of the goal's component but the goal has a strictly higher face neighbour, in `log_phi`.
         uncertified: number of voxels that have none.
         screening_length: ℓ that was used [voxels].
+        geodesic: `log_phi` is no solution but the flood's distance (`solvers.geodesic`), where none was certified.
     """
 
-    phi: Float[Array, "*batch nx ny nz"]
+    log_phi: Float[Array, "*batch nx ny nz"]
     status: Int32[Array, "*batch"]
     iterations: Int32[Array, "*batch"]
     sweeps: Int32[Array, "*batch"]
@@ -69,24 +69,19 @@ class Potential:
     certified: Bool[Array, "*batch"]
     uncertified: Int32[Array, "*batch"]
     screening_length: Float[Array, "*batch"]
+    geodesic: Bool[Array, "*batch"]
 
-
-def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]:
-    """The shortest screening length [voxels] at which float32 spans the goal's component.
-
-    The shorter it is, the closer to shortest paths: −ℓ log φ tends to geodesic distance (Varadhan 1967). Below one and
-    a half voxels the lattice itself shows.
-
-    Args:
-        distance: to the goal inside its component (`fields.connectivity.geodesic`) [voxels].
-    """
-    return jnp.maximum(jnp.max(distance).astype(jnp.float32) / NATS, SHORTEST_LENGTH)
+    @property
+    def phi(self) -> Float[Array, "*batch nx ny nz"]:
+        """The potential, 1 at the goal; 0 where `log_phi` is −∞ or beyond the number format."""
+        return jnp.exp(self.log_phi)
 
 
 # arguments: a public name; sigma and the goal are data, the others are settings, by keyword
 def solve_potential(
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
+    price: Float[Array, "..."] | None = None,
     *,
     screening_length: Float[Array, ""] | float | None = None,
     setting: Setting | Solver = "screened",
@@ -99,27 +94,32 @@ def solve_potential(
     Args:
         sigma: conductivity, zero in obstacles, of any scale; float32, or float64 for references.
         goal_index: voxel of the goal, int32.
-        screening_length: ℓ [voxels], an array argument, taken as it is; by default that of
-            `screening_length_for`, lengthened where narrow passages take φ out of float32's range all the same.
-            Unused in `paper`.
+        price: n ≥ 1, what a metre costs, finite wherever sigma is positive; None: 1 everywhere. Unused in `paper`. On
+            the lattice φ decays along an axis by 2 asinh(n / 2ℓ) a voxel, which falls short of n/ℓ where n is large:
+            `fields.price.lattice_price` makes up for it.
+        screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.5, in `cg` the length at which
+            float32 spans φ. Unused in `paper`.
         setting: `screened`, `paper`, `cg`, or a solver object such as `solvers.screened.Screened(first_cycles=0)`.
             Static.
         tolerance: when the solve stops. `screened`: the relative change of any voxel by one more sweep; by default 1e-2
             in float32, where directions are right and values to some ten times that (1e-5 once a derivative is taken,
             1e-12 in float64); values to 1 % need 1e-4. `cg`: the residual of any voxel beside its own φ, likewise.
             `paper`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). Static.
-        max_iterations: cap on cycles or CG iterations; by default the solver's, 100. Static.
-        max_sweeps: cap on positive sweeps; by default the solver's, 400. Static.
+        max_iterations: cap on cycles or CG iterations; by default the solver's. Static.
+        max_sweeps: cap on positive sweeps; by default the solver's. Static. With a cap of the caller's the solve may
+            end uncertified, NOT_CONVERGED or NOT_CERTIFIED; without one `screened` always answers (`geodesic`).
 
     Returns:
-        A `Potential`; `phi` is differentiable in sigma and screening_length.
+        A `Potential`; `log_phi` and `phi` are differentiable in sigma, price and screening_length, wherever φ is within
+        the range of its number format.
 
     Raises:
         ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not
-            (3,), an unknown setting, a tolerance that is not positive, or a negative cap.
+            (3,), a price that is not of sigma's shape, an unknown setting, a tolerance that is not positive, or a
+            negative cap.
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
-    check_inputs(sigma, goal_index)
+    check_inputs(sigma, goal_index, price)
     if isinstance(setting, str):
         if setting not in SETTINGS:
             expected = ", ".join(map(repr, SETTINGS))
@@ -129,14 +129,19 @@ def solve_potential(
     given = {"tolerance": tolerance, "max_iterations": max_iterations, "max_sweeps": max_sweeps}
     chosen = {name: value for name, value in given.items() if value is not None}
     solver = dataclasses.replace(setting, **chosen) if chosen else setting  # type: ignore[type-var]
+    if isinstance(solver, Screened) and (max_iterations is not None or max_sweeps is not None):
+        solver = dataclasses.replace(solver, or_geodesic=False)
+    price = None if price is None else jnp.asarray(price, sigma.dtype)
     if screening_length is not None:
         screening_length = jnp.asarray(screening_length, sigma.dtype)
-    found: Potential = _potential(solver, sigma, goal_index.astype(jnp.int32), screening_length)
+    found: Potential = _potential(solver, sigma, goal_index.astype(jnp.int32), price, screening_length)
     return found
 
 
-def check_inputs(sigma: Array, goal_index: Array) -> None:
+def check_inputs(sigma: Array, goal_index: Array, price: Array | None = None) -> None:
     """Raise a ValueError unless shapes and dtypes are those of `solve_potential`."""
+    if price is not None and jnp.shape(price) != sigma.shape:
+        raise ValueError(f"price: expected the shape of sigma, {sigma.shape}, given {jnp.shape(price)}")
     if sigma.ndim != 3 or sigma.dtype not in (jnp.float32, jnp.float64):
         raise ValueError(
             f"sigma: expected float32 or float64 (nx, ny, nz), given {sigma.dtype} {sigma.shape}; use vmap for batches"
@@ -155,22 +160,26 @@ def _check_settings(tolerance: Any, max_iterations: Any, max_sweeps: Any) -> Non
 
 @functools.partial(jax.jit, static_argnames="solver")
 def _potential(
-    solver: Solver, sigma: Array, goal: Int32[Array, " 3"], screening_length: Float[Array, ""] | None
+    solver: Solver,
+    sigma: Array,
+    goal: Int32[Array, " 3"],
+    price: Array | None,
+    screening_length: Float[Array, ""] | None,
 ) -> Potential:
     """A program of its own, so that a call outside of `jit` compiles once as well."""
-    medium = medium_of(sigma, goal, solver.grounded)
+    medium = medium_of(sigma, goal, price, solver.grounded)
     attempts = solver.attempts if screening_length is None else 1
     if screening_length is None:
-        screening_length = screening_length_for(medium.distance).astype(sigma.dtype)
+        screening_length = solver.screening_length(medium).astype(sigma.dtype)
     medium = dataclasses.replace(medium, sigma=sigma * lax.stop_gradient(_scale_of(sigma)))
     found: Progress = differentiable(functools.partial(_solve, attempts), solver, medium, screening_length)
-    return potential_of(found)
+    return potential_of(found, medium.component)
 
 
-def potential_of(progress: Progress) -> Potential:
-    """What a solve found; certified where its status is OK."""
+def potential_of(progress: Progress, component: Bool[Array, "nx ny nz"]) -> Potential:
+    """What a solve found on the goal's component; certified where its status is OK."""
     return Potential(
-        phi=progress.phi,
+        log_phi=jnp.where(component, progress.log_phi, -jnp.inf),
         status=progress.status,
         iterations=progress.iterations,
         sweeps=progress.sweeps,
@@ -178,6 +187,7 @@ def potential_of(progress: Progress) -> Potential:
         certified=progress.status == Status.OK,
         uncertified=progress.uncertified,
         screening_length=progress.length,
+        geodesic=progress.geodesic,
     )
 
 
@@ -209,4 +219,4 @@ def _solve(attempts: int, solver: Solver, medium: Medium, length: Float[Array, "
         return retry & (progress.attempts < attempts)
 
     found = lax.while_loop(unfinished, attempt, run(solver.opening, here, untouched(here, length)))
-    return dataclasses.replace(found, phi=lax.slice(found.phi, (0, 0, 0), medium.shape))
+    return dataclasses.replace(found, log_phi=lax.slice(found.log_phi, (0, 0, 0), medium.shape))

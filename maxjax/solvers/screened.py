@@ -1,21 +1,26 @@
-"""The default setting: a leak κ = 1/ℓ², insulated outer faces; Newton's method on log φ.
+"""The default setting: a leak κ n², insulated outer faces; Newton's method on log φ.
 
-    −∇·(σ∇φ) + κ σ φ = q
+    −∇·(σ∇φ) + κ n² σ φ = q,    κ = 1/ℓ²
 
 A guess that decays with geodesic distance, then Newton cycles (`solvers.newton`) until one more sweep would change no
-voxel by more than a small part of *its own* φ. Where the cycles stall, conjugate gradients (`solvers.cg`) start over,
-to the same rule. Then positive sweeps until the field is certified (`solvers.certify`).
+voxel by more than a small part of *its own* φ, then positive sweeps until the field is certified (`solvers.certify`).
+Where that is out of reach, as in a maze whose doors stall the cycles, the flood's distance takes its place
+(`solvers.geodesic`): certified as well, but it knows no price, and it is marked. Where a tolerance is asked for, values
+count: cycles that stall are then followed by conjugate gradients (`solvers.cg`), as far as φ is within the number
+format.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.batching import settle
@@ -26,8 +31,9 @@ from maxjax.fields.certificate import uncertified
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
+from maxjax.solvers.geodesic import or_geodesic
 from maxjax.solvers.krylov import Linear
-from maxjax.solvers.medium import Medium, Progress, Stage, run, tolerance_of
+from maxjax.solvers.medium import SCREENING_LENGTH, Medium, Progress, Stage, run, tolerance_of
 from maxjax.solvers.newton import newton_cycles, so_many_cycles
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
@@ -57,20 +63,22 @@ class Screened:
 
     Attributes:
         tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`.
-        max_iterations: cap on Newton cycles, and on CG iterations where they stall.
+        max_iterations: cap on Newton cycles, and on CG iterations.
         max_sweeps: cap on positive sweeps.
         first_cycles: cycles that an accelerator takes before it looks whether more are needed, and it looks at once
             whether there is anything else to do; 0: none.
+        or_geodesic: whether the flood's distance takes the place of a field that is not certified.
     """
 
     tolerance: float | None = None
     max_iterations: int = 100
-    max_sweeps: int = 400
+    max_sweeps: int = 64
     first_cycles: int = 3
+    or_geodesic: bool = True
 
     tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
     grounded: ClassVar[bool] = False
-    attempts: ClassVar[int] = 4
+    attempts: ClassVar[int] = 1
 
     @property
     def opening(self) -> tuple[Stage, ...]:
@@ -79,15 +87,24 @@ class Screened:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """Guess, Newton cycles, conjugate gradients where they stall, sweeps, status."""
+        """Guess, Newton cycles, conjugate gradients, sweeps, the flood's distance, status."""
         sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
-        return guess, self.iterate, self.fall_back, sweep, judge
+        exact = () if self.tolerance is None else (self.fall_back,)
+        last = (or_geodesic,) if self.or_geodesic else ()
+        return guess, self.iterate, *exact, sweep, *last, judge
+
+    def screening_length(self, medium: Medium) -> Float[Array, ""]:
+        """The same for all maps."""
+        return jnp.asarray(SCREENING_LENGTH, medium.sigma.dtype)
 
     def prepared(self, medium: Medium) -> Medium:
-        """Padded with obstacles, so that every level consists of whole aggregates."""
+        """Its component alone, padded with obstacles, so that every level consists of whole aggregates."""
+        sigma = medium.sigma
         return dataclasses.replace(
             medium,
-            sigma=padded(medium.sigma),
+            # What is wrong with it stays.
+            sigma=padded(jnp.where(medium.component | ~jnp.isfinite(sigma), sigma, jnp.minimum(sigma, 0))),
+            price=None if medium.price is None else padded(medium.price),
             component=padded(medium.component),
             distance=padded(medium.distance),
         )
@@ -105,7 +122,7 @@ class Screened:
 
         def first(progress: Progress) -> Progress:
             last = run((guess, cycles), medium, progress)
-            stuck = uncertified(last.phi, medium.component, medium.goal)
+            stuck = uncertified(last.log_phi, medium.component, medium.goal)
             last = judge(medium, dataclasses.replace(last, uncertified=stuck))
             return dataclasses.replace(last, status=jnp.where(last.converged, last.status, Status.NOT_CONVERGED))
 
@@ -116,11 +133,15 @@ class Screened:
         return newton_cycles(medium, progress, tolerance=tolerance_of(self, medium), most=self.max_iterations)
 
     def fall_back(self, medium: Medium, progress: Progress) -> Progress:
-        """Conjugate gradients where the cycles stalled short of their cap."""
+        """Conjugate gradients where the cycles stalled; what they do not converge to is dropped."""
 
         def solve(medium: Medium, carry: _FallbackCarry) -> _FallbackCarry:
-            here = in_this_turn(medium, carry.stalled)
-            return _FallbackCarry(self._linear.iterate(here, carry.progress), jnp.zeros_like(carry.stalled))
+            found = self._linear.iterate(in_this_turn(medium, carry.stalled), carry.progress)
+            # What underflows has no residual either.
+            floor = math.log(float(np.finfo(found.log_phi.dtype).tiny)) + 1
+            better = found.converged & (jnp.min(found.log_phi) > floor)
+            chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, carry.progress)
+            return _FallbackCarry(chosen, jnp.zeros_like(carry.stalled))
 
         stalled = ~progress.converged & (progress.iterations < self.max_iterations)
         first = _FallbackCarry(progress, stalled)
@@ -135,13 +156,13 @@ class Screened:
 def guess(medium: Medium, progress: Progress) -> Progress:
     """A guess where no iteration has been taken."""
     decaying = guessed(medium.distance, progress.length, medium.component)
-    return dataclasses.replace(progress, phi=jnp.where(progress.iterations > 0, progress.phi, decaying))
+    return dataclasses.replace(progress, log_phi=jnp.where(progress.iterations > 0, progress.log_phi, decaying))
 
 
 def guessed(
     distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
 ) -> stencil.Volume:
-    """φ of a point source where σ ∝ 1/r: decay by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r; never below float32."""
-    decay = jnp.arccosh(1 + 1 / (2 * length**2))
+    """Log φ of a point source where σ ∝ 1/r: φ decays by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r."""
+    decay = 2 * jnp.arcsinh(1 / (2 * length))
     far = distance.astype(length.dtype)
-    return jnp.where(component, jnp.exp(jnp.maximum(-decay * far - jnp.log1p(far) / 2, -85)), 0)
+    return jnp.where(component, -decay * far - jnp.log1p(far) / 2, 0)

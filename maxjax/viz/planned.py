@@ -58,5 +58,4 @@ def _log_potential(task: Task, margin: float) -> Float[np.ndarray, "nx ny nz"]:
     """Logarithm of φ of a plan's own problem; -inf where no current flows."""
     blocked = dilate(jnp.asarray(task.occupied), margin, task.grid.local, jnp.asarray(task.ground))
     goal_index = jnp.floor(jnp.asarray(task.ends[0, 1]) + 0.5).astype(jnp.int32)
-    phi = np.asarray(potential_field(blocked, goal_index, task.grid, solve_potential).phi)
-    return np.log(np.where(phi > 0, phi, 1.0), where=phi > 0, out=np.full(phi.shape, -np.inf, phi.dtype))
+    return np.asarray(potential_field(blocked, goal_index, task.grid, solve_potential).log_phi)

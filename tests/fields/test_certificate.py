@@ -46,7 +46,7 @@ def test_equals_brute_force_on_noise() -> None:
         # Few distinct values, so that ties, which certify nothing, are everywhere.
         phi = (np.random.default_rng(seed).integers(0, 12, SHAPE) / 12).astype(np.float32)
         assert count(phi, component, jnp.asarray(goal, jnp.int32)) == stuck(phi, component, goal) > 0
-        expected = [[max((phi[n] for n in faces(v, free)), default=-1)] for v in np.argwhere(np.ones(SHAPE))]
+        expected = [[max((phi[n] for n in faces(v, free)), default=-np.inf)] for v in np.argwhere(np.ones(SHAPE))]
         np.testing.assert_array_equal(best_of(phi, free).ravel(), np.ravel(expected))
 
 

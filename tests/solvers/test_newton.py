@@ -14,11 +14,10 @@ from references import component_of, direct_potential, random_blocks, random_fre
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.core.lowering import lowered_for
-from maxjax.fields.connectivity import geodesic
 from maxjax.solvers.aggregation import padded
+from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Progress, medium_of, untouched
 from maxjax.solvers.newton import newton_cycles
-from maxjax.solvers.potential import screening_length_for
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
 
 Scene = tuple[np.ndarray, np.ndarray]
@@ -56,7 +55,7 @@ def start(sigma: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Screening length and guess, as `solve_potential` begins."""
     medium = medium_of(sigma, goal)
     length = screening_length_for(medium.distance).astype(sigma.dtype)
-    return length, guess(medium, untouched(medium, length)).phi
+    return length, guess(medium, untouched(medium, length)).log_phi
 
 
 @functools.partial(jax.jit, static_argnames=("tolerance", "most"))
@@ -64,23 +63,23 @@ def solve(
     sigma: jax.Array,
     goal: jax.Array,
     length: jax.Array,
-    phi: jax.Array,
+    log_phi: jax.Array,
     *,
     tolerance: float = TOLERANCES[4],
     most: int = 60,
 ) -> Progress:
     medium = Screened().prepared(medium_of(sigma, goal))
-    progress = dataclasses.replace(untouched(medium, length), phi=padded(phi))
+    progress = dataclasses.replace(untouched(medium, length), log_phi=padded(log_phi))
     return newton_cycles(medium, progress, tolerance=tolerance, most=most)
 
 
-def cut(phi: jax.Array, shape: tuple[int, ...]) -> np.ndarray:
-    """Without the padding, where nothing may be."""
-    inside = tuple(slice(n) for n in shape)
-    rest = np.array(phi)
+def cut(log_phi: jax.Array, sigma: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """φ without the padding, where nothing may be."""
+    inside = tuple(slice(n) for n in sigma.shape)
+    rest = np.array(log_phi)
     rest[inside] = 0
     assert not rest.any()
-    return np.asarray(phi)[inside]
+    return np.where(component_of(sigma > 0, tuple(goal)), np.exp(np.asarray(log_phi)[inside]), 0)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -90,7 +89,7 @@ def test_cycles_equal_elimination_in_float64(seed: int) -> None:
         given = jnp.asarray(sigma, jnp.float64), jnp.asarray(goal)
         length, guess = start(*given)
         found = solve(*given, length, guess, tolerance=1e-10)
-        phi = cut(found.phi, sigma.shape)
+        phi = cut(found.log_phi, sigma, goal)
     assert found.converged
     assert float(found.residual) <= 1e-10
     expected = direct_potential(sigma, tuple(goal), float(length) ** -2)
@@ -103,8 +102,9 @@ def test_the_solution_is_a_fixed_point(seed: int) -> None:
     exact = direct_potential(sigma, tuple(goal), 2.0**-2)
     with jax.enable_x64(True):
         given = jnp.asarray(sigma, jnp.float64), jnp.asarray(goal)
-        found = solve(*given, jnp.asarray(2.0), jnp.asarray(exact), tolerance=1e-10)
-        phi = cut(found.phi, sigma.shape)
+        log_phi = jnp.log(jnp.where(exact > 0, exact, 1))
+        found = solve(*given, jnp.asarray(2.0), log_phi, tolerance=1e-10)
+        phi = cut(found.log_phi, sigma, goal)
     assert found.iterations == 1
     assert float(found.residual) < 1e-12
     np.testing.assert_allclose(phi, exact, rtol=1e-10)
@@ -142,7 +142,7 @@ def test_anisotropic_and_odd_shapes_converge(shape: tuple[int, int, int]) -> Non
         given = jnp.asarray(sigma, jnp.float64), jnp.asarray(goal)
         length, guess = start(*given)
         found = solve(*given, length, guess, tolerance=1e-9)
-        phi = cut(found.phi, shape)
+        phi = cut(found.log_phi, sigma, goal)
     assert found.converged
     if sigma.size < 20_000:  # elimination fills in
         expected = direct_potential(sigma, tuple(goal), float(length) ** -2)
@@ -150,9 +150,8 @@ def test_anisotropic_and_odd_shapes_converge(shape: tuple[int, int, int]) -> Non
 
 
 @pytest.mark.parametrize("seed", [1, 11])
-def test_doors_of_one_voxel_stall_the_cycles_and_conjugate_gradients_take_over(seed: int) -> None:
+def test_doors_of_one_voxel_are_passed(seed: int) -> None:
     sigma, goal = scene(seed, (33, 33, 33))
-    assert not solve(sigma, goal, *start(sigma, goal)).converged
     potential = jax.jit(lambda s, g: solve_potential(s, g, tolerance=1e-4))(sigma, goal)
     assert potential.status == Status.OK
     expected = direct_potential(sigma, tuple(goal), float(potential.screening_length) ** -2)
@@ -170,13 +169,13 @@ def test_a_grid_too_small_to_be_halved_is_solved(shape: tuple[int, int, int]) ->
 def test_phi_is_positive_on_the_component_and_zero_elsewhere_after_every_cycle(seed: int) -> None:
     sigma, goal = scene(seed, (17, 18, 20))
     joined = component_of(sigma > 0, tuple(goal))
-    length, phi = start(sigma, goal)
+    length, log_phi = start(sigma, goal)
     for _ in range(8):
-        found = solve(sigma, goal, length, phi, tolerance=0.0, most=1)
+        found = solve(sigma, goal, length, log_phi, tolerance=0.0, most=1)
         assert found.iterations == 1
         assert not found.converged
-        phi = cut(found.phi, sigma.shape)
-        assert np.isfinite(phi).all()
+        log_phi, phi = found.log_phi[tuple(map(slice, sigma.shape))], cut(found.log_phi, sigma, goal)
+        assert np.isfinite(log_phi).all()
         assert (phi[joined] > 0).all()
         assert (phi[~joined] == 0).all()
         assert phi[tuple(goal)] == pytest.approx(1, rel=1e-5)
@@ -188,15 +187,15 @@ def test_phi_is_positive_on_the_component_and_zero_elsewhere_after_every_cycle(s
 def check_certified(potential: Potential, sigma: np.ndarray, goal: np.ndarray) -> None:
     """By brute force: every voxel of the goal's component but the goal has a higher neighbour."""
     assert potential.status == Status.OK, Status(int(potential.status))
-    phi = np.asarray(potential.phi)
+    phi = np.asarray(potential.log_phi)
     joined = component_of(sigma > 0, tuple(goal))
-    around = np.pad(phi, 1)
+    around = np.pad(phi, 1, constant_values=-np.inf)
     core = (slice(1, -1),) * 3
     best = np.max([np.roll(around, s, axis)[core] for axis in range(3) for s in (1, -1)], axis=0)
     stuck = joined & (best <= phi)
     stuck[tuple(goal)] = False
     assert not stuck.any()
-    assert (phi[joined] > 0).all()
+    assert np.isfinite(phi[joined]).all()
 
 
 @pytest.mark.parametrize("height", [3])
@@ -258,9 +257,8 @@ def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     np.testing.assert_allclose(ours.phi, here.phi, rtol=0.15 if int(here.iterations) < FIRST else 1e-4)
 
 
-def test_accelerators_go_on_where_the_first_cycles_do_not_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cycles that stall, a screening length that is too short, and a goal in a wall; alone, and all of them at once."""
-    monkeypatch.setattr("maxjax.solvers.potential.NATS", 110.0)
+def test_accelerators_go_on_where_the_first_cycles_do_not_suffice() -> None:
+    """Cycles that stall, a corridor, and a goal in a wall; alone, and all of them at once."""
     edge = 33
     easy, goal = scene(3, (edge,) * 3, doors=False)
     doors, beyond = scene(1, (edge,) * 3)
@@ -275,8 +273,6 @@ def test_accelerators_go_on_where_the_first_cycles_do_not_suffice(monkeypatch: p
 
     here = [solve(*given) for given in zip(sigma, goals, strict=True)]
     assert [int(one.status) for one in here] == [Status.OK, Status.OK, Status.OK, Status.GOAL_OCCUPIED]
-    far = int(geodesic(jnp.asarray(corridor > 0), jnp.asarray(corner))[1].max())
-    assert here[2].screening_length > 1.4 * far / 110
     with lowered_for("gpu"):
         together = jax.jit(jax.vmap(solve))(sigma, goals)
         alone = [solve(*given) for given in zip(sigma, goals, strict=True)]
@@ -284,4 +280,4 @@ def test_accelerators_go_on_where_the_first_cycles_do_not_suffice(monkeypatch: p
         for other in (alone[k], jax.tree.map(lambda x, k=k: x[k], together)):
             assert other.status == one.status
             assert other.screening_length == one.screening_length
-            np.testing.assert_allclose(other.phi, one.phi, rtol=1e-2)
+            np.testing.assert_allclose(other.phi, one.phi, rtol=1e-2, atol=1e-37)
