@@ -53,14 +53,17 @@ def spread(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny
     return _along_words(words) | _across(words, -2) | _across(words, -1)
 
 
-def spread_cube(words: UInt32[Array, "*b words ny nz"], passable: UInt32[Array, "*b words ny nz"]) -> Array:
+def spread_cube(words: UInt32[Array, "*b words ny nz"], passed: UInt32[Array, "*b words ny nz"]) -> Array:
     """The set with those of its 26 neighbours that face steps along z, then y, then x lead to.
 
-    Free voxels that only touch at an edge or corner stay apart.
+    Args:
+        words: the set.
+        passed: voxels from which the next face step may go on; the set itself counts as well. Voxels that only touch at
+            an edge or corner stay apart.
     """
-    words = _across(words, -1) & passable
-    words = _across(words, -2) & passable
-    return _along_words(words) & passable
+    z = _across(words, -1)
+    y = _across(words | (z & passed), -2)
+    return z | y | _along_words(words | ((z | y) & passed))
 
 
 def _along_words(words: UInt32[Array, "*b words ny nz"]) -> UInt32[Array, "*b words ny nz"]:

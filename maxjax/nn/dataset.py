@@ -26,7 +26,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.serialize import load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
-from maxjax.fields.connectivity import geodesic
+from maxjax.fields.geodesic import geodesic
 from maxjax.solvers.potential import solve_potential
 
 # The relative change of any voxel by one more sweep: values are then good to about 1 % of φ, 0.01 nats.

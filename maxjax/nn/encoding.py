@@ -14,7 +14,7 @@ K₀'s leading term kept finite at the goal,
 
 Input: log(1 + σ) / log(1 + σ_goal) for each voxel: 0 in obstacles, 1 at the goal, falling with the distance from it.
 A network with the flood among its inputs is also given how walls lengthen distances: the goal's component; y₀; and the
-increase of y₀ when r is the number of steps in which a flood from the goal arrives (`fields.connectivity.geodesic`,
+increase of y₀ when r is the number of steps in which a flood from the goal arrives (`fields.geodesic`,
 from which the solver starts as well). y₀ of the flood is right in the shadow of walls, but coarse: it stays an input.
 """
 

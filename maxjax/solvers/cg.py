@@ -40,7 +40,7 @@ def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]
     """The shortest screening length [voxels], not below the default, at which float32 spans the goal's component.
 
     Args:
-        distance: to the goal inside its component (`fields.connectivity.geodesic`) [voxels].
+        distance: to the goal inside its component (`fields.geodesic`) [voxels].
     """
     return jnp.maximum(jnp.max(distance).astype(jnp.float32) / NATS, SCREENING_LENGTH)
 

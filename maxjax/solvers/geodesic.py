@@ -2,10 +2,10 @@
 
     log φ = −θ (r + k/4),    2 (cosh θ − 1) = 1/ℓ²
 
-r is the geodesic distance of `fields.connectivity.geodesic`, in whole steps. A step may reach several voxels one after
-the other, along x, then y, then z; k ∈ {0, 1, 2} counts these: 0 where a face neighbour has a smaller r, else one more
-than the least k of the face neighbours with the same r. Then every voxel but the goal has a face neighbour of smaller
-r + k/4 by construction: the field has no local maximum but the goal, whatever the map. It knows no price.
+r is the distance of `fields.geodesic`, in whole steps, prices counted as tolls. A step to the 26 neighbours reaches
+voxels one after the other, along z, then y, then x; k ∈ {0, 1, 2} tells which came first: 0 where a face neighbour has
+a smaller r, 1 where one of the same r has k = 0, else 2. Then every voxel but the goal has a face neighbour of smaller
+r + k/4 by construction: the field has no local maximum but the goal, whatever the map.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
@@ -20,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.fields import stencil
-from maxjax.fields.connectivity import geodesic
+from maxjax.fields.geodesic import geodesic
 from maxjax.solvers.krylov import Linear
 
 
@@ -34,7 +35,7 @@ class Medium:
         price: n ≥ 1, what a metre costs; None: 1 everywhere.
         goal: voxel of the goal.
         component: the goal's component of free voxels.
-        distance: to the goal inside it (`fields.connectivity.geodesic`) [voxels].
+        distance: to the goal inside it, what voxels cost counted (`fields.geodesic`) [voxels].
         shape: of the map; what the volumes hold beyond it is padding, obstacles. Static.
         grounded: whether the outer faces are held at φ = 0 and nothing leaks (the paper's setting); else they are
             insulated and the leak is n²/ℓ². Static.
@@ -83,6 +84,8 @@ Stage = Callable[[Medium, Progress], Progress]
 
 # ℓ [voxels]: the shorter, the closer to cheapest paths; below it the lattice itself shows.
 SCREENING_LENGTH = 1.5
+# By which φ decays a voxel along an axis, where n = 1 [nats].
+_DECAY = 2 * math.asinh(1 / (2 * SCREENING_LENGTH))
 
 
 @runtime_checkable
@@ -134,7 +137,8 @@ def medium_of(
     grounded: bool = False,
 ) -> Medium:
     """The medium of a conductivity field; `grounded` is static."""
-    component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal)
+    steps = None if price is None else 2 * jnp.arcsinh(lax.stop_gradient(price) / (2 * SCREENING_LENGTH)) / _DECAY
+    component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal, steps)
     return Medium(sigma, price, goal, component, distance, sigma.shape, grounded)
 
 

@@ -44,8 +44,8 @@ _SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
 _FAR = 1e5
 # A correction changes no log φ by more than this: where walls mislead the coarse walks, they overshoot.
 _BOUND = 8.0
-# Cycles end when for so many of them the residual has not fallen below this share of the best. From a guess that knows
-# no price it rises first.
+# Cycles end when for so many of them the residual has not fallen below this share of the best. From a guess whose
+# prices are rounded it rises first.
 _PATIENCE, _PROGRESS = 8, 0.8
 
 

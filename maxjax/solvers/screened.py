@@ -5,9 +5,8 @@
 A guess that decays with geodesic distance, then Newton cycles (`solvers.newton`) until one more sweep would change no
 voxel by more than a small part of *its own* φ, then positive sweeps until the field is certified (`solvers.certify`).
 Where that is out of reach, as in a maze whose doors stall the cycles, the flood's distance takes its place
-(`solvers.geodesic`): certified as well, but it knows no price, and it is marked. Where a tolerance is asked for, values
-count: cycles that stall are then followed by conjugate gradients (`solvers.cg`), as far as φ is within the number
-format.
+(`solvers.geodesic`): certified as well, its prices rounded, and marked. Where a tolerance is asked for, values count:
+cycles that stall are then followed by conjugate gradients (`solvers.cg`), as far as φ is within the number format.
 """
 
 from __future__ import annotations

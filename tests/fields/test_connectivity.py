@@ -1,4 +1,4 @@
-"""Flood fill and geodesic count: the fill equals SciPy's labelling, whatever the shape does to the packing of words."""
+"""The flood fill equals SciPy's labelling, whatever the shape does to the packing of words."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Bool, Int32
 from references import component_of, serpentine
-from scipy import ndimage
 
-from maxjax.fields.connectivity import first_joined, flood, geodesic
+from maxjax.fields.connectivity import first_joined, flood
 
-fill, measure = jax.jit(flood), jax.jit(geodesic)
+fill = jax.jit(flood)
 
 
 @jax.jit
@@ -91,70 +90,3 @@ def test_vmap_equals_a_loop() -> None:
     seeds = jnp.asarray(rng.integers(0, (9, 8, 31), (5, 3)), jnp.int32)
     batch = jax.vmap(flood)(free, seeds)
     np.testing.assert_array_equal(batch, jnp.stack([fill(f, s) for f, s in zip(free, seeds, strict=True)]))
-
-
-@pytest.mark.parametrize("density", [0.0, 0.3, 0.55])
-def test_geodesic_finds_the_component_and_counts_its_steps(density: float) -> None:
-    """Between the fewest 26-neighbour moves and the fewest 6-neighbour moves; Euclid's distance in free space."""
-    rng = np.random.default_rng(6)
-    shape = (24, 20, 33)
-    free = rng.random(shape) >= density
-    seed = tuple(np.argwhere(free)[len(free)])
-    component, steps = (np.asarray(a) for a in measure(jnp.asarray(free), jnp.asarray(seed, jnp.int32)))
-    np.testing.assert_array_equal(component, component_of(free, seed))
-    assert (steps[~component] == 0).all()
-    assert steps[seed] == 0
-    assert (steps[component] > 0).sum() == component.sum() - 1
-    faces = np.full(shape, -1)
-    reached, count = np.zeros(shape, bool), 0
-    reached[seed] = True
-    while (faces[component] < 0).any():
-        faces[reached & (faces < 0)] = count
-        reached, count = ndimage.binary_dilation(reached) & free, count + 1
-    assert (steps <= faces)[component].all()
-    straight = np.linalg.norm(np.argwhere(component) - np.array(seed), axis=1)
-    assert (steps[component] >= 0.9 * straight - 1).all()
-    if density == 0:
-        assert (steps[component] <= straight / 0.94 + 2).all()
-
-
-def test_geodesic_does_not_squeeze_through_corners() -> None:
-    free = np.zeros((8, 8, 8), bool)
-    free[:4, :4, :4] = free[4:, 4:, 4:] = True
-    component, steps = measure(jnp.asarray(free), jnp.asarray([3, 3, 3], jnp.int32))
-    assert component.sum() == 64
-    assert int(steps.max()) <= 9
-
-
-@pytest.mark.parametrize("turns", [23, 60])
-def test_geodesic_along_a_corridor_is_its_length(turns: int) -> None:
-    blocked = serpentine(turns, turns + 1, 1)
-    _, steps = measure(jnp.asarray(~blocked), jnp.asarray([0, 0, 0], jnp.int32))
-    assert 0.75 * (~blocked).sum() <= int(steps.max()) <= (~blocked).sum()
-
-
-def test_geodesic_from_outside_or_an_obstacle_reaches_nothing() -> None:
-    free = jnp.ones((9, 8, 31), bool).at[2, 3, 4].set(False)
-    for seed in ((-1, 0, 0), (0, 0, 31), (2, 3, 4)):
-        component, steps = measure(free, jnp.asarray(seed, jnp.int32))
-        assert not component.any()
-        assert not steps.any()
-
-
-def test_geodesic_under_vmap_equals_a_loop() -> None:
-    """Also for a map that is counted through long before another, one map with several seeds, and a vmap of vmaps."""
-    rng = np.random.default_rng(8)
-    maze = ~serpentine(23, 24, 1)
-    free = jnp.asarray(np.stack([maze, np.ones_like(maze), rng.random(maze.shape) < 0.7, np.zeros_like(maze)]))
-    seeds = jnp.asarray([[0, 0, 0], [22, 23, 0], [11, 12, 0], [3, 4, 0]], jnp.int32)
-
-    def check(batch: tuple[jax.Array, jax.Array], free: jax.Array, seeds: jax.Array) -> None:
-        for index, (f, s) in enumerate(zip(free, seeds, strict=True)):
-            for one, many in zip(measure(f, s), batch, strict=True):
-                np.testing.assert_array_equal(one, many[index])
-
-    check(jax.vmap(geodesic)(free, seeds), free, seeds)
-    check(jax.vmap(geodesic, in_axes=(None, 0))(free[0], seeds), jnp.stack([free[0]] * 4), seeds)
-    check(jax.vmap(geodesic, in_axes=(0, None))(free, seeds[0]), free, jnp.stack([seeds[0]] * 4))
-    nested = jax.vmap(jax.vmap(geodesic))(free.reshape(2, 2, *maze.shape), seeds.reshape(2, 2, 3))
-    check(jax.tree.map(lambda x: x.reshape(4, *maze.shape), nested), free, seeds)

@@ -13,7 +13,7 @@ import pytest
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.fields.connectivity import geodesic
+from maxjax.fields.geodesic import geodesic
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.solvers.geodesic import distance_potential
 from maxjax.solvers.screened import Screened

@@ -19,7 +19,7 @@ from jax.sharding import PartitionSpec
 
 from benchmarks import city_scale
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.fields.connectivity import geodesic
+from maxjax.fields.geodesic import geodesic
 from maxjax.solvers import aggregation
 from maxjax.solvers.sharding import city_mesh, shard_sigma
 
