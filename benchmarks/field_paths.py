@@ -26,11 +26,12 @@ from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import climb
+from maxjax.planning.execute import whole_route
 from maxjax.planning.plan import judged
 from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten
 
-_climb = jax.jit(climb, static_argnames="settings")
+_climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)
 
 
@@ -77,23 +78,23 @@ def rows_of(
 def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Climb every field from every start; figures over the starts from which all of them arrived."""
     plans: dict[str, list[tuple[maxjax.Plan, float]]] = {}
-    dilated = jax.tree.map(lambda *x: np.stack(x), *(problem.dilated for problem in scene.problems))
     for name, log_phi in fields.items():
         routes: list[Route] = []
         climbed: list[float] = []
         for problem in scene.problems:
             for steps in (512, 2048, 8192):
-                path, arrived, sight = _climb(
-                    log_phi, problem.blocked, problem.start, problem.goal, settings=Ascent(steps=steps)
-                )
+                ends = problem.start, problem.goal
+                settings, room = Ascent(steps=steps), problem.room
+                path, arrived, sight = _climb(log_phi, problem.blocked, *ends, settings=settings, room=room)
                 if arrived:
                     break
             taut = np.asarray(_tighten(sight, path))
-            routes.append(found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED))
+            route = found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)
+            routes.append(whole_route(problem, route, scene.task.grid))
             climbed.append(
                 scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
             )
-        plans[name] = list(zip(judged(routes, scene.task, dilated, name), climbed, strict=True))
+        plans[name] = list(zip(judged(routes, scene.task, name), climbed, strict=True))
     shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.task))]
     figures: dict[str, dict[str, Any]] = {}
     for name, own in plans.items():

@@ -116,7 +116,7 @@ def _plan_rows(tasks: list[Task]) -> list[Row]:
 def _batch_rows(task: Task, repeats: int) -> list[Row]:
     def run() -> maxjax.PlanBatch:
         arrays = task.occupied, task.starts, task.goals
-        return maxjax.plan_batch(*arrays, task.grid, margin=task.margin, ground=task.ground)
+        return maxjax.plan_batch(*arrays, task.grid, margin=task.distances.margin, ground=task.ground)
 
     compile_s = sum(plan.timings["compile"] for plan in run())
     run()

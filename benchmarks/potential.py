@@ -62,7 +62,7 @@ from maxjax.worlds.scenes import MAPS
 _COPIED = 2**26  # numbers; far beyond any cache
 
 _solve = jax.jit(maxjax.solve_potential)
-_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
+_formulate = jax.jit(formulate, static_argnames=("distances", "grid"))
 
 _PROBE = """
 import json, sys
@@ -238,7 +238,7 @@ def _batch_rows(bandwidth: float, config: Config) -> list[Row]:
     systems = []
     for task in itertools.chain.from_iterable(zip(*sources, strict=True)):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
-        found = _formulate(*maps, jnp.asarray(task.ends[0]), margin=task.margin, grid=grid.local)
+        found = _formulate(*maps, jnp.asarray(task.ends[0]), distances=task.distances, grid=grid.local)
         if found.status == maxjax.Status.OK:
             systems.append((maxjax.conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     solve = jax.jit(jax.vmap(maxjax.solve_potential))

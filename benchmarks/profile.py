@@ -45,6 +45,7 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.planning.climb import Climb
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.route import Route
+from maxjax.planning.task import Distances
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.scenes import MAPS
@@ -103,7 +104,7 @@ def _of_problems(config: Config) -> list[Row]:
     climb = Climb(solve_potential)
 
     def formulated(occupied: Array, ground: Array, ends: Array) -> Problem:
-        return formulate(occupied | ground, ground, ends, config.margin, grid.local)
+        return formulate(occupied | ground, ground, ends, Distances(margin=config.margin), grid.local)
 
     def plan(*problem: Array) -> Route:
         return climb(formulated(*problem), grid.local)

@@ -14,9 +14,11 @@ Row = dict[str, Any]
 _STAGES = {
     "transfer": "to the device and back",
     "dilate": "dilate, choose the margin",
+    "formulate": "distances, hard set, balls",
     "solve": "solve, certify",
     "ascend": "ascend",
     "tighten": "tighten",
+    "price": "price of the path",
     "verify": "verify",
 }
 
@@ -41,7 +43,8 @@ def plans(*documents: Document) -> str:
         names = f"stages, solver: {stage}", f"plan, solver: {stage}"
         return [label, *(next(filter(None, (_cell(document, name) for name in names)), "") for document in documents)]
 
-    lines = [stage_line(label, stage) for stage, label in _STAGES.items()]
+    stages = [stage_line(label, stage) for stage, label in _STAGES.items()]
+    lines = [cells for cells in stages if any(cells[1:])]
     lines += [
         line("all before verify, as one program", "plan, solver: device"),
         line("**whole plan**", "plan, solver: total"),

@@ -81,7 +81,7 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     each = []
     for task in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid, margin=0.0):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
-        found = formulate(*maps, jnp.asarray(task.ends[0]), task.margin, grid.local)
+        found = formulate(*maps, jnp.asarray(task.ends[0]), task.distances, grid.local)
         each.append(labelled(found.blocked, found.goal_index, grid))
     chosen = jnp.arange(config.scenes) % len(each)
     repeated: Scenes = jax.tree.map(lambda *leaves: jnp.stack(leaves)[chosen], *each)

@@ -146,11 +146,11 @@ Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]
 
 
 def _systems(name: str, config: Config, grid: Grid) -> list[Given]:
-    """Conductivity and goal of each problem, at the margin that the planner takes."""
+    """Conductivity and goal of each problem, with the hard set that the planner takes."""
     given: list[Given] = []
     for task in problems(name, config.problems, config.seed, grid):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
-        found = formulate(*maps, jnp.asarray(task.ends[0]), task.margin, grid.local)
+        found = formulate(*maps, jnp.asarray(task.ends[0]), task.distances, grid.local)
         given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index))
     return given
 

@@ -31,6 +31,7 @@ import maxjax
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import judge
+from benchmarks.common.paper import dilated
 from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
 from experiments.offline_methods import network
 from experiments.offline_table import failures
@@ -139,13 +140,15 @@ def _rows(
     drawn = itertools.islice(drawn, config.problems)
     while chunk := list(itertools.islice(drawn, config.batch)):
         tasks = [task for task, _ in chunk]
-        batch = joined(tasks)
+        batch = dilated(joined(tasks))
         for place, (method, potential) in enumerate(potentials.items()):
-            plans = plan_task(batch, Climb(potential), method)
+            plans = batch.measured(plan_task(batch.task, Climb(potential), method))
             tally = tallies[method]
             tally.compile_s += sum(plan.timings["compile"] for plan in plans)
             tally.seconds += sum(plan.timings["total"] for plan in plans)
-            tally.plans += [dataclasses.replace(plan, path=plan.path[:0]) for plan in plans]
+            tally.plans += [
+                dataclasses.replace(plan, path=plan.path[:0], clearance_at=plan.clearance_at[:0]) for plan in plans
+            ]
             if place == 0:
                 for k, plan in enumerate(plans):
                     if (len(joins) + k) % config.measured == 0 and plan.status == maxjax.Status.OK:

@@ -61,11 +61,12 @@ def fast_marching(problem: Problem, grid: maxjax.Grid) -> Route:
         march = marching(component, goal)["scikit-fmm, fast marching"]
         if march is None:
             raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
-        phi = as_potential(march(), component, goal)
+        log_phi = as_potential(march(), component, goal)
 
     def attempt(_: np.ndarray, settings: Ascent) -> list[Route]:
-        path, arrived, sight = ASCEND(phi, problem.blocked, problem.start, problem.goal, settings=settings)
-        taut = np.asarray(TIGHTEN(sight.codes, path, room=sight.room))
+        ends, room = (problem.start, problem.goal), problem.room
+        path, arrived, sight = ASCEND(log_phi, problem.blocked, *ends, settings=settings, room=room)
+        taut = np.asarray(TIGHTEN(sight.codes, path, problem.price, room=room))
         return [found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)]
 
     (route,) = with_longer_ascents(attempt, 1, Ascent())

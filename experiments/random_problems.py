@@ -26,7 +26,8 @@ import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import Verdict, judge
-from benchmarks.common.problems import case_of, moved, planned, problems, seal
+from benchmarks.common.paper import planned
+from benchmarks.common.problems import case_of, moved, problems, seal
 from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 

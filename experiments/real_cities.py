@@ -39,13 +39,14 @@ from jaxtyping import Array, Bool, Float, Key
 import maxjax
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.oracle import judge
-from benchmarks.common.problems import case_of, draw_ends, planned
+from benchmarks.common.paper import planned
+from benchmarks.common.problems import case_of, draw_ends
 from experiments import random_problems as offline
 from experiments.city_windows import CITIES, Window, windows
 from maxjax.campaigns import trials as rules
 from maxjax.campaigns.outcomes import on_host
 from maxjax.methods import method_named
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.real_city import TOLERANCE, city
@@ -153,7 +154,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
         occupied, ground = occupancy(city(one.rows, slots), grid)
         for _ in range(config.problems):
             start, goal = draw_ends(rng, occupied, grid)
-            tasks.append(Task.of(occupied, start[None], goal[None], grid, config.margin, ground))
+            tasks.append(Task.of(occupied, start[None], goal[None], grid, Distances(margin=config.margin), ground))
     plans, rivals = ([planned(task, method) for task in tasks] for method in ("solver", "astar"))
     cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))

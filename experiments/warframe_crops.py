@@ -55,7 +55,7 @@ def _rows(name: str, config: Config) -> list[Row]:
     rows: list[Row] = []
     for method in ("solver", "astar"):
         plans = [
-            maxjax.plan(occupied, start, goal, grid, method=method, margin=0.0)
+            maxjax.plan(occupied, start, goal, grid, method=method, radius=0.0, margin=0.0)
             for start, goal in zip(starts, goals, strict=True)
         ]
         ratio = np.array([plan.length for plan in plans]) / optimum

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from maxjax.core.status import Status
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
+    from maxjax.fields.price import Price
     from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
     from maxjax.planning.plan import Plan
@@ -20,6 +21,7 @@ __all__ = [
     "Plan",
     "PlanBatch",
     "Potential",
+    "Price",
     "Status",
     "Verification",
     "conductivity",
@@ -42,6 +44,7 @@ _MODULES = {
     "maxjax.core.status": ("Status",),
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
+    "maxjax.fields.price": ("Price",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),
     "maxjax.planning.plan": ("Plan",),

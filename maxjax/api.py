@@ -13,18 +13,19 @@ from jaxtyping import Array, Bool, Real
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
+from maxjax.fields.price import Price
 from maxjax.methods import METHODS, method_named
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_task
 from maxjax.planning.fleet import plan_fleet as plan_starts
 from maxjax.planning.plan import Plan, no_plan
 from maxjax.planning.recorder import added, recording, timed
-from maxjax.planning.task import Task, checked_grid, checked_margin, points_of
+from maxjax.planning.task import Distances, Task, checked_grid, points_of
 from maxjax.solvers.potential import solve_potential
 
-DEFAULT_MARGIN = 8.0
+DISTANCES = Distances()
 
-# `plan`, `plan_batch` and `plan_scan` take seven arguments: they are the public interface, and four have defaults. They
+# `plan`, `plan_batch` and `plan_scan` take nine arguments: they are the public interface, and six have defaults. They
 # make a `Task` of them at once.
 
 
@@ -53,7 +54,9 @@ def plan(
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
-    margin: float = DEFAULT_MARGIN,
+    radius: float = DISTANCES.radius,
+    margin: float = DISTANCES.margin,
+    price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
 ) -> Plan:
     """Plan a path through a voxel map and verify it.
@@ -63,21 +66,24 @@ def plan(
         start, goal: [m], ENU.
         grid: the grid of `occupied`.
         method: `solver`, `network`, `astar`, `rrtstar` (extra `bench`) or `apf`.
-        margin: distance to keep from obstacles [m], voxel centre to voxel centre; lowered by one voxel at a time where
-            it seals start or goal in. `Plan.margin` tells the one that was used.
-        ground: the voxels of `occupied` that are ground; they are dilated by one voxel at most. None: no voxel is.
+        radius: nothing on the path is nearer than this to the cube of an occupied voxel [m], but in the smallest ball
+            around an end that joins it, where the end itself stands nearer (`Plan.balls`). At 0 the path may graze.
+        margin: from where on a metre costs no more than its length [m].
+        price: what a metre costs below the margin.
+        ground: the voxels of `occupied` that are ground; with a radius, paths keep off voxels beside them. None: no
+            voxel is.
 
     Returns:
         A `Plan`. Its status says what happened; only OK comes with a path.
 
     Raises:
-        ValueError: for a wrong shape or dtype, an unknown method, a margin that is no number, negative or longer than
-            the map, or a network without weights.
+        ValueError: for a wrong shape or dtype, an unknown method, a radius or a margin that is no number, negative or
+            longer than the map, a margin below the radius, or a network without weights.
         ImportError: where a package that the method needs is missing, before anything is computed.
     """
     method_named(method)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
-    return _planned(_on_one_map(Task.of(occupied, *ends, grid, margin, ground)), method)[0]
+    return _planned(_on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)), method)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,6 +140,11 @@ class PlanBatch(Sequence[Plan]):
         return np.array([plan.cost for plan in self.plans])
 
     @property
+    def radius(self) -> np.ndarray:
+        """(b,) float64 [m]."""
+        return np.array([plan.radius for plan in self.plans])
+
+    @property
     def margin(self) -> np.ndarray:
         """(b,) float64 [m]."""
         return np.array([plan.margin for plan in self.plans])
@@ -147,7 +158,9 @@ def plan_batch(
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
-    margin: float = DEFAULT_MARGIN,
+    radius: float = DISTANCES.radius,
+    margin: float = DISTANCES.margin,
+    price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
 ) -> PlanBatch:
     """Plan a batch of problems; with a field method on an accelerator, in chunks under `vmap` (`planning.batch`).
@@ -155,7 +168,7 @@ def plan_batch(
     Args:
         occupied: (b, nx, ny, nz), or (nx, ny, nz) for one map that all problems share.
         start, goal: (b, 3) [m].
-        grid, method, margin, ground: as in `plan`; ground may be shared as well.
+        grid, method, radius, margin, price, ground: as in `plan`; ground may be shared as well.
 
     Raises:
         ValueError: as `plan`, and for an empty batch.
@@ -163,30 +176,34 @@ def plan_batch(
     method_named(method)
     starts = points_of("start", start, ("b", 3))
     goals = points_of("goal", goal, starts.shape)
-    return PlanBatch(tuple(_planned(Task.of(occupied, starts, goals, grid, margin, ground), method)))
+    return PlanBatch(
+        tuple(_planned(Task.of(occupied, starts, goals, grid, Distances.of(radius, margin, price), ground), method))
+    )
 
 
+# arguments: a public name; all that has a default is given by keyword
 def plan_fleet(
     occupied: Bool[Array | np.ndarray, "nx ny nz"],
     starts: Real[Array | np.ndarray, "n 3"],
     goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
-    margin: float = DEFAULT_MARGIN,
+    radius: float = DISTANCES.radius,
+    margin: float = DISTANCES.margin,
+    price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
 ) -> PlanBatch:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
-    Every start keeps the largest margin at which it, alone, is joined to the goal: a start beside a wall lowers no
-    other start's margin. There is one solve for each margin that some start uses: one where all of them stand clear,
-    never more than margin / spacing + 1. Plans are independent of each other: paths may cross, and the UAVs are not
-    kept apart in time.
+    There is one solve for all starts that keep the radius, and one for each that needs a ball: a start beside a wall
+    opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart in
+    time.
 
     Args:
         occupied: occupied voxels, ground included, not dilated.
         starts: (n, 3) [m].
         goal: [m].
-        grid, margin, ground: as in `plan`.
+        grid, radius, margin, price, ground: as in `plan`.
 
     Returns:
         One `Plan` a start. A start that is sealed in, outside the map or equal to the goal has a status of its own, and
@@ -196,7 +213,7 @@ def plan_fleet(
         ValueError: as `plan`, and for an empty fleet.
     """
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
-    task = _on_one_map(Task.of(occupied, *ends, grid, margin, ground))
+    task = _on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground))
     return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
 
 
@@ -208,7 +225,9 @@ def plan_scan(
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     method: str = "solver",
-    margin: float = DEFAULT_MARGIN,
+    radius: float = DISTANCES.radius,
+    margin: float = DISTANCES.margin,
+    price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
 ) -> Plan:
     """Plan from LiDAR points: `voxelize`, then `plan`.
@@ -216,7 +235,7 @@ def plan_scan(
     Args:
         points: returns in the world frame [m]; misses (NaN, or exactly (0, 0, 0)) and points outside the grid are
             dropped.
-        start, goal, grid, method, margin: as in `plan`.
+        start, goal, grid, method, radius, margin, price: as in `plan`.
         ground: ground voxels, added to those that hold points.
 
     Returns:
@@ -227,13 +246,15 @@ def plan_scan(
     """
     method_named(method)
     cloud = points_of("points", points, ("n", 3), least=0)
-    checked_margin(margin, checked_grid(grid))
+    distances = Distances.of(radius, margin, price).within(checked_grid(grid))
     ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
     with recording() as recorder:
         with timed("voxelise"):
             scan = jax.block_until_ready(voxelize(cloud, grid))
         if int(scan.kept) == 0:
-            found = no_plan(Status.EMPTY_SCAN, method)
+            found = no_plan(Status.EMPTY_SCAN, method, distances)
         else:
-            found = plan(np.asarray(scan.occupied), *ends, grid, method=method, margin=margin, ground=ground)
+            occupied = np.asarray(scan.occupied)
+            task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
+            (found,) = _planned(_on_one_map(task), method)
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))

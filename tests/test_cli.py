@@ -21,7 +21,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scipy import ndimage
 
 from maxjax import Grid, Status, verify
 from maxjax.cli import check, main, report
@@ -30,7 +29,7 @@ from maxjax.maps import PointCloud, load_map
 from maxjax.methods import METHODS
 from maxjax.nn.recipes import RECIPES
 from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 from maxjax.worlds.scenes import make_scene, occupancy
 
 # One shape for all small maps, so that the planner compiles once.
@@ -97,9 +96,8 @@ def test_json_alone_on_stdout_holds_the_plan(terminal: Terminal, small: str) -> 
     path = np.array(found["path"])
     assert tuple(path[0]) == START
     assert tuple(path[-1]) == GOAL
-    # An independent look: the path misses the dilated wall, and its figures are its own.
-    blocked = ndimage.distance_transform_edt(~town()) * 2.0 <= 2.0
-    judged = verify(path, blocked, town(), Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)))
+    # An independent look: the path keeps the radius, and its figures are its own.
+    judged = verify(path, None, town(), Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)), radius=1.0, balls=tuple(found["balls"]))
     assert judged.ok
     assert found["length"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), abs=1e-4)
     assert found["clearance"] == pytest.approx(judged.clearance, abs=1e-4)
@@ -319,6 +317,8 @@ def test_unusable_arguments_get_one_sentence(
     [
         (["--margin", -1], "margin"),
         (["--margin", "nan"], "margin"),
+        (["--radius", -1], "radius"),
+        (["--radius", 9], "margin"),
         (["--ground", "inf"], "--ground"),
         (["--center", 0, 0, 0], "brings its own grid"),
     ],
@@ -501,7 +501,7 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
     occupied = np.zeros(grid.shape, bool)
     occupied[9, 2, 4] = True
     path = np.array([[2.0, 8.0, 8.0], [36.0, 8.0, 8.0]])
-    task = Task.of(occupied, path[:1], path[1], grid, 8.0)
+    task = Task.of(occupied, path[:1], path[1], grid, Distances())
     verdict = verify(path, None, occupied, grid)
     numbers = {
         "clearance_at": verdict.clearance_at,
@@ -510,7 +510,7 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
         "radius": 1.0,
         "balls": (0.0, 2.5),
     }
-    plan = dataclasses.replace(no_plan(Status.OK, "astar"), path=path, **numbers)
+    plan = dataclasses.replace(no_plan(Status.OK, "astar", task.distances), path=path, **numbers)
     assert verdict.cruise_clearance == 3.0
     report.warn(plan, task)
     ball, least = capfd.readouterr().err.splitlines()
@@ -539,7 +539,7 @@ def test_as_a_module_in_a_process_of_its_own(tmp_path: Path) -> None:
 
     shown = run("plan", "--help")
     assert shown.returncode == 0
-    for piece in ("--start X Y Z", "--margin M", "[m]", "default: 8.0"):
+    for piece in ("--start X Y Z", "--radius M", "--margin M", "[m]", "default: 8.0"):
         assert piece in shown.stdout
     failed = run("plan", "nowhere.laz", "--start", "0", "0", "5", "--goal", "-9", "0", "5", "--out", "out")
     assert failed.returncode == 2
@@ -565,11 +565,12 @@ def test_delft_over_a_row_of_houses(terminal: Terminal, data: Path, tmp_path: Pa
     assert code == 0
     found = json.loads((tmp_path / "plan.json").read_text())
     assert (found["status"], found["certified"]) == ("OK", True)
-    assert found["margin"] >= 4
+    assert (found["radius"], found["balls"]) == (1.0, [0.0, 0.0])
+    assert found["cruise_clearance"] >= 4
     path = np.array(found["path"])
     assert path[0].tolist() == list(start)
     assert path[-1].tolist() == list(goal)
-    # Against the returns themselves: none comes nearer to the path than the margin allows between voxel centres.
+    # Against the returns themselves: none comes nearer to the path than its clearance from their voxels.
     cloud = load_map(scan)
     assert isinstance(cloud, PointCloud)
     points = (cloud.points.astype(np.float64) + cloud.offset)[~cloud.ground]

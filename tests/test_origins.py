@@ -40,7 +40,8 @@ def problem() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def same(here: Plan, away: Plan, shift: tuple[float, float, float]) -> None:
     assert away.status is here.status
-    assert (away.margin, away.certified, away.method) == (here.margin, here.certified, here.method)
+    assert (away.radius, away.certified, away.method) == (here.radius, here.certified, here.method)
+    np.testing.assert_allclose(away.balls, here.balls, atol=1e-6)
     assert away.path.dtype == np.float64
     np.testing.assert_allclose(away.path - shift, here.path, rtol=0, atol=1e-6)
     np.testing.assert_allclose([away.length, away.clearance], [here.length, here.clearance], rtol=1e-9)
@@ -66,8 +67,7 @@ def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray,
         same(here, away, shift)
         if away.status is Status.OK:
             np.testing.assert_array_equal(away.path[[0, -1]], ends)
-            blocked = np.asarray(dilate(occupied, away.margin, grid))
-            assert verify(away.path, blocked, occupied, grid).ok
+            assert verify(away.path, None, occupied, grid, radius=away.radius, balls=away.balls).ok
         same(scan, plan_scan(cloud + shift, *ends, grid, **options), shift)
         goals = np.stack([goal + shift] * len(many))
         for one, other in zip(batch, plan_batch(occupied, many + shift, goals, grid, **options), strict=True):
@@ -85,13 +85,15 @@ def test_fleets_differ_by_the_shift_alone(problem: tuple[np.ndarray, np.ndarray,
 
 
 def test_correct_paths_are_handed_out_far_from_the_worlds_origin() -> None:
-    """Around a wall past dilated voxels, which the path passes at a thousandth of a voxel."""
+    """Around a wall, which the path may pass at the radius, to a thousandth of a voxel."""
     occupied = np.zeros((17, 17, 17), bool)
     occupied[8, :12, :] = True
     for origin in ((0.0, 0.0, 0.0), (1000.0, 10_000.0, 0.0), (84_888.0, 447_501.0, 0.0)):
         grid = Grid((17, 17, 17), 1.0, origin)
         for method in ("solver", "astar"):
-            found = plan(occupied, np.add(origin, 3.0), np.add(origin, (14, 4, 9)), grid, method=method, margin=1.0)
+            found = plan(
+                occupied, np.add(origin, 3.0), np.add(origin, (14, 4, 9)), grid, method=method, radius=0.5, margin=1.0
+            )
             assert found.status is Status.OK, (origin, method)
 
 

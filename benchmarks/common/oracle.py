@@ -44,10 +44,11 @@ def distances(case: Case) -> tuple[np.ndarray, np.ndarray]:
     occupied, ground = (
         np.unpackbits(bits, count=size).reshape(case.shape).astype(bool) for bits in (case.occupied, case.ground)
     )
-    return _distance(occupied & ~ground), _distance(ground)
+    return distance(occupied & ~ground), distance(ground)
 
 
-def _distance(mask: np.ndarray) -> np.ndarray:
+def distance(mask: np.ndarray) -> np.ndarray:
+    """Distance of every voxel to the centre of one of a set [voxels]; infinite where it is empty."""
     return np.asarray(ndimage.distance_transform_edt(~mask)) if mask.any() else np.full(mask.shape, np.inf)
 
 

@@ -1,9 +1,105 @@
-"""The paper's own figures, Table I, offline: on its own cities, problems and machine.
+"""The paper's protocol, and its own figures.
 
-Bong and Beltrame, arXiv:2605.10880.
+Every method plans in one map, dilated by one margin; the margin is lowered by a voxel at a time where it joins no ends:
+
+    margin, margin − spacing, …, 0        the ladder; SciPy's distance transform and labels decide
+
+Obstacles are dilated between centres of voxels, the ground by one voxel at most. A plan in the dilated map has neither
+radius nor price (`Distances(0, 0)`); its clearance is measured from the obstacles themselves.
 """
 
-# By the map that stands for its city, then by method: mean length [m], its standard deviation [m], run time [s].
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import ndimage
+
+import maxjax
+from benchmarks.common.oracle import blocked_at, distance
+from maxjax.methods import method_named
+from maxjax.planning.execute import plan_task
+from maxjax.planning.judge import verify_batch
+from maxjax.planning.task import Distances, Task, maps_of
+
+
+@dataclasses.dataclass(frozen=True)
+class Dilated:
+    """Problems of a task, each in a map of its own.
+
+    Attributes:
+        task: on the dilated maps, without ground.
+        margins: by which they are dilated [m]; the least one where none joins the ends.
+        asked: the task as it was asked.
+    """
+
+    task: Task
+    margins: tuple[float, ...]
+    asked: Task
+
+    def measured(self, plans: Sequence[maxjax.Plan]) -> list[maxjax.Plan]:
+        """Plans of `task`, with their margins, and their clearance in the maps that are not dilated."""
+        shape = (len(plans), *self.asked.grid.shape)
+        occupied, ground = (np.broadcast_to(x, shape) for x in (self.asked.occupied, self.asked.ground))
+        solved = [k for k, plan in enumerate(plans) if plan.status == maxjax.Status.OK]
+        paths, which = [plans[k].path for k in solved], np.array(solved, np.int64)
+        verdicts = dict(
+            zip(solved, verify_batch(paths, which, None, occupied, self.asked.grid, ground=ground), strict=True)
+        )
+        return [
+            dataclasses.replace(
+                plan,
+                margin=margin,
+                clearance=verdicts[k].clearance if k in verdicts else math.nan,
+                cruise_clearance=verdicts[k].cruise_clearance if k in verdicts else math.nan,
+                clearance_at=verdicts[k].clearance_at if k in verdicts else np.zeros(0),
+            )
+            for k, (plan, margin) in enumerate(zip(plans, self.margins, strict=True))
+        ]
+
+
+def ladder(margin: float, spacing: float) -> tuple[float, ...]:
+    """The margins to try, largest first, 0 last."""
+    return (*(margin - k * spacing for k in range(math.ceil(margin / spacing - 1e-9))), 0.0)
+
+
+def dilated(task: Task) -> Dilated:
+    """The maps of a task, dilated by the largest margin of the ladder below its own that joins start and goal."""
+    found = [
+        _dilated(maps_of(task.occupied, slice(k, k + 1)), maps_of(task.ground, slice(k, k + 1)), task, k)
+        for k in range(len(task))
+    ]
+    maps, margins = np.stack([blocked for blocked, _ in found]), tuple(margin for _, margin in found)
+    return Dilated(Task.of(maps, task.starts, task.goals, task.grid, Distances(0.0, 0.0)), margins, task)
+
+
+def _dilated(occupied: np.ndarray, ground: np.ndarray, task: Task, k: int) -> tuple[np.ndarray, float]:
+    occupied, ground = (x.reshape(task.grid.shape) for x in (occupied, ground))
+    near, low = distance(occupied & ~ground), distance(ground)
+    start, goal = np.floor(task.ends[k] + 0.5).astype(int)
+    inside = all((x >= 0).all() and (x < task.grid.shape).all() for x in (start, goal))
+    blocked, margin = occupied | ground, 0.0
+    for margin in ladder(task.distances.margin, task.grid.spacing):
+        blocked = blocked_at(near, low, margin / task.grid.spacing)
+        if not inside or blocked[tuple(start)] or blocked[tuple(goal)]:
+            continue
+        labels, _ = ndimage.label(~blocked)
+        if labels[tuple(start)] == labels[tuple(goal)]:
+            break
+    return blocked, margin
+
+
+def planned(task: Task, method: str) -> maxjax.Plan:
+    """The plan of one problem, by a method's name."""
+    given = dilated(task)
+    (plan,) = given.measured(plan_task(given.task, method_named(method).finder(), method))
+    return plan
+
+
+# By the map that stands for its city, then by method: mean length [m], its standard deviation [m], run time [s]
+# (Bong and Beltrame, arXiv:2605.10880, Table I, offline: on its own cities, problems and machine).
 PAPER: dict[str, dict[str, tuple[float, float, float]]] = {
     "downtown": {
         "astar": (54.6, 17.8, 0.155),

@@ -15,8 +15,8 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.oracle import Case
-from maxjax.fields.occupancy import rungs
-from maxjax.planning.task import Task
+from benchmarks.common.paper import ladder
+from maxjax.planning.task import Distances, Task
 from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 
 EACH = 10  # problems a city
@@ -39,7 +39,7 @@ def problems(name: str, count: int, seed: int, grid: maxjax.Grid, margin: float 
         occupied, ground = occupancy(make_scene(name, seed + city).geoms, grid)
         for _ in range(EACH):
             start, goal = draw_ends(rng, occupied, grid)
-            found.append(Task.of(occupied, start[None], goal[None], grid, margin, ground))
+            found.append(Task.of(occupied, start[None], goal[None], grid, Distances(min(1.0, margin), margin), ground))
         city += 1
     return found[:count]
 
@@ -81,10 +81,10 @@ def moved(task: Task, origin: tuple[float, float, float]) -> Task:
 
 
 def joined(tasks: Sequence[Task]) -> Task:
-    """One task of several with one problem each, on the same grid at the same margin."""
+    """One task of several with one problem each, on the same grid with the same distances."""
     occupied, ground = (np.stack([getattr(task, name) for task in tasks]) for name in ("occupied", "ground"))
     starts, goals = (np.concatenate([getattr(task, name) for task in tasks]) for name in ("starts", "goals"))
-    return Task.of(occupied, starts, goals, tasks[0].grid, tasks[0].margin, ground)
+    return Task.of(occupied, starts, goals, tasks[0].grid, tasks[0].distances, ground)
 
 
 def solvable(task: Task) -> Bool[np.ndarray, " b"]:
@@ -96,13 +96,13 @@ def solvable(task: Task) -> Bool[np.ndarray, " b"]:
 
 def planned(task: Task, method: str) -> maxjax.Plan:
     """`maxjax.plan` of a problem."""
-    return maxjax.plan(
-        task.occupied, task.starts[0], task.goals[0], task.grid, margin=task.margin, ground=task.ground, method=method
-    )
+    radius, margin = task.distances.radius, task.distances.margin
+    ends = task.starts[0], task.goals[0]
+    return maxjax.plan(task.occupied, *ends, task.grid, radius=radius, margin=margin, ground=task.ground, method=method)
 
 
 def case_of(task: Task, plan: maxjax.Plan) -> Case:
-    """What the judges need of a problem and its plan."""
+    """What the judges need of a problem and its plan in the map dilated by its margin (`benchmarks.common.paper`)."""
     grid = task.grid
 
     def to_index(x: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ def case_of(task: Task, plan: maxjax.Plan) -> Case:
         grid.shape,
         to_index(task.starts[0]),
         to_index(task.goals[0]),
-        tuple(m / grid.spacing for m in rungs(task.margin, grid)),
+        tuple(m / grid.spacing for m in ladder(task.distances.margin, grid.spacing)),
         plan.margin / grid.spacing,
         to_index(plan.path),
     )

@@ -19,6 +19,7 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.oracle import judge
+from benchmarks.common.paper import dilated
 from benchmarks.common.problems import case_of, problems
 from experiments.ablations.parts import bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
@@ -32,12 +33,12 @@ from maxjax.methods import METHODS
 from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import climb
+from maxjax.planning.execute import problem_of, whole_route
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem as Formulated
-from maxjax.planning.problem import formulate
 from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 from maxjax.sim.flight import FlightConfig
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -133,9 +134,10 @@ class Result:
 def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
     """The plans of all variants; what they share (dilation, potential, smoothing) is computed once."""
     grid = task.grid.local
-    margins = list(dict.fromkeys(task.margin if v.margin is None else v.margin for v in variants))
-    arrays = jnp.asarray(task.occupied | task.ground), jnp.asarray(task.ground), jnp.asarray(task.ends[0])
-    formulated = {m: _formulate(*arrays, margin=m, grid=grid) for m in margins}
+    margins = list(dict.fromkeys(task.distances.margin if v.margin is None else v.margin for v in variants))
+    asked = {m: dataclasses.replace(task, distances=Distances(0.0, m)) for m in margins}
+    maps = {m: dilated(asked[m]) for m in margins}
+    formulated = {m: problem_of(maps[m].task) for m in margins}
 
     @functools.cache
     def field(source: Source, m: float) -> Potential:
@@ -146,10 +148,9 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
     def smoothed(source: Source, sigma: float, kernel: Kernel, m: float) -> Float[Array, "nx ny nz"]:
         return smooth(field(source, m).log_phi, ~formulated[m].blocked, sigma, kernel)
 
-    routes: list[Route] = []
-    which: list[int] = []
+    plans: list[Plan] = []
     for v in variants:
-        m = task.margin if v.margin is None else v.margin
+        m = task.distances.margin if v.margin is None else v.margin
         p = formulated[m]
         if p.status != maxjax.Status.OK:
             taut = walked = failed(p.status)
@@ -159,21 +160,18 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             sure = bool(field(v.source, m).certified) if v.smoothing == 0 else _certified(u, p.blocked, p.goal_index)
             taut = walked = Route(np.asarray(path), np.asarray(status), np.asarray(sure))
         else:
-            u, sure, sigma = field(v.source, m).log_phi, bool(field(v.source, m).certified), v.smoothing
+            log_phi, sure, sigma = field(v.source, m).log_phi, bool(field(v.source, m).certified), v.smoothing
             if v.guard == "smoothed":
                 u = smoothed(v.source, v.smoothing, v.kernel, m)
-                sure, sigma = _certified(u, p.blocked, p.goal_index), 0.0
-            taut, walked = _guarded(u, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
-        routes += [taut, walked]
-        which += [margins.index(m)] * 2
-    dilated = jax.tree.map(lambda *x: np.stack(x), *(formulated[m].dilated for m in margins))
-    plans = judged(routes, task.some(np.zeros(len(routes), np.int64)), dilated, "ablation", np.asarray(which))
+                log_phi, sure, sigma = u, _certified(u, p.blocked, p.goal_index), 0.0
+            taut, walked = _guarded(log_phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
+        for route in (taut, walked):
+            plans += maps[m].measured(judged([whole_route(p, route, grid)], maps[m].task, "ablation"))
     climbed = [plan.length for plan in plans[1::2]]
     return {v: Result(plan, length) for v, plan, length in zip(variants, plans[::2], climbed, strict=True)}
 
 
-_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
-_climb = jax.jit(climb, static_argnames=("settings",))
+_climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)
 
 
@@ -212,10 +210,11 @@ _stuck = jax.jit(lambda u, component, goal: uncertified(u - jnp.min(u), componen
 
 
 def _guarded(
-    u: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
+    log_phi: Float[Array, "nx ny nz"], problem: Formulated, settings: Ascent, certified: bool
 ) -> tuple[Route, Route]:
     """The library's ascent: tightened, and as climbed."""
-    path, arrived, sight = _climb(u, problem.blocked, problem.start, problem.goal, settings=settings)
+    ends, room = (problem.start, problem.goal), problem.room
+    path, arrived, sight = _climb(log_phi, problem.blocked, *ends, settings=settings, room=room)
     if not arrived:
         nothing = failed(maxjax.Status.PATH_STALLED, certified)
         return nothing, nothing

@@ -134,8 +134,10 @@ class Place:
     def flights(self, gate: Float[np.ndarray, " 2"], config: Config) -> tuple[list[np.ndarray], float]:
         """Paths through a gate, and their mean length [m]; NaN where some start has no path at the full margin."""
         ends = metres(self.starts, self.grid), metres(self.goal, self.grid)
-        plans = maxjax.plan_fleet(self.walled(gate, config), *ends, self.grid, margin=config.margin, ground=self.ground)
-        ok = (plans.status == maxjax.Status.OK) & (plans.margin >= config.margin - 1e-6)
+        walled, ground = jnp.asarray(self.walled(gate, config)), jnp.asarray(self.ground)
+        blocked = np.asarray(maxjax.dilate(walled, config.margin, self.grid, ground))
+        plans = maxjax.plan_fleet(blocked, *ends, self.grid, radius=0.0, margin=0.0)
+        ok = plans.status == maxjax.Status.OK
         return [plan.path for plan in plans], float(plans.length.mean()) if ok.all() else np.nan
 
 

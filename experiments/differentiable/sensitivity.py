@@ -125,12 +125,15 @@ class Crossing:
     def planned(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> maxjax.Plan:
         """The plan where these voxels are occupied."""
         points = metres(self.start, self.grid)[None], metres(self.goal, self.grid)
-        return maxjax.plan_fleet(occupied, *points, self.grid, margin=self.config.margin, ground=self.ground)[0]
+        return maxjax.plan_fleet(np.asarray(self.blocked(occupied)), *points, self.grid, radius=0.0, margin=0.0)[0]
+
+    def blocked(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
+        """These voxels, dilated."""
+        return maxjax.dilate(jnp.asarray(occupied), self.config.margin, self.grid, jnp.asarray(self.ground))
 
     def sigma(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> Float[Array, "nx ny nz"]:
         """The conductivity where these voxels are occupied."""
-        blocked = maxjax.dilate(jnp.asarray(occupied), self.config.margin, self.grid, jnp.asarray(self.ground))
-        return maxjax.conductivity(blocked, jnp.asarray(self.goal), self.grid)
+        return maxjax.conductivity(self.blocked(occupied), jnp.asarray(self.goal), self.grid)
 
     def distance(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> float:
         """D where these voxels are occupied [voxels]."""
@@ -176,7 +179,7 @@ def run(config: Config) -> tuple[list[Row], Outcome]:
         changes.append(grid.spacing * (flight.distance(changed) - float(before)))
     predicted = grid.spacing * strength[tuple(places.T)]
     measured = np.stack([changes, [plan.length - reference.length for plan in plans]])
-    kept = np.array([plan.status == maxjax.Status.OK and plan.margin == reference.margin for plan in plans])
+    kept = np.array([plan.status == maxjax.Status.OK for plan in plans])
     rows = _rows(predicted, measured, kept, config)
     rows[-1] = {**rows[-1], "path_m": round(float(reference.length), 2), **_correlations(predicted, measured, kept)}
     worst = plans[int(np.argmax(np.where(kept, measured[1], -np.inf)))]

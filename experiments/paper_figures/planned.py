@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import maxjax
-from benchmarks.common.problems import planned as plan_of
+from benchmarks.common.paper import dilated
+from benchmarks.common.paper import planned as plan_of
 from benchmarks.common.problems import problems
 from maxjax.planning.climb import potential_field
 from maxjax.planning.task import Task
@@ -86,8 +87,7 @@ def planned(name: str, choice: Choice) -> Planned:
         plan = plan_of(task, "solver")
         if plan.status != maxjax.Status.OK:
             continue
-        volume = jnp.asarray(task.occupied)
-        blocked = np.asarray(maxjax.dilate(volume, plan.margin, grid, jnp.asarray(task.ground)))
+        (blocked,) = dilated(task).task.occupied
         sampled = dense(plan.path.astype(np.float64), 0.5)[:, :2]
         x, y = np.floor((sampled - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
         clear = float(np.mean(~blocked[x, y, plan_view.level_of(grid, float(task.goals[0, 2]))]))
@@ -100,8 +100,8 @@ def planned(name: str, choice: Choice) -> Planned:
     goal = grid.index_of(jnp.asarray(task.goals[0], jnp.float32))
     sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
     # The program that the plan was made by.
-    log_phi = potential_field(jnp.asarray(blocked), goal, grid, maxjax.solve_potential).log_phi
-    return Planned(task, plan, blocked, np.asarray(sigma), np.exp(np.asarray(log_phi)))
+    field = potential_field(jnp.asarray(blocked), None, goal, grid, maxjax.solve_potential)
+    return Planned(task, plan, blocked, np.asarray(sigma), np.exp(np.asarray(field.log_phi)))
 
 
 def ends(found: Planned) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,6 @@ from maxjax.viz.planned import figure_plans
 from maxjax.worlds.corners import Corner, corners
 from maxjax.worlds.scenes import Scene, make_scene, occupancy
 
-MARGIN = 8.0
 _AROUND = 25.0  # map shown around the paths [m]
 
 
@@ -36,11 +35,11 @@ def look(scene: Scene, corner: Corner) -> tuple[MapTask, Returns]:
     returns = measure(scene, corner.sensor)
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)
-    return task_in(cloud, PlanOptions(scene.name, corner.start, corner.goal, margin=MARGIN, ground=0.0)), returns
+    return task_in(cloud, PlanOptions(scene.name, corner.start, corner.goal, ground=0.0)), returns
 
 
 def choose(scene: Scene, seed: int) -> Corner:
-    """The first corner whose shortest way in the scan is free in the city as well.
+    """The first corner whose way by the scan is free in the city as well.
 
     One scan sees the fronts of the buildings only. A first plan may lead through their unseen backs, which a vehicle
     would find out on the way and plan again; the demo shows a single plan.
@@ -49,10 +48,10 @@ def choose(scene: Scene, seed: int) -> Corner:
     found = corners(occupied & ~ground, Grid(), seed)
     for corner in found:
         given, _ = look(scene, corner)
-        plan = planning.plan_in(given, "astar")
-        if plan.status == Status.OK and plan.margin == MARGIN:
+        plan = planning.plan_in(given, "solver")
+        if plan.status == Status.OK and plan.balls == (0.0, 0.0):
             city = city_task(scene, corner.start, corner.goal)
-            if _clearance_in(city, plan) > 0.5 * MARGIN:
+            if _clearance_in(city, plan) > 0.5 * given.task.distances.margin:
                 return corner
     return found[0]
 
@@ -77,7 +76,7 @@ def run(options: DemoOptions) -> int:
             plans[method] = planning.plan_in(given, method, recorder)
     plan = plans["solver"]
     message = report.explain(plan, given)
-    configuration = {"map": name, "margin": MARGIN, "ground": 0.0, **dataclasses.asdict(corner)}
+    configuration = {"map": name, **_distances(given.task), "ground": 0.0, **dataclasses.asdict(corner)}
     content = report.document(plan, given, message, configuration)
     figure = None
     if plan.status == Status.OK:
@@ -101,6 +100,10 @@ def run(options: DemoOptions) -> int:
     return 1
 
 
+def _distances(task: Task) -> dict[str, float]:
+    return {"radius": task.distances.radius, "margin": task.distances.margin}
+
+
 def _clearance_in(city: Task, plan: Plan) -> float:
     """Least distance from a path to a building, seen by the scan or not [m]."""
-    return verify(plan.path, city.occupied, city.occupied, city.grid, ground=city.ground).clearance
+    return verify(plan.path, None, city.occupied, city.grid, ground=city.ground).clearance

@@ -45,7 +45,8 @@ class PlanOptions:
         center: Middle of the grid [m]; by default half-way between start and goal.
         method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
-        margin: Distance to keep from obstacles [m]; lowered by one voxel at a time where it seals start or goal in.
+        radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
+        margin: Distance at which obstacles cost nothing [m].
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         out: Folder for plan.json, path.csv and plan.png.
         json: Print the content of plan.json, and nothing else, on stdout.
@@ -56,6 +57,7 @@ class PlanOptions:
     goal: _Xyz
     center: _OptionalXyz = None
     method: _Planner = "solver"
+    radius: _Metres = 1.0
     margin: _Metres = 8.0
     ground: _OptionalMetres = None
     out: _OptionalFolder = None

@@ -67,7 +67,9 @@ def plan_in(given: MapTask, method: str, before: Recorder | None = None) -> Plan
         before: time already spent on making voxels, added to the plan's.
     """
     if given.returns and given.returns["inside"] == 0:
-        found = dataclasses.replace(no_plan(Status.EMPTY_SCAN, method), timings=Recorder().report())
+        found = dataclasses.replace(
+            no_plan(Status.EMPTY_SCAN, method, given.task.distances), timings=Recorder().report()
+        )
     else:
         (found,) = plan_task(given.task, method_named(method).finder(), method)
     return found if before is None else dataclasses.replace(found, timings=added(before.report(), found.timings))

@@ -34,8 +34,8 @@ from maxjax.planning.task import Task
 
 # Names of timings in the order in which they run, so that plans by different methods share the rows of a table.
 _TIMED = (
-    "voxelise", "transfer", "device", "dilate", "solve", "ascend", "tighten", "search", "distance", "descend",
-    "verify", "total",
+    "voxelise", "transfer", "device", "formulate", "solve", "ascend", "tighten", "search", "distance", "descend",
+    "price", "verify", "total",
 )  # fmt: skip
 FIRST_RUN = "the first run compiles, about 20 s on a CPU"
 FIRST_FLIGHT = "the first flight compiles, a minute or two"
@@ -150,6 +150,8 @@ def explain(plan: Plan, given: MapTask) -> str:
         f"{plan.status.name}: {plan.status.advice} Given: start {_xyz(start)}, goal {_xyz(goal)}, "
         f"grid from {_xyz(grid.lower)} to {_xyz(grid.upper)} m"
     )
+    if plan.status == Status.NO_SAFE_PATH:
+        sentence += f"; radius {given.task.distances.radius:g} m, and {plan.radius:g} m at most joins the ends"
     if plan.status == Status.NO_VALID_PATH:
         sentence += f", {int(occupied.sum())} of {occupied.size} voxels occupied"
     if given.returns:
@@ -180,8 +182,8 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "radius": plan.radius,
         "balls": list(plan.balls),
         "cost": plan.cost,
-        "potential": plan.potential,
         "certified": plan.certified,
+        "potential": plan.potential,
         "margin": plan.margin,
         "timings": plan.timings,
         "method": plan.method,
@@ -226,11 +228,12 @@ def table(title: str, columns: Mapping[str, Mapping[str, str]]) -> Table:
 
 def describe(plan: Plan, task: Task) -> dict[str, str]:
     """A plan as the rows of a table."""
-    asked = task.margin
+    asked = task.distances.radius
     rows = {
         "status": plan.status.name,
         "certified": "yes" if plan.certified else "no" if METHODS[plan.method].climbs else "-",
-        "margin": f"{plan.margin:g} m" + (f" (asked {asked:g} m)" if plan.margin != asked else ""),
+        "radius": f"{plan.radius:g} m" + (f" (asked {asked:g} m)" if plan.radius != asked else ""),
+        "margin": f"{plan.margin:g} m",
     }
     if plan.status == Status.OK:
         rows |= {
@@ -239,7 +242,6 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
             "price paid": f"{plan.cost:.2f} m",
             "clearance": f"{plan.clearance:.2f} m",
             "clearance away from the ends": f"{plan.cruise_clearance:.2f} m",
-            "radius": f"{plan.radius:g} m",
             "waypoints": str(len(plan.path)),
         }
     for name in _TIMED:
@@ -258,12 +260,12 @@ def warn(plan: Plan, task: Task) -> None:
                 f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to an obstacle than the radius of "
                 f"{plan.radius:g} m; within {ball:g} m of it the path keeps less."
             )
-    if plan.cruise_clearance < 0.5 * task.margin:
+    if plan.cruise_clearance < 0.5 * task.distances.margin:
         found = verify(plan.path, None, task.occupied, task.grid, ground=task.ground, balls=plan.balls)
         place = "" if found.cruise_nearest is None else f" at {_place(found.cruise_nearest)}"
         complain(
             f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "
-            f"less than half the margin of {task.margin:g} m."
+            f"less than half the margin of {task.distances.margin:g} m."
         )
 
 

@@ -19,7 +19,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.fields.occupancy import voxelize
 from maxjax.maps import MapError, PointCloud, VoxelMap, ground_mask, load_map, solidify
 from maxjax.planning.program import Program
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
 Source = Scene | PointCloud | VoxelMap
@@ -79,14 +79,14 @@ def load_scene(text: str) -> Scene:
 
 
 def task_in(source: Source, options: PlanOptions) -> MapTask:
-    """Start, goal and margin of some options in a map; making voxels from points is timed (`planning.recorder`).
+    """Start, goal and distances of some options in a map; making voxels from points is timed (`planning.recorder`).
 
     Args:
         source: from `load_source`.
-        options: start, goal, margin, middle of the grid, and height of flat ground.
+        options: start, goal, radius, margin, middle of the grid, and height of flat ground.
 
     Raises:
-        ValueError: for a centre, a ground or a margin that the map cannot have, or too large a voxel map.
+        ValueError: for a centre, a ground or distances that the map cannot have, or too large a voxel map.
     """
     if options.ground is not None and not np.isfinite(options.ground):
         raise ValueError(f"--ground: expected a height in metres, given {options.ground}")
@@ -116,7 +116,8 @@ def _task(
     obstacle: Volume, ground: Volume, grid: Grid, options: PlanOptions, returns: Mapping[str, int] | None = None
 ) -> MapTask:
     ends = np.asarray([options.start], np.float64), np.asarray([options.goal], np.float64)
-    return MapTask(Task.of(obstacle | ground, *ends, grid, options.margin, ground), returns or {})
+    distances = Distances.of(options.radius, options.margin)
+    return MapTask(Task.of(obstacle | ground, *ends, grid, distances, ground), returns or {})
 
 
 def _of_voxels(source: VoxelMap, options: PlanOptions) -> MapTask:

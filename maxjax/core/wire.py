@@ -5,8 +5,7 @@ Every array that is sent to a device or fetched from it costs as much as a short
     pack(tree) = bytes of its leaves, one after the other        unpack(pack(tree), tree) = tree
 
 NumPy's arrays are packed on the host, JAX's on their device, to the same bytes; either side reads what the other wrote.
-Leading axes that a batch adds stay rows. Booleans go as bits, eight a byte in the order of `numpy.packbits`, or as
-bytes, which take eight times as long on the way and no time to read.
+Leading axes that a batch adds stay rows. Booleans go as bits, eight a byte in the order of `numpy.packbits`.
 """
 
 from __future__ import annotations
@@ -26,15 +25,14 @@ Tree = TypeVar("Tree")
 AnyArray = Any
 
 
-def pack(tree: Any, *, axes: int = 0, bits: bool = True) -> UInt8[AnyArray, "*batch bytes"]:
+def pack(tree: Any, *, axes: int = 0) -> UInt8[AnyArray, "*batch bytes"]:
     """The message that holds a pytree.
 
     Args:
         tree: of arrays, all on the host or all on a device.
         axes: leading axes that all leaves share, one message for each entry. Static.
-        bits: whether booleans go as bits. Static.
     """
-    parts = [_bytes_of(leaf, axes, bits) for leaf in jax.tree.leaves(tree)]
+    parts = [_bytes_of(leaf, axes) for leaf in jax.tree.leaves(tree)]
     if not parts:
         return np.zeros(0, np.uint8)
     on_device = any(isinstance(part, jax.Array) for part in parts)
@@ -42,42 +40,37 @@ def pack(tree: Any, *, axes: int = 0, bits: bool = True) -> UInt8[AnyArray, "*ba
     return message
 
 
-def unpack(message: UInt8[AnyArray, "*batch bytes"], like: Tree, *, bits: bool = True) -> Tree:
+def unpack(message: UInt8[AnyArray, "*batch bytes"], like: Tree) -> Tree:
     """The pytree that a message holds; where the message has leading axes, so have its leaves.
 
     Args:
         message: from `pack`.
         like: the pytree without leading axes: arrays, or `jax.ShapeDtypeStruct`. Only shapes and dtypes are read.
-        bits: as it was packed. Static.
 
     Raises:
         ValueError: unless the message is as long as `like` is.
     """
     leaves, structure = jax.tree.flatten(like)
-    ends = [0, *itertools.accumulate(_size_of(leaf, bits) for leaf in leaves)]
+    ends = [0, *itertools.accumulate(_size_of(leaf) for leaf in leaves)]
     if message.shape[-1] != ends[-1]:
         raise ValueError(f"message: expected {ends[-1]} bytes, given {message.shape[-1]}")
     parts = (message[..., a:b] for a, b in itertools.pairwise(ends))
-    tree: Tree = jax.tree.unflatten(
-        structure, [_leaf_of(part, leaf, bits) for part, leaf in zip(parts, leaves, strict=True)]
-    )
+    tree: Tree = jax.tree.unflatten(structure, [_leaf_of(part, leaf) for part, leaf in zip(parts, leaves, strict=True)])
     return tree
 
 
-def _size_of(like: Any, bits: bool) -> int:
+def _size_of(like: Any) -> int:
     """Bytes of a leaf."""
     count: int = math.prod(like.shape)
-    return -(-count // 8) if bits and like.dtype == bool else count * int(np.dtype(like.dtype).itemsize)
+    return -(-count // 8) if like.dtype == bool else count * int(np.dtype(like.dtype).itemsize)
 
 
-def _bytes_of(leaf: Shaped[AnyArray, "..."], axes: int, bits: bool) -> UInt8[AnyArray, "*batch bytes"]:
+def _bytes_of(leaf: Shaped[AnyArray, "..."], axes: int) -> UInt8[AnyArray, "*batch bytes"]:
     on_device = isinstance(leaf, jax.Array)
     rows, count = leaf.shape[:axes], math.prod(leaf.shape[axes:])
     if leaf.dtype == bool:
         flat = leaf.reshape(*rows, count)
-        if bits:
-            return (jnp if on_device else np).packbits(flat, axis=-1)
-        return flat.astype(jnp.uint8) if on_device else flat.view(np.uint8)
+        return (jnp if on_device else np).packbits(flat, axis=-1)
     size = np.dtype(leaf.dtype).itemsize
     if not on_device:
         return np.ascontiguousarray(leaf).reshape(*rows, count).view(np.uint8)
@@ -86,14 +79,12 @@ def _bytes_of(leaf: Shaped[AnyArray, "..."], axes: int, bits: bool) -> UInt8[Any
     return lax.bitcast_convert_type(leaf, jnp.uint8).reshape(*rows, count * size)
 
 
-def _leaf_of(part: UInt8[AnyArray, "*batch bytes"], like: Any, bits: bool) -> Shaped[AnyArray, "..."]:
+def _leaf_of(part: UInt8[AnyArray, "*batch bytes"], like: Any) -> Shaped[AnyArray, "..."]:
     on_device = isinstance(part, jax.Array)
     shape, dtype = (*part.shape[:-1], *like.shape), np.dtype(like.dtype)
-    if dtype.kind == "b" and bits:
+    if dtype.kind == "b":
         unpacked = (jnp if on_device else np).unpackbits(part, axis=-1, count=math.prod(like.shape))
         return (unpacked > 0 if on_device else unpacked.view(bool)).reshape(shape)
-    if dtype.kind == "b":
-        return (part > 0 if on_device else part.view(bool)).reshape(shape)
     if not on_device:
         return np.ascontiguousarray(part).view(dtype).reshape(shape)
     if dtype.kind == "c":

@@ -1,4 +1,4 @@
-"""Points to voxels, and the safety margin around them.
+"""Points to voxels, and their dilation.
 
     occupied = voxels that hold a point;   blocked = { x : min over occupied y of |x − y| ≤ margin }
 
@@ -102,47 +102,6 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
     return materialise(jnp.minimum(squared, jnp.asarray(far, dtype)))
 
 
-def rungs(margin: float, grid: Grid, least: float = 0.0) -> tuple[float, ...]:
-    """The margins to try [m]: from `margin` down by one voxel at a time, `least` last.
-
-    Raises:
-        ValueError: for a margin that is negative, not finite, or longer than the map, or less than `least`.
-    """
-    longest = grid.spacing * max(grid.shape)
-    if not 0 <= margin <= longest:
-        raise ValueError(f"margin: expected 0 to {longest:g} m, the longest edge of the map, given {margin}")
-    if not 0 <= least <= margin:
-        raise ValueError(f"least: expected 0 to the margin, {margin:g} m, given {least}")
-    count = math.ceil((margin - least) / grid.spacing - 1e-9)
-    return (*(max(margin - k * grid.spacing, least) for k in range(count)), least)
-
-
-def reach_of(margin: float, grid: Grid) -> int:
-    """Whole voxels that `squared_distance` must see for this margin."""
-    return max(1, math.isqrt(math.floor((margin / grid.spacing) ** 2 + _INCLUSIVE)))
-
-
-def blocked_within(
-    squared: Integer[Array, "nx ny nz"],
-    ground: Bool[Array, "nx ny nz"],
-    ground_squared: Integer[Array, "nx ny nz"],
-    margin: Float[Array, ""] | float,
-    grid: Grid,
-) -> Bool[Array, "nx ny nz"]:
-    """Voxels within `margin` [m] of an obstacle, or within one voxel (never more than `margin`) of the ground.
-
-    Args:
-        squared: `squared_distance` of the obstacles (ground left out).
-        ground: ground voxels.
-        ground_squared: `squared_distance` of the ground, reach 1.
-        margin: may be traced.
-        grid: the grid.
-    """
-    radius = margin / grid.spacing
-    near = squared <= radius**2 + _INCLUSIVE
-    return near | ground | (ground_squared <= jnp.minimum(radius, 1.0) ** 2 + _INCLUSIVE)
-
-
 def dilate(
     occupied: Bool[Array | np.ndarray, "nx ny nz"],
     margin: float,
@@ -160,7 +119,8 @@ def dilate(
     Raises:
         ValueError: when a volume does not cover `grid`, or for a negative margin.
     """
-    rungs(margin, grid)
+    if not 0 <= margin <= grid.spacing * max(grid.shape):
+        raise ValueError(f"margin: expected 0 to {grid.spacing * max(grid.shape):g} m, the map's edge, given {margin}")
     grid.check_volume("occupied", occupied)
     ground = jnp.zeros(occupied.shape, bool) if ground is None else ground
     grid.check_volume("ground", ground)
@@ -172,5 +132,7 @@ def dilate(
 def _dilate(
     occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], margin: float, grid: Grid
 ) -> Bool[Array, "nx ny nz"]:
-    squared = squared_distance(occupied & ~ground, reach_of(margin, grid))
-    return blocked_within(squared, ground, squared_distance(ground, 1), margin, grid)
+    radius = margin / grid.spacing
+    reach = max(1, math.isqrt(math.floor(radius**2 + _INCLUSIVE)))
+    near = squared_distance(occupied & ~ground, reach) <= radius**2 + _INCLUSIVE
+    return near | ground | (squared_distance(ground, 1) <= min(radius, 1.0) ** 2 + _INCLUSIVE)

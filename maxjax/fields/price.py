@@ -25,6 +25,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+SCREENING_LENGTH = 1.5
+"""ℓ [voxels]: the shorter, the closer to cheapest paths; below it the lattice itself shows."""
+
 _SHAPES = ("quadratic", "exponential", "speed")
 # What the exponential falls by over the margin, as a power of e: Nav2's rate of 3 per metre over a metre.
 _FALL = 3.0

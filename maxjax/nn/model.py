@@ -80,7 +80,12 @@ class Model:
 
 
 def predict_potential(
-    model: Model, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], *, max_sweeps: int = 0
+    model: Model,
+    sigma: Float[Array, "nx ny nz"],
+    goal_index: Int32[Array, " 3"],
+    price: Float[Array, "nx ny nz"] | None = None,
+    *,
+    max_sweeps: int = 0,
 ) -> Potential:
     """The potential that a network predicts, in the slot of `solve_potential`.
 
@@ -92,6 +97,7 @@ def predict_potential(
         model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
         sigma: conductivity, zero in obstacles.
         goal_index: voxel of the goal.
+        price: as of `solve_potential`; networks do not know of it, sweeps do.
         max_sweeps: 0: the network alone. Static.
 
     Returns:
@@ -103,19 +109,23 @@ def predict_potential(
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index)
-    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), max_sweeps)
+    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), max_sweeps, price)
 
 
 def certified_from(
-    start: LogPotential, sigma: Float[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], max_sweeps: int
+    start: LogPotential,
+    sigma: Float[Array, "nx ny nz"],
+    goal_index: Int32[Array, " 3"],
+    max_sweeps: int,
+    price: Float[Array, "nx ny nz"] | None = None,
 ) -> Potential:
     """The potential from any predicted log-potential, of a network or a formula; the rest is `predict_potential`'s.
 
     Args:
         start: the log-potential from which the sweeps start. Static.
-        sigma, goal_index, max_sweeps: as of `predict_potential`.
+        sigma, goal_index, max_sweeps, price: as of `predict_potential`.
     """
-    medium = medium_of(sigma, goal_index)
+    medium = medium_of(sigma, goal_index, price)
     component, length = medium.component, screening_length_for(medium.distance)
     goal = stencil.cell(sigma.shape, goal_index) & component
     wrong = input_status(medium, length)
@@ -137,7 +147,7 @@ def certified_from(
         return predicted
 
     def solved() -> Potential:
-        exact = solve_potential(sigma, goal_index)
+        exact = solve_potential(sigma, goal_index, price)
         return dataclasses.replace(exact, sweeps=exact.sweeps + predicted.sweeps)
 
     field: Potential = lax.cond(usable & ~predicted.certified, solved, lambda: predicted)
@@ -145,8 +155,8 @@ def certified_from(
 
 
 @functools.cache
-def network_potential(name: str = "maxjax", max_sweeps: int = MAX_SWEEPS) -> Callable[[Array, Array], Potential]:
-    """(sigma, goal_index) ↦ Potential by a trained network; the same function each time, as a planner's cache wants.
+def network_potential(name: str = "maxjax", max_sweeps: int = MAX_SWEEPS) -> Callable[..., Potential]:
+    """(sigma, goal_index, price) ↦ Potential by a trained network; the same function each time, for a planner's cache.
 
     Args:
         name, max_sweeps: as of `load_model` and `predict_potential`.

@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int32, Integer, UInt8
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import first_joined
+from maxjax.planning.ends import End
 from maxjax.planning.hard_set import hard_set, least_quarters
 
 
@@ -110,32 +111,31 @@ def _at(volume: UInt8[Array, "nx ny nz"], index: Int32[Array, " 3"]) -> UInt8[Ar
 
 
 def ball_radius(
+    barred: Bool[Array, "nx ny nz"],
     quarters: Integer[Array, "nx ny nz"],
-    end: Float[Array, " 3"],
-    index: Int32[Array, " 3"],
+    end: End,
     level: Int32[Array, ""],
     radius: float,
 ) -> Float[Array, ""]:
-    """The ball around an end outside of which its opened voxels bring no path nearer to an obstacle than the radius.
+    """The ball around an end that holds all that its opened voxels bring a path too near to.
 
-    A path is brought near by the corners of the cell that it is in, hence the ball holds all cells around every voxel
-    that was opened and is nearer than the radius; it is 0 where there is none, as beside the ground.
+    Near an obstacle a path comes by the corners of the cell that it is in, so the ball holds all cells around every
+    opened voxel that is nearer than the radius; of one that lies beside the ground it holds the voxel alone.
 
     Args:
+        barred: voxels of the hard set that are not occupied.
         quarters: `distance.cube_distance` of the obstacles, exact up to the radius.
         end: the end.
-        index: its voxel.
         level: of its ball.
         radius: static.
     """
     reach = max(last_level(radius) - 1, 0)
-    axes = [jnp.clip(index[k] + np.arange(-reach, reach + 1), 0, n - 1) for k, n in enumerate(quarters.shape)]
+    axes = [jnp.clip(end.index[k] + np.arange(-reach, reach + 1), 0, n - 1) for k, n in enumerate(barred.shape)]
     x, y, z = jnp.meshgrid(*axes, indexing="ij", sparse=True)
-    near = quarters[x, y, z]
-    inside = sum((v - c) ** 2 for v, c in zip((x, y, z), index, strict=True)) < level**2
-    farthest = sum((jnp.abs(v - u) + 1) ** 2 for v, u in zip((x, y, z), end, strict=True))
-    brought = inside & (near > 0) & (near < least_quarters(radius))
-    return jnp.sqrt(jnp.max(jnp.where(brought, farthest, 0.0)))
+    around = jnp.where(quarters[x, y, z] < least_quarters(radius), 1.0, 0.5)
+    inside = sum((v - c) ** 2 for v, c in zip((x, y, z), end.index, strict=True)) < level**2
+    farthest = sum((jnp.abs(v - u) + around) ** 2 for v, u in zip((x, y, z), end.exact, strict=True))
+    return jnp.sqrt(jnp.max(jnp.where(inside & barred[x, y, z], farthest, 0.0)))
 
 
 def largest_radius(

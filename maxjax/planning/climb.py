@@ -1,6 +1,8 @@
 """From a field to a path: solve, ascend, pull taut.
 
-    blocked → σ → φ → ascent → string pulling → Route
+    (blocked, price) → (σ, N) → log φ → ascent → string pulling → Route
+
+N is the price on the lattice (`fields.price.lattice_price`), by which φ decays along an axis as the price says.
 
 `Climb` makes one pure function of it, for `jit`, `vmap` and flights; as programs by themselves (`SOLVE`, `ASCEND`,
 `TIGHTEN`) the steps are timed one by one (`planning.execute`).
@@ -19,6 +21,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
@@ -33,7 +36,7 @@ class PotentialLike(Protocol):
 
     @property
     def log_phi(self) -> Array:
-        """Logarithm of the potential, 0 at the goal; −∞ where there is none."""
+        """Logarithm of the potential, 0 at the goal; −inf where there is no conductor or no current."""
         ...
 
     @property
@@ -43,24 +46,29 @@ class PotentialLike(Protocol):
 
     @property
     def certified(self) -> Array:
-        """Whether no voxel but the goal is a local maximum of it."""
+        """Whether no voxel but the goal is a local maximum."""
         ...
 
     @property
     def geodesic(self) -> Array:
-        """Whether it is the flood's distance instead of a solution."""
+        """Whether it is the flood's own distance and not a solution."""
         ...
 
 
-# (sigma, goal_index) ↦ PotentialLike: pure and hashable; pass the same function each time.
-PotentialFn = Callable[[Array, Array], PotentialLike]
+# (sigma, goal_index, price or None) ↦ PotentialLike: pure and hashable; pass the same function each time.
+PotentialFn = Callable[[Array, Array, Array | None], PotentialLike]
 
 
 def solve(
-    blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
+    blocked: Bool[Array, "nx ny nz"],
+    price: Float[Array, "nx ny nz"] | None,
+    goal_index: Int32[Array, " 3"],
+    grid: Grid,
+    potential: PotentialFn,
 ) -> PotentialLike:
-    """The potential of a dilated map."""
-    return potential(materialise(conductivity(blocked, goal_index, grid)), goal_index)
+    """The potential of a hard set and a price."""
+    sigma = materialise(conductivity(blocked, goal_index, grid))
+    return potential(sigma, goal_index, None if price is None else materialise(lattice_price(price, SCREENING_LENGTH)))
 
 
 def climb(
@@ -69,28 +77,35 @@ def climb(
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
     settings: Ascent,
+    room: float,
 ) -> tuple[Float[Array, "t 3"], Bool[Array, ""], Sight]:
     """Ascend the field; returns the path, whether it arrived, and the lines of sight."""
-    sight = sight_of(blocked)
+    sight = sight_of(blocked, room)
     path, arrived = ascend(log_phi, sight, ~blocked, start, goal, settings)
     return path, arrived, sight
 
 
-def taut(codes: UInt[Array, "nx ny nz"], path: Float[Array, "t 3"], room: float) -> Float[Array, "t 3"]:
+def taut(
+    codes: UInt[Array, "nx ny nz"], path: Float[Array, "t 3"], price: Float[Array, "nx ny nz"] | None, room: float
+) -> Float[Array, "t 3"]:
     """`tighten`, by the fields of a `Sight`."""
-    return tighten(Sight(codes, room), path)
+    return tighten(Sight(codes, room), path, price)
 
 
 SOLVE = Program("solve", solve, static=("grid", "potential"))
-ASCEND = Program("ascend", climb, static=("settings",))
+ASCEND = Program("ascend", climb, static=("settings", "room"))
 TIGHTEN = Program("tighten", taut, static=("room",))
 
 
 def potential_field(
-    blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid, potential: PotentialFn
+    blocked: Bool[Array, "nx ny nz"],
+    price: Float[Array, "nx ny nz"] | None,
+    goal_index: Int32[Array, " 3"],
+    grid: Grid,
+    potential: PotentialFn,
 ) -> PotentialLike:
     """`solve` as a program by itself, which is compiled once for all maps of a shape and spacing."""
-    field: PotentialLike = SOLVE(blocked, goal_index, grid=grid.local, potential=potential)
+    field: PotentialLike = SOLVE(blocked, price, goal_index, grid=grid.local, potential=potential)
     return field
 
 
@@ -108,12 +123,12 @@ class Climb:
 
     def __call__(self, problem: Problem, grid: Grid) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""
-        field = solve(problem.blocked, problem.goal_index, grid, self.potential)
-        path, arrived, sight = climb(field.log_phi, problem.blocked, problem.start, problem.goal, self.settings)
-        path = tighten(sight, path)
+        field = solve(problem.blocked, problem.price, problem.goal_index, grid, self.potential)
+        ends = problem.start, problem.goal
+        path, arrived, sight = climb(field.log_phi, problem.blocked, *ends, self.settings, problem.room)
+        path = tighten(sight, path, problem.price)
         status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
         status = jnp.where(field.status != Status.OK, field.status, status)
         status = jnp.where(problem.status != Status.OK, problem.status, status)
-        return Route(
-            path, status.astype(jnp.int32), field.certified & (problem.status == Status.OK), geodesic=field.geodesic
-        )
+        sound = problem.status == Status.OK
+        return Route(path, status.astype(jnp.int32), field.certified & sound, geodesic=field.geodesic & sound)

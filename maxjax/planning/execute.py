@@ -1,6 +1,6 @@
 """How a task is carried out: the same plans, in the way that the device runs best.
 
-    staged           formulate | solve | ascend | tighten | judge, each program by itself     a CPU; searches everywhere
+    staged           formulate | solve | ascend | tighten | price | judge, each by itself     a CPU; searches everywhere
     single program   all of it but the judge in one, one message in, one out                  one problem, accelerator
     pipelined        chunks of problems, the judge beside the device (`planning.pipeline`)    many problems, accelerator
 
@@ -28,7 +28,7 @@ from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import added, recording, timed
-from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.planning.route import PathFinder, Route, failed, found, whole
 from maxjax.planning.task import Task, rows_of
 
 # Problems that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
@@ -55,24 +55,58 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
     """
     if isinstance(find, Climb):
         if chunk is not None or target() != "cpu":
-            return _in_chunks(task, find, method, chunk or _CHUNK)
+            return with_largest_radii(_in_chunks(task, find, method, chunk or _CHUNK), task)
         find = staged(find)
-    return [plan_one(task.some(slice(k, k + 1)), find, method) for k in range(len(task))]
+    plans = [plan_one(task.some(slice(k, k + 1)), find, method) for k in range(len(task))]
+    return with_largest_radii(plans, task)
+
+
+def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
+    """The plans of a task; those that end as NO_SAFE_PATH with the largest radius that joins their ends."""
+
+    def largest(plan: Plan, k: int) -> Plan:
+        if plan.status != Status.NO_SAFE_PATH:
+            return plan
+        parts = pipeline.parts_of(task.some(slice(k, k + 1)))
+        return dataclasses.replace(plan, radius=float(_LARGEST(parts, distances=task.distances, grid=task.grid.local)))
+
+    return [largest(plan, k) for k, plan in enumerate(plans)]
 
 
 def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
     """Formulate the only problem of a task, find a path, judge it; step by step."""
     with recording() as recorder:
-        with timed("transfer"):
-            parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(task)))
-        problem = _FORMULATE(parts, margin=task.margin, grid=task.grid.local)
-        status, dilated = fetched((problem.status, problem.dilated))
+        problem = problem_of(task)
+        status = fetched(problem.status)
         route = failed(status) if status != Status.OK else find(problem, task.grid.local)
-        (plan,) = judged([route], task, jax.tree.map(lambda x: x[None], dilated), method)
+        (plan,) = judged([whole_route(problem, route, task.grid)], task, method)
     return dataclasses.replace(plan, timings=recorder.report())
 
 
-_FORMULATE = Program("dilate", pipeline.formulated, static=("margin", "grid"))
+def problem_of(task: Task) -> Problem:
+    """The only problem of a task, formulated."""
+    with timed("transfer"):
+        parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(task)))
+    problem: Problem = _FORMULATE(parts, distances=task.distances, grid=task.grid.local)
+    return problem
+
+
+def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
+    """`route.completed` on the host."""
+    if route.status != Status.OK:
+        return route
+    path = np.asarray(route.path)
+    path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
+    (path, cost), balls = fetched((_PRICE(problem.ends, problem.price, path), problem.balls))
+    return dataclasses.replace(route, path=path, balls=balls, cost=np.asarray(grid.spacing * cost, np.float32))
+
+
+# Paths are filled up to whole multiples of so many points, so that searches share programs.
+_POINTS = 128
+
+_FORMULATE = Program("formulate", pipeline.formulated, static=("distances", "grid"))
+_LARGEST = Program("largest radius", pipeline.largest, static=("distances", "grid"))
+_PRICE = Program("price", whole)
 
 
 def fetched(tree: Any) -> Any:
@@ -85,15 +119,17 @@ def staged(climb: Climb) -> PathFinder:
     """The path finder that climbs a potential by programs of their own, each timed."""
 
     def find(problem: Problem, grid: Grid) -> Route:
-        field = potential_field(problem.blocked, problem.goal_index, grid, climb.potential)
+        field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, climb.potential)
+        room = problem.room
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> list[Route]:
             ends = problem.start, problem.goal
-            path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings)
-            taut = TIGHTEN(sight.codes, path, room=sight.room)
-            status, certified, on_goal, points = fetched((field.status, field.certified, arrived, taut))
+            path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings, room=room)
+            taut = TIGHTEN(sight.codes, path, problem.price, room=room)
+            verdict = field.status, field.certified, field.geodesic
+            (status, certified, geodesic), on_goal, points = fetched((verdict, arrived, taut))
             if status == Status.OK and on_goal:
-                return [found(points, bool(certified))]
+                return [found(points, bool(certified), bool(geodesic))]
             return [failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))]
 
         (route,) = with_longer_ascents(attempt, 1, climb.settings)

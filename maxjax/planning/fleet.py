@@ -1,35 +1,38 @@
-"""Many starts, one goal, one map: one field for each margin that some start needs.
+"""Many starts, one goal, one map: starts that need no ball share one field.
 
-    the margin of every start (one flood fill a rung, from the goal) → one solve a margin → ascents in batches → judge
+    hard set, price and one flood from the goal → one solve for all that it joins → ascents in batches → judge
 
-A start's plan is the one that it would get by itself: its margin is its own, and fields do not depend on the start.
+A start that the hard set alone does not join is formulated by itself: the field of its problem does not depend on the
+ball of any other start. Those that need no ball of their own, only one around the goal, share a field for each size of
+that ball; one with a ball of its own has a field of its own. So a start's plan is the one that it would get by itself.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, Int64, Integer
+from jaxtyping import Array, Bool, Float, Int32, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.occupancy import blocked_within
+from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.balls import Opened
 from maxjax.planning.climb import Climb, potential_field
-from maxjax.planning.ends import locate, placed
-from maxjax.planning.execute import with_longer_ascents
-from maxjax.planning.margin import Ladder, all_stand_free, ladder, largest_joined_each
+from maxjax.planning.ends import locate
+from maxjax.planning.execute import with_largest_radii, with_longer_ascents
 from maxjax.planning.plan import Plan, judged
-from maxjax.planning.problem import Dilated, Faults
+from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import recording
-from maxjax.planning.route import Route, failed, found
-from maxjax.planning.sight import sight_of, stands_free
+from maxjax.planning.route import Route, failed, found, whole
+from maxjax.planning.sight import sight_of
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 
 # Starts that climb at a time: what bounds memory, whatever the size of the fleet. Fewer of them are filled up to one of
 # two sizes, so that fleets of all sizes share two programs.
@@ -42,126 +45,136 @@ class Fleet:
     """The starts of a fleet, formulated.
 
     Attributes:
-        margins: of the map.
-        status: OK, or why there is nothing to plan from a start.
-        rung: which of `margins` a start keeps.
+        around: what they share.
+        status: OK, or what is wrong with a start or the goal by itself.
+        joined: whether the hard set alone joins a start to the goal.
+        place: of the ends, without balls.
         goal_index: voxel of the goal.
     """
 
-    margins: Ladder
+    around: Surroundings
     status: Int32[Array, " n"]
-    rung: Int32[Array, " n"]
+    joined: Bool[Array, " n"]
+    place: Placement
     goal_index: Int32[Array, " 3"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """Starts that share a field.
+
+    Attributes:
+        members: of the fleet.
+        blocked: voxels that their paths keep out of.
+        place: of the ends of each.
+    """
+
+    members: Int64[np.ndarray, " m"]
+    blocked: Bool[Array, "nx ny nz"]
+    place: Placement
 
 
 def formulate_fleet(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
-    starts: Float[Array, "n 3"],
-    goal: Float[Array, " 3"],
-    margin: float,
+    ends: Float[Array, "n 2 3"],
+    distances: Distances,
     grid: Grid,
 ) -> Fleet:
-    """`problem.formulate` for every start; ends in index coordinates, `margin` and `grid` static."""
-    occupied = occupied | ground
-    margins = ladder(occupied, ground, margin, grid)
-    a, b = jax.vmap(lambda x: locate(x, grid.shape))(starts), locate(goal, grid.shape)
-    nowhere, nobody = jnp.zeros(grid.shape, bool), jnp.zeros(len(starts), bool)
-    inside_a, inside_b = all_stand_free(nowhere, a), nobody | stands_free(nowhere, b.off)
-    outside_a, outside_b = all_stand_free(occupied, a), nobody | stands_free(occupied, b.off)
-    finite = a.finite & b.finite
-    rung, joined = largest_joined_each(margins, a, b, finite & inside_a & inside_b & outside_a & outside_b)
-    faults = Faults(
-        nonfinite=~finite,
-        start_outside=~inside_a,
-        goal_outside=~inside_b,
-        same=jnp.all(starts == goal, axis=1),
-        start_inside=~outside_a,
-        goal_inside=~outside_b,
-        apart=~joined,
+    """`problem.formulate` for every start, as far as it goes without balls; the goal is the same for all."""
+    around = surroundings(occupied, ground, distances, grid)
+    goal = locate(ends[0, 1], grid.shape)
+    x, y, z = jnp.clip(jax.vmap(lambda pair: locate(pair[0], grid.shape).index)(ends), 0, jnp.asarray(grid.shape) - 1).T
+    way = Opened(around.hard, jnp.zeros(2, jnp.int32), jnp.int32(Status.OK))
+    return Fleet(
+        around=around,
+        status=jax.vmap(lambda pair: faults_of(around.occupied, pair, grid).status)(ends),
+        joined=flood(~around.hard, goal.index)[x, y, z],
+        place=jax.vmap(lambda pair: placement(around, way, pair, distances, grid))(ends),
+        goal_index=goal.index,
     )
-    return Fleet(margins, faults.status, rung, b.index)
 
 
-def _dilated(
-    squared: Integer[Array, "nx ny nz"],
-    ground: Bool[Array, "nx ny nz"],
-    ground_squared: Integer[Array, "nx ny nz"],
-    margin: Float[Array, ""],
-    grid: Grid,
-) -> Dilated:
-    return Dilated(blocked_within(squared, ground, ground_squared, margin, grid), margin)
-
-
+# arguments: the field and the map are data, `settings` and `room` are static
 def _ascents(
     log_phi: Float[Array, "nx ny nz"],
     blocked: Bool[Array, "nx ny nz"],
-    starts: Float[Array, "n 3"],
-    goal: Float[Array, " 3"],
+    price: Float[Array, "nx ny nz"] | None,
+    place: Placement,
     settings: Ascent,
-) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
-    """Ascend one field from many starts and tighten; returns the paths, and which arrived."""
-    sight = sight_of(blocked)
+    room: float,
+) -> tuple[Float[Array, "n t 3"], Float[Array, " n"], Bool[Array, " n"]]:
+    """Ascend one field from many starts and tighten; returns the whole paths, what they cost, and which arrived."""
+    sight = sight_of(blocked, room)
 
-    def one(start: Float[Array, " 3"]) -> tuple[Array, Array]:
-        path, arrived = ascend(log_phi, sight, ~blocked, placed(blocked, start), placed(blocked, goal), settings)
-        return tighten(sight, path), arrived
+    def one(place: Placement) -> tuple[Array, Array, Array]:
+        path, arrived = ascend(log_phi, sight, ~blocked, place.start, place.goal, settings)
+        return *whole(place.ends, price, tighten(sight, path, price)), arrived
 
-    return jax.vmap(one)(starts)
+    return jax.vmap(one)(place)
 
 
-_FORMULATE = Program("margins", formulate_fleet, static=("margin", "grid"))
-_DILATE = Program("dilate", _dilated, static=("grid",))
-_ASCENTS = Program("ascend", _ascents, static=("settings",))
+_FORMULATE = Program("formulate", formulate_fleet, static=("distances", "grid"))
+_OPEN = Program("formulate", problem_in, static=("distances", "grid"))
+_ASCENTS = Program("ascend", _ascents, static=("settings", "room"))
 
 
 def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
-    """`execute.plan_task` for a task of one map and one goal: one solve for each margin that is used."""
+    """`execute.plan_task` for a task of one map and one goal, with as few solves as balls allow."""
     with recording() as recorder:
-        goal, starts = jnp.asarray(task.ends[0, 1]), jnp.asarray(task.ends[:, 0])
+        ends = jnp.asarray(task.ends)
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
-        fleet = _FORMULATE(*maps, starts, goal, margin=task.margin, grid=task.grid.local)
-        status, rung = np.asarray(fleet.status), np.asarray(fleet.rung)
+        fleet = _FORMULATE(*maps, ends, distances=task.distances, grid=task.grid.local)
+        status, joined = np.array(fleet.status), np.asarray(fleet.joined)
+        alone: dict[int, Problem] = {}
+        for k in np.flatnonzero((status == Status.OK) & ~joined).tolist():
+            alone[k] = _OPEN(fleet.around, ends[k], distances=task.distances, grid=task.grid.local)
+            status[k] = int(alone[k].status)
         routes = [failed(one) for one in status.tolist()]
-        used = np.unique(rung)
-        dilated: list[Dilated] = []
-        for level in used:
-            margins = fleet.margins
-            distances = margins.squared, margins.ground, margins.ground_squared
-            here: Dilated = _DILATE(*distances, margins.margins[level], grid=task.grid.local)
-            members = np.flatnonzero((status == Status.OK) & (rung == level))
-            if members.size:
-                climbed = _routes(starts[members], goal, fleet.goal_index, here, climb, task.grid)
-                for k, route in zip(members.tolist(), climbed, strict=True):
-                    routes[k] = route
-            dilated.append(jax.device_get(here))
-        maps_used = jax.tree.map(lambda *parts: np.stack(parts), *dilated)
-        plans = judged(routes, task, maps_used, method, np.searchsorted(used, rung))
+        for group in _groups(fleet, status, alone):
+            for k, route in zip(group.members.tolist(), _routes(group, fleet, climb, task), strict=True):
+                routes[k] = route
+        plans = judged(routes, task, method)
     timings = recorder.report(len(task))
-    return [dataclasses.replace(plan, timings=timings) for plan in plans]
+    return with_largest_radii([dataclasses.replace(plan, timings=timings) for plan in plans], task)
 
 
-def _routes(
-    starts: Float[Array, "n 3"],
-    goal: Float[Array, " 3"],
-    goal_index: Int32[Array, " 3"],
-    dilated: Dilated,
-    climb: Climb,
-    grid: Grid,
-) -> list[Route]:
-    """Routes of the starts that share a margin, by one field."""
-    field = potential_field(jnp.asarray(dilated.blocked), goal_index, grid, climb.potential)
-    certified = bool(field.certified)
+def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Problem]) -> Iterator[Group]:
+    """Starts by the field that they climb."""
+    members = np.flatnonzero((status == Status.OK) & np.asarray(fleet.joined))
+    if members.size:
+        yield Group(members, fleet.around.hard, jax.tree.map(lambda x: x[members], fleet.place))
+    shared: dict[tuple[int, int], list[int]] = {}
+    for k, problem in alone.items():
+        own, goals = problem.levels.tolist()
+        if status[k] == Status.OK:
+            shared.setdefault((goals, -1 if own == 0 else k), []).append(k)
+    for together in shared.values():
+        places = [Placement(p.start, p.goal, p.ends, p.balls) for p in (alone[k] for k in together)]
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), *places)
+        yield Group(np.array(together), alone[together[0]].blocked, stacked)
+
+
+def _routes(group: Group, fleet: Fleet, climb: Climb, task: Task) -> list[Route]:
+    """Routes of the starts of a group, by one field."""
+    price, room = fleet.around.price, task.distances.room
+    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, climb.potential)
+    certified, geodesic = bool(field.certified), bool(field.geodesic)
     if field.status != Status.OK:
-        return [failed(field.status, certified)] * len(starts)
+        return [failed(field.status, certified)] * len(group.members)
+    balls = np.asarray(group.place.balls)
 
     def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> list[Route]:
         routes: list[Route] = []
         for some in np.array_split(which, range(_BATCH, len(which), _BATCH)):
-            filled = starts[np.resize(some, _SMALL_BATCH if len(some) <= _SMALL_BATCH else _BATCH)]
-            paths, arrived = map(np.asarray, _ASCENTS(field.log_phi, dilated.blocked, filled, goal, settings=settings))
-            stalled = failed(Status.PATH_STALLED, certified)
-            routes += [found(paths[k], certified) if arrived[k] else stalled for k in range(len(some))]
+            filled = np.resize(some, _SMALL_BATCH if len(some) <= _SMALL_BATCH else _BATCH)
+            place = jax.tree.map(lambda x, filled=filled: x[filled], group.place)
+            climbed = _ASCENTS(field.log_phi, group.blocked, price, place, settings=settings, room=room)
+            paths, costs, arrived = map(np.asarray, climbed)
+            for k, start in enumerate(some.tolist()):
+                route = found(paths[k], certified, geodesic)
+                route = dataclasses.replace(route, balls=balls[start], cost=np.asarray(task.grid.spacing * costs[k]))
+                routes.append(route if arrived[k] else failed(Status.PATH_STALLED, certified))
         return routes
 
-    return with_longer_ascents(attempt, len(starts), climb.settings)
+    return with_longer_ascents(attempt, len(group.members), climb.settings)

@@ -1,23 +1,21 @@
-"""Whole programs: maps and ends in, routes and dilated maps out, each as one message (`core.wire`).
+"""Whole programs: maps and ends in, routes out, each as one message (`core.wire`).
 
     device   formulate → solve → ascend → tighten, under `vmap`      chunk k
     host     judge, route by route; pack, and send                   chunks k − 1 and k + 1
 
-A chunk is what a device is busy with, so memory is bounded whatever the size of the batch. Maps are sent as bits. A
-single dilated map comes back in bytes, since a host takes longer to unpack bits than they save on the way; those of a
-chunk come back in bits, and are unpacked by the threads that judge.
+A chunk is what a device is busy with, so memory is bounded whatever the size of the batch. Maps are sent as bits, and
+none comes back: a path is judged in the maps that the host has.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int64, Shaped, UInt8
+from jaxtyping import Array, Float, Int64, Shaped, UInt8
 
 from maxjax.core import wire
 from maxjax.core.grid import Grid
@@ -25,11 +23,11 @@ from maxjax.core.lowering import in_host_memory
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
 from maxjax.planning.plan import Plan, judged
-from maxjax.planning.problem import Dilated, Problem, formulate
+from maxjax.planning.problem import Problem, formulate, largest_joining
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import timed
-from maxjax.planning.route import Route
-from maxjax.planning.task import Rows, Task, maps_of, rows_of
+from maxjax.planning.route import Route, completed
+from maxjax.planning.task import Distances, Rows, Task, maps_of, rows_of
 
 # Routes that a thread judges in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 8, 2
@@ -38,37 +36,33 @@ _TOGETHER, _THREADS = 8, 2
 Parts = dict[str, Any]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Answer:
-    """What comes back of a problem: a route, and the map that it has to keep to; batch axes lead."""
-
-    route: Route
-    dilated: Dilated
-
-
 def parts_of(task: Task) -> Parts:
     """What a device needs of the only problem of a task."""
     shared, own = _parts(task, slice(0, 1))
     return shared | {name: part[0] for name, part in own.items()}
 
 
-def formulated(parts: Parts, margin: float, grid: Grid) -> Problem:
-    """The problem of its parts; `margin` and `grid` static."""
-    return formulate(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], margin, grid)
+def formulated(parts: Parts, distances: Distances, grid: Grid) -> Problem:
+    """The problem of its parts; `distances` and `grid` static."""
+    return formulate(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], distances, grid)
+
+
+def largest(parts: Parts, distances: Distances, grid: Grid) -> Float[Array, ""]:
+    """The largest radius [m] below the one asked for that joins the ends of its parts; static as in `formulated`."""
+    return largest_joining(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], distances, grid)
 
 
 def single(task: Task, climb: Climb, method: str) -> list[Plan]:
     """The plan of one problem; no thread is worth its start."""
     with timed("device"):
         message = np.asarray(_ONE.start(wire.pack(parts_of(task)), **_static(task, climb)))
-        answer = wire.unpack(message, _answered(task.grid, climb.settings), bits=False)
+        answer = wire.unpack(message, _answered(climb.settings))
     return _judged(answer, task, method)
 
 
 def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
     """Plans chunk by chunk; the last chunk is filled up with copies."""
-    which, like = np.arange(len(task)), _answered(task.grid, climb.settings)
+    which, like = np.arange(len(task)), _answered(climb.settings)
     shared, _ = _parts(task, slice(0, 0))
     results: list[Future[list[Plan]]] = []
 
@@ -79,7 +73,7 @@ def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
         return chunk, jax.device_put((wire.pack(shared), wire.pack(own, axes=1)))
 
     def verified(chunk: Int64[np.ndarray, " c"], answer: Future[np.ndarray], few: slice) -> list[Plan]:
-        """Some plans of a chunk: their dilated maps are unpacked here, so that what threads hold stays small."""
+        """Some plans of a chunk."""
         return _judged(wire.unpack(answer.result()[few], like), task.some(rows_of(chunk[few])), method)
 
     with ThreadPoolExecutor(_THREADS) as pool:
@@ -100,10 +94,9 @@ def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
             return [plan for result in results for plan in result.result()]
 
 
-def _judged(answer: Answer, task: Task, method: str) -> list[Plan]:
+def _judged(answers: Route, task: Task, method: str) -> list[Plan]:
     """Plans of a task from what came back, in a batch."""
-    routes = [jax.tree.map(lambda x, k=k: x[k, ...], answer.route) for k in range(len(task))]
-    return judged(routes, task, answer.dilated, method)
+    return judged([jax.tree.map(lambda x, k=k: x[k, ...], answers) for k in range(len(task))], task, method)
 
 
 def _parts(task: Task, rows: Rows) -> tuple[Parts, Parts]:
@@ -123,10 +116,17 @@ def _sent(grid: Grid) -> Parts:
     }
 
 
-def _answered(grid: Grid, settings: Ascent) -> Answer:
-    """Shapes and types of the answer to one problem."""
-    path, dilated = _blank(np.float32, settings.steps + 1, 3), Dilated(_blank(bool, *grid.shape), _blank(np.float32))
-    return Answer(Route(path, _blank(np.int32), _blank(bool)), dilated)
+def _answered(settings: Ascent) -> Route:
+    """Shapes and types of the answer to one problem: a route with its exact ends."""
+    number, flag = _blank(np.float32), _blank(bool)
+    return Route(
+        path=_blank(np.float32, settings.steps + 3, 3),
+        status=_blank(np.int32),
+        certified=flag,
+        balls=_blank(np.float32, 2),
+        geodesic=flag,
+        cost=number,
+    )
 
 
 def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
@@ -134,22 +134,22 @@ def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
     return np.broadcast_to(np.zeros((), dtype), shape)
 
 
-def _answer(parts: Parts, margin: float, grid: Grid, climb: Climb) -> Answer:
-    problem = formulated(parts, margin, grid)
-    return Answer(climb(problem, grid), problem.dilated)
+def _answer(parts: Parts, distances: Distances, grid: Grid, climb: Climb) -> Route:
+    problem = formulated(parts, distances, grid)
+    return completed(problem, climb(problem, grid), grid)
 
 
-def _plan_one(message: UInt8[Array, " sent"], margin: float, grid: Grid, climb: Climb) -> UInt8[Array, "1 written"]:
+def _plan_one(message: UInt8[Array, " sent"], distances: Distances, grid: Grid, climb: Climb) -> UInt8[Array, "1 got"]:
     """One problem, from its message to that of its answer."""
-    answer = _answer(wire.unpack(message, _sent(grid)), margin, grid, climb)
-    return in_host_memory(jnp.asarray(wire.pack(answer, bits=False))[None])
+    answer = _answer(wire.unpack(message, _sent(grid)), distances, grid, climb)
+    return in_host_memory(jnp.asarray(wire.pack(answer))[None])
 
 
 def _plan_many(
     common: UInt8[Array, " bytes"],
     own: UInt8[Array, "b sent"],
     shared: tuple[str, ...],
-    margin: float,
+    distances: Distances,
     grid: Grid,
     climb: Climb,
 ) -> UInt8[Array, "b written"]:
@@ -159,15 +159,15 @@ def _plan_many(
 
     def one(message: UInt8[Array, " sent"]) -> UInt8[Array, " written"]:
         parts = wire.unpack(message, {name: like[name] for name in like if name not in shared})
-        return jnp.asarray(wire.pack(_answer(maps | parts, margin, grid, climb)))
+        return jnp.asarray(wire.pack(_answer(maps | parts, distances, grid, climb)))
 
     return in_host_memory(jax.vmap(one)(own))
 
 
-_STATIC = "margin", "grid", "climb"
+_STATIC = "distances", "grid", "climb"
 _ONE, _MANY = Program("device", _plan_one, static=_STATIC), Program("device", _plan_many, static=(*_STATIC, "shared"))
 
 
 def _static(task: Task, climb: Climb) -> dict[str, Any]:
     """What programs are compiled for."""
-    return {"margin": task.margin, "grid": task.grid.local, "climb": climb}
+    return {"distances": task.distances, "grid": task.grid.local, "climb": climb}

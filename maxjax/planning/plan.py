@@ -12,19 +12,17 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float, Float64
 
 from maxjax.core.status import Status
 from maxjax.planning.judge import Verification, verify_batch
-from maxjax.planning.problem import Dilated
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import NO_PATH, Route
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 
-# Paths that are verified in one go, and maps that these may span: so few that they stay in a core's cache.
+# Paths that are verified in one go, on one map and on a map each: so few that these stay in a core's cache.
 _TOGETHER, _MAPS = 16, 8
 # An end of a path this close to where it was asked for is put there [voxels].
 _SAME = 1e-4
@@ -36,21 +34,21 @@ class Plan:
 
     Attributes:
         status: OK only for a path that passed `verify`.
-        path: (t, 3) float64 [m], ENU, start first, goal last; empty unless OK. An end that lies on the face of a
-            blocked voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
+        path: (t, 3) float64 [m], ENU, start first, goal last; empty unless OK. An end that lies on the face of an
+            occupied voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
         cruise_clearance: the least such distance outside balls of 10 m around the ends, and outside `balls`;
             `clearance` where the path does not leave them; NaN unless OK.
         clearance_at: (t,) float64 [m], such a distance at each point of the path.
-        radius: distance [m] that the path keeps outside `balls`.
+        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH the largest one that joins the ends.
         balls: radii [m] of the balls around start and goal in which it does not, since they stand nearer; 0: none.
         cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
             "geodesic"; "" where it climbed none.
-        margin: dilation that was used [m].
-        timings: seconds by stage (`dilate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
+        margin: distance from which on a metre costs no more than its length [m].
+        timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
             device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
         method: name of the planner.
     """
@@ -71,7 +69,7 @@ class Plan:
     method: str
 
 
-def no_plan(status: Status, method: str, *, certified: bool = False, margin: float = 0.0, radius: float = 0.0) -> Plan:
+def no_plan(status: Status, method: str, distances: Distances, *, certified: bool = False) -> Plan:
     """A plan without a path."""
     return Plan(
         status,
@@ -80,50 +78,37 @@ def no_plan(status: Status, method: str, *, certified: bool = False, margin: flo
         clearance=math.nan,
         cruise_clearance=math.nan,
         clearance_at=np.zeros(0),
-        radius=radius,
+        radius=distances.radius,
         balls=(0.0, 0.0),
         cost=math.nan,
         certified=certified,
         potential="",
-        margin=margin,
+        margin=distances.margin,
         timings={},
         method=method,
     )
 
 
-def judged(
-    routes: Sequence[Route],
-    task: Task,
-    dilated: Dilated,
-    method: str,
-    which: Int64[np.ndarray, " n"] | None = None,
-    radius: float = 0.0,
-) -> list[Plan]:
-    """Turn routes into plans: only a path that the judge passes is handed out.
+def judged(routes: Sequence[Route], task: Task, method: str) -> list[Plan]:
+    """Turn completed routes into plans: only a path that the judge passes is handed out.
 
     Args:
         routes: one for each problem of the task, on the host.
         task: what was asked.
-        dilated: the m maps that the routes must keep to, on the host.
         method: name of the planner.
-        which: map of each route. None: each has its own.
-        radius: distance to keep [m], but in the routes' balls.
 
     Returns:
         One plan a route; their `timings` are empty.
     """
-    which = np.arange(len(routes)) if which is None else which
     local: dict[int, Float64[np.ndarray, "_ 3"]] = {}
     for k, route in enumerate(routes):
         if route.status == Status.OK:
             local[k] = _local(np.asarray(route.path), task, k)
-    balls = np.array([route.balls for route in routes], np.float64).reshape(-1, 2)
     with timed("verify"):
-        verdicts = _verdicts(local, which, dilated, task, (radius, balls))
+        verdicts = _verdicts(local, routes, task)
     plans = []
     for k, route in enumerate(routes):
-        sure: dict[str, Any] = {"certified": bool(route.certified), "margin": float(dilated.margin[which[k]])}
-        nothing = no_plan(Status.PATH_IN_COLLISION, method, radius=radius, **sure)
+        nothing = no_plan(Status.PATH_IN_COLLISION, method, task.distances, certified=bool(route.certified))
         if k not in verdicts:
             plans.append(dataclasses.replace(nothing, status=Status(int(route.status))))
         elif verdicts[k].ok:
@@ -172,29 +157,28 @@ def _world(local: Float64[np.ndarray, "s 3"], task: Task, k: int) -> Float64[np.
 
 
 def _verdicts(
-    paths: Mapping[int, Float64[np.ndarray, "_ 3"]],
-    which: Int64[np.ndarray, " n"],
-    dilated: Dilated,
-    task: Task,
-    kept: tuple[float, Float64[np.ndarray, "n 2"]],
+    paths: Mapping[int, Float64[np.ndarray, "_ 3"]], routes: Sequence[Route], task: Task
 ) -> dict[int, Verification]:
-    """Verdicts on paths; `kept` is the radius and, for each route, its balls [m]."""
-    radius, balls = kept
-    blocked = np.asarray(dilated.blocked)
-    occupied, ground = (np.broadcast_to(volumes, blocked.shape) for volumes in (task.occupied, task.ground))
+    shape = (len(routes), *task.grid.shape)
+    occupied, ground = (np.broadcast_to(volumes, shape) for volumes in (task.occupied, task.ground))
 
     def some(keys: list[int]) -> list[tuple[int, Verification]]:
-        first, last = which[keys[0]], which[keys[-1]] + 1
-        maps = blocked[first:last], occupied[first:last]
-        ends: dict[str, Any] = {"ground": ground[first:last], "radius": radius, "balls": balls[keys]}
-        found = verify_batch([paths[key] for key in keys], which[keys] - first, *maps, task.grid.local, **ends)
+        maps = slice(keys[0], keys[-1] + 1)
+        found = verify_batch(
+            [paths[key] for key in keys],
+            np.array(keys) - keys[0],
+            None,
+            occupied[maps],
+            task.grid.local,
+            ground=ground[maps],
+            radius=task.distances.radius,
+            balls=np.stack([routes[key].balls for key in keys]),
+        )
         return list(zip(keys, found, strict=True))
 
-    parts: list[list[int]] = []
-    for key in sorted(paths, key=lambda key: which[key]):
-        if not parts or len(parts[-1]) == _TOGETHER or which[key] - which[parts[-1][0]] >= _MAPS:
-            parts.append([])
-        parts[-1].append(key)
+    keys = sorted(paths)
+    together = _TOGETHER if task.occupied.ndim == 3 else _MAPS
+    parts = [keys[k : k + together] for k in range(0, len(keys), together)]
     if len(parts) < 2:
         return dict(verdict for part in parts for verdict in some(part))
     # NumPy lets several threads work at a time.

@@ -1,6 +1,12 @@
-"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs judged, its margin chosen.
+"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs judged.
 
-    (maps, ends, margin) ↦ Problem        `formulate`, on the device
+    (maps, ends, distances) ↦ Problem        `formulate`, on the device
+
+    blocked = hard set (`planning.hard_set`), with a ball opened around an end that needs one (`planning.balls`)
+    price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
+
+A path runs   exact start, start, …, goal, exact goal,   where start and goal have the room that a path keeps on the
+way: they are the exact ends themselves, or the centres of their voxels.
 
 Positions are index coordinates (whole numbers at voxel centres); of the grid only shape and spacing matter.
 """
@@ -8,32 +14,22 @@ Positions are index coordinates (whole numbers at voxel centres); of the grid on
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
-from maxjax.planning.ends import locate, placed
-from maxjax.planning.margin import ladder, largest_joined
-from maxjax.planning.sight import touched
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Dilated:
-    """A map and the margin that it was dilated by, on a device or on the host; batch axes lead.
-
-    Attributes:
-        blocked: voxels within `margin` of an obstacle.
-        margin: [m].
-    """
-
-    blocked: Bool[Array | np.ndarray, "*batch nx ny nz"]
-    margin: Float[Array | np.ndarray, "*batch"]
+from maxjax.fields.distance import cube_distance, metres
+from maxjax.fields.occupancy import squared_distance
+from maxjax.planning.balls import Opened, ball_radius, largest_radius, opened
+from maxjax.planning.ends import inward, locate, placed
+from maxjax.planning.hard_set import hard_set, least_quarters
+from maxjax.planning.sight import stands_free, touched
+from maxjax.planning.task import Distances
 
 
 @jax.tree_util.register_dataclass
@@ -42,25 +38,54 @@ class Problem:
     """What a path finder needs; batch axes lead.
 
     Attributes:
-        blocked: voxels within `margin` of an obstacle.
-        margin: the margin that was chosen [m]; the least one where none joins start and goal.
-        start, goal: index coordinates; where one lies on the face of a blocked voxel, it is moved off that face by less
-            than a thousandth of a voxel.
+        blocked: voxels that a path keeps out of.
+        price: n ≥ 1, what a metre costs; None: 1 everywhere.
+        start, goal: index coordinates, both with room.
+        ends: the exact start and goal; where one lies on the face of an occupied voxel, it is moved off that face by
+            less than a thousandth of a voxel.
+        balls: radii of the balls around the exact ends [m], outside of which a path keeps the radius.
+        levels: of these balls (`planning.balls`).
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
+        room: half the width of the box around each point of a path that meets free voxels only (`planning.sight`)
+            [voxels]. Static.
     """
 
     blocked: Bool[Array, "*batch nx ny nz"]
-    margin: Float[Array, "*batch"]
+    price: Float[Array, "*batch nx ny nz"] | None
     start: Float[Array, "*batch 3"]
     goal: Float[Array, "*batch 3"]
+    ends: Float[Array, "*batch 2 3"]
+    balls: Float[Array, "*batch 2"]
+    levels: Int32[Array, "*batch 2"]
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
+    room: float = dataclasses.field(metadata={"static": True})
 
-    @property
-    def dilated(self) -> Dilated:
-        """The map that a path of this problem is judged in."""
-        return Dilated(self.blocked, self.margin)
+
+class Surroundings(NamedTuple):
+    """What all problems of one map share.
+
+    Attributes:
+        occupied: occupied voxels, ground included.
+        quarters: `distance.cube_distance` of the obstacles (ground left out), exact up to the margin.
+        hard: the hard set.
+        price: as in `Problem`.
+    """
+
+    occupied: Bool[Array, "nx ny nz"]
+    quarters: Integer[Array, "nx ny nz"]
+    hard: Bool[Array, "nx ny nz"]
+    price: Float[Array, "nx ny nz"] | None
+
+
+class Placement(NamedTuple):
+    """Where the ends of a problem are, as in `Problem`; batch axes lead."""
+
+    start: Float[Array, "*batch 3"]
+    goal: Float[Array, "*batch 3"]
+    ends: Float[Array, "*batch 2 3"]
+    balls: Float[Array, "*batch 2"]
 
 
 @jax.tree_util.register_dataclass
@@ -73,7 +98,6 @@ class Faults:
         start_outside, goal_outside: not inside the map.
         same: they are one point.
         start_inside, goal_inside: in an occupied voxel.
-        apart: no margin joins them.
     """
 
     nonfinite: Bool[Array, "*n"]
@@ -82,7 +106,6 @@ class Faults:
     same: Bool[Array, "*n"]
     start_inside: Bool[Array, "*n"]
     goal_inside: Bool[Array, "*#n"]
-    apart: Bool[Array, "*n"]
 
     @property
     def status(self) -> Int32[Array, "*n"]:
@@ -94,7 +117,6 @@ class Faults:
             "same": Status.START_EQUALS_GOAL,
             "start_inside": Status.START_OCCUPIED,
             "goal_inside": Status.GOAL_OCCUPIED,
-            "apart": Status.NO_VALID_PATH,
         }
         status = jnp.select([getattr(self, name) for name in codes], list(codes.values()), Status.OK)
         return status.astype(jnp.int32)
@@ -105,34 +127,96 @@ def formulate(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
     ends: Float[Array, "2 3"],
-    margin: float,
+    distances: Distances,
     grid: Grid,
-    least: float = 0.0,
 ) -> Problem:
-    """Choose the margin and judge the inputs; `jit`- and `vmap`-safe.
+    """Measure distances, open balls where they are needed, and judge the inputs; `jit`- and `vmap`-safe.
 
     Args:
         occupied: occupied voxels, ground included.
         ground: the voxels of `occupied` that are ground.
         ends: start and goal, index coordinates.
-        margin: the margin asked for [m]. Static.
+        distances: asked for. Static.
         grid: the grid, whose origin does not matter. Static.
-        least: the margin below which rather no path is planned [m]. Static.
     """
+    return problem_in(surroundings(occupied, ground, distances, grid), ends, distances, grid)
+
+
+def surroundings(
+    occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], distances: Distances, grid: Grid
+) -> Surroundings:
+    """The hard set, the distances and the price of a map; arguments as in `formulate`."""
     occupied, ground = materialise(occupied), materialise(ground)
-    margins = ladder(occupied, ground, margin, grid, least)
-    a, b = locate(ends[0], grid.shape), locate(ends[1], grid.shape)
-    rung, joined = largest_joined(margins, a, b)
-    (inside_a, at_a), (inside_b, at_b) = touched(grid.shape, a.off), touched(grid.shape, b.off)
-    faults = Faults(
+    quarters = cube_distance(occupied & ~ground, distances.margin / grid.spacing)
+    hard = hard_set(quarters, squared_distance(ground, 1), least_quarters(distances.radius / grid.spacing))
+    price = None
+    if distances.margin > 0 and distances.price.height > 0:
+        price = materialise(distances.price.price_at(metres(quarters, grid.spacing), distances.margin))
+    return Surroundings(occupied, quarters, materialise(hard), price)
+
+
+def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid) -> Problem:
+    """The problem of two ends; arguments as in `formulate`."""
+    a, b = (locate(end, grid.shape) for end in ends)
+    faults = faults_of(around.occupied, ends, grid)
+    way = opened(around.hard, around.occupied, a.index, b.index, distances.radius / grid.spacing)
+    place = placement(around, way, ends, distances, grid)
+    return Problem(
+        blocked=way.blocked,
+        price=around.price,
+        start=place.start,
+        goal=place.goal,
+        ends=place.ends,
+        balls=place.balls,
+        levels=way.levels,
+        goal_index=b.index,
+        status=jnp.where(faults.status == Status.OK, way.status, faults.status),
+        room=distances.room,
+    )
+
+
+def placement(
+    around: Surroundings, way: Opened, ends: Float[Array, "2 3"], distances: Distances, grid: Grid
+) -> Placement:
+    """Where two ends are, and the balls that hold what is opened around each, and its way to where it has room."""
+    radius = distances.radius / grid.spacing
+    barred = around.hard & ~around.occupied
+    exact, inner, balls = [], [], []
+    for end, level in zip((locate(x, grid.shape) for x in ends), way.levels, strict=True):
+        x = placed(around.occupied, end.exact)
+        y = inward(way.blocked, x, distances.room)
+        _, at = touched(grid.shape, x, distances.room)
+        near = jnp.any(around.quarters[at] < least_quarters(radius)) | ~stands_free(way.blocked, x)
+        aside = jnp.where(near, jnp.linalg.norm(x - y), 0.0)
+        exact.append(x)
+        inner.append(y)
+        balls.append(jnp.maximum(aside, ball_radius(barred, around.quarters, end, level, radius)))
+    return Placement(inner[0], inner[1], jnp.stack(exact), grid.spacing * jnp.stack(balls))
+
+
+def faults_of(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Faults:
+    """What is wrong with two ends by themselves."""
+    a, b = (locate(end, grid.shape) for end in ends)
+    (inside_a, at_a), (inside_b, at_b) = (touched(grid.shape, end.off) for end in (a, b))
+    return Faults(
         nonfinite=~(a.finite & b.finite),
         start_outside=~inside_a,
         goal_outside=~inside_b,
         same=jnp.all(ends[0] == ends[1]),
         start_inside=~inside_a | jnp.any(occupied[at_a]),
         goal_inside=~inside_b | jnp.any(occupied[at_b]),
-        apart=~joined,
     )
-    blocked = materialise(margins.blocked(rung))
-    exact = placed(blocked, a.exact), placed(blocked, b.exact)
-    return Problem(blocked, margins.margins[rung], *exact, b.index, faults.status)
+
+
+def largest_joining(
+    occupied: Bool[Array, "nx ny nz"],
+    ground: Bool[Array, "nx ny nz"],
+    ends: Float[Array, "2 3"],
+    distances: Distances,
+    grid: Grid,
+) -> Float[Array, ""]:
+    """The largest radius [m] below the one asked for that joins two ends which radius 0 joins; as `formulate`."""
+    quarters = cube_distance(occupied & ~ground, distances.radius / grid.spacing)
+    a, b = (locate(end, grid.shape).index for end in ends)
+    around = quarters, squared_distance(ground, 1), occupied
+    return grid.spacing * largest_radius(*around, a, b, distances.radius / grid.spacing)

@@ -1,8 +1,9 @@
 """What every path finder takes and returns.
 
-    PathFinder = (Problem, Grid) -> Route
+    PathFinder = (Problem, Grid) -> Route        completed = (Problem, Route, Grid) -> Route
 
-A route is a claim: only the judge makes a `Plan` of it. The grid says nothing but shape and spacing; its origin lies at
+A route is a claim: only the judge makes a `Plan` of it. It leads from start to goal of its problem; `completed` adds
+the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing; its origin lies at
 zero wherever the map is, so that a path finder is compiled once for all places.
 """
 
@@ -12,12 +13,14 @@ import dataclasses
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.problem import Problem
+from maxjax.planning.sight import paid
 
 
 @jax.tree_util.register_dataclass
@@ -47,19 +50,26 @@ PathFinder = Callable[[Problem, Grid], Route]
 NO_PATH = np.zeros((0, 3), np.float32)
 
 
-def found(
-    path: Float[np.ndarray, "t 3"],
-    certified: bool,
-    *,
-    balls: tuple[float, float] = (0.0, 0.0),
-    geodesic: bool = False,
-    cost: float = 0.0,
-) -> Route:
-    """A route on the host."""
-    status, numbers = np.asarray(Status.OK, np.int32), (np.asarray(balls, np.float32), np.asarray(geodesic))
-    return Route(path.astype(np.float32), status, np.asarray(certified), *numbers, np.asarray(cost, np.float32))
+def found(path: Float[np.ndarray, "t 3"], certified: bool, geodesic: bool = False) -> Route:
+    """A route on the host, to be completed."""
+    status = np.asarray(Status.OK, np.int32)
+    return Route(path.astype(np.float32), status, np.asarray(certified), geodesic=np.asarray(geodesic))
 
 
 def failed(status: int | Array | np.ndarray, certified: bool = False) -> Route:
     """A route without a path, on the host."""
     return Route(NO_PATH, np.asarray(status, np.int32), np.asarray(certified))
+
+
+def completed(problem: Problem, route: Route, grid: Grid) -> Route:
+    """A route from exact start to exact goal, with its cost and the problem's balls; `jit`- and `vmap`-safe."""
+    path, cost = whole(problem.ends, problem.price, jnp.asarray(route.path))
+    return dataclasses.replace(route, path=path, balls=problem.balls, cost=grid.spacing * cost)
+
+
+def whole(
+    ends: Float[Array, "2 3"], price: Float[Array, "nx ny nz"] | None, path: Float[Array, "t 3"]
+) -> tuple[Float[Array, "s 3"], Float[Array, ""]]:
+    """A path between its exact ends, and what it costs: ∫ n ds [voxels], 0 without a price."""
+    path = jnp.concatenate([ends[:1], path, ends[1:]])
+    return path, jnp.zeros(()) if price is None else jnp.sum(paid(price, path[:-1], path[1:]))

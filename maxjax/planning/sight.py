@@ -139,11 +139,11 @@ class _Segments:
         return (self.high[k] - self.low[k]) / self.run
 
 
-def _segments(sight: Sight, a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]) -> _Segments:
-    _, ny, nz = sight.codes.shape
-    reach = _reach(sight.room)
+def _segments(shape: tuple[int, ...], room: float, a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]) -> _Segments:
+    _, ny, nz = shape
+    reach = _reach(room)
     extent = jnp.abs(b - a)
-    if sight.room:
+    if room:
         # A segment that is hardly longer than the tolerance may lie in a plane of voxel centres: what counts is then an
         # axis along which it meets two voxels.
         low, high = jnp.floor(jnp.minimum(a, b) + 0.5 - reach), jnp.floor(jnp.maximum(a, b) + 0.5 + reach)
@@ -162,11 +162,11 @@ def _segments(sight: Sight, a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]) 
     flip = end[0] < start[0]
     lows = [jnp.where(flip, v, u) for u, v in zip(start, end, strict=True)]
     highs = [jnp.where(flip, u, v) for u, v in zip(start, end, strict=True)]
-    strides, limits = ordered(np.array([ny * nz, nz, 1])), ordered(np.array(sight.codes.shape))
+    strides, limits = ordered(np.array([ny * nz, nz, 1])), ordered(np.array(shape))
     first = jnp.floor(lows[0] + 0.5 - reach).astype(jnp.int32)
     last = jnp.floor(highs[0] + 0.5 + reach).astype(jnp.int32)
-    alone = last == first if sight.room else None
-    if sight.room:
+    alone = last == first if room else None
+    if room:
         # Slab m lies between the layers m and m + 1.
         last = jnp.maximum(last - 1, first)
     return _Segments(lows, highs, strides, limits, longest[..., None], first, last, alone)
@@ -237,7 +237,7 @@ def clear(
         slabs: slabs to cut at most along the longest axis; a longer segment is reported as not clear. Static.
     """
     slabs = max(sight.codes.shape) + 1 if slabs is None else slabs
-    s = _segments(sight, a, b)
+    s = _segments(sight.codes.shape, sight.room, a, b)
     parts = _parts(sight.room)
     free = every(lambda part: ~_hits(sight, s, part), parts * slabs, parts * jnp.max(s.slabs))
     return free & (s.slabs <= slabs)[..., 0]
@@ -264,7 +264,7 @@ def clear_and_paid(
         slabs: as for `clear`; of a longer segment the price is not that of all of it. Static.
     """
     slabs = max(sight.codes.shape) + 1 if slabs is None else slabs
-    s = _segments(sight, a, b)
+    s = _segments(sight.codes.shape, sight.room, a, b)
     parts = _parts(sight.room)
 
     def terms(number: Int32[Array | np.ndarray, " h"]) -> tuple[Array, Array]:
@@ -274,6 +274,13 @@ def clear_and_paid(
     hits, paid = total(terms, parts * slabs + 1, parts * jnp.max(s.slabs) + 1)
     length = jnp.linalg.norm(b - a, axis=-1)
     return (hits == 0) & (s.slabs <= slabs)[..., 0], paid * length / s.run[..., 0]
+
+
+def paid(price: Float[Array, "nx ny nz"], a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]) -> Float[Array, "*k"]:
+    """∫ n ds along segments [voxels], by the quadrature of `clear_and_paid`."""
+    s = _segments(price.shape, 0.0, a, b)
+    summed = total(lambda layer: _paid(price, s, layer), max(price.shape) + 1, jnp.max(s.slabs))
+    return jnp.asarray(summed * jnp.linalg.norm(b - a, axis=-1) / s.run[..., 0])
 
 
 def visibility(

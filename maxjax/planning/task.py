@@ -1,4 +1,4 @@
-"""What a user asks to be planned: a map, starts, goals and a margin, checked once.
+"""What a user asks to be planned: a map, starts, goals and distances to keep, checked once.
 
     u = (x − origin) / spacing        world frame [m] ↦ index coordinates
 
@@ -12,11 +12,12 @@ import dataclasses
 import functools
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from maxjax.core.grid import Grid
-from maxjax.fields.occupancy import rungs
+from maxjax.fields.price import Price
 
 # Of one map or several.
 Volume = Bool[np.ndarray, "..."]
@@ -28,6 +29,57 @@ Rows = slice | Int64[np.ndarray, " rows"]
 _FAR = 1e6
 
 
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Distances:
+    """How far a path keeps from obstacles, true distances to their cubes; static under `jit`.
+
+    Attributes:
+        radius: nothing on the path is nearer than this [m], but in a ball around an end that itself stands nearer; at 0
+            the path may graze obstacles, and the ground, too.
+        margin: from where on a metre costs no more than its length [m].
+        price: what it costs below the margin.
+
+    Raises:
+        ValueError: for what is not a number, is negative or not finite, or for a margin below the radius.
+    """
+
+    radius: float = 1.0
+    margin: float = 8.0
+    price: Price = Price()  # noqa: RUF009 (frozen)
+
+    def __post_init__(self) -> None:
+        for name, given in (("radius", self.radius), ("margin", self.margin)):
+            if not 0 <= given < np.inf:
+                raise ValueError(f"{name}: expected a finite number of metres, at least 0, given {given}")
+        if self.margin < self.radius:
+            raise ValueError(f"margin: expected at least the radius, {self.radius:g} m, given {self.margin:g}")
+
+    @classmethod
+    def of(cls, radius: Any, margin: Any, price: Any = Price()) -> Distances:  # noqa: B008 (frozen)
+        """Distances of what a user gave; raises as the class."""
+        if not isinstance(price, Price):
+            raise ValueError(f"price: expected a maxjax.Price, given {price!r}")
+        return cls(_metres("radius", radius), _metres("margin", margin), price)
+
+    @property
+    def room(self) -> float:
+        """Half the width of the box around each point of a path that meets free voxels only [voxels]."""
+        return 0.5 if self.radius > 0 else 0.0
+
+    def within(self, grid: Grid) -> Distances:
+        """The distances themselves.
+
+        Raises:
+            ValueError: where one is longer than the map.
+        """
+        longest = grid.spacing * max(grid.shape)
+        for name, given in (("radius", self.radius), ("margin", self.margin)):
+            if given > longest:
+                raise ValueError(f"{name}: expected at most {longest:g} m, the longest edge of the map, given {given}")
+        return self
+
+
 @dataclasses.dataclass(frozen=True)
 class Task:
     """One planning problem or several, on one grid; made by `Task.of`, which checks everything.
@@ -37,7 +89,7 @@ class Task:
         ground: the voxels that are ground, occupied as well; likewise.
         starts, goals: [m], in the world frame of `grid`.
         grid: of the maps.
-        margin: distance to keep from obstacles [m].
+        distances: to keep from obstacles.
     """
 
     occupied: Bool[np.ndarray, "*maps nx ny nz"]
@@ -45,14 +97,14 @@ class Task:
     starts: Float64[np.ndarray, "b 3"]
     goals: Float64[np.ndarray, "b 3"]
     grid: Grid
-    margin: float
+    distances: Distances
 
     @classmethod
-    def of(cls, occupied: Any, starts: Any, goals: Any, grid: Any, margin: Any, ground: Any = None) -> Task:
+    def of(cls, occupied: Any, starts: Any, goals: Any, grid: Any, distances: Distances, ground: Any = None) -> Task:
         """A task of what a user gave.
 
         Args:
-            occupied, grid, margin: as the attributes.
+            occupied, grid, distances: as the attributes.
             starts: (b, 3) [m].
             goals: (b, 3) [m], or one goal (3,) for all starts.
             ground: as the attribute. None: no voxel is ground.
@@ -61,7 +113,7 @@ class Task:
             ValueError: for anything that cannot be used, with what was expected and what was given.
         """
         grid = checked_grid(grid)
-        margin = checked_margin(margin, grid)
+        distances = distances.within(grid)
         starts = points_of("starts", starts, ("n", 3))
         goals = points_of("goals", goals, (3,) if np.ndim(goals) == 1 else starts.shape)
         return cls(
@@ -70,7 +122,7 @@ class Task:
             starts,
             np.broadcast_to(goals, starts.shape),
             grid,
-            margin,
+            distances,
         )
 
     def __len__(self) -> int:
@@ -90,7 +142,7 @@ class Task:
     def some(self, rows: Rows) -> Task:
         """Some of the problems."""
         occupied, ground = maps_of(self.occupied, rows), maps_of(self.ground, rows)
-        return Task(occupied, ground, self.starts[rows], self.goals[rows], self.grid, self.margin)
+        return Task(occupied, ground, self.starts[rows], self.goals[rows], self.grid, self.distances)
 
 
 def maps_of(volumes: Volume, rows: Rows) -> Volume:
@@ -115,17 +167,11 @@ def checked_grid(grid: Any) -> Grid:
     return grid
 
 
-def checked_margin(margin: Any, grid: Grid) -> float:
-    """A margin [m] that fits the grid.
-
-    Raises:
-        ValueError: for what is not a number, is negative, or is longer than the map.
-    """
-    given = _array("margin", margin)
-    if given.shape != () or given.dtype.kind not in "iuf":
-        raise ValueError(f"margin: expected a number of metres, given {margin!r}")
-    rungs(float(given), grid)
-    return float(given)
+def _metres(name: str, given: Any) -> float:
+    number = _array(name, given)
+    if number.shape != () or number.dtype.kind not in "iuf":
+        raise ValueError(f"{name}: expected a number of metres, given {given!r}")
+    return float(number)
 
 
 def points_of(name: str, given: Any, shape: tuple[int | str, ...], *, least: int = 1) -> Float64[np.ndarray, "*n 3"]:

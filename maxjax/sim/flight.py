@@ -146,7 +146,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         Status.OK,
     ).astype(jnp.int32)
     vehicle = physics.hover(config.vehicle, start)
-    path = jnp.broadcast_to(start, (Ascent().steps + 1, 3))
+    path = jnp.broadcast_to(start, (Ascent().steps + 3, 3))  # exact ends, and the points of an ascent
     nan, zero = jnp.float32(jnp.nan), jnp.float32(0.0)
     none, rays = jnp.int32(0), config.lidar.rays
     log = FlightLog(

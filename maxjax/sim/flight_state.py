@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.planning.route import PathFinder
+from maxjax.planning.task import Distances
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
@@ -41,8 +42,7 @@ class FlightConfig:
         lidar, vehicle, controller, limits, gusts: see there.
         shape: of the rolling map, voxels.
         spacing: of its voxels [m].
-        margin: distance to keep from obstacles [m], lowered by one voxel at a time where it separates start and goal.
-        least_margin: lower bound of the margin [m].
+        distances: that paths keep from obstacles.
         period: of planning [s].
         plans: planning iterations at most.
         tolerance: distance at which the goal counts as reached [m].
@@ -60,8 +60,7 @@ class FlightConfig:
     gusts: physics.Gusts = dataclasses.field(default=physics.Gusts(), metadata={"static": True})
     shape: Index3 = dataclasses.field(default=(101, 101, 101), metadata={"static": True})
     spacing: float = dataclasses.field(default=2.0, metadata={"static": True})
-    margin: float = dataclasses.field(default=8.0, metadata={"static": True})
-    least_margin: float = dataclasses.field(default=2.0, metadata={"static": True})
+    distances: Distances = dataclasses.field(default=Distances(), metadata={"static": True})
     period: float = dataclasses.field(default=1.0, metadata={"static": True})
     plans: int = dataclasses.field(default=100, metadata={"static": True})
     tolerance: float = dataclasses.field(default=2.0, metadata={"static": True})

@@ -2,11 +2,11 @@
 
     (world, flight) ↦ flight with a new reference
 
-The path leads from the estimated position to the goal at the largest margin that joins them, at least `least_margin`.
-It is verified on the present map, on the device (`sight.clear`: every voxel that an edge touches). A path that fails
-is not flown: the vehicle brakes along the last one that passed. Where it has come to rest, or where a path leads into
-voxels outside the field of view (straight up, for example), it turns and moves to a viewpoint within the voxels seen
-free (`sim.viewpoint`).
+The path leads from the estimated position to the goal. It is verified on the present map, on the device (`sight.clear`:
+every voxel that an edge meets, with the room that it has to keep; from an exact end to the point where it has room lies
+a single voxel). A path that fails is not flown: the vehicle brakes along the last one that passed. Where it has come to
+rest, or where a path leads into voxels outside the field of view (straight up, for example), it turns and moves to a
+viewpoint within the voxels seen free (`sim.viewpoint`).
 
 Unknown space is free for the path and blocked for the reference. The reference is slower near obstacles and ends before
 the first voxel that was not seen free, so that the vehicle can always stop within known free space.
@@ -26,9 +26,10 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.core.streams import Stream, stream
-from maxjax.fields.occupancy import reach_of, squared_distance
+from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.route import whole
 from maxjax.planning.sight import clear, sight_of
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
@@ -126,7 +127,7 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         status=jnp.where(gives_up, reason, flight.log.status).astype(jnp.int32),
         planning_iterations=iteration + 1,
         failed_plans=flight.log.failed_plans + ~ok,
-        margin=flight.log.margin.at[iteration].set(jnp.where(ok, candidate.problem.margin, jnp.nan)),
+        margin=flight.log.margin.at[iteration].set(jnp.where(ok, config.distances.margin, jnp.nan)),
         certified=flight.log.certified + (ok & candidate.certified),
     )
     return dataclasses.replace(
@@ -152,22 +153,23 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (start, world.goal)])
     occupied = mapping.occupied(flight.rolling_map) | ground
-    problem = formulate(occupied & here, ground & here, ends, config.margin, grid, config.least_margin)
+    problem = formulate(occupied & here, ground & here, ends, config.distances, grid)
     found = config.find(problem, grid)
-    path = to_world(flight, config, grid.to_world(jnp.asarray(found.path)))
-    sight = sight_of(problem.blocked)
+    path, _ = whole(problem.ends, None, jnp.asarray(found.path))
+    path = to_world(flight, config, grid.to_world(path))
+    sight = sight_of(problem.blocked, problem.room)
     sight = dataclasses.replace(sight, codes=materialise(sight.codes))
     # Verified after the conversion to world coordinates and back, as it will be flown.
     on_grid = grid.fractional_index(to_local(flight, config, path))
-    passed = jnp.all(clear(sight, on_grid[:-1], on_grid[1:]))
+    passed = jnp.all(clear(sight, on_grid[1:-2], on_grid[2:-1]))
     status = jnp.where((found.status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, found.status)
     return Candidate(start, path, status, jnp.asarray(found.certified), problem)
 
 
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
-    """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin's reach [m]."""
+    """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin [m]."""
     obstacles = mapping.occupied(flight.rolling_map) & ~mapping.ground(flight.rolling_map)
-    squared = squared_distance(obstacles, reach_of(config.margin, config.grid))
+    squared = squared_distance(obstacles, max(1, math.floor(config.distances.margin / config.spacing)))
     return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
 
 

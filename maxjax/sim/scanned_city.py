@@ -1,11 +1,10 @@
 """Training scenes: what one scan from a place in a city leaves a planner to solve.
 
-    key → city → sensor's position → scan → voxels → goal → margin → (blocked, goal)
+    key → city → sensor's position → scan → voxels → goal → (blocked, goal)
 
 A scene is what one planning problem of a flight looks like to the planner: 32,768 rays from a place in the open, 3 to
 15 m above the ground, the grid of 101³ voxels about it; below z = 0 everything is ground. The goal stands in the open
-at the same heights. The margin is the planner's own choice for these two ends (`planning.margin`): 8 m, or less
-where that would seal one of them in.
+at the same heights.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
 from maxjax.planning.problem import formulate
+from maxjax.planning.task import Distances
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.worlds.geoms import Geoms, rotation_z
 from maxjax.worlds.layouts import layout
@@ -31,7 +31,7 @@ TINY_GRID = Grid((33, 33, 33), 4.0, (-64.0, -64.0, -64.0))
 
 _LIDAR = Lidar()
 _LOW, _HIGH = 3.0, 15.0  # [m] above ground
-_MARGIN = 8.0  # [m]
+_DISTANCES = Distances()
 _REACH = 95.0  # [m], of poses and goals from the middle of the city, along x and y
 _SKY = 400.0  # [m], above any roof
 _APART = 3.0  # [m], to walls: further than the voxel that a place shares with one
@@ -89,7 +89,7 @@ def _draw(name: str, grid: Grid, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny 
     def attempt(carry: _GoalCarry) -> _GoalCarry:
         chosen = jnp.argmax(carry.left)
         ends = grid.fractional_index(jnp.stack([position + shift, goals[chosen]]))
-        problem = formulate(occupied | ground, ground, ends, _MARGIN, grid)
+        problem = formulate(occupied | ground, ground, ends, _DISTANCES, grid)
         return _GoalCarry(problem.blocked, problem.goal_index, problem.status, carry.left.at[chosen].set(False))
 
     def unsolved(carry: _GoalCarry) -> Bool[Array, ""]:

@@ -21,9 +21,10 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields import stencil
 from maxjax.fields.gradient import log_potential
+from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import SCREENING_LENGTH, Medium, Progress, Stage, held_system, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, held_system, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.

@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.geodesic import geodesic
+from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.krylov import Linear
 
 
@@ -82,8 +83,6 @@ class Progress:
 
 Stage = Callable[[Medium, Progress], Progress]
 
-# ℓ [voxels]: the shorter, the closer to cheapest paths; below it the lattice itself shows.
-SCREENING_LENGTH = 1.5
 # By which φ decays a voxel along an axis, where n = 1 [nats].
 _DECAY = 2 * math.asinh(1 / (2 * SCREENING_LENGTH))
 

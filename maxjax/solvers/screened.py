@@ -27,12 +27,13 @@ from maxjax.core.lowering import head_start, in_this_turn
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
+from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
 from maxjax.solvers.geodesic import or_geodesic
 from maxjax.solvers.krylov import Linear
-from maxjax.solvers.medium import SCREENING_LENGTH, Medium, Progress, Stage, run, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, run, tolerance_of
 from maxjax.solvers.newton import newton_cycles, so_many_cycles
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as

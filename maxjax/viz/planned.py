@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.status import Status
-from maxjax.fields.occupancy import dilate
 from maxjax.methods import METHODS
 from maxjax.planning.climb import potential_field
+from maxjax.planning.execute import problem_of
 from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
@@ -37,7 +36,7 @@ def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: 
     paths = {METHODS[name].label: plan.path for name, plan in plans.items() if plan.status == Status.OK}
     first = next(iter(plans.values()))
     if METHODS[first.method].climbs:
-        overlay = dataclasses.replace(overlay, log_potential=_log_potential(task, first.margin))
+        overlay = dataclasses.replace(overlay, log_potential=_log_potential(task))
     if first.status == Status.OK:
         overlay = dataclasses.replace(overlay, nearness=_nearness(task, first))
     voxels = Voxels(shown.occupied, shown.ground, task.grid)
@@ -54,8 +53,8 @@ def _nearness(task: Task, plan: Plan) -> Nearness:
     return Nearness(points, verdict.clearance_at, verdict.cruise_nearest)
 
 
-def _log_potential(task: Task, margin: float) -> Float[np.ndarray, "nx ny nz"]:
+def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
     """Logarithm of φ of a plan's own problem; -inf where no current flows."""
-    blocked = dilate(jnp.asarray(task.occupied), margin, task.grid.local, jnp.asarray(task.ground))
-    goal_index = jnp.floor(jnp.asarray(task.ends[0, 1]) + 0.5).astype(jnp.int32)
-    return np.asarray(potential_field(blocked, goal_index, task.grid, solve_potential).log_phi)
+    problem = problem_of(task)
+    field = potential_field(problem.blocked, problem.price, problem.goal_index, task.grid, solve_potential)
+    return np.asarray(field.log_phi)

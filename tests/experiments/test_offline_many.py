@@ -23,9 +23,9 @@ from maxjax.solvers.potential import Potential, solve_potential
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
 
 
-def doubted(sigma: jax.Array, goal_index: jax.Array) -> Potential:
+def doubted(sigma: jax.Array, goal_index: jax.Array, price: jax.Array | None) -> Potential:
     """The solver's field without its certificate, in a network's place."""
-    return dataclasses.replace(solve_potential(sigma, goal_index), certified=jnp.bool_(False))
+    return dataclasses.replace(solve_potential(sigma, goal_index, price), certified=jnp.bool_(False))
 
 
 @pytest.fixture(scope="module")

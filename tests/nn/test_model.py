@@ -150,14 +150,16 @@ def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(sh
     occupied = np.zeros(GRID.shape, bool)
     occupied[5:7, :9] = True
     start, goal = [2.0, 2.0, 10.0], [20.0, 3.0, 8.0]
-    ours = plan(occupied, start, goal, GRID, method="network", margin=0.0)
+    ours = plan(occupied, start, goal, GRID, method="network", radius=0.0, margin=0.0)
     assert ours.status is Status.OK
     assert ours.method == "network"
     assert ours.certified
     # Around two edges of the wall, at (9, 17) and (13, 17) m.
     shortest = math.hypot(7, 15) + 4 + math.hypot(7, 14)
     assert shortest < ours.length < 1.1 * shortest
-    (batched,) = plan_batch(occupied, np.array([start]), np.array([goal]), GRID, method="network", margin=0.0)
+    (batched,) = plan_batch(
+        occupied, np.array([start]), np.array([goal]), GRID, method="network", radius=0.0, margin=0.0
+    )
     assert batched.status is Status.OK
     assert batched.certified
 

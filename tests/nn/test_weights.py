@@ -36,7 +36,7 @@ def test_the_default_network_comes_with_weights_and_all_are_small() -> None:
 def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> None:
     (drawn,) = problems(name, 1, 3, GRID)
     maps = jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground)
-    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.margin, GRID)
+    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.distances, GRID)
     assert problem.status == Status.OK
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
     field = jax.jit(network_potential())(sigma, problem.goal_index)
@@ -57,7 +57,7 @@ def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> Non
 def test_alone_its_field_is_smoothed_so_that_less_of_it_holds_up_the_ascent(monkeypatch: pytest.MonkeyPatch) -> None:
     (drawn,) = problems("downtown", 1, 3, GRID)
     maps = jnp.asarray(drawn.occupied), jnp.asarray(drawn.ground)
-    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.margin, GRID)
+    problem = formulate(*maps, jnp.asarray(drawn.ends[0]), drawn.distances, GRID)
     sigma = conductivity(problem.blocked, problem.goal_index, GRID)
 
     def alone() -> Potential:

@@ -16,6 +16,7 @@ from maxjax.planning.baselines.astar import astar
 from maxjax.planning.baselines.astar_finder import POINTS, corners_of, search, search_in_flight
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.sight import clear, sight_of
+from maxjax.planning.task import Distances
 
 
 def problem_of(seed: int) -> tuple[Problem, Grid]:
@@ -28,7 +29,7 @@ def problem_of(seed: int) -> tuple[Problem, Grid]:
         occupied[5] = True
     nothing = jnp.zeros(grid.shape, bool)
     ends = grid.fractional_index(jnp.stack([jnp.asarray(start), jnp.asarray(goal)]))
-    return formulate(jnp.asarray(occupied), nothing, ends, 0.0, grid), grid
+    return formulate(jnp.asarray(occupied), nothing, ends, Distances(0.0, 0.0), grid), grid
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

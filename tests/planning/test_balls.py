@@ -16,6 +16,7 @@ from maxjax import Status
 from maxjax.fields.distance import cube_distance
 from maxjax.fields.occupancy import squared_distance
 from maxjax.planning.balls import Opened, ball_radius, largest_radius, last_level, opened
+from maxjax.planning.ends import locate
 from maxjax.planning.hard_set import hard_set, least_quarters
 
 SHAPE = (16, 14, 12)
@@ -116,12 +117,13 @@ def test_outside_the_ball_no_cell_is_nearer_than_the_radius() -> None:
     ball_of = jax.jit(ball_radius, static_argnums=4)
     for _ in range(30):
         occupied, ground, ends = scene(rng)
-        _, found = opened_on(occupied, ground, *ends.astype(np.int32), radius)
+        hard, found = opened_on(occupied, ground, *ends.astype(np.int32), radius)
+        barred = hard & ~jnp.asarray(occupied)
         quarters = distance_on(jnp.asarray(occupied & ~ground), radius)
-        exact = (ends + rng.uniform(-0.5, 0.5, (2, 3))).astype(np.float32)
+        exact = (ends + rng.uniform(-0.49, 0.49, (2, 3))).astype(np.float32)
         balls = [
-            float(ball_of(quarters, jnp.asarray(x), jnp.asarray(v, jnp.int32), level, radius))
-            for x, v, level in zip(exact, ends, found.levels, strict=True)
+            float(ball_of(barred, quarters, locate(jnp.asarray(x), SHAPE), level, radius))
+            for x, level in zip(exact, found.levels, strict=True)
         ]
         free = ~np.asarray(found.blocked)
         lows = np.argwhere(free[:-1, :-1, :-1])

@@ -17,9 +17,9 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_one, plan_task, staged, with_longer_ascents
 from maxjax.planning.plan import judged
-from maxjax.planning.problem import Dilated, Problem
+from maxjax.planning.problem import Problem
 from maxjax.planning.route import PathFinder, Route, failed, found
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 EMPTY = np.zeros(GRID.shape, bool)
@@ -27,7 +27,7 @@ START, GOAL = np.array([-8.3, 5.1, 3.7]), np.array([18.9, 36.2, 38.4])
 
 
 def run(find: PathFinder, occupied: np.ndarray = EMPTY, goal: np.ndarray = GOAL) -> Plan:
-    return plan_one(Task.of(occupied, START[None], goal, GRID, 2.0), find, "test")
+    return plan_one(Task.of(occupied, START[None], goal, GRID, Distances(1.0, 2.0)), find, "test")
 
 
 def check_failed(plan: Plan, status: Status) -> None:
@@ -68,12 +68,14 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
     beside = EMPTY.copy()
     x, y, z = np.floor((START - GRID.origin) / GRID.spacing + 0.5).astype(int)
     beside[x - 1, y, z] = True
-    task, dilated = Task.of(beside, START[None], GOAL, GRID, 2.0), Dilated(EMPTY[None], np.zeros(1, np.float32))
-    path = (np.stack([START, GOAL]) - GRID.origin) / GRID.spacing
-    bare, excused = found(path, True), found(path, True, balls=(3.0, 0.0), geodesic=True, cost=99.5)
-    check_failed(judged([bare], task, dilated, "test", radius=1.9)[0], Status.PATH_IN_COLLISION)
-    (plan,) = judged([excused], task, dilated, "test", radius=1.9)
-    (free,) = judged([bare], task, dilated, "test")
+    task = Task.of(beside, START[None], GOAL, GRID, Distances(1.9))
+    loose = Task.of(beside, START[None], GOAL, GRID, Distances(0.0))
+    bare = found((np.stack([START, GOAL]) - GRID.origin) / GRID.spacing, certified=True)
+    numbers = {"balls": np.float32([3, 0]), "geodesic": np.bool_(True), "cost": np.float32(99.5)}
+    excused = dataclasses.replace(bare, **{name: np.asarray(number) for name, number in numbers.items()})
+    check_failed(judged([bare], task, "test")[0], Status.PATH_IN_COLLISION)
+    (plan,) = judged([excused], task, "test")
+    (free,) = judged([bare], loose, "test")
     verdict = verify(plan.path, None, beside, GRID)
     assert plan.status is free.status is Status.OK
     assert (plan.radius, plan.balls, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
@@ -84,13 +86,13 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
         np.testing.assert_allclose(one.clearance_at, verdict.clearance_at, rtol=1e-9)
 
 
-def capped(sigma: jax.Array, goal: jax.Array) -> object:
-    return solve_potential(sigma, goal, max_iterations=0, max_sweeps=0, screening_length=2.0)
+def capped(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
+    return solve_potential(sigma, goal, price, max_iterations=0, max_sweeps=0, screening_length=2.0)
 
 
-def flat(sigma: jax.Array, goal: jax.Array) -> object:
+def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
     """A field that claims more than it holds."""
-    potential = solve_potential(sigma, goal)
+    potential = solve_potential(sigma, goal, price)
     return dataclasses.replace(potential, log_phi=jnp.where(sigma > 0, 0.0, -jnp.inf))
 
 
@@ -115,13 +117,27 @@ def test_a_maze_gets_more_steps_alone_and_in_a_batch() -> None:
     maze = np.repeat(serpentine(15, 18, 1), 20, axis=2)
     maze = np.concatenate([maze, np.ones((1, 18, 20), bool)])
     start, goal = (np.array(GRID.origin) + 2 * np.array(v) for v in ([0, 0, 9], [14, 0, 9]))
-    climb, task = Climb(solve_potential, Ascent(steps=64)), Task.of(maze, start[None], goal, GRID, 0.0)
+    climb, task = Climb(solve_potential, Ascent(steps=64)), Task.of(maze, start[None], goal, GRID, Distances(0.0, 0.0))
     alone = plan_one(task, staged(climb), "solver")
     batch = plan_task(task, climb, "solver", chunk=1)
     assert alone.status is Status.OK
     assert verify(alone.path, maze, maze, GRID).ok
     assert batch[0].status is Status.OK
     assert batch[0].length == pytest.approx(alone.length, rel=1e-3)
+
+
+def test_a_plan_that_is_not_safe_names_the_largest_radius_that_joins() -> None:
+    wall = EMPTY.copy()
+    wall[8] = True
+    wall[8, 8:11, 9:12] = False  # a door whose middle keeps 1.5 voxels
+    ends = [np.array(GRID.origin) + 2.0 * np.array(v) for v in ([0, 9, 10], [15, 9, 10])]
+    tight = plan(wall, *ends, GRID, radius=3.4, margin=4.0)
+    assert tight.status is Status.NO_SAFE_PATH
+    assert tight.path.shape == (0, 3)
+    assert tight.radius == pytest.approx(3.0)
+    wide = plan(wall, *ends, GRID, radius=tight.radius, margin=4.0)
+    assert wide.status is Status.OK
+    assert wide.clearance == pytest.approx(3.0, abs=2e-3)
 
 
 def test_random_problems_are_solved_verified_and_certified() -> None:
@@ -134,8 +150,9 @@ def test_random_problems_are_solved_verified_and_certified() -> None:
         outcomes.append(one.status)
         if one.status is Status.OK:
             assert one.certified
-            verdict = verify(one.path, occupied, occupied, GRID)
+            verdict = verify(one.path, None, occupied, GRID, radius=1.0, balls=one.balls)
             assert verdict.ok
+            assert one.cost >= one.length * (1 - 1e-5)
             assert verdict.length == pytest.approx(one.length, rel=1e-12)
             assert one.length >= math.dist(*ends) * (1 - 1e-12)
             assert verdict.clearance == pytest.approx(one.clearance, rel=1e-9)

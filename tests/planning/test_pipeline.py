@@ -10,10 +10,11 @@ from maxjax import Grid, Plan, Status, solve_potential, verify
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_one, plan_task, staged
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 7
+DISTANCES = Distances(1.0, 4.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 def _batch(problems: tuple[np.ndarray, ...], chunk: int | None = 3) -> list[Plan]:
     occupied, ground, starts, goals = problems
-    task = Task.of(occupied, starts, goals, GRID, 2.0, ground)
+    task = Task.of(occupied, starts, goals, GRID, DISTANCES, ground)
     return plan_task(task, Climb(solve_potential, Ascent(steps=48)), "solver", chunk=chunk)
 
 
@@ -45,15 +46,18 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
     assert len(whole) == len(parts) == COUNT
     for k, (one, other) in enumerate(zip(whole, parts, strict=True)):
         assert one.status is other.status
-        assert (one.margin, one.certified) == (other.margin, other.certified)
+        assert (one.balls, one.certified, one.potential) == (other.balls, other.certified, other.potential)
+        np.testing.assert_allclose([one.cost, one.length], [other.cost, other.length], rtol=1e-3)
         np.testing.assert_allclose(one.path, other.path, atol=1e-3)
         occupied, ground, starts, goals = (array[k] for array in problems)
-        task = Task.of(occupied | ground, starts[None], goals, GRID, 2.0, ground)
+        task = Task.of(occupied | ground, starts[None], goals, GRID, DISTANCES, ground)
         alone = plan_one(task, staged(Climb(solve_potential)), "solver")
-        assert (alone.status, alone.margin) == (one.status, one.margin)
+        assert alone.status == one.status
+        np.testing.assert_allclose(alone.balls, one.balls, atol=1e-5)
         if one.status is Status.OK:
             assert one.length == pytest.approx(alone.length, rel=1e-3)
-            verdict = verify(one.path, occupied | ground, occupied & ~ground, GRID)
+            verdict = verify(one.path, None, occupied, GRID, ground=ground, radius=1.0, balls=one.balls)
+            assert verdict.ok
             assert verdict.clearance == pytest.approx(one.clearance, rel=1e-9)
     assert whole[5].status is Status.NO_VALID_PATH
     assert whole[2].status is Status.OK
@@ -68,7 +72,7 @@ def test_one_program_answers_one_problem_as_its_stages_do(problems: tuple[np.nda
         (other,) = _batch((occupied[k], ground[k], starts[[k]], goals[[k]]), None)
         assert "device" in one.timings
         assert "solve" in other.timings or k == 5
-        assert (one.status, one.margin, one.certified) == (other.status, other.margin, other.certified)
+        assert (one.status, one.certified) == (other.status, other.certified)
         np.testing.assert_allclose(one.path, other.path, atol=1e-3)
 
 

@@ -10,25 +10,29 @@ import numpy as np
 import pytest
 from references import component_of, random_blocks, random_free
 
-from maxjax import Grid, Status
+from maxjax import Grid, Price, Status
 from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.sight import stands_free
+from maxjax.planning.task import Distances
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 NO_GROUND = np.zeros(GRID.shape, bool)
 
 
-_formulate = jax.jit(formulate, static_argnames=("margin", "grid"))
+_formulate = jax.jit(formulate, static_argnames=("distances", "grid"))
 
 
-def formulated(occupied: np.ndarray, ground: np.ndarray, start: np.ndarray, goal: np.ndarray, margin: float) -> Problem:
+def formulated(
+    occupied: np.ndarray, ground: np.ndarray, start: np.ndarray, goal: np.ndarray, radius: float = 1.0
+) -> Problem:
     """The problem of ends in the world [m]."""
     ends = (np.stack([start, goal]).astype(np.float64) - np.array(GRID.origin)) / GRID.spacing
-    found: Problem = _formulate(occupied, ground, ends.astype(np.float32), margin=margin, grid=GRID.local)
+    found: Problem = _formulate(occupied, ground, ends.astype(np.float32), distances=Distances(radius), grid=GRID.local)
     return found
 
 
-def judge(occupied: np.ndarray, start: np.ndarray, goal: np.ndarray, margin: float = 8.0) -> Problem:
-    return formulated(occupied, NO_GROUND, start, goal, margin)
+def judge(occupied: np.ndarray, start: np.ndarray, goal: np.ndarray) -> Problem:
+    return formulated(occupied, NO_GROUND, start, goal)
 
 
 def world(index: np.ndarray) -> np.ndarray:
@@ -77,26 +81,63 @@ def test_every_fault_has_its_status() -> None:
         assert Status(int(judge(occupied, start, goal).status)) is status, (start, goal)
 
 
-def test_a_start_on_a_voxel_face_costs_no_margin() -> None:
-    """At 3 m above flat ground, a face of 2 m voxels, the margin of the ground is only touched."""
+def test_an_end_on_a_face_above_the_ground_needs_no_level() -> None:
+    """At 3 m above flat ground, a face of 2 m voxels, what lies beside the ground is only touched."""
     ground = np.zeros(GRID.shape, bool)
     ground[:, :, 0] = True
-    height = GRID.origin[2] + 1.5 * GRID.spacing
     start, goal = world([2, 2, 5]), world([12, 12, 5])
-    start[2] = goal[2] = height
-    found = formulated(ground, ground, start, goal, 2 * GRID.spacing)
+    start[2] = goal[2] = GRID.origin[2] + 1.5 * GRID.spacing
+    found = formulated(ground, ground, start, goal)
     assert Status(int(found.status)) is Status.OK
-    assert float(found.margin) == 2 * GRID.spacing
+    assert found.levels.tolist() == [0, 0]
+    assert np.flatnonzero(np.asarray(found.blocked)[4, 4]).tolist() == [0, 1]
+    # From there to the centres of their voxels: half a voxel.
+    np.testing.assert_allclose(found.balls, 0.5 * GRID.spacing, rtol=1e-3)
+    # As an obstacle it would be priced, and blocked itself alone.
+    assert np.asarray(found.price).max() == 1
+    other = formulated(ground, NO_GROUND, start, goal)
+    assert np.flatnonzero(np.asarray(other.blocked)[4, 4]).tolist() == [0]
+    assert np.asarray(other.price).max() > 4
 
 
-def test_the_ground_keeps_no_margin_beyond_one_voxel() -> None:
-    ground = NO_GROUND.copy()
-    ground[:, :, 0] = True
-    start, goal = (np.asarray(world(v), np.float32) for v in ([1, 1, 2], [14, 16, 2]))
-    flat = formulated(ground, ground, start, goal, 8.0)
-    assert (Status(int(flat.status)), float(flat.margin)) == (Status.OK, 8.0)
-    assert np.flatnonzero(np.asarray(flat.blocked)[4, 4]).tolist() == [0, 1]
-    assert formulated(ground, NO_GROUND, start, goal, 8.0).margin == 2
+@pytest.mark.parametrize("radius", [0.0, 1.0, 2.5])
+def test_ends_stand_where_they_have_room_and_balls_hold_the_rest(radius: float) -> None:
+    rng, moved = np.random.default_rng(5), 0
+    for _ in range(20):
+        occupied = random_blocks(rng, GRID.shape, 12, 5)
+        index = random_free(rng, occupied, 2)
+        exact = index + rng.uniform(-0.49, 0.49, (2, 3))
+        found = formulated(occupied, NO_GROUND, *(world(x) for x in exact), radius)
+        assert found.room == (0.5 if radius else 0)
+        if found.status != Status.OK:
+            continue
+        np.testing.assert_allclose(found.ends, exact, atol=1e-5)
+        for x, inner, voxel, ball in zip(exact, (found.start, found.goal), index, found.balls, strict=True):
+            assert stands_free(found.blocked, inner, found.room)
+            still = np.allclose(inner, x, atol=1e-5)
+            assert still or np.array_equal(inner, voxel)
+            moved += not still
+            # The way in between: as near as the radius only within the ball.
+            way = x + np.linspace(0, 1, 50)[:, None] * (np.asarray(inner) - x)
+            gap = np.maximum(np.abs(way[:, None] - np.argwhere(occupied)[None]) - 0.5, 0)
+            near = GRID.spacing * np.sqrt((gap**2).sum(axis=-1)).min(axis=1, initial=np.inf) < radius - 1e-4
+            away = GRID.spacing * np.linalg.norm(way - x, axis=1)
+            assert (away[near] <= float(ball) + 1e-4).all()
+            assert ball > 0 or not near.any()
+    assert (moved > 0) == (radius > 0)
+
+
+def test_the_price_is_that_of_the_distance_to_the_nearest_cube() -> None:
+    occupied = random_blocks(np.random.default_rng(6), GRID.shape, 3, 4)
+    ends = np.zeros((2, 3), np.float32)
+    price = _formulate(occupied, NO_GROUND, ends, distances=Distances(1.0, 6.0, Price("speed")), grid=GRID).price
+    gap = np.maximum(np.abs(np.argwhere(~occupied)[:, None] - np.argwhere(occupied)[None]) - 0.5, 0)
+    distance = GRID.spacing * np.sqrt((gap**2).sum(axis=-1)).min(axis=1)
+    np.testing.assert_allclose(np.asarray(price)[~occupied], np.clip(6.0 / distance, 1, 5), rtol=1e-5)
+    assert formulated(occupied, NO_GROUND, *ends, 0.0).price is not None
+    free = _formulate(occupied, NO_GROUND, ends, distances=Distances(0.0, 0.0), grid=GRID)
+    assert free.price is None
+    np.testing.assert_array_equal(free.blocked, occupied)
 
 
 def test_vmap_equals_a_loop() -> None:
@@ -104,8 +145,12 @@ def test_vmap_equals_a_loop() -> None:
     occupied = np.stack([random_blocks(rng, GRID.shape, 20, 5) for _ in range(4)])
     index = np.stack([random_free(rng, o, 2) for o in occupied]).astype(np.float32)
     ends = np.stack([world(one) for one in index])
-    batch = jax.jit(jax.vmap(lambda o, two: formulate(o, jnp.asarray(NO_GROUND), two, 8.0, GRID)))(occupied, index)
+    batch = jax.jit(jax.vmap(lambda o, two: formulate(o, jnp.asarray(NO_GROUND), two, Distances(), GRID)))(
+        occupied, index
+    )
     for k in range(4):
         single = judge(occupied[k], ends[k, 0], ends[k, 1])
         for name, value in vars(single).items():
+            if name == "room":
+                continue
             np.testing.assert_array_equal(getattr(batch, name)[k], value, err_msg=name)

@@ -12,7 +12,7 @@ from scipy import ndimage
 from maxjax import Grid, Plan, Status, plan, verify
 from maxjax.planning.baselines.rrt_star import _grow, cost_of_segments, line_of_sight, rrt_star
 from maxjax.planning.execute import plan_one
-from maxjax.planning.task import Task
+from maxjax.planning.task import Distances, Task
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
 START, GOAL = np.array([3, 12, 12], np.float32), np.array([21, 12, 12], np.float32)
@@ -27,7 +27,9 @@ def wall(gap: bool) -> np.ndarray:
 
 
 def grow(occupied: np.ndarray, iterations: int, seed: int = 1) -> Plan:
-    return plan_one(Task.of(occupied, START[None], GOAL, GRID, 0.0), rrt_star(iterations, seed), "rrtstar")
+    return plan_one(
+        Task.of(occupied, START[None], GOAL, GRID, Distances(0.0, 0.0)), rrt_star(iterations, seed), "rrtstar"
+    )
 
 
 @pytest.mark.parametrize("density", [0.02, 0.05])
@@ -110,7 +112,7 @@ def test_a_missing_ompl_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setitem(sys.modules, "ompl", None)
     monkeypatch.setattr("maxjax.api.plan_task", None)
     with pytest.raises(ImportError, match=r"maxjax\[bench\]"):
-        plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", margin=0.0)
+        plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", radius=0.0, margin=0.0)
 
 
 class TestTree:
@@ -121,7 +123,7 @@ class TestTree:
         pytest.importorskip("ompl", reason="RRT* is OMPL's: pip install 'maxjax[bench]'")
 
     def test_a_wall_is_passed_through_its_gap(self) -> None:
-        found = plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", margin=0.0)
+        found = plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", radius=0.0, margin=0.0)
         assert found.status is Status.OK
         assert found.method == "rrtstar"
         assert np.array_equal(found.path[[0, -1]], np.stack([START, GOAL]))

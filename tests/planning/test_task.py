@@ -9,8 +9,8 @@ import jax
 import numpy as np
 import pytest
 
-from maxjax import Grid
-from maxjax.planning.task import Task, rows_of
+from maxjax import Grid, Price
+from maxjax.planning.task import Distances, Task, rows_of
 
 GRID = Grid((4, 5, 6), 2.0, (84_888.25, 447_501.5, -3.0))
 EMPTY = np.zeros(GRID.shape, bool)
@@ -18,8 +18,9 @@ POINTS = np.array([[84_890.0, 447_503.0, 1.0], [84_892.0, 447_505.5, 3.0]])
 
 
 def task(**changes: Any) -> Task:
-    given = {"occupied": EMPTY, "starts": POINTS, "goals": POINTS[::-1], "grid": GRID, "margin": 2.0, "ground": None}
-    return Task.of(**given | changes)
+    given = {"occupied": EMPTY, "starts": POINTS, "goals": POINTS[::-1], "grid": GRID, "ground": None}
+    distances = Distances.of(changes.pop("radius", 1.0), changes.pop("margin", 2.0), changes.pop("price", Price()))
+    return Task.of(**given | {"distances": distances} | changes)
 
 
 def test_holds_what_was_given() -> None:
@@ -31,12 +32,12 @@ def test_holds_what_was_given() -> None:
     np.testing.assert_array_equal(found.starts, POINTS)
     np.testing.assert_array_equal(found.goals, np.float32([POINTS[0]] * 2))
     assert found.starts.dtype == found.goals.dtype == np.float64
-    assert (found.grid, found.margin) == (GRID, 2.0)
+    assert (found.grid, found.distances) == (GRID, Distances(1.0, 2.0))
     assert not task().ground.any()
     # Numbers of any real type, arrays of any library.
-    assert task(margin=np.float32(1.5)).margin == 1.5
-    assert task(margin=np.array(2)).margin == 2.0
-    assert task(occupied=jax.numpy.asarray(EMPTY), margin=1).margin == 1.0
+    assert task(margin=np.float32(1.5)).distances.margin == 1.5
+    assert task(margin=np.array(2), radius=1).distances == Distances(1.0, 2.0)
+    assert task(occupied=jax.numpy.asarray(EMPTY), radius=0, margin=0).distances.room == 0
 
 
 def test_ends_are_index_coordinates_rounded_once() -> None:
@@ -88,9 +89,16 @@ def test_some_of_its_problems_are_views_of_its_maps() -> None:
         ({"margin": True}, "margin: expected a number of metres, given True"),
         ({"margin": 8j}, "margin: expected a number of metres, given 8j"),
         ({"margin": [8.0]}, r"margin: expected a number of metres, given \[8.0\]"),
-        ({"margin": math.nan}, "margin: expected 0 to 12 m, .*given nan"),
-        ({"margin": -1}, "margin: expected 0 to 12 m, .*given -1.0"),
-        ({"margin": 12.5}, "margin: expected 0 to 12 m, .*given 12.5"),
+        ({"margin": math.nan}, "margin: expected a finite number of metres, at least 0, given nan"),
+        ({"margin": -1}, "margin: expected a finite .*given -1.0"),
+        ({"margin": math.inf}, "margin: expected a finite .*given inf"),
+        ({"margin": 12.5}, "margin: expected at most 12 m, the longest edge of the map, given 12.5"),
+        ({"radius": None}, "radius: expected a number of metres, given None"),
+        ({"radius": -0.5}, "radius: expected a finite .*given -0.5"),
+        ({"radius": math.nan}, "radius: expected a finite .*given nan"),
+        ({"radius": 2.5}, "margin: expected at least the radius, 2.5 m, given 2"),
+        ({"radius": 1e9, "margin": 1e9}, "radius: expected at most 12 m, .*given 1000000000.0"),
+        ({"price": 4.0}, "price: expected a maxjax.Price, given 4.0"),
     ],
 )
 def test_what_cannot_be_used_is_told(changes: dict[str, Any], message: str) -> None:

@@ -21,12 +21,14 @@ Positions are index coordinates (whole numbers at voxel centres); the obstacles 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
+from maxjax.planning.baselines.rrt_star import line_of_sight
 from maxjax.planning.problem import Problem
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import Route, failed, found
@@ -44,6 +46,8 @@ _PATIENCE = 500
 _EDGE = 1e-3  # kept from the outer faces of the map [voxels]
 _CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 _SIGNS = 2.0 * _CORNERS - 1
+# Which components of a step survive: all, then two, then one.
+_MASKS = sorted(_CORNERS[1:], key=lambda mask: -mask.sum())
 
 Volume = Float64[np.ndarray, "nx ny nz"]
 Point = Float64[np.ndarray, " 3"]
@@ -55,7 +59,9 @@ def apf(problem: Problem, grid: Grid) -> Route:
         distance = distance_field(np.asarray(problem.blocked))
     with timed("descend"):
         start, goal = (np.asarray(end, np.float64) for end in (problem.start, problem.goal))
-        path = descend(distance, start, goal)
+        price = None if problem.price is None else np.asarray(problem.price, np.float64)
+        clear = line_of_sight(np.asarray(problem.blocked), problem.room) if problem.room else None
+        path = descend(distance, start, goal, price, clear)
     if path is None:
         return failed(Status.PATH_STALLED)
     return found(path, certified=False)
@@ -93,7 +99,11 @@ def trilinear(volume: Volume, x: Point) -> tuple[float, Point, Int64[np.ndarray,
 
 
 def descend(
-    distance: Volume, start: Point, goal: Point, price: Volume | None = None
+    distance: Volume,
+    start: Point,
+    goal: Point,
+    price: Volume | None = None,
+    clear: Callable[[Point, Point], bool] | None = None,
 ) -> Float64[np.ndarray, "t 3"] | None:
     """The path to the goal; None where the descent gets stuck.
 
@@ -101,6 +111,7 @@ def descend(
         distance: from `distance_field`.
         start, goal: index coordinates.
         price: n of every voxel, whose slope repels as well. None: there is none.
+        clear: whether a step may be taken; one that may not loses components until it may. None: all may.
     """
     low, high = -0.5 + _EDGE, np.array(distance.shape) - 0.5 - _EDGE
     path, x = [start], start
@@ -119,6 +130,8 @@ def descend(
         size = float(np.linalg.norm(move))
         if size > room / 2:
             move *= room / 2 / size
+        if clear is not None:
+            move = next((mask * move for mask in _MASKS if clear(x, x + mask * move)), 0 * move)
         x = np.clip(x + move, low, high)
         path.append(x)
         if step >= _PATIENCE and np.linalg.norm(x - path[-_PATIENCE]) < 1:

@@ -1,6 +1,6 @@
 """A* as a path finder: between the voxels of start and goal, joined to the exact ends.
 
-    search             on the host: start, the centre of every voxel on the way, goal
+    search             on the host: start, the centre of every voxel on the way, goal; at the least price
     search_in_flight   the same, called from inside a compiled flight
 
 In flight, points inside straight runs are left out, which changes no point of the line, and the last point is repeated
@@ -34,7 +34,8 @@ def search(problem: Problem, grid: Grid) -> Route:
     """A* through the dilated grid; it counts in voxels and needs no more of the grid."""
     with timed("search"):
         start, goal = np.asarray(problem.start), np.asarray(problem.goal)
-        result = astar(np.asarray(problem.blocked), _voxel(start), _voxel(goal))
+        price = None if problem.price is None else np.asarray(problem.price)
+        result = astar(np.asarray(problem.blocked), _voxel(start), _voxel(goal), price)
         if result.status != Status.OK:
             return failed(result.status)
         return found(np.concatenate([start[None], result.path, goal[None]]), certified=False)
@@ -48,8 +49,9 @@ def search_in_flight(problem: Problem, grid: Grid) -> Route:
     """
     shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
     path, status = jax.pure_callback(_corners_on_host, shapes, problem, vmap_method="sequential")
-    straight = clear(sight_of(problem.blocked), path[0], path[2])
-    return Route(path.at[1].set(jnp.where(straight, path[0], path[1])), status, jnp.array(False))
+    straight = clear(sight_of(problem.blocked, problem.room), path[0], path[2])
+    path = path.at[1].set(jnp.where(straight, path[0], path[1]))
+    return Route(path, status, jnp.array(False))
 
 
 def _corners_on_host(problem: Problem) -> tuple[Float[np.ndarray, "n 3"], Int32[np.ndarray, ""]]:

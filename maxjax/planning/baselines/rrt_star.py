@@ -74,7 +74,8 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
             util.setLogLevel(util.LogLevel.LOG_NONE)
             try:
                 util.RNG.setSeed(seed)
-                path = _grow(blocked, ends, iterations)
+                price = None if problem.price is None else np.asarray(problem.price, np.float64)
+                path = _grow(blocked, ends, iterations, price, problem.room)
             finally:
                 util.setLogLevel(level)
         if path is None:
