@@ -125,7 +125,8 @@ def certified_from(
         start: the log-potential from which the sweeps start. Static.
         sigma, goal_index, max_sweeps, price: as of `predict_potential`.
     """
-    medium = medium_of(sigma, goal_index, price)
+    # What networks read of the flood are steps, without prices.
+    medium = dataclasses.replace(medium_of(sigma, goal_index), price=price)
     component, length = medium.component, screening_length_for(medium.distance)
     goal = stencil.cell(sigma.shape, goal_index) & component
     wrong = input_status(medium, length)
