@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from typing import Any
 
 import jax
 import numpy as np
 import pytest
 from references import random_blocks, random_free
 
-from maxjax import Grid, Plan, Status, dilate, plan, plan_batch, plan_fleet, plan_scan, verify, voxelize
+from maxjax import Grid, Plan, Price, Status, dilate, plan, plan_batch, plan_fleet, plan_scan, verify, voxelize
 from maxjax.methods import METHODS
 
 # The least that the network takes.
@@ -54,8 +55,10 @@ def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray,
         pytest.skip(f"{needs} is not installed")
     occupied, starts, goal = problem
     cloud = world(np.argwhere(occupied)) + np.random.default_rng(4).uniform(-0.9, 0.9, (int(occupied.sum()), 3))
-    options = {"method": method, "margin": MARGIN}
-    many = starts[:1] if method == "rrtstar" else starts  # which takes seconds each
+    options: dict[str, Any] = {"method": method, "margin": MARGIN}
+    many = starts
+    if method == "rrtstar":  # which takes seconds each, and with prices a minute
+        many, options["price"] = starts[:1], Price(height=0.0)
     here = plan(occupied, starts[0], goal, GRID, **options)
     batch = plan_batch(occupied, many, np.stack([goal] * len(many)), GRID, **options)
     scan = plan_scan(cloud, starts[0], goal, GRID, **options)
