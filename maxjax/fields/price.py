@@ -74,6 +74,16 @@ class Price:
         return 1 / jnp.maximum(part, 1 / (1 + self.height))
 
 
+def decay(n: Float[Array, "*b"] | float, length: Float[Array, ""] | float) -> Float[Array, "*b"]:
+    """By how much log φ falls a voxel along an axis, 2 asinh(n / 2ℓ): the θ of 2 (cosh θ − 1) = n²/ℓ².
+
+    Args:
+        n: price in the leak.
+        length: screening length ℓ [voxels].
+    """
+    return 2 * jnp.arcsinh(n / (2 * length))
+
+
 def lattice_price(n: Float[Array, "*b"], length: float) -> Float[Array, "*b"]:
     """N, by which φ decays along an axis n times as fast as at n = 1.
 

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.lowering import in_this_turn, neighbours
 from maxjax.fields.certificate import uncertified
+from maxjax.fields.price import decay
 from maxjax.solvers.medium import Medium, Progress
 
 # Of r, where there is none.
@@ -40,8 +41,7 @@ def distance_potential(
     nearer = (_least(steps) < steps) | (steps == 0)
     second = _least(jnp.where(nearer, steps, _NOWHERE)) == steps
     rank = jnp.where(nearer, 0, jnp.where(second, 1, 2))
-    decay = 2 * jnp.arcsinh(1 / (2 * length))
-    return jnp.where(component, -decay * (steps + rank / 4).astype(length.dtype), 0)
+    return jnp.where(component, -decay(1.0, length) * (steps + rank / 4).astype(length.dtype), 0)
 
 
 def _least(steps: Int32[Array, "nx ny nz"]) -> Int32[Array, "nx ny nz"]:

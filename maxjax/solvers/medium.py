@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
@@ -22,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.geodesic import geodesic
-from maxjax.fields.price import SCREENING_LENGTH
+from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.solvers.krylov import Linear
 
 
@@ -83,9 +82,6 @@ class Progress:
 
 Stage = Callable[[Medium, Progress], Progress]
 
-# By which φ decays a voxel along an axis, where n = 1 [nats].
-_DECAY = 2 * math.asinh(1 / (2 * SCREENING_LENGTH))
-
 
 @runtime_checkable
 class Solver(Protocol):
@@ -136,7 +132,8 @@ def medium_of(
     grounded: bool = False,
 ) -> Medium:
     """The medium of a conductivity field; `grounded` is static."""
-    steps = None if price is None else 2 * jnp.arcsinh(lax.stop_gradient(price) / (2 * SCREENING_LENGTH)) / _DECAY
+    length = SCREENING_LENGTH
+    steps = None if price is None else decay(lax.stop_gradient(price), length) / decay(1.0, length)
     component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal, steps)
     return Medium(sigma, price, goal, component, distance, sigma.shape, grounded)
 

@@ -27,7 +27,7 @@ from maxjax.core.lowering import head_start, in_this_turn
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
-from maxjax.fields.price import SCREENING_LENGTH
+from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
@@ -163,6 +163,5 @@ def guessed(
     distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
 ) -> stencil.Volume:
     """Log φ of a point source where σ ∝ 1/r: φ decays by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r."""
-    decay = 2 * jnp.arcsinh(1 / (2 * length))
     far = distance.astype(length.dtype)
-    return jnp.where(component, -decay * far - jnp.log1p(far) / 2, 0)
+    return jnp.where(component, -decay(1.0, length) * far - jnp.log1p(far) / 2, 0)
