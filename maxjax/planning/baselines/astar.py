@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int32, UInt32
@@ -71,15 +72,10 @@ def astar(
         ValueError: unless `blocked` is a volume of bool, both indices have three components, and `price` has the shape
             of `blocked` and is finite and at least 1.
     """
-    if blocked.ndim != 3 or blocked.dtype != np.bool_:
-        raise ValueError(f"blocked: expected bool of shape (nx, ny, nz), given {blocked.dtype} {blocked.shape}")
-    for name, index in (("start", start), ("goal", goal)):
-        if len(index) != 3:
-            raise ValueError(f"{name}: expected three voxel indices, given {index}")
-    dearest = 1.0 if price is None else _dearest(price, blocked.shape)
-    status = _endpoint_status(blocked, start, goal)
+    dearest = checked(blocked, start, goal, price)
+    status = status_of_ends(blocked, start, goal)
     if status is not Status.OK:
-        return AstarResult(status, np.empty((0, 3), np.int32), math.inf, math.inf, 0)
+        return no_path(status)
 
     codes = window_codes(blocked)
     shape = codes.shape
@@ -92,25 +88,45 @@ def astar(
         halves = np.pad(0.5 * price.astype(np.float64), 1)
         came, expanded, found = _search_priced(codes, heuristic, halves, source, target)
     if not found:
-        return AstarResult(Status.NO_VALID_PATH, np.empty((0, 3), np.int32), math.inf, math.inf, expanded)
+        return no_path(Status.NO_VALID_PATH, expanded)
 
     backward, node, offsets = [target], target, _offsets(shape)
     while node != source:
         node -= offsets[came[node]]
         backward.append(node)
     path = np.stack(np.unravel_index(backward[::-1], shape), axis=1).astype(np.int32) - 1
-    moved = np.bincount(np.abs(np.diff(path, axis=0)).sum(axis=1), minlength=4)
-    length = math.fsum(count * math.sqrt(n) for n, count in enumerate(moved))
-    return AstarResult(Status.OK, path, length, length if price is None else _paid(path, price), expanded)
+    return path_found(path, price, expanded)
 
 
-def _dearest(price: Float[np.ndarray, "..."], shape: tuple[int, ...]) -> float:
-    if price.shape != shape:
-        raise ValueError(f"price: expected shape {shape}, given {price.shape}")
+def checked(blocked: np.ndarray, start: Sequence[int], goal: Sequence[int], price: np.ndarray | None) -> float:
+    """The highest price, at least 1; raises as `astar`."""
+    if blocked.ndim != 3 or blocked.dtype != np.bool_:
+        raise ValueError(f"blocked: expected bool of shape (nx, ny, nz), given {blocked.dtype} {blocked.shape}")
+    for name, index in (("start", start), ("goal", goal)):
+        if len(index) != 3:
+            raise ValueError(f"{name}: expected three voxel indices, given {index}")
+    if price is None:
+        return 1.0
+    if price.shape != blocked.shape:
+        raise ValueError(f"price: expected shape {blocked.shape}, given {price.shape}")
     least, most = float(price.min(initial=1)), float(price.max(initial=1))
     if not (least >= 1 and most < math.inf):  # NaN is both
         raise ValueError(f"price: expected finite numbers of at least 1, given {least} to {most}")
     return most
+
+
+def no_path(status: Status, expanded: int = 0) -> AstarResult:
+    """The result without a path."""
+    return AstarResult(status, np.empty((0, 3), np.int32), math.inf, math.inf, expanded)
+
+
+def path_found(
+    path: Int32[np.ndarray, "t 3"], price: Float[np.ndarray, "nx ny nz"] | None, expanded: int
+) -> AstarResult:
+    """The result of this path."""
+    moved = np.bincount(np.abs(np.diff(path, axis=0)).sum(axis=1), minlength=4)
+    length = math.fsum(count * math.sqrt(n) for n, count in enumerate(moved))
+    return AstarResult(Status.OK, path, length, length if price is None else _paid(path, price), expanded)
 
 
 def _paid(path: Int32[np.ndarray, "t 3"], price: Float[np.ndarray, "nx ny nz"]) -> float:
@@ -119,7 +135,7 @@ def _paid(path: Int32[np.ndarray, "t 3"], price: Float[np.ndarray, "nx ny nz"]) 
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1) @ (0.5 * (n[1:] + n[:-1])))
 
 
-def _endpoint_status(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: Index3) -> Status:
+def status_of_ends(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: Index3) -> Status:
     """OK, or what is wrong with start or goal."""
     for index, outside, occupied in (
         (start, Status.START_OUTSIDE_MAP, Status.START_OCCUPIED),

@@ -3,6 +3,9 @@
     search             on the host: start, the centre of every voxel on the way, goal; at the least price
     search_in_flight   the same, called from inside a compiled flight
 
+Searched is by the compiled A* where there is one (`baselines.astar_compiled`), and else by the one in Python: the path
+is the same. A plan's `timings` say which: "search" or "search in Python", and "compile" where it was built first.
+
 In flight, points inside straight runs are left out, which changes no point of the line, and the last point is repeated
 until the array has the length of an ascent. The centre of the voxel that the vehicle is in is left out as well: it may
 lie behind the vehicle, which would have to brake and turn back for it at every plan. From the exact start the path
@@ -20,6 +23,7 @@ from jaxtyping import Float, Int32, Num
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
+from maxjax.planning.baselines import astar_compiled
 from maxjax.planning.baselines.astar import astar
 from maxjax.planning.problem import Problem
 from maxjax.planning.recorder import timed
@@ -32,10 +36,13 @@ POINTS = Ascent().steps + 1
 
 def search(problem: Problem, grid: Grid) -> Route:
     """A* through the dilated grid; it counts in voxels and needs no more of the grid."""
-    with timed("search"):
+    with timed("compile"):
+        compiled = astar_compiled.available()
+    with timed("search" if compiled else "search in Python"):
         start, goal = np.asarray(problem.start), np.asarray(problem.goal)
         price = None if problem.price is None else np.asarray(problem.price)
-        result = astar(np.asarray(problem.blocked), _voxel(start), _voxel(goal), price)
+        find = astar_compiled.astar if compiled else astar
+        result = find(np.asarray(problem.blocked), _voxel(start), _voxel(goal), price)
         if result.status != Status.OK:
             return failed(result.status)
         return found(np.concatenate([start[None], result.path, goal[None]]), certified=False)

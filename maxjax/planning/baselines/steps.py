@@ -63,7 +63,7 @@ def length_of(step: Index3) -> float:
 @functools.lru_cache(maxsize=2**16)
 def successors(code: int, arrival: int) -> list[int]:
     """Steps (indices into `STEPS`) to try from a voxel with this window code, reached by step `arrival`."""
-    return [k for k, span, detours in _rules(arrival) if not code & span and all(code & detour for detour in detours)]
+    return [k for k, span, detours in rules(arrival) if not code & span and all(code & detour for detour in detours)]
 
 
 @functools.lru_cache(maxsize=2**16)
@@ -74,7 +74,7 @@ def onward(code: int, arrival: int) -> list[int]:
 
 
 @functools.cache
-def _rules(arrival: int) -> list[tuple[int, int, list[int]]]:
+def rules(arrival: int) -> list[tuple[int, int, list[int]]]:
     """Steps on from a voxel reached by `arrival`: each its index, its span code, and the detours that prune it.
 
     Block and detours are window codes of the voxels that have to be free for them.
@@ -83,7 +83,7 @@ def _rules(arrival: int) -> list[tuple[int, int, list[int]]]:
         return [(k, _span_code((0, 0, 0), n), []) for k, n in enumerate(STEPS)]
     x, y, z = STEPS[arrival]
     p = (-x, -y, -z)
-    rules = []
+    found = []
     for k, n in enumerate(STEPS):
         if n == p:
             continue
@@ -95,8 +95,8 @@ def _rules(arrival: int) -> list[tuple[int, int, list[int]]]:
                 through = length_of(p) + length_of(n)
                 if length < through or (length == through and last < length_of(n)):
                     detours.add(_span_code(p, via) | _span_code(via, n))
-        rules.append((k, _span_code((0, 0, 0), n), sorted(detours, key=int.bit_count)))
-    return rules
+        found.append((k, _span_code((0, 0, 0), n), sorted(detours, key=int.bit_count)))
+    return found
 
 
 def _difference(a: Index3, b: Index3) -> Index3:
