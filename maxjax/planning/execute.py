@@ -34,7 +34,7 @@ from maxjax.planning.task import Task, rows_of
 # Problems that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
 _CHUNK = 32
 # Steps of an ascent, in terms of those of its settings, until it arrives.
-_FACTORS = (1, 4, 16)
+_FACTORS = (1, 4, 16, 64, 256, 1024)
 
 Result = TypeVar("Result", Route, Plan)
 

@@ -126,6 +126,19 @@ def test_a_maze_gets_more_steps_alone_and_in_a_batch() -> None:
     assert batch[0].length == pytest.approx(alone.length, rel=1e-3)
 
 
+def test_a_way_that_is_longer_than_sixteen_ascents_is_climbed_and_pulled_taut() -> None:
+    """One voxel wide, in a flat map, with the steps of the fourth attempt of `plan`."""
+    maze = serpentine(131, 131, 1)
+    assert (~maze).sum() > 16 * Ascent().steps
+    grid, ends = Grid(maze.shape, 2.0, (0.0, 0.0, 0.0)), 2.0 * np.array([[0, 0, 0], [130, 130, 0]])
+    task = Task.of(maze, ends[:1], ends[1], grid, Distances(0.0, 0.0))
+    one = plan_one(task, staged(Climb(solve_potential, Ascent(steps=64 * Ascent().steps))), "solver")
+    assert one.status is Status.OK
+    assert one.certified
+    assert one.length > 2 * 16 * Ascent().steps
+    assert verify(one.path, None, maze, grid).ok
+
+
 def test_a_plan_that_is_not_safe_names_the_largest_radius_that_joins() -> None:
     wall = EMPTY.copy()
     wall[8] = True
@@ -182,9 +195,19 @@ def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
 
         return [route(k) for k in which.tolist()]
 
-    routes = with_longer_ascents(attempt, 4, Ascent(steps=8, rate=0.2))
-    assert attempts == [([0, 1, 2, 3], 8), ([2, 3], 32), ([2, 3], 128)]
+    routes = with_longer_ascents(attempt, 5, Ascent(steps=8, rate=0.2))
+    assert attempts == [
+        ([0, 1, 2, 3, 4], 8), ([2, 3, 4], 32), ([2, 3, 4], 128), ([3, 4], 512), ([3, 4], 2048), ([4], 8192),
+    ]  # fmt: skip
     assert [Status(int(route.status)) for route in routes] == [
-        Status.OK, Status.NOT_CERTIFIED, Status.OK, Status.PATH_STALLED,
+        Status.OK, Status.NOT_CERTIFIED, Status.OK, Status.OK, Status.PATH_STALLED,
     ]  # fmt: skip
     assert float(routes[2].path[0, 0]) == 2
+
+
+def test_a_default_ascent_may_grow_to_half_a_million_steps() -> None:
+    def attempt(which: np.ndarray, settings: Ascent) -> list[Route]:
+        arrives = settings.steps > 500_000
+        return [found(np.zeros((1, 3)), certified=True) if arrives else failed(Status.PATH_STALLED) for _ in which]
+
+    assert [int(route.status) for route in with_longer_ascents(attempt, 2, Ascent())] == [Status.OK] * 2
