@@ -1,6 +1,7 @@
 """Many starts, one goal, one map: starts that need no ball share one field.
 
-    hard set, price and one flood from the goal → one solve for all that it joins → ascents in batches → judge
+    hard set, price and one flood from the goal → one solve for all that it joins → ascents in batches → string pulling
+    → judge
 
 A start that the hard set alone does not join is formulated by itself: the field of its problem does not depend on the
 ball of any other start. Those that need no ball of their own, only one around the goal, share a field for each size of
@@ -10,14 +11,18 @@ that ball; one with a ball of its own has a field of its own. So a start's plan 
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, Int64
+from jaxtyping import Array, Bool, Float, Int32, Int64, UInt
 
 from maxjax.core.grid import Grid
+from maxjax.core.lowering import target
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
@@ -28,14 +33,14 @@ from maxjax.planning.execute import with_largest_radii, with_longer_ascents
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
 from maxjax.planning.program import Program
-from maxjax.planning.recorder import recording
+from maxjax.planning.recorder import recording, timed
 from maxjax.planning.route import Route, failed, found, whole
-from maxjax.planning.sight import sight_of
+from maxjax.planning.sight import Sight, sight_of
 from maxjax.planning.string_pulling import tighten
 from maxjax.planning.task import Distances, Task
 
-# Starts that climb at a time: what bounds memory, whatever the size of the fleet. Fewer of them are filled up to one of
-# two sizes, so that fleets of all sizes share two programs.
+# Starts that climb at a time. Fewer of them are filled up to one of two sizes, so that fleets of all sizes share two
+# programs. On a CPU paths are pulled taut one by one: together they would leave its cache.
 _BATCH, _SMALL_BATCH = 64, 8
 
 
@@ -98,25 +103,37 @@ def formulate_fleet(
 # arguments: the field and the map are data, `settings` and `room` are static
 def _ascents(
     log_phi: Float[Array, "nx ny nz"],
+    codes: UInt[Array, "nx ny nz"],
     blocked: Bool[Array, "nx ny nz"],
-    price: Float[Array, "nx ny nz"] | None,
-    place: Placement,
+    ends: Float[Array, "n 2 3"],
     settings: Ascent,
     room: float,
-) -> tuple[Float[Array, "n t 3"], Float[Array, " n"], Bool[Array, " n"]]:
-    """Ascend one field from many starts and tighten; returns the whole paths, what they cost, and which arrived."""
-    sight = sight_of(blocked, room)
+) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
+    """Ascend one field from many starts: the paths, and which arrived; `codes` are those of `Sight`."""
+    free = ~blocked
+    return jax.vmap(lambda pair: ascend(log_phi, Sight(codes, room), free, pair[0], pair[1], settings))(ends)
 
-    def one(place: Placement) -> tuple[Array, Array, Array]:
-        path, arrived = ascend(log_phi, sight, ~blocked, place.start, place.goal, settings)
-        return *whole(place.ends, price, tighten(sight, path, price)), arrived
 
-    return jax.vmap(one)(place)
+def _tightened(
+    codes: UInt[Array, "nx ny nz"],
+    price: Float[Array, "nx ny nz"] | None,
+    paths: Float[Array, "n t 3"],
+    ends: Float[Array, "n 2 3"],
+    room: float,
+) -> tuple[Float[Array, "n s 3"], Float[Array, " n"]]:
+    """The paths pulled taut, between their exact ends, and what they cost."""
+    return jax.vmap(lambda path, exact: whole(exact, price, tighten(Sight(codes, room), path, price)))(paths, ends)
+
+
+def _codes(blocked: Bool[Array, "nx ny nz"], room: float) -> UInt[Array, "nx ny nz"]:
+    return sight_of(blocked, room).codes
 
 
 _FORMULATE = Program("formulate", formulate_fleet, static=("distances", "grid"))
 _OPEN = Program("formulate", problem_in, static=("distances", "grid"))
+_CODES = Program("ascend", _codes, static=("room",))
 _ASCENTS = Program("ascend", _ascents, static=("settings", "room"))
+_TIGHTENED = Program("tighten", _tightened, static=("room",))
 
 
 def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
@@ -162,19 +179,40 @@ def _routes(group: Group, fleet: Fleet, climb: Climb, task: Task) -> list[Route]
     certified, geodesic = bool(field.certified), bool(field.geodesic)
     if field.status != Status.OK:
         return [failed(field.status, certified)] * len(group.members)
-    balls = np.asarray(group.place.balls)
+    codes, place = _CODES(group.blocked, room=room), jax.tree.map(np.asarray, group.place)
+    inner, at_a_time = np.stack([place.start, place.goal], axis=1), 1 if target() == "cpu" else _BATCH
 
     def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> list[Route]:
+        batches = _filled(which, _SMALL_BATCH if len(which) <= _SMALL_BATCH else _BATCH)
+        climbs = [(field.log_phi, codes, group.blocked, inner[some]) for some in batches]
+        paths, arrived = _together(_ASCENTS, climbs, len(which), settings=settings, room=room)
+        rows = _filled(np.arange(len(which)), at_a_time)
+        pulls = [(codes, price, paths[some], place.ends[which[some]]) for some in rows]
+        paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
         routes: list[Route] = []
-        for some in np.array_split(which, range(_BATCH, len(which), _BATCH)):
-            filled = np.resize(some, _SMALL_BATCH if len(some) <= _SMALL_BATCH else _BATCH)
-            place = jax.tree.map(lambda x, filled=filled: x[filled], group.place)
-            climbed = _ASCENTS(field.log_phi, group.blocked, price, place, settings=settings, room=room)
-            paths, costs, arrived = map(np.asarray, climbed)
-            for k, start in enumerate(some.tolist()):
-                route = found(paths[k], certified, geodesic)
-                route = dataclasses.replace(route, balls=balls[start], cost=np.asarray(task.grid.spacing * costs[k]))
-                routes.append(route if arrived[k] else failed(Status.PATH_STALLED, certified))
+        for k, start in enumerate(which.tolist()):
+            route = found(paths[k], certified, geodesic)
+            cost = np.asarray(task.grid.spacing * costs[k])
+            route = dataclasses.replace(route, balls=place.balls[start], cost=cost)
+            routes.append(route if arrived[k] else failed(Status.PATH_STALLED, certified))
         return routes
 
     return with_longer_ascents(attempt, len(group.members), climb.settings)
+
+
+def _filled(which: Int64[np.ndarray, " m"], size: int) -> list[Int64[np.ndarray, " size"]]:
+    """Parts of one size, the last one filled up."""
+    return [np.resize(which[k : k + size], size) for k in range(0, len(which), size)]
+
+
+def _together(program: Program, calls: list[tuple[Any, ...]], count: int, **static: Any) -> tuple[np.ndarray, ...]:
+    """The first `count` results of calls of a program, which run on all cores."""
+
+    def result(call: tuple[Any, ...]) -> tuple[np.ndarray, ...]:
+        return tuple(map(np.asarray, program.start(*call, **static)))
+
+    # The first by itself: it may compile.
+    results = [tuple(map(np.asarray, program(*calls[0], **static)))]
+    with timed(program.name), ThreadPoolExecutor(os.cpu_count()) as pool:
+        results += pool.map(result, calls[1:])
+    return tuple(np.concatenate(rows)[:count] for rows in zip(*results, strict=True))
