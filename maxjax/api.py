@@ -25,7 +25,7 @@ from maxjax.solvers.potential import solve_potential
 
 DISTANCES = Distances()
 
-# `plan`, `plan_batch` and `plan_scan` take nine arguments: they are the public interface, and six have defaults. They
+# `plan`, `plan_batch` and `plan_scan` take ten arguments: they are the public interface, and seven have defaults. They
 # make a `Task` of them at once.
 
 
@@ -41,9 +41,12 @@ def _on_one_map(task: Task) -> Task:
     return task
 
 
-def _planned(task: Task, method: Any) -> list[Plan]:
+def _planned(task: Task, method: Any, focus: bool) -> list[Plan]:
     chosen = method_named(method)
-    return plan_task(task, chosen.finder(), chosen.name)
+    find = chosen.finder()
+    if isinstance(find, Climb) and not focus:
+        find = dataclasses.replace(find, focused=False)
+    return plan_task(task, find, chosen.name)
 
 
 # arguments: a public name; all that has a default is given by keyword
@@ -58,6 +61,7 @@ def plan(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    focus: bool = True,
 ) -> Plan:
     """Plan a path through a voxel map and verify it.
 
@@ -72,6 +76,8 @@ def plan(
         price: what a metre costs below the margin.
         ground: the voxels of `occupied` that are ground; with a radius, paths keep off voxels beside them. None: no
             voxel is.
+        focus: whether the method `solver` solves a window of the map, where that proves to hold the cheapest way;
+            `Plan.certified` is then about the field in this window. False: always the whole map.
 
     Returns:
         A `Plan`. Its status says what happened; only OK comes with a path.
@@ -83,7 +89,8 @@ def plan(
     """
     method_named(method)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
-    return _planned(_on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)), method)[0]
+    task = Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)
+    return _planned(_on_one_map(task), method, focus)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,13 +169,14 @@ def plan_batch(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
+    focus: bool = True,
 ) -> PlanBatch:
     """Plan a batch of problems; with a field method on an accelerator, in chunks under `vmap` (`planning.batch`).
 
     Args:
         occupied: (b, nx, ny, nz), or (nx, ny, nz) for one map that all problems share.
         start, goal: (b, 3) [m].
-        grid, method, radius, margin, price, ground: as in `plan`; ground may be shared as well.
+        grid, method, radius, margin, price, ground, focus: as in `plan`; ground may be shared as well.
 
     Raises:
         ValueError: as `plan`, and for an empty batch.
@@ -176,9 +184,8 @@ def plan_batch(
     method_named(method)
     starts = points_of("start", start, ("b", 3))
     goals = points_of("goal", goal, starts.shape)
-    return PlanBatch(
-        tuple(_planned(Task.of(occupied, starts, goals, grid, Distances.of(radius, margin, price), ground), method))
-    )
+    task = Task.of(occupied, starts, goals, grid, Distances.of(radius, margin, price), ground)
+    return PlanBatch(tuple(_planned(task, method, focus)))
 
 
 # arguments: a public name; all that has a default is given by keyword
@@ -229,13 +236,14 @@ def plan_scan(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    focus: bool = True,
 ) -> Plan:
     """Plan from LiDAR points: `voxelize`, then `plan`.
 
     Args:
         points: returns in the world frame [m]; misses (NaN, or exactly (0, 0, 0)) and points outside the grid are
             dropped.
-        start, goal, grid, method, radius, margin, price: as in `plan`.
+        start, goal, grid, method, radius, margin, price, focus: as in `plan`.
         ground: ground voxels, added to those that hold points.
 
     Returns:
@@ -256,5 +264,5 @@ def plan_scan(
         else:
             occupied = np.asarray(scan.occupied)
             task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
-            (found,) = _planned(_on_one_map(task), method)
+            (found,) = _planned(_on_one_map(task), method, focus)
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))

@@ -31,7 +31,7 @@ def _network() -> PathFinder:
     from maxjax.nn.model import network_potential
     from maxjax.planning.climb import Climb
 
-    return Climb(network_potential())
+    return Climb(network_potential(), focused=False)  # trained on whole maps
 
 
 def _astar() -> PathFinder:

@@ -28,7 +28,7 @@ def cube_distance(occupied: Bool[Array, "nx ny nz"], reach: float) -> Integer[Ar
         reach: largest distance of interest [voxels]: up to it the result is exact, beyond it ⌊4 reach²⌋ + 1. Static.
     """
     far = math.floor(4 * reach**2) + 1
-    steps = (math.isqrt(far - 1) + 1) // 2
+    steps = farthest(reach)
     # The narrowest type that holds the largest sum: the passes below are bound by memory traffic.
     most = far + (2 * steps - 1) ** 2
     dtype = jnp.uint8 if most < 2**8 else jnp.uint16 if most < 2**16 else jnp.int32
@@ -40,6 +40,11 @@ def cube_distance(occupied: Bool[Array, "nx ny nz"], reach: float) -> Integer[Ar
                 best = jnp.minimum(best, shifted(quarters, axis, step, far) + jnp.asarray((2 * k - 1) ** 2, dtype))
         quarters = best
     return materialise(quarters)
+
+
+def farthest(reach: float) -> int:
+    """How many voxels away along an axis a cube may be that is within a reach [voxels]."""
+    return (math.isqrt(math.floor(4 * reach**2)) + 1) // 2
 
 
 def metres(quarters: Integer[Array, "*b"], spacing: float) -> Float[Array, "*b"]:

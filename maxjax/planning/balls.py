@@ -38,11 +38,13 @@ class Opened:
     Attributes:
         blocked: voxels that a path keeps out of.
         levels: of the balls around start and goal; 0 where an end needs none.
+        least: whether they are so by the ends' own voxels, so that no larger map would need smaller ones.
         status: OK; NO_SAFE_PATH where only radius 0 joins the ends, NO_VALID_PATH where nothing does.
     """
 
     blocked: Bool[Array, "*batch nx ny nz"]
     levels: Int32[Array, "*batch 2"]
+    least: Bool[Array, "*batch"]
     status: Int32[Array, "*batch"]
 
 
@@ -71,7 +73,8 @@ def opened(
     a, b = (materialise(_least_level(hard, occupied, end, top)) for end in (start, goal))
     either = jnp.minimum(a, b)
     # Where an end's own voxel is in the hard set, level 0 joins nothing.
-    alone = jnp.where(_at(either, start) + _at(either, goal) == 0, 0, min(top, 1)).astype(jnp.int32)
+    own_voxels = jnp.stack([_at(either, start), _at(either, goal)]).astype(jnp.int32)
+    alone = jnp.where(jnp.sum(own_voxels) == 0, 0, min(top, 1)).astype(jnp.int32)
     # One map more than there are levels: all that is not occupied.
     common, met = first_joined(lambda k: either <= k, alone, top + (radius > 0), start, goal)
     joined, common = met & (common <= top), jnp.minimum(common, top)
@@ -85,7 +88,8 @@ def opened(
     other = smallest(lambda k: (a <= own) | (b <= k))
     blocked = materialise(~((a <= own) | (b <= other)))
     status = jnp.where(joined, Status.OK, jnp.where(met, Status.NO_SAFE_PATH, Status.NO_VALID_PATH))
-    return Opened(blocked, jnp.stack([own, other]), status.astype(jnp.int32))
+    levels = jnp.stack([own, other])
+    return Opened(blocked, levels, jnp.all(levels == own_voxels), status.astype(jnp.int32))
 
 
 def _least_level(

@@ -116,10 +116,12 @@ class Climb:
     Attributes:
         potential: makes the field.
         settings: of the ascent.
+        focused: whether plans are made in windows of the map, where these prove the same (`planning.focus`).
     """
 
     potential: PotentialFn
     settings: Ascent = Ascent()  # noqa: RUF009 (frozen)
+    focused: bool = True
 
     def __call__(self, problem: Problem, grid: Grid) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""

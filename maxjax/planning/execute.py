@@ -4,8 +4,9 @@
     single program   all of it but the judge in one, one message in, one out                  one problem, accelerator
     pipelined        chunks of problems, the judge beside the device (`planning.pipeline`)    many problems, accelerator
 
-A CPU is busy with a single problem, and plans one after the other. Where an ascent runs out of steps, it is made again
-with four times as many, in every way by `with_longer_ascents`: a maze can need more of them than a city.
+A CPU is busy with a single problem, and plans one after the other. A field is solved in a window of the map wherever
+that proves the same (`planning.focus`). Where an ascent runs out of steps, it is made again with four times as many, in
+every way by `with_longer_ascents`: a maze can need more of them than a city.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from maxjax.core.status import Status
 from maxjax.planning import pipeline
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, potential_field
+from maxjax.planning.focus import View, in_windows
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
@@ -44,8 +46,8 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
 
     Args:
         task: what to plan.
-        find: how. A `Climb` is carried out as suits the target; any other path finder is called on the host, one
-            problem after the other.
+        find: how. A `Climb` is carried out as suits the target, in windows if it is `focused`; any other path finder is
+            called on the host with the whole map, one problem after the other.
         method: name of the planner.
         chunk: problems that go through a device at a time. None: what suits the target; on a CPU staged.
 
@@ -53,12 +55,15 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
         One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was on the
         host, `verify` what verification took beyond that.
     """
-    if isinstance(find, Climb):
-        if chunk is not None or target() != "cpu":
-            return with_largest_radii(_in_chunks(task, find, method, chunk or _CHUNK), task)
-        find = staged(find)
-    plans = [plan_one(task.some(slice(k, k + 1)), find, method) for k in range(len(task))]
-    return with_largest_radii(plans, task)
+
+    def plan(view: View) -> list[Plan]:
+        if isinstance(find, Climb) and (chunk is not None or target() != "cpu"):
+            return _in_chunks(view, find, method, chunk or _CHUNK)
+        finder = staged(find) if isinstance(find, Climb) else find
+        return [_plan_one(view.some(slice(k, k + 1)), finder, method) for k in range(len(view))]
+
+    focused = isinstance(find, Climb) and find.focused
+    return with_largest_radii(in_windows(task, plan) if focused else plan(View(task)), task)
 
 
 def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
@@ -67,27 +72,35 @@ def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
     def largest(plan: Plan, k: int) -> Plan:
         if plan.status != Status.NO_SAFE_PATH:
             return plan
-        parts = pipeline.parts_of(task.some(slice(k, k + 1)))
+        parts = pipeline.parts_of(View(task.some(slice(k, k + 1))))
         return dataclasses.replace(plan, radius=float(_LARGEST(parts, distances=task.distances, grid=task.grid.local)))
 
     return [largest(plan, k) for k, plan in enumerate(plans)]
 
 
 def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
-    """Formulate the only problem of a task, find a path, judge it; step by step."""
+    """Formulate the only problem of a task, find a path in its whole map, judge it; step by step."""
+    return _plan_one(View(task), find, method)
+
+
+def _plan_one(view: View, find: PathFinder, method: str) -> Plan:
     with recording() as recorder:
-        problem = problem_of(task)
+        problem = _problem_of(view)
         status = fetched(problem.status)
-        route = failed(status) if status != Status.OK else find(problem, task.grid.local)
-        (plan,) = judged([whole_route(problem, route, task.grid)], task, method)
+        route = failed(status) if status != Status.OK else find(problem, view.grid)
+        (plan,) = judged([view.placed(whole_route(problem, route, view.grid), 0)], view.task, method)
     return dataclasses.replace(plan, timings=recorder.report())
 
 
 def problem_of(task: Task) -> Problem:
-    """The only problem of a task, formulated."""
+    """The only problem of a task, formulated in its whole map."""
+    return _problem_of(View(task))
+
+
+def _problem_of(view: View) -> Problem:
     with timed("transfer"):
-        parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(task)))
-    problem: Problem = _FORMULATE(parts, distances=task.distances, grid=task.grid.local)
+        parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(view)))
+    problem: Problem = _FORMULATE(parts, distances=view.task.distances, grid=view.grid)
     return problem
 
 
@@ -159,15 +172,15 @@ def with_longer_ascents(
     return [results[k] for k in range(count)]
 
 
-def _in_chunks(task: Task, climb: Climb, method: str, chunk: int) -> list[Plan]:
+def _in_chunks(view: View, climb: Climb, method: str, chunk: int) -> list[Plan]:
     """Plans by whole programs, in chunks of one size; timings are equal shares, and sums over the attempts."""
     spent: dict[int, dict[str, float]] = {}
 
     def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> list[Plan]:
-        # The first attempt compiles a program for just this batch; the others are rare, and share a few.
+        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
         most = len(which) if settings == climb.settings else 1 << (len(which) - 1).bit_length()
-        size = -(-most // -(-most // chunk))
-        some, longer = task.some(rows_of(which)), dataclasses.replace(climb, settings=settings)
+        size = chunk if view.windows else -(-most // -(-most // chunk))
+        some, longer = view.some(rows_of(which)), dataclasses.replace(climb, settings=settings)
         with recording() as recorder:
             if len(which) == 1:
                 plans = pipeline.single(some, longer, method)
@@ -178,4 +191,4 @@ def _in_chunks(task: Task, climb: Climb, method: str, chunk: int) -> list[Plan]:
             spent[k] = added(spent.get(k, {}), timings)
         return [dataclasses.replace(plan, timings=spent[k]) for k, plan in zip(which.tolist(), plans, strict=True)]
 
-    return with_longer_ascents(attempt, len(task), climb.settings)
+    return with_longer_ascents(attempt, len(view), climb.settings)

@@ -90,7 +90,7 @@ def formulate_fleet(
     around = surroundings(occupied, ground, distances, grid)
     goal = locate(ends[0, 1], grid.shape)
     x, y, z = jnp.clip(jax.vmap(lambda pair: locate(pair[0], grid.shape).index)(ends), 0, jnp.asarray(grid.shape) - 1).T
-    way = Opened(around.hard, jnp.zeros(2, jnp.int32), jnp.int32(Status.OK))
+    way = Opened(around.hard, jnp.zeros(2, jnp.int32), jnp.array(True), jnp.int32(Status.OK))
     return Fleet(
         around=around,
         status=jax.vmap(lambda pair: faults_of(around.occupied, pair, grid).status)(ends),

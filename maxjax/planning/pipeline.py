@@ -22,12 +22,13 @@ from maxjax.core.grid import Grid
 from maxjax.core.lowering import in_host_memory
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import Climb
+from maxjax.planning.focus import View
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem, formulate, largest_joining
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import Route, completed
-from maxjax.planning.task import Distances, Rows, Task, maps_of, rows_of
+from maxjax.planning.task import Distances, Rows, rows_of
 
 # Routes that a thread judges in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 8, 2
@@ -36,9 +37,9 @@ _TOGETHER, _THREADS = 8, 2
 Parts = dict[str, Any]
 
 
-def parts_of(task: Task) -> Parts:
-    """What a device needs of the only problem of a task."""
-    shared, own = _parts(task, slice(0, 1))
+def parts_of(view: View) -> Parts:
+    """What a device needs of the only problem that it is shown."""
+    shared, own = _parts(view, slice(0, 1))
     return shared | {name: part[0] for name, part in own.items()}
 
 
@@ -52,29 +53,29 @@ def largest(parts: Parts, distances: Distances, grid: Grid) -> Float[Array, ""]:
     return largest_joining(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], distances, grid)
 
 
-def single(task: Task, climb: Climb, method: str) -> list[Plan]:
+def single(view: View, climb: Climb, method: str) -> list[Plan]:
     """The plan of one problem; no thread is worth its start."""
     with timed("device"):
-        message = np.asarray(_ONE.start(wire.pack(parts_of(task)), **_static(task, climb)))
+        message = np.asarray(_ONE.start(wire.pack(parts_of(view)), **_static(view, climb)))
         answer = wire.unpack(message, _answered(climb.settings))
-    return _judged(answer, task, method)
+    return _judged(answer, view, method)
 
 
-def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
+def pipelined(view: View, climb: Climb, method: str, size: int) -> list[Plan]:
     """Plans chunk by chunk; the last chunk is filled up with copies."""
-    which, like = np.arange(len(task)), _answered(climb.settings)
-    shared, _ = _parts(task, slice(0, 0))
+    which, like = np.arange(len(view)), _answered(climb.settings)
+    shared, _ = _parts(view, slice(0, 0))
     results: list[Future[list[Plan]]] = []
 
     def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
         """A chunk, and what is sent of it, while the device is busy with the chunk before."""
         chunk = which[first : first + size]
-        own = _parts(task, rows_of(np.resize(chunk, size)))[1]
+        own = _parts(view, rows_of(np.resize(chunk, size)))[1]
         return chunk, jax.device_put((wire.pack(shared), wire.pack(own, axes=1)))
 
     def verified(chunk: Int64[np.ndarray, " c"], answer: Future[np.ndarray], few: slice) -> list[Plan]:
         """Some plans of a chunk."""
-        return _judged(wire.unpack(answer.result()[few], like), task.some(rows_of(chunk[few])), method)
+        return _judged(wire.unpack(answer.result()[few], like), view.some(rows_of(chunk[few])), method)
 
     with ThreadPoolExecutor(_THREADS) as pool:
         with timed("device"):
@@ -84,7 +85,7 @@ def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
                 if first + size < len(which):
                     following = pool.submit(prepared, first + size)
                 # Loop conditions are synchronisations in the thread that started the program, which is busy to the end.
-                started = _MANY.start(*messages, shared=tuple(shared), **_static(task, climb))
+                started = _MANY.start(*messages, shared=tuple(shared), **_static(view, climb))
                 answer = pool.submit(np.asarray, started)
                 for k in range(0, len(chunk), _TOGETHER):
                     few = slice(k, min(k + _TOGETHER, len(chunk)))
@@ -94,26 +95,22 @@ def pipelined(task: Task, climb: Climb, method: str, size: int) -> list[Plan]:
             return [plan for result in results for plan in result.result()]
 
 
-def _judged(answers: Route, task: Task, method: str) -> list[Plan]:
+def _judged(answers: Route, view: View, method: str) -> list[Plan]:
     """Plans of a task from what came back, in a batch."""
-    return judged([jax.tree.map(lambda x, k=k: x[k, ...], answers) for k in range(len(task))], task, method)
+    routes = [view.placed(jax.tree.map(lambda x, k=k: x[k, ...], answers), k) for k in range(len(view))]
+    return judged(routes, view.task, method)
 
 
-def _parts(task: Task, rows: Rows) -> tuple[Parts, Parts]:
+def _parts(view: View, rows: Rows) -> tuple[Parts, Parts]:
     """What is sent of some problems: the maps that all problems share, and what each of them has for itself."""
-    maps = {"occupied": task.occupied, "ground": task.ground}
-    shared = {name: volume for name, volume in maps.items() if volume.ndim == 3}
-    own = {name: maps_of(volume, rows) for name, volume in maps.items() if name not in shared}
-    return shared, own | {"ends": task.ends[rows]}
+    shared, own = view.maps(rows)
+    return shared, own | {"ends": view.ends(rows)}
 
 
-def _sent(grid: Grid) -> Parts:
+def _sent(grid: Grid, halo: int) -> Parts:
     """Shapes and types of the parts of one problem."""
-    return {
-        "occupied": _blank(bool, *grid.shape),
-        "ground": _blank(bool, *grid.shape),
-        "ends": _blank(np.float32, 2, 3),
-    }
+    seen = [n + 2 * halo for n in grid.shape]
+    return {"occupied": _blank(bool, *seen), "ground": _blank(bool, *seen), "ends": _blank(np.float32, 2, 3)}
 
 
 def _answered(settings: Ascent) -> Route:
@@ -139,22 +136,26 @@ def _answer(parts: Parts, distances: Distances, grid: Grid, climb: Climb) -> Rou
     return completed(problem, climb(problem, grid), grid)
 
 
-def _plan_one(message: UInt8[Array, " sent"], distances: Distances, grid: Grid, climb: Climb) -> UInt8[Array, "1 got"]:
+def _plan_one(
+    message: UInt8[Array, " sent"], distances: Distances, grid: Grid, halo: int, climb: Climb
+) -> UInt8[Array, "1 got"]:
     """One problem, from its message to that of its answer."""
-    answer = _answer(wire.unpack(message, _sent(grid)), distances, grid, climb)
+    answer = _answer(wire.unpack(message, _sent(grid, halo)), distances, grid, climb)
     return in_host_memory(jnp.asarray(wire.pack(answer))[None])
 
 
+# arguments: two arrays, and what the program is compiled for
 def _plan_many(
     common: UInt8[Array, " bytes"],
     own: UInt8[Array, "b sent"],
     shared: tuple[str, ...],
     distances: Distances,
     grid: Grid,
+    halo: int,
     climb: Climb,
 ) -> UInt8[Array, "b written"]:
     """Several problems; maps that all of them share are sent once, in `common`."""
-    like = _sent(grid)
+    like = _sent(grid, halo)
     maps = wire.unpack(common, {name: like[name] for name in shared})
 
     def one(message: UInt8[Array, " sent"]) -> UInt8[Array, " written"]:
@@ -164,10 +165,10 @@ def _plan_many(
     return in_host_memory(jax.vmap(one)(own))
 
 
-_STATIC = "distances", "grid", "climb"
+_STATIC = "distances", "grid", "halo", "climb"
 _ONE, _MANY = Program("device", _plan_one, static=_STATIC), Program("device", _plan_many, static=(*_STATIC, "shared"))
 
 
-def _static(task: Task, climb: Climb) -> dict[str, Any]:
+def _static(view: View, climb: Climb) -> dict[str, Any]:
     """What programs are compiled for."""
-    return {"distances": task.distances, "grid": task.grid.local, "climb": climb}
+    return {"distances": view.task.distances, "grid": view.grid, "halo": view.halo, "climb": climb}

@@ -5,6 +5,9 @@
     blocked = hard set (`planning.hard_set`), with a ball opened around an end that needs one (`planning.balls`)
     price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
 
+Of a part of a map, obstacles are seen beyond the part as well, in a halo as wide as the margin. Its problem is OK only
+where it is what the whole map would make of it: with balls that are no larger than the ends' own voxels ask for.
+
 A path runs   exact start, start, …, goal, exact goal,   where start and goal have the room that a path keeps on the
 way: they are the exact ends themselves, or the centres of their voxels.
 
@@ -18,12 +21,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32, Integer
+from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
 
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
-from maxjax.fields.distance import cube_distance, metres
+from maxjax.fields.distance import cube_distance, farthest, metres
 from maxjax.fields.occupancy import squared_distance
 from maxjax.planning.balls import Opened, ball_radius, largest_radius, opened
 from maxjax.planning.ends import inward, locate, placed
@@ -133,34 +136,53 @@ def formulate(
     """Measure distances, open balls where they are needed, and judge the inputs; `jit`- and `vmap`-safe.
 
     Args:
-        occupied: occupied voxels, ground included.
+        occupied: occupied voxels, ground included: of the grid, or of the grid and a halo around it.
         ground: the voxels of `occupied` that are ground.
         ends: start and goal, index coordinates.
         distances: asked for. Static.
         grid: the grid, whose origin does not matter. Static.
+
+    Returns:
+        The problem. With a halo its status is NO_VALID_PATH, too, where only the whole map can tell.
     """
-    return problem_in(surroundings(occupied, ground, distances, grid), ends, distances, grid)
+    part = occupied.shape != grid.shape
+    return problem_in(surroundings(occupied, ground, distances, grid), ends, distances, grid, part=part)
 
 
 def surroundings(
     occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], distances: Distances, grid: Grid
 ) -> Surroundings:
     """The hard set, the distances and the price of a map; arguments as in `formulate`."""
+    halo = (occupied.shape[0] - grid.shape[0]) // 2
     occupied, ground = materialise(occupied), materialise(ground)
-    quarters = cube_distance(occupied & ~ground, distances.margin / grid.spacing)
-    hard = hard_set(quarters, squared_distance(ground, 1), least_quarters(distances.radius / grid.spacing))
+    quarters = _inside(cube_distance(occupied & ~ground, distances.margin / grid.spacing), halo)
+    beside = _inside(squared_distance(ground, 1), halo)
+    hard = hard_set(quarters, beside, least_quarters(distances.radius / grid.spacing))
     price = None
     if distances.margin > 0 and distances.price.height > 0:
         price = materialise(distances.price.price_at(metres(quarters, grid.spacing), distances.margin))
-    return Surroundings(occupied, quarters, materialise(hard), price)
+    return Surroundings(_inside(occupied, halo), quarters, materialise(hard), price)
 
 
-def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid) -> Problem:
-    """The problem of two ends; arguments as in `formulate`."""
+def _inside(volume: Shaped[Array, "hx hy hz"], halo: int) -> Shaped[Array, "nx ny nz"]:
+    """A volume without its halo."""
+    return volume[halo:-halo, halo:-halo, halo:-halo] if halo else volume
+
+
+def halo_of(distances: Distances, grid: Grid) -> int:
+    """How many voxels beyond a part of a map obstacles or ground count in it, at least 1."""
+    return max(farthest(distances.margin / grid.spacing), 1)
+
+
+def problem_in(
+    around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid, *, part: bool = False
+) -> Problem:
+    """The problem of two ends; arguments as in `formulate`, and whether the map goes on beyond what is around."""
     a, b = (locate(end, grid.shape) for end in ends)
     faults = faults_of(around.occupied, ends, grid)
     way = opened(around.hard, around.occupied, a.index, b.index, distances.radius / grid.spacing)
     place = placement(around, way, ends, distances, grid)
+    found = jnp.where(way.least, way.status, Status.NO_VALID_PATH) if part else way.status
     return Problem(
         blocked=way.blocked,
         price=around.price,
@@ -170,7 +192,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
         balls=place.balls,
         levels=way.levels,
         goal_index=b.index,
-        status=jnp.where(faults.status == Status.OK, way.status, faults.status),
+        status=jnp.where(faults.status == Status.OK, found, faults.status).astype(jnp.int32),
         room=distances.room,
     )
 

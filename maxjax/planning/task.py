@@ -130,14 +130,17 @@ class Task:
         return len(self.starts)
 
     @functools.cached_property
-    def ends(self) -> Float32[np.ndarray, "b 2 3"]:
+    def index(self) -> Float64[np.ndarray, "b 2 3"]:
         """Starts and goals in index coordinates; NaN and infinity stay."""
         world = np.stack([self.starts, self.goals], axis=1)
         index = (world - np.array(self.grid.origin)) / self.grid.spacing
-        ends: Float32[np.ndarray, "b 2 3"] = np.where(np.isfinite(index), np.clip(index, -_FAR, _FAR), index).astype(
-            np.float32
-        )
-        return ends
+        finite: Float64[np.ndarray, "b 2 3"] = np.where(np.isfinite(index), np.clip(index, -_FAR, _FAR), index)
+        return finite
+
+    @property
+    def ends(self) -> Float32[np.ndarray, "b 2 3"]:
+        """`index`, as a device takes it."""
+        return self.index.astype(np.float32)
 
     def some(self, rows: Rows) -> Task:
         """Some of the problems."""
