@@ -9,6 +9,8 @@ from pathlib import Path
 # Compiling is most of what the tests cost: a program is compiled once for all workers, child processes and later runs.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+# Executables that maxjax keeps itself would not be traced again, and tracing is where shapes and dtypes are checked.
+os.environ.setdefault("MAXJAX_CACHE", "off")
 # XLA's older code generator takes a third less time for it, and the kernels do the same; the README's example runs as a
 # user runs it. An XLA that does not know a flag ends the process, hence the version.
 if version("jaxlib").startswith("0.10."):

@@ -26,6 +26,7 @@ import pytest
 from maxjax import Grid, Status, verify
 from maxjax.cli import check, main, report
 from maxjax.cli.options import TrainOptions
+from maxjax.cli.progress import progress
 from maxjax.maps import PointCloud, load_map
 from maxjax.methods import METHODS
 from maxjax.nn.recipes import RECIPES
@@ -527,7 +528,7 @@ def test_text_in_brackets_is_printed_as_it_is(capfd: pytest.CaptureFixture[str])
     text = "[viz] :house: [/]"
     report.show(report.table(text, {text: {text: text}}))
     report.complain(text)
-    with report.progress(text):
+    with progress(text):
         pass
     out, err = capfd.readouterr()
     assert out.count(text) == 4

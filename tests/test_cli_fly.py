@@ -21,7 +21,7 @@ from maxjax.campaigns import execution as module
 from maxjax.campaigns import replay
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
-from maxjax.cli import flying, main, report
+from maxjax.cli import flying, main, progress
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
 from maxjax.sim.disturbances import Disturbances
@@ -194,12 +194,12 @@ def test_the_time_left_is_that_of_batches_after_the_compiled_one(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = iter((0.0, 1.0, 61.0, 71.0, 3000.0))
-    monkeypatch.setattr(report, "time", types.SimpleNamespace(monotonic=lambda: next(clock)))
-    with report.tally(10) as tell:
+    monkeypatch.setattr(progress, "time", types.SimpleNamespace(monotonic=lambda: next(clock)))
+    with progress.tally(10) as tell:
         for done, arrived, computed in ((2, 1, 0), (2, 2, 2), (2, 2, 2), (4, 3, 4)):
             tell(done, arrived, computed)
     first, compiled, later, last = capfd.readouterr().err.splitlines()
-    assert "0 of 10 trials; the first flight compiles" in first
+    assert first == "0 of 10 trials ..."
     assert "4 of 10 trials, 3 arrived (75.0 %), about 3 min 03 s left" in compiled
     assert "6 of 10 trials, 5 arrived (83.3 %), about 20 s left" in later
     assert last == "10 of 10 trials, 8 arrived (80.0 %)"

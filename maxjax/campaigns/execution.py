@@ -26,6 +26,7 @@ from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
+from maxjax.core.executable import stored
 from maxjax.core.threads import concurrently, interruptible
 from maxjax.sim.flight import FlightConfig, FlightLog, World, fly
 from maxjax.worlds.geoms import Geoms
@@ -161,14 +162,15 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
 
     def part(place: int) -> Table:
         own = jax.tree.map(lambda x: x[place * share : (place + 1) * share], batch)
-        return on_host(_fly_part(*jax.device_put(own, devices[place]), config))
+        geoms, start, goal, key = jax.device_put(own, devices[place])
+        return on_host(_fly_part(geoms, start, goal, key, config))
 
     # In threads, so that the devices' programs are compiled at a time as well.
     parts = list(concurrently(part, range(len(devices)), len(devices)))
     return {name: np.concatenate([logs[name] for logs in parts]) for name in parts[0]}
 
 
-@jax.jit
+@stored("flights")
 def _fly_part(
     geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
 ) -> FlightLog:

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
+from maxjax.core.executable import stored
 from maxjax.core.grid import Grid
 from maxjax.core.streams import named
 from maxjax.core.threads import concurrently
@@ -123,7 +124,7 @@ def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "
         yield solids, open_air(jnp.asarray(occupied), jnp.asarray(ground))
 
 
-@jax.jit
+@stored("open air")
 def open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
     """The component of free voxels that contains the top layer, which lies above all roofs.
 
@@ -134,7 +135,7 @@ def open_air(occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"])
     return flood(~blocked, jnp.array([0, 0, TRUTH.shape[2] - 1], jnp.int32))
 
 
-@jax.jit
+@stored("trials")
 def draw_in(
     geoms: Geoms, air: Bool[Array, "nx ny nz"], key: PRNGKeyArray, first: Int32[Array, ""]
 ) -> tuple[Array, Array, Array, Array]:

@@ -12,6 +12,7 @@ Results go to stdout, progress and complaints to stderr.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 
 from maxjax.core.interruption import end_on_interrupt
@@ -34,6 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         end_on_interrupt(_INTERRUPTED)
+    # From a cache of JAX's that the user has switched on, XLA reads executables with a false alarm about each
+    # (`core.compilation`). It asks for this level when it is loaded; what is wrong reaches a command as an exception.
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # Behind the handler, since it imports what takes long.
     from maxjax.cli.commands import run
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from maxjax.cli import report
 from maxjax.cli.options import CheckOptions
+from maxjax.cli.progress import progress
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import target
 from maxjax.core.provenance import device, versions
@@ -48,7 +49,7 @@ def run(_: CheckOptions) -> int:
     occupied[10], occupied[10, 15:17, 15:17] = True, False
     goal = jnp.array([3, 4, 5], jnp.int32)
     started = time.perf_counter()
-    with report.progress("Solving a small potential"):
+    with progress("Solving a small potential"):
         solve = jax.jit(functools.partial(solve_potential, tolerance=_RESIDUAL))
         potential = solve(conductivity(jnp.asarray(occupied), goal, _GRID), goal)
         status, residual = Status(int(potential.status)), float(potential.residual)

@@ -5,7 +5,6 @@ So `--help` waits for none of their libraries.
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import sys
 from collections.abc import Sequence
@@ -37,9 +36,7 @@ def run(arguments: Sequence[str] | None) -> int:
     )
     (name,) = (name for kind, name in _COMMANDS.values() if isinstance(options, kind))
     try:
-        # MJX tells on stdout which optional packages it lacks.
-        with contextlib.redirect_stdout(sys.stderr):
-            module = importlib.import_module(f"maxjax.cli.{name}")
+        module = importlib.import_module(f"maxjax.cli.{name}")
         code: int = module.run(options)
         return code
     except (ValueError, OSError, ImportError, MemoryError, RuntimeError) as error:

@@ -12,6 +12,7 @@ import numpy as np
 
 from maxjax.cli import planning, report
 from maxjax.cli.options import DemoOptions, PlanOptions
+from maxjax.cli.progress import progress
 from maxjax.cli.task import MapTask, city_task, task_in
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -64,7 +65,7 @@ def run(options: DemoOptions) -> int:
     """
     report.check_output(options.out)
     name = f"downtown:{options.seed}"
-    with report.progress(f"Building {name} and scanning it; {report.FIRST_RUN}"):
+    with progress(f"Building {name} and scanning it"):
         scene = make_scene("downtown", options.seed)
         corner = choose(scene, options.seed)
         with recording() as recorder:
@@ -72,7 +73,7 @@ def run(options: DemoOptions) -> int:
     city = city_task(scene, corner.start, corner.goal)
     plans: dict[str, Plan] = {}
     for method in ("solver", "astar"):
-        with report.progress(f"Planning, method {method}; {report.FIRST_RUN}"):
+        with progress(f"Planning, method {method}"):
             plans[method] = planning.plan_in(given, method, recorder)
     plan = plans["solver"]
     message = report.explain(plan, given)
@@ -80,7 +81,7 @@ def run(options: DemoOptions) -> int:
     content = report.document(plan, given, message, configuration)
     figure = None
     if plan.status == Status.OK:
-        with report.progress("Drawing"):
+        with progress("Drawing"):
             overlay = Overlay(points=returns.points, title=f"{name}, planned from one scan", around=_AROUND)
             figure = figure_plans(given.task, plans, overlay, city)
     files = report.write_plan(options.out, content, figure)

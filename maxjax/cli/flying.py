@@ -14,6 +14,7 @@ from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.campaigns.replay import replay
 from maxjax.cli import report
 from maxjax.cli.options import FlyOptions
+from maxjax.cli.progress import progress, tally
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.methods import METHODS
@@ -35,7 +36,7 @@ def run(options: FlyOptions) -> int:
     content = report.plain({**summarise(outcomes), **origin})
     files: list[Path] = []
     if out is not None:
-        with report.progress("Drawing"):
+        with progress("Drawing"):
             files = _draw(campaign, out, flights)
         atomic_write(out / "summary.json", report.dumps(content))
         files.append(out / "summary.json")
@@ -83,7 +84,7 @@ def campaign_of(options: FlyOptions) -> Campaign:
 
 def _fly(campaign: Campaign, options: FlyOptions, ledger: Ledger | None) -> tuple[list[Outcome], list[Flight]]:
     """The outcomes of a campaign, and of a single trial with a folder the flight after each planning iteration."""
-    with report.tally(len(campaign.trials)) as tell:
+    with tally(len(campaign.trials)) as tell:
         if options.trial is not None and ledger is not None:
             outcome, flights = replay(campaign, ledger)
             tell(1, outcome.arrived, 1)

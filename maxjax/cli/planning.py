@@ -8,6 +8,7 @@ from pathlib import Path
 
 from maxjax.cli import report
 from maxjax.cli.options import PlanOptions
+from maxjax.cli.progress import progress
 from maxjax.cli.task import MapTask, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import METHODS, method_named
@@ -28,16 +29,16 @@ def run(options: PlanOptions) -> int:
     """
     report.check_output(options.out)
     method_named(options.method)
-    with report.progress(f"Reading {options.map}"), recording() as recorder:
+    with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
-    with report.progress(f"Planning, method {options.method}; {report.FIRST_RUN}"):
+    with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, options.method, recorder)
     message = report.explain(plan, given)
     configuration = {name: value for name, value in vars(options).items() if name not in ("out", "json")}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {options.method: plan}, None, list[Path]()
     if options.out is not None and plan.status == Status.OK:
-        with report.progress("Drawing"):
+        with progress("Drawing"):
             if METHODS[options.method].climbs:
                 plans["astar"] = plan_in(given, "astar")
             overlay = Overlay(title=Path(options.map).name, around=_AROUND)

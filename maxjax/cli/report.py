@@ -1,25 +1,22 @@
-"""Output of the commands: progress, tables and sentences; the files plan.json, path.csv and plan.png.
+"""Output of the commands: tables and sentences; the files plan.json, path.csv and plan.png.
 
 A folder with a plan.json is complete: it is written last and removed first.
 """
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
 import math
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from maxjax.cli.task import MapTask
@@ -37,86 +34,11 @@ _TIMED = (
     "voxelise", "transfer", "device", "formulate", "solve", "ascend", "tighten", "search", "distance", "descend",
     "price", "verify", "total",
 )  # fmt: skip
-FIRST_RUN = "the first run compiles, about 20 s on a CPU"
-FIRST_FLIGHT = "the first flight compiles, a minute or two"
-# Lines of progress in a file of them are this far apart [s].
-_QUIET = 5.0
 
 
-def _console(*, stderr: bool = False) -> Console:
+def console(*, stderr: bool = False) -> Console:
     """A console that shows text as it is: no `[tags]`, no `:names:` of emoji."""
     return Console(stderr=stderr, markup=False, emoji=False)
-
-
-@contextlib.contextmanager
-def progress(what: str) -> Iterator[None]:
-    """Show on stderr what is being done, on a terminal with a running clock."""
-    console = _console(stderr=True)
-    if not console.is_terminal:
-        console.print(f"{what} ...", highlight=False, soft_wrap=True)
-        yield
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        bar.add_task(what, total=None)
-        yield
-
-
-@contextlib.contextmanager
-def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
-    """Show on stderr how many trials are done, how many of them arrived, and the time left.
-
-    Yields:
-        A function (done, arrived, computed) to call as trials finish: how many more, how many of them arrived, and how
-        many of them were flown by this process and not read from its folder.
-    """
-    console = _console(stderr=True)
-    started = shown = time.monotonic()
-    done = arrived = 0
-    computed: list[tuple[float, int]] = []
-
-    def sentence() -> str:
-        text = f"{done} of {total} trials"
-        if done:
-            text += f", {arrived} arrived ({100 * arrived / done:.1f} %)"
-        if not computed:
-            return text + f"; {FIRST_FLIGHT}" * (done < total)
-        # The first batch includes compilation: it is left out once there are others.
-        counted = computed[1:] or computed
-        since = computed[0][0] if len(computed) > 1 else started
-        each = (computed[-1][0] - since) / sum(count for _, count in counted)
-        return text + f", about {_clock(each * (total - done))} left" * (done < total)
-
-    if console.is_terminal:
-        columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        bar = Progress(*columns, console=console, transient=True)
-    else:
-        bar = None
-
-    with bar or contextlib.nullcontext():
-        task = None if bar is None else bar.add_task(sentence(), total=total)
-        if bar is None:
-            console.print(f"{sentence()} ...", highlight=False, soft_wrap=True)
-
-        def tell(more: int, successes: int, fresh: int) -> None:
-            nonlocal done, arrived, shown
-            done, arrived, now = done + more, arrived + successes, time.monotonic()
-            if fresh:
-                computed.append((now, fresh))
-            if bar is not None and task is not None:
-                bar.update(task, completed=done, description=sentence())
-            elif done == total or now - shown > _QUIET:
-                shown = now
-                console.print(sentence(), highlight=False, soft_wrap=True)
-
-        yield tell
-
-
-def _clock(seconds: float) -> str:
-    """A time to wait, for people."""
-    whole = max(round(seconds), 0)
-    hours, minutes = whole // 3600, whole // 60 % 60
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
 def check_output(out: Path | None) -> None:
@@ -275,14 +197,14 @@ def _place(point: Point3) -> str:
 
 def show(*tables: Table) -> None:
     """Print tables on stdout."""
-    console = _console()
+    where = console()
     for one in tables:
-        console.print(one)
+        where.print(one)
 
 
 def complain(message: str) -> None:
     """Print a sentence on stderr."""
-    _console(stderr=True).print(message, highlight=False, soft_wrap=True)
+    console(stderr=True).print(message, highlight=False, soft_wrap=True)
 
 
 def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from maxjax.cli import report
 from maxjax.cli.options import ScanOptions
+from maxjax.cli.progress import progress
 from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.serialize import atomic_write
@@ -26,7 +27,7 @@ def run(options: ScanOptions) -> int:
     """
     map, pose, out = options.map, options.pose, options.out
     report.check_output(out)
-    with report.progress(f"Scanning {map}; {report.FIRST_RUN}"):
+    with progress(f"Scanning {map}"):
         scene = load_scene(map)
         try:
             found = measure(scene, pose)
@@ -59,7 +60,7 @@ def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: P
     from maxjax.viz.figures import figure_scan
     from maxjax.viz.style import save_figure
 
-    with report.progress("Drawing"):
+    with progress("Drawing"):
         city = city_task(scene, pose, pose)
         title = f"{scene.name}:{scene.seed}"
         figure = figure_scan(city.occupied & ~city.ground, city.grid, found.points, np.asarray(pose), title=title)

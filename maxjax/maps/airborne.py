@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Int
-from scipy import ndimage
 
 from maxjax.core.grid import Grid
 from maxjax.maps.model import PointCloud
@@ -42,6 +41,8 @@ def _terrain(cloud: PointCloud, grid: Grid) -> Int[np.ndarray, "nx ny"]:
     unknown = height == _NONE
     if unknown.all():
         return height
+    from scipy import ndimage  # a quarter of a second that most commands can do without
+
     nearest = ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
     return np.asarray(height[tuple(nearest)])
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from maxjax.core.executable import stored
 from maxjax.core.grid import Grid, Point3
 from maxjax.sim.lidar import Lidar, Scan, scan
 from maxjax.worlds.geoms import Geoms
@@ -55,7 +56,7 @@ def measure(scene: Scene, position: Point3) -> Returns:
     return Returns(np.asarray(found.points)[hit], missed, int((~hit).sum()) - missed)
 
 
-@jax.jit
+@stored("scan")
 def _scan(geoms: Geoms, position: Float[Array, "3"], key: PRNGKeyArray) -> tuple[Scan, Bool[Array, " r"]]:
     """The scan, and which rays meet a surface in range before any is dropped."""
     whole = dataclasses.replace(LIDAR, dropout=0.0)

@@ -17,20 +17,19 @@ published; 0.03 s is typical of propellers of that size.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
-import sys
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-# Without Warp the import prints a message on standard output, which is reserved for results.
-with contextlib.redirect_stdout(sys.stderr):
-    from mujoco import mjx
+from maxjax.worlds.mjx_import import imported_mjx
+
+if TYPE_CHECKING:
+    import mujoco
 
 GRAVITY = 9.81
 
@@ -146,6 +145,8 @@ def hover(vehicle: Vehicle, position: Float[Array, "*batch 3"], yaw: float | Flo
 
 def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
     """The vehicle as a model for C MuJoCo: a free body, actuators of four thrusts, no geoms."""
+    import mujoco  # a flight that was compiled before does without
+
     x, y = vehicle.arm
     corners = ((-x, -y), (-x, y), (x, y), (x, -y))
     sites = "".join(f'<site name="motor{i}" pos="{a} {b} 0"/>' for i, (a, b) in enumerate(corners))
@@ -173,11 +174,11 @@ def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
 
 
 @functools.lru_cache(maxsize=8)
-def _model_and_data(vehicle: Vehicle) -> tuple[mjx.Model, mjx.Data]:
+def _model_and_data(vehicle: Vehicle) -> tuple[Any, Any]:
     """Model and data as templates, on the host: device arrays would be bound to the mesh of their first trace."""
-    model = mujoco_model(vehicle)
+    model, mjx = mujoco_model(vehicle), imported_mjx()
     with jax.ensure_compile_time_eval():
-        pair: tuple[mjx.Model, mjx.Data] = jax.tree.map(np.asarray, (mjx.put_model(model), mjx.make_data(model)))
+        pair: tuple[Any, Any] = jax.tree.map(np.asarray, (mjx.put_model(model), mjx.make_data(model)))
         return pair
 
 
@@ -211,7 +212,7 @@ def step(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float
         act=state.thrust,
         ctrl=command,
     )
-    data = mjx.step(model.tree_replace({"opt.wind": wind}), data)
+    data = imported_mjx().step(model.tree_replace({"opt.wind": wind}), data)
     return State(data.qpos[:3], data.qpos[3:], data.qvel[:3], data.qvel[3:], data.act)
 
 

@@ -9,7 +9,6 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool
-from scipy import ndimage
 
 from maxjax.core.grid import Grid, Point3
 
@@ -47,6 +46,8 @@ def corners(occupied: Bool[np.ndarray, "nx ny nz"], grid: Grid, seed: int) -> li
     street = (height > _STREET[0]) & (height < _STREET[1])
     built = np.any(occupied[:, :, street], axis=2)
     tall = np.any(occupied[:, :, height > _TALL], axis=2)
+    from scipy import ndimage  # a quarter of a second that most commands can do without
+
     clearance = grid.spacing * ndimage.distance_transform_edt(~built)
     middle = np.asarray(grid.origin[:2])
     rng = np.random.default_rng(seed)

@@ -19,15 +19,11 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
-SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
-CAPSULE = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+# Numbers of `mujoco.mjtGeom`, written out so that a city can be made without importing MuJoCo.
+PLANE, SPHERE, CAPSULE, ELLIPSOID, BOX = 0, 2, 3, 4, 6
 
 # Matrix products in full float32. On GPU the default rounds their factors to ten bits (TF32): decimetres at 100 m.
 matmul = functools.partial(jnp.matmul, precision="highest")

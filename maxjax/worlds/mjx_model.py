@@ -3,18 +3,25 @@
     model, data = mjx_scene(scene)
     model, data = place(model, data, layout(scene.name, key))    # another city of that map; vmap over keys
 
-A module of its own, because importing MJX takes a second and may print to standard output.
+A module of its own, because importing MJX takes a second.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from maxjax.worlds.geoms import Geoms, quaternion
+from maxjax.worlds.mjx_import import imported_mjx
 from maxjax.worlds.scenes import Scene
+
+if TYPE_CHECKING:
+    from mujoco import mjx
+else:
+    mjx = imported_mjx()
 
 
 def mjx_scene(scene: Scene) -> tuple[mjx.Model, mjx.Data]:

@@ -11,16 +11,22 @@ axis (`place`).
 from __future__ import annotations
 
 import dataclasses
+import functools
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import jax
-import mujoco
 import numpy as np
+from jaxtyping import Array, UInt32
 
+from maxjax.core.executable import stored
 from maxjax.core.streams import named
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
 from maxjax.worlds.layouts import MAPS, layout
 from maxjax.worlds.rasterize import occupancy
+
+if TYPE_CHECKING:
+    import mujoco
 
 __all__ = ["MAPS", "Scene", "layout", "make_scene", "occupancy", "scene_xml"]
 
@@ -35,13 +41,18 @@ class Scene:
         name: its map, one of `MAPS`.
         seed: its seed.
         geoms: its solids.
-        model: the same solids, in the same order, as a compiled MuJoCo model.
     """
 
     name: str
     seed: int
     geoms: Geoms
-    model: mujoco.MjModel
+
+    @functools.cached_property
+    def model(self) -> mujoco.MjModel:
+        """The same solids, in the same order, as a compiled MuJoCo model."""
+        import mujoco  # plans and flights do without
+
+        return mujoco.MjModel.from_xml_string(scene_xml(self.geoms))
 
 
 def scene_xml(geoms: Geoms) -> str:
@@ -93,9 +104,9 @@ def make_scene(name: str, seed: int) -> Scene:
         raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {name!r}")
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed: expected 0 to {2**32 - 1}, given {seed}")
-    key = named(jax.random.key(seed), name)
-    geoms = _jit_layout(name, key)
-    return Scene(name, seed, geoms, mujoco.MjModel.from_xml_string(scene_xml(geoms)))
+    return Scene(name, seed, _built(np.uint32(seed), name=name))
 
 
-_jit_layout = jax.jit(layout, static_argnums=0)
+@stored("city", static=("name",))
+def _built(seed: UInt32[Array, ""] | np.uint32, name: str) -> Geoms:
+    return layout(name, named(jax.random.key(seed), name))
