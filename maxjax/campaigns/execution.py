@@ -1,8 +1,10 @@
 """A campaign in batches over devices, kept in its folder as they finish.
 
-A batch is `fly` under `vmap`, one compiled program; each device flies an equal part, and the last batch is filled up
-with copies. With a folder, the outcomes of each batch are in its ledger before the next one flies, and a campaign that
-was killed is resumed from there.
+Each device flies an equal part of a batch, and the last batch is filled up with copies. On an accelerator a part is
+`fly` under `vmap`, one compiled program for each size. A CPU gains nothing from a second flight at a time: it flies one
+after the other by the programs of `watch`, the same for any size and for the film of a flight. With a folder, the
+outcomes of each batch are in its ledger before the next one flies, and a campaign that was killed is resumed from
+there.
 
 Device work runs in daemon threads (`core.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two writes
 of the ledger, while a device program that runs goes on; it does not keep the process alive.
@@ -28,7 +30,7 @@ from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
 from maxjax.core.executable import stored
 from maxjax.core.threads import concurrently, interruptible
-from maxjax.sim.flight import FlightConfig, FlightLog, World, fly
+from maxjax.sim.flight import FlightConfig, FlightLog, World, fly, watch
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import make_scene
 
@@ -125,7 +127,7 @@ def _fly_drawn(
 def fly_batch(
     campaign: Campaign, drawn: Table, rows: Sequence[int] | np.ndarray, size: int, devices: Sequence[jax.Device]
 ) -> Table:
-    """The logs of some trials; one compiled program for each `size`.
+    """The logs of some trials.
 
     Args:
         campaign: what to fly.
@@ -163,7 +165,8 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
     def part(place: int) -> Table:
         own = jax.tree.map(lambda x: x[place * share : (place + 1) * share], batch)
         geoms, start, goal, key = jax.device_put(own, devices[place])
-        return on_host(_fly_part(geoms, start, goal, key, config))
+        flown = _one_by_one if devices[place].platform == "cpu" else _fly_part
+        return on_host(flown(geoms, start, goal, key, config))
 
     # In threads, so that the devices' programs are compiled at a time as well.
     parts = list(concurrently(part, range(len(devices)), len(devices)))
@@ -174,7 +177,7 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
 def _fly_part(
     geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
 ) -> FlightLog:
-    """`fly` for a part of a batch."""
+    """The logs of a part of a batch, in one program: `fly` under `vmap`."""
     if len(start) == 1:
         # Under `vmap` there would be twice as much to compile.
         only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
@@ -182,6 +185,20 @@ def _fly_part(
     else:
         logs = jax.vmap(fly, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
     return logs
+
+
+def _one_by_one(
+    geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
+) -> FlightLog:
+    """The logs of a part of a batch, flight by flight."""
+    logs = []
+    for k in range(len(start)):
+        world = World(jax.tree.map(lambda x, k=k: x[k], geoms), start[k], goal[k], key[k], config.disturbances)
+        for flight in watch(world, config):
+            last = flight.log
+        logs.append(last)
+    stacked: FlightLog = jax.tree.map(lambda *x: jnp.stack(x), *logs)
+    return stacked
 
 
 @functools.lru_cache(maxsize=256)

@@ -1,7 +1,7 @@
 """What is told of a compilation: its program and how long it took last time; and one false alarm that is not.
 
     with told(print):
-        ...                  # "compiling solve, 9 s last time", and "" when it is done
+        ...                  # "compiling solve, 9 s last time", and "" when nothing compiles any more
 
 Times are remembered by the program's name in the cache folder; where none is known, none is given.
 """
@@ -24,13 +24,15 @@ from maxjax.core.serialize import atomic_write
 Tell = Callable[[str], None]
 
 _listening: list[Tell] = []
+# Programs that compile now, in one thread or several, and how long each took last time.
+_running: dict[object, tuple[str, float | None]] = {}
 _lock = threading.Lock()
 _STDERR = 2
 
 
 @contextlib.contextmanager
 def told(tell: Tell) -> Iterator[None]:
-    """Call `tell` with a sentence when a program starts to compile, in any thread, and with "" when it is done."""
+    """Call `tell` with what compiles, in any thread, whenever that changes; with "" when nothing does."""
     _listening.append(tell)
     try:
         yield
@@ -41,13 +43,14 @@ def told(tell: Tell) -> Iterator[None]:
 @contextlib.contextmanager
 def compiling(name: str) -> Iterator[None]:
     """Tell of a compilation, and remember how long it took; one that raises is not remembered."""
-    seconds = _remembered().get(name)
-    _tell(f"compiling {name}" + ("" if seconds is None else f", {max(seconds, 1):.0f} s last time"))
-    started = time.perf_counter()
+    this, started = object(), time.perf_counter()
+    _running[this] = name, _remembered().get(name)
+    _tell()
     try:
         yield
     finally:
-        _tell("")
+        del _running[this]
+        _tell()
     with _lock, contextlib.suppress(OSError):
         file = _file()
         if file is not None:
@@ -55,7 +58,12 @@ def compiling(name: str) -> Iterator[None]:
             atomic_write(file, json.dumps(content, indent=1, sort_keys=True) + "\n")
 
 
-def _tell(sentence: str) -> None:
+def _tell() -> None:
+    now = list(_running.values())
+    sentence = f"compiling {', '.join(name for name, _ in now)}" if now else ""
+    known = [seconds for _, seconds in now if seconds is not None]
+    if now and len(known) == len(now):
+        sentence += f", {max(*known, 1):.0f} s last time"
     for tell in list(_listening):
         tell(sentence)
 

@@ -20,7 +20,6 @@ Frames: world, ENU, metres.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Iterator
 
 import jax
@@ -29,8 +28,10 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from maxjax.core.batching import settle
+from maxjax.core.executable import Stored
 from maxjax.core.status import Status
 from maxjax.core.streams import ITERATIONS, Stream, stream
+from maxjax.core.threads import concurrently
 from maxjax.planning.ascent import Ascent
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
@@ -90,13 +91,17 @@ def fly(
 def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
     """`fly` with its loop on the host: the flight before its first planning iteration, and after each.
 
-    For inspection of everything that evolves; up to rounding the flight is that of `fly`.
+    Each stage is a program of its own, and all are compiled at a time. Up to rounding the flight is that of `fly`.
     """
-    flight = jax.jit(functools.partial(take_off, config=config))(world)
-    iterate = jax.jit(iteration_of(config))
+    flight = _TAKE_OFF(world, config)
     yield flight
+    if not flight.done:
+        given = world, flight, config
+        for _ in concurrently(lambda stage: stage.executable(given, {}), _STAGES, len(_STAGES)):
+            pass
     while not flight.done:
-        flight = iterate(world, flight)
+        for stage in _STAGES:
+            flight = stage(world, flight, config)
         yield flight
 
 
@@ -165,7 +170,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         vehicle=vehicle,
         observer=control.init(vehicle),
         gust=gust,
-        scan=Scan(jnp.full((rays, 3), nan), jnp.full(rays, jnp.inf), jnp.zeros(rays, bool)),
+        scan=Scan(jnp.full((rays, 3), nan), jnp.full(rays, jnp.float32(jnp.inf)), jnp.zeros(rays, bool)),
         returns=none,
         rolling_map=mapping.empty(start, config.shape, config.spacing),
         path=path,
@@ -272,6 +277,10 @@ def _physics_step(
         done=~finite | touches | arrives,
         log=log,
     )
+
+
+_TAKE_OFF = Stored("take-off", take_off)
+_STAGES = tuple(Stored(stage.__name__, stage) for stage in (sense, fuse, plan, follow))
 
 
 def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:

@@ -12,7 +12,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -85,7 +87,7 @@ fake_part = jax.jit(inspect.unwrap(module._fly_part))
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_fly_part", fake_part)
+    monkeypatch.setattr(module, "_one_by_one", fake_part)
     monkeypatch.setattr(module, "fly", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
@@ -110,6 +112,27 @@ def test_a_trial_alone_equals_the_same_in_a_batch() -> None:
         (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1), method=SOLVER))
         assert alone == together[trial]
     assert len({outcome.duration for outcome in together.values()}) > 3
+
+
+def test_on_a_cpu_each_flight_is_watched_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that one program serves batches of any size, and films."""
+    watched: list[World] = []
+
+    def fake_watch(world: World, config: FlightConfig) -> Iterator[Any]:
+        watched.append(world)
+        log = fake_fly(world.geoms, world.start, world.goal, world.key, config)
+        yield SimpleNamespace(log=dataclasses.replace(log, planning_iterations=jnp.int32(0)))
+        yield SimpleNamespace(log=log)
+
+    monkeypatch.setattr(module, "watch", fake_watch)
+    geoms = jax.tree.map(lambda x: jnp.stack([x] * 3), ground_plane())
+    points, keys = jnp.arange(18.0).reshape(2, 3, 3), jax.vmap(jax.random.key)(jnp.arange(3))
+    config = windy(2.0)
+    found = module._fly_split((geoms, *points, keys), config, jax.devices()[:1])
+    expected = jax.vmap(fake_fly, in_axes=(0, 0, 0, 0, None))(geoms, *points, keys, config)
+    for field in dataclasses.fields(FlightLog):
+        np.testing.assert_allclose(found[field.name], getattr(expected, field.name), rtol=1e-5)
+    assert [world.disturbances for world in watched] == [config.disturbances] * 3
 
 
 @pytest.mark.usefixtures("quick")
@@ -288,6 +311,7 @@ def _real_flights(out: Path) -> None:
     """All cases on two devices, with and without a NaN, and one flight watched from the host."""
     flight.settle = settle
     config = dataclasses.replace(TINY, find=METHODS["astar"].flying())
+    module._one_by_one = module._fly_part  # as an accelerator flies them
     nan = float("nan")
     logs = {
         name: module._fly_split(cases(start), config, jax.devices())
@@ -296,7 +320,7 @@ def _real_flights(out: Path) -> None:
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
     watched = list(watch(World(*world, config.disturbances), config))
     module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
-    module._fly_part = fake_part
+    module._one_by_one = fake_part
     campaign = Campaign("suburb", 0, range(9), method=SOLVER)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
     np.savez(
@@ -375,6 +399,7 @@ def _interrupted(folder: Path) -> None:
         return dataclasses.replace(log, flown_length=log.flown_length + jnp.where(turned > 2.0, 1.0, 0.0))
 
     module.fly, module.draw_many, module._city = slow_fly, fake_draw, lambda name, seed: ground_plane()
+    module._one_by_one = module._fly_part
     try:
         for some in fly_trials(SLOW, batch=4, folder=folder):
             print(len(some), flush=True)

@@ -40,6 +40,19 @@ def test_the_time_told_is_that_of_the_last_time_and_none_is_told_before(folder: 
     assert failed == again == "compiling ascend"
 
 
+def test_programs_that_compile_at_a_time_are_told_together(folder: Path) -> None:
+    (folder / "seconds.json").write_text('{"sense": 3.2, "plan": 30.0}')
+    heard: list[str] = []
+    with told(heard.append), compiling("sense"), compiling("plan"), compiling("follow"):
+        pass
+    started = [
+        "compiling sense, 3 s last time",
+        "compiling sense, plan, 30 s last time",
+        "compiling sense, plan, follow",
+    ]
+    assert heard == [*started, started[1], started[0], ""]
+
+
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"solve": "long"}'])
 def test_a_damaged_file_of_times_is_as_good_as_none(content: str, folder: Path) -> None:
     (folder / "seconds.json").write_text(content)
