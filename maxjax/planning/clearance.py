@@ -26,7 +26,7 @@ from numpy.lib.stride_tricks import as_strided
 from maxjax.planning.zones import ZONES, Parts
 
 _PIECE = 4.0  # longest piece of a segment [voxels]
-_REACHES = (2.0, 4.0, 8.0)  # half widths of the windows that are tried before the whole map is searched [voxels]
+_REACHES = (2.0, 4.0, 8.0, 16.0, 32.0)  # half widths of the windows that are tried, as long as they are small [voxels]
 _TILE = 4  # edge of the tiles in which the whole map is searched: the bytes of one 32-bit number
 _CELLS = np.stack(np.unravel_index(np.arange(_TILE**3), (_TILE,) * 3), axis=-1)
 _SLACK = 1e-6  # more than rounding adds to a squared distance [voxels²]
@@ -101,6 +101,8 @@ def clearances(
     nearest = _Nearest(np.full(count, math.inf), np.full((count, 3), math.nan), ZONES)
     pieces = _pieces(parts, path_of, which)
     for reach in _REACHES:
+        if not _small(reach, pieces, occupied):
+            continue
         _measure_nearest(nearest, pieces, *_around(pieces, occupied, reach, ground))
         pieces = pieces.of(nearest.bounds[pieces.zone] > reach**2)
         if not pieces.zone.size:
@@ -130,6 +132,8 @@ def distances_at(
     pieces = _Pieces(row, map_of.astype(np.int64), points, nothing, points, points)
     squared = np.full(len(points), math.inf)
     for reach in _REACHES[1:]:
+        if not _small(reach, pieces, occupied):
+            continue
         piece, _, gap = _around(pieces, occupied, reach, ground)
         np.minimum.at(squared, pieces.zone[piece], gap)
         pieces = pieces.of(squared[pieces.zone] > reach**2)
@@ -142,6 +146,11 @@ def distances_at(
             _search(nearest, pieces.of(pieces.map == seen), held)
     least: Float64[np.ndarray, " n"] = np.sqrt(squared)
     return least
+
+
+def _small(reach: float, pieces: _Pieces, occupied: Bool[np.ndarray, "m nx ny nz"]) -> bool:
+    """Whether windows of this half width together are no larger than a map; narrow ones always count as small."""
+    return reach <= 8 or len(pieces.zone) * (2 * reach + _PIECE) ** 3 <= occupied[0].size
 
 
 def _pieces(parts: Parts, path_of: Int64[np.ndarray, " k"], which: Integer[np.ndarray, " p"]) -> _Pieces:

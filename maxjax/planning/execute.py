@@ -12,6 +12,7 @@ every way by `with_longer_ascents`: a maze can need more of them than a city.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -25,6 +26,7 @@ from maxjax.core.status import Status
 from maxjax.planning import pipeline
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, potential_field
+from maxjax.planning.corridor import in_corridor
 from maxjax.planning.focus import View, in_windows
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem
@@ -35,6 +37,8 @@ from maxjax.planning.task import Task, rows_of
 
 # Problems that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
 _CHUNK = 32
+# Voxels of the largest map that is solved as a whole where no window answers.
+_LARGEST_WHOLE = 2**22
 # Steps of an ascent, in terms of those of its settings, until it arrives.
 _FACTORS = (1, 4, 16, 64, 256, 1024)
 
@@ -62,8 +66,22 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
         finder = staged(find) if isinstance(find, Climb) else find
         return [_plan_one(view.some(slice(k, k + 1)), finder, method) for k in range(len(view))]
 
+    def otherwise(some: Task) -> list[Plan]:
+        """Plans of what no window answers."""
+        if math.prod(some.grid.shape) <= _LARGEST_WHOLE:
+            return plan(View(some))
+        return [_routed(some.some(slice(k, k + 1))) for k in range(len(some))]
+
+    def _routed(one: Task) -> Plan:
+        """The plan of a problem in a map too large to be solved as a whole, if a corridor has one."""
+        found = in_corridor(one, plan)
+        if found.status == Status.OK:
+            return dataclasses.replace(found, method=method)
+        (solved,) = plan(View(one))
+        return dataclasses.replace(solved, timings=added(found.timings, solved.timings))
+
     focused = isinstance(find, Climb) and find.focused
-    return with_largest_radii(in_windows(task, plan) if focused else plan(View(task)), task)
+    return with_largest_radii(in_windows(task, plan, otherwise) if focused else plan(View(task)), task)
 
 
 def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:

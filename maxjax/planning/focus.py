@@ -35,7 +35,7 @@ from maxjax.planning.route import Route
 from maxjax.planning.task import Rows, Task, maps_of, rows_of
 
 # Shapes of windows, flat as cities are [voxels].
-SHAPES: tuple[Index3, ...] = ((32, 32, 24), (48, 48, 24), (64, 64, 32), (80, 80, 40))
+SHAPES: tuple[Index3, ...] = ((32, 32, 24), (48, 48, 24), (64, 64, 32), (80, 80, 40), (128, 128, 64), (192, 192, 64))
 # What the cheapest way is taken to cost, in terms of the straight line, and by what that grows where ends are not
 # joined.
 _GUESS, _GROWTH = 1.25, 1.6
@@ -216,12 +216,15 @@ class View:
         return View(self.task.some(rows), kept and tuple(self.windows[k] for k in kept))  # type: ignore[index]
 
 
-def in_windows(task: Task, plan: Callable[[View], list[Plan]]) -> list[Plan]:
+def in_windows(
+    task: Task, plan: Callable[[View], list[Plan]], whole: Callable[[Task], list[Plan]] | None = None
+) -> list[Plan]:
     """Plans of a task by windows that grow until they prove what they show, at last by whole maps.
 
     Args:
         task: what to plan.
         plan: plans of what a device is shown.
+        whole: plans of what no window answers. None: those of `plan` in whole maps.
 
     Returns:
         One plan a problem, with the timings of all its windows.
@@ -236,8 +239,9 @@ def in_windows(task: Task, plan: Callable[[View], list[Plan]]) -> list[Plan]:
         for shape, group in groups.items():
             which = [k for k, _ in group]
             windows = tuple(window for _, window in group if window is not None)
-            view = View(task.some(rows_of(np.array(which))), windows if shape else None)
-            for (k, window), found in zip(group, plan(view), strict=True):
+            some = task.some(rows_of(np.array(which)))
+            found_here = whole(some) if whole and not shape else plan(View(some, windows or None))
+            for (k, window), found in zip(group, found_here, strict=True):
                 before = plans[k].timings if k in plans else {}
                 plans[k] = dataclasses.replace(found, timings=added(before, found.timings))
                 following = _next_cost(found, window, costs.pop(k), task.grid.spacing)

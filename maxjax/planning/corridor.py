@@ -1,0 +1,183 @@
+"""Corridor: a route too long for any window, coarse to fine.
+
+    coarse map → plan → hand-overs along it → legs in windows → hand-overs in the middle of the legs → … → one path
+
+A coarse voxel is occupied if any of its f³ voxels is, so that a coarse path has room; where that joins nothing, if more
+than half of them are. Its plan only says which way to go. Legs are planned, certified and judged on the map itself,
+each in a window of its own (`planning.focus`). A hand-over that was put on the coarse path costs a detour, so the legs
+are planned again from middle to middle, which pulls the route taut across it. The judge then passes or refuses the
+whole path, on the whole map.
+
+What is proved for a leg holds for its window; that no way along other streets is cheaper is not proved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+import operator
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from scipy import ndimage
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.planning.focus import View, in_windows
+from maxjax.planning.plan import Plan, judged, no_plan
+from maxjax.planning.recorder import added
+from maxjax.planning.route import Route
+from maxjax.planning.task import Task
+
+# Voxels that a coarse map may have, and of a leg [voxels].
+_COARSE, _LEG = 2**22, 36
+# Times that the legs are planned, the first time between points of the coarse path.
+_PASSES = 3
+# A hand-over may be this far from the coarse path, in coarse voxels.
+_ASIDE = 2.0
+
+Points = Float64[np.ndarray, "t 3"]
+Volume = Bool[np.ndarray, "nx ny nz"]
+
+
+def in_corridor(task: Task, plan: Callable[[View], list[Plan]]) -> Plan:
+    """The plan of the only problem of a task, in a corridor of windows.
+
+    Args:
+        task: whose map is too large to be solved as a whole.
+        plan: plans of what a device is shown.
+
+    Returns:
+        A plan, OK only for a path that the judge passed; else the status of what failed.
+    """
+    find = functools.partial(_legs, plan=plan)
+    spent: dict[str, float] = {}
+    found = no_plan(Status.NO_VALID_PATH, "", task.distances)
+    for share in (0.0, 0.5):
+        guide = _guide(task, share, plan)
+        spent = added(spent, guide.timings)
+        if guide.status != Status.OK:
+            found = no_plan(guide.status, "", task.distances)
+            continue
+        legs = find(task, _handovers(task, guide))
+        for k in range(1, _PASSES):
+            spent = added(spent, _timings(legs))
+            if any(leg.status != Status.OK for leg in legs):
+                break
+            legs = find(task, _between(task, legs, 0.5 * (k % 2)))
+        spent = added(spent, _timings(legs))
+        failed = [leg for leg in legs if leg.status != Status.OK]
+        found = failed[0] if failed else _joined(task, legs)
+        if found.status == Status.OK:
+            break
+    return dataclasses.replace(found, timings=spent)
+
+
+def _timings(plans: list[Plan]) -> dict[str, float]:
+    """All timings of plans."""
+    return functools.reduce(lambda total, plan: added(total, plan.timings), plans, {})
+
+
+def _legs(task: Task, points: Points, plan: Callable[[View], list[Plan]]) -> list[Plan]:
+    """Plans from each point to the next."""
+    starts, goals = points[:-1], points[1:]
+    some = Task(task.occupied, task.ground, starts, goals, task.grid, task.distances)
+    return in_windows(some, plan, whole=lambda task: [no_plan(Status.NO_VALID_PATH, "", task.distances)] * len(task))
+
+
+def _guide(task: Task, share: float, plan: Callable[[View], list[Plan]]) -> Plan:
+    """The plan in a coarse map, in whose voxels more than this share is occupied."""
+    factor = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
+    occupied, ground = (coarse(volume, factor, share) for volume in (task.occupied, task.ground))
+    fine = task.grid
+    origin = tuple(x + fine.spacing * (factor - 1) / 2 for x in fine.origin)
+    grid = Grid(occupied.shape, factor * fine.spacing, origin)
+    for end in task.index[0]:
+        _open(occupied, np.floor((end + 0.5) / factor).astype(int), coarse(~task.occupied, factor, 0.0))
+    ends = task.starts, task.goals
+    (found,) = in_windows(Task(occupied, ground & occupied, *ends, grid, task.distances), plan)
+    return found
+
+
+def coarse(volume: Volume, factor: int, share: float) -> Bool[np.ndarray, "mx my mz"]:
+    """Voxels of `factor`³ voxels of which more than this share is in a volume; beyond it nothing is."""
+    counts = np.zeros([-(-n // factor) for n in volume.shape], np.uint16)
+    for offset in itertools.product(range(factor), repeat=3):
+        part = volume[tuple(slice(k, None, factor) for k in offset)]
+        counts[tuple(map(slice, part.shape))] += part
+    more: Bool[np.ndarray, "mx my mz"] = counts > share * factor**3
+    return more
+
+
+def _open(occupied: Volume, index: np.ndarray, passable: Volume) -> None:
+    """Free the coarse voxels around an end that have any room in them: the end stands in one."""
+    around = tuple(slice(max(i - 1, 0), i + 2) for i in index.tolist())
+    occupied[around] &= ~passable[around]
+
+
+def _handovers(task: Task, guide: Plan) -> Points:
+    """Points of a coarse path about a leg apart, moved to where the map has most room near them."""
+    length = _LEG * task.grid.spacing
+    count = max(round(guide.length / length), 1)
+    on_path = _at(guide.path, np.arange(1, count) / count)
+    factor = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
+    kept = [task.starts[0], *(_roomy(task, point, _ASIDE * factor) for point in on_path), task.goals[0]]
+    return np.array(kept)
+
+
+def _roomy(task: Task, point: Float64[np.ndarray, " 3"], reach: float) -> Float64[np.ndarray, " 3"]:
+    """The centre of the voxel near a point [m] that is farthest from what is occupied, for how far it is away."""
+    grid, origin = task.grid, np.array(task.grid.origin)
+    index = (point - origin) / grid.spacing
+    margin = task.distances.margin / grid.spacing
+    around = math.ceil(reach + margin) + 1
+    low = np.maximum(np.round(index).astype(int) - around, 0)
+    box = task.occupied[
+        tuple(slice(a, int(i) + around + 1) for a, i in zip(low.tolist(), np.round(index), strict=True))
+    ]
+    room = np.minimum(ndimage.distance_transform_edt(~box), margin + 1) if box.any() else np.full(box.shape, margin)
+    away = functools.reduce(
+        operator.add,
+        np.ix_(*((np.arange(n) + a - i) ** 2 for n, a, i in zip(box.shape, low.tolist(), index.tolist(), strict=True))),
+    )
+    score = np.where((away <= reach**2) & ~box, room - 0.5 * np.sqrt(away), -np.inf)
+    best = np.array(np.unravel_index(np.argmax(score), box.shape))
+    centre: Float64[np.ndarray, " 3"] = origin + grid.spacing * (low + best)
+    return centre
+
+
+def _at(path: Points, shares: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
+    """Points of a path at these shares of its length."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    return np.stack([np.interp(shares * along[-1], along, path[:, k]) for k in range(3)], axis=1)
+
+
+def _between(task: Task, legs: list[Plan], shift: float) -> Points:
+    """The ends, and hand-overs on the path of these legs, the first of them this part of a leg from the start."""
+    path = _whole(legs)
+    count = max(round(sum(leg.length for leg in legs) / (_LEG * task.grid.spacing)), 1)
+    shares = (np.arange(count) + shift) / count
+    return np.concatenate([path[:1], _at(path, shares[shares > 0]), path[-1:]])
+
+
+def _whole(legs: list[Plan]) -> Points:
+    """The path of all legs [m]."""
+    return np.concatenate([legs[0].path, *(leg.path[1:] for leg in legs[1:])])
+
+
+def _joined(task: Task, legs: list[Plan]) -> Plan:
+    """The legs as one plan, if the judge passes it."""
+    grid = task.grid
+    route = Route(
+        (_whole(legs) - np.array(grid.origin)) / grid.spacing,
+        np.asarray(Status.OK, np.int32),
+        np.asarray(all(leg.certified for leg in legs)),
+        balls=np.array([legs[0].balls[0], legs[-1].balls[1]], np.float32),
+        geodesic=np.asarray(any(leg.potential == "geodesic" for leg in legs)),
+        cost=np.asarray(sum(leg.cost for leg in legs), np.float32),
+    )
+    (plan,) = judged([route], task, legs[0].method)
+    return plan

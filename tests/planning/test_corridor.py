@@ -1,0 +1,83 @@
+"""Routes too long for a window: coarse to fine, judged on the whole map, and about as short as by the whole field."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.methods import METHODS
+from maxjax.planning import corridor, execute, focus
+from maxjax.planning.judge import verify
+from maxjax.planning.plan import Plan
+from maxjax.planning.task import Distances, Task
+
+GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))
+FIND = METHODS["solver"].finder()
+
+
+@pytest.fixture(autouse=True)
+def small_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows, legs and coarse maps so small that this map is a city to them."""
+    monkeypatch.setattr(focus, "SHAPES", ((24, 24, 14),))
+    monkeypatch.setattr(execute, "_LARGEST_WHOLE", 0)
+    monkeypatch.setattr(corridor, "_COARSE", 2**13)
+    monkeypatch.setattr(corridor, "_LEG", 12)
+
+
+def town() -> tuple[np.ndarray, np.ndarray]:
+    """Blocks of houses, streets of six voxels between them, a ground."""
+    occupied = np.zeros(GRID.shape, bool)
+    rng = np.random.default_rng(3)
+    for x in range(4, 60, 14):
+        for y in range(4, 40, 14):
+            occupied[x : x + 8, y : y + 8, : rng.integers(6, 14)] = True
+    ground = np.zeros(GRID.shape, bool)
+    ground[:, :, 0] = True
+    return occupied | ground, ground
+
+
+def across(occupied: np.ndarray, ground: np.ndarray) -> Task:
+    ends = np.array([[2.0, 2.0, 3.0], [63.0, 41.0, 3.0]]) * GRID.spacing + np.array(GRID.origin)
+    return Task.of(occupied, ends[:1], ends[1:], GRID, Distances(1.0, 6.0), ground)
+
+
+def planned(task: Task) -> Plan:
+    (plan,) = execute.plan_task(task, FIND, "solver")
+    return plan
+
+
+def whole(task: Task) -> Plan:
+    (plan,) = execute.plan_task(task, dataclasses.replace(FIND, focused=False), "solver")  # type: ignore[type-var]
+    return plan
+
+
+def test_a_route_in_a_corridor_passes_the_judge_and_is_about_the_shortest() -> None:
+    occupied, ground = town()
+    task = across(occupied, ground)
+    plan, other = planned(task), whole(task)
+    assert plan.status == other.status == Status.OK
+    assert plan.certified
+    assert plan.method == "solver"
+    assert verify(plan.path, None, occupied, GRID, ground=ground, radius=1.0, balls=plan.balls).ok
+    assert np.array_equal(plan.path[0], task.starts[0])
+    assert np.array_equal(plan.path[-1], task.goals[0])
+    assert plan.cost <= 1.02 * other.cost
+
+
+def test_what_no_corridor_joins_has_the_status_of_the_whole_map() -> None:
+    occupied, ground = town()
+    occupied[33] = True
+    assert planned(across(occupied, ground)).status == Status.NO_VALID_PATH
+    occupied[33, 15, 7] = False  # a door that no coarse map shows
+    assert planned(across(occupied, ground)).status == Status.OK
+
+
+@pytest.mark.parametrize(("factor", "share"), [(2, 0.0), (3, 0.0), (3, 0.5)])
+def test_a_coarse_voxel_is_occupied_by_the_share_of_its_voxels(factor: int, share: float) -> None:
+    volume = np.random.default_rng(1).random((7, 8, 10)) < 0.4
+    found = corridor.coarse(volume, factor, share)
+    for index in np.ndindex(*found.shape):
+        block = volume[tuple(slice(i * factor, (i + 1) * factor) for i in index)]
+        assert found[index] == (block.sum() > share * factor**3)
