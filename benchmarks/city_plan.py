@@ -130,8 +130,8 @@ def main(config: Config) -> list[Row]:
 
 def _shape(text: str) -> tuple[int, int, int]:
     numbers = [int(part) for part in text.split("x") if part.isdecimal()]
-    if len(numbers) != 3 or min(numbers) < 2 * _CORNER:
-        raise ValueError(f"--cities: expected NXxNYxNZ of at least {2 * _CORNER} voxels each, given {text!r}")
+    if len(numbers) != 3 or min(numbers[:2]) < 3 * _CORNER:
+        raise ValueError(f"--cities: expected NXxNYxNZ, {3 * _CORNER} or more voxels wide, given {text!r}")
     return numbers[0], numbers[1], numbers[2]
 
 

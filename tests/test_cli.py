@@ -236,6 +236,15 @@ def arrays(**named: object) -> bytes:
     return buffer.getvalue()
 
 
+def sparse(shape: tuple[int, int, int]) -> bytes:
+    """A large map with a wall across, compressed."""
+    occupied = np.zeros(shape, bool)
+    occupied[30, 10:50, :40] = True
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, occupied=occupied)
+    return buffer.getvalue()
+
+
 def huge() -> bytes:
     """An archive that claims 8 TB."""
     array = io.BytesIO()
@@ -250,7 +259,7 @@ BROKEN = {
     "truncated.npz": (arrays(occupied=np.zeros(SHAPE, bool))[:-200], "damaged"),
     "foreign.npz": (b"no archive at all", "damaged or foreign"),
     "huge.npz": (huge(), "takes 8000000000000 bytes"),
-    "many.npz": (arrays(occupied=np.zeros((400, 400, 220), bool)), "at most 16777216 voxels, given 35200000"),
+    "many.npz": (sparse((520, 520, 500)), "at most 134217728 voxels, given 135200000"),
     "pickle.npz": (arrays(occupied=np.array([{}])), "pickled"),
     "flat.npz": (arrays(occupied=np.zeros((4, 4), bool)), r"expected shape \(nx, ny, nz\).*found \(4, 4\)"),
     "real.npz": (arrays(occupied=np.zeros(SHAPE)), "expected bool.*found float64"),
@@ -266,6 +275,18 @@ BROKEN = {
     "cut.laz": (b"LASF" + bytes(100), "header"),
     "photo.jpg": (b"JFIF", "expected a suffix among .npz, .ply, .las, .laz"),
 }
+
+
+def test_a_large_map_is_planned_in_windows_and_its_figure_left_out(terminal: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "large.npz").write_bytes(sparse((300, 300, 200)))
+    out = tmp_path / "out"
+    code, _, err = terminal("plan", tmp_path / "large.npz", *between((40, 40, 20), (80, 50, 20)), "--out", out)
+    assert code == 0
+    assert "no figure" in err
+    assert sorted(os.listdir(out)) == ["path.csv", "plan.json"]
+    small = terminal("plan", tmp_path / "large.npz", *between((40, 40, 20), (80, 50, 20)), "--method", "astar")
+    assert small[0] == 2
+    assert "at most 16777216 voxels" in small[2]
 
 
 @pytest.mark.parametrize("name", BROKEN)

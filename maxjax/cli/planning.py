@@ -9,7 +9,7 @@ from pathlib import Path
 from maxjax.cli import report
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MapTask, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import METHODS, method_named
 from maxjax.planning.execute import plan_task
@@ -37,7 +37,8 @@ def run(options: PlanOptions) -> int:
     configuration = {name: value for name, value in vars(options).items() if name not in ("out", "json")}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {options.method: plan}, None, list[Path]()
-    if options.out is not None and plan.status == Status.OK:
+    drawn = given.task.occupied.size <= MOST_VOXELS
+    if options.out is not None and plan.status == Status.OK and drawn:
         with progress("Drawing"):
             if METHODS[options.method].climbs:
                 plans["astar"] = plan_in(given, "astar")
@@ -53,6 +54,8 @@ def run(options: PlanOptions) -> int:
         if files:
             print(*files, sep="\n")
     if plan.status == Status.OK:
+        if options.out is not None and not drawn:
+            report.complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
         report.warn(plan, given.task)
         return 0
     report.complain(message)

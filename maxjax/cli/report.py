@@ -208,12 +208,12 @@ def complain(message: str) -> None:
 
 
 def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:
-    """Write plan.json and, for a plan that is OK, path.csv and plan.png; each whole or not at all.
+    """Write plan.json and, for a plan that is OK, path.csv and the figure plan.png; each whole or not at all.
 
     Args:
         out: folder; made if missing.
         content: from `document`.
-        figure: matplotlib figure, or None where there is no path.
+        figure: matplotlib figure, or None where none is drawn.
 
     Returns:
         The files written. Those of an earlier plan are gone: after a failure, no path is left to fly.
@@ -230,8 +230,10 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]
     written = []
     if figure is not None:
         save_figure(figure, picture)
+        written.append(picture)
+    if content["path"]:
         atomic_write(path, _csv(np.asarray(content["path"])))
-        written = [picture, path]
+        written.append(path)
     atomic_write(summary, dumps(content))
     return [*written, summary]
 

@@ -27,7 +27,8 @@ Volume = Bool[np.ndarray, "nx ny nz"]
 
 _CITIES = ", ".join(f"{name}:SEED" for name in MAPS)
 _FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
-_MOST_VOXELS = 2**24  # 256³: a plan takes 3 GB
+MOST_VOXELS = 2**24  # 256³: a plan that takes the whole map takes 3 GB
+_MOST_FOCUSED = 2**27  # 512³: one in windows takes 1 GB beyond the map
 _TOUCH = 1e-9  # [m]
 
 _VOXELIZE = Program("voxelise", voxelize, static=("grid",))
@@ -123,9 +124,10 @@ def _task(
 def _of_voxels(source: VoxelMap, options: PlanOptions) -> MapTask:
     if options.center is not None:
         raise ValueError("--center: a voxel map brings its own grid; leave the option out")
-    if source.occupied.size > _MOST_VOXELS:
+    most = _MOST_FOCUSED if options.method == "solver" else MOST_VOXELS
+    if source.occupied.size > most:
         raise ValueError(
-            f"{source.source}: expected at most {_MOST_VOXELS} voxels, given {source.occupied.size} "
+            f"{source.source}: expected at most {most} voxels, given {source.occupied.size} "
             f"{source.occupied.shape}; crop it around start and goal"
         )
     below = np.zeros_like(source.occupied) if options.ground is None else _flat(options.ground, source.grid)

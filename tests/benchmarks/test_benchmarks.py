@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import first_cycles, lidar, plan, profile, training
+from benchmarks import city_plan, first_cycles, lidar, plan, profile, training
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -64,3 +64,10 @@ def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(t
     assert [(row["devices"], row["speed_up"]) for row in rows] == [(1, 1.0)]
     assert rows[0]["seconds_an_epoch"] > 0
     assert json.loads((tmp_path / "training.json").read_text())["rows"] == rows
+
+
+def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
+    rows = city_plan.main(city_plan.Config(cities=("64x48x20", "48x64x20"), compare=False, out=tmp_path))
+    assert [row["status"] for row in rows] == ["OK", "OK"]
+    assert all(row["certified"] and row["length_m"] >= row["straight_m"] for row in rows)
+    assert all(0 < row["seconds"] <= row["first_seconds"] for row in rows)
