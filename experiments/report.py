@@ -56,6 +56,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
 
 # Table and the result files that it takes, of the chapter on speed.
 SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
+    (tables.rivals, ("rivals", "rivals_h200")),
     (tables.plans, ("plan", "plan_h200")),
     (tables.solves, ("potential", "potential_h200")),
     (tables.profile, ("profile", "profile_h200", "profile_city_h200")),

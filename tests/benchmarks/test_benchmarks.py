@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import city_plan, first_cycles, lidar, plan, profile, training
+from benchmarks import city_plan, first_cycles, lidar, plan, profile, rivals, tables, training
+from maxjax.planning.baselines import astar_compiled
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -31,6 +32,30 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert batch["plans_per_second"] == pytest.approx(1e3 / batch["median"], rel=0.1)
     stages = [row["median"] for what, row in rows.items() if what.startswith("batch of 2: ") and row is not batch]
     assert 0 < sum(stages) <= batch["median"]
+
+
+def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
+    config = rivals.Config(
+        ("suburb",),
+        problems=1,
+        batch=1,
+        starts=6,
+        plans=1,
+        city=("suburb", 0),
+        shape=(51, 51, 51),
+        repeats=1,
+        out=tmp_path,
+    )
+    rows = {str(row["what"]): row for row in rivals.main(config)}
+    solved = {what: row["solved"] for what, row in rows.items() if "solved" in row}
+    assert {what: count for what, count in solved.items() if count not in (1, 6)} == {}
+    assert solved["fleet of 6 near: plan_fleet"] == solved["fleet of 6 anywhere: plan_fleet"] == 6
+    assert all(row["median"] > 0 for row in rows.values() if "note" not in row)
+    if astar_compiled.available():
+        assert "query, priced: compiled A*" in rows
+        assert solved["fleet of 6 near: compiled A*"] == 6
+    document = json.loads((tmp_path / "rivals.json").read_text())
+    assert "| one plan, priced |" in tables.rivals(document)
 
 
 def test_the_benchmark_of_the_first_cycles_solves_alone_and_in_a_batch(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def search(problem: Problem, grid: Grid) -> Route:
         start, goal = np.asarray(problem.start), np.asarray(problem.goal)
         price = None if problem.price is None else np.asarray(problem.price)
         find = astar_compiled.astar if compiled else astar
-        result = find(np.asarray(problem.blocked), _voxel(start), _voxel(goal), price)
+        result = find(np.asarray(problem.blocked), voxel_of(start), voxel_of(goal), price)
         if result.status != Status.OK:
             return failed(result.status)
         return found(np.concatenate([start[None], result.path, goal[None]]), certified=False)
@@ -75,7 +75,8 @@ def _corners_on_host(problem: Problem) -> tuple[Float[np.ndarray, "n 3"], Int32[
     return np.pad(path, ((0, POINTS - len(path)), (0, 0)), mode="edge"), np.asarray(Status.OK, np.int32)
 
 
-def _voxel(x: Float[np.ndarray, " 3"]) -> Index3:
+def voxel_of(x: Float[np.ndarray, " 3"]) -> Index3:
+    """The voxel that holds a point in index coordinates."""
     i, j, k = np.floor(x + 0.5)
     return int(i), int(j), int(k)
 
