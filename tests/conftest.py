@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -34,6 +35,21 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real inputs at {DATA}; set MAXJAX_DATA")
     return DATA
+
+
+@pytest.fixture(scope="module")
+def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
+    from maxjax.planning.baselines import astar_compiled
+
+    folder = tmp_path_factory.mktemp("astar")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(astar_compiled, "cache_folder", lambda: folder)
+        astar_compiled._outcome.cache_clear()
+        if not astar_compiled.available():
+            pytest.skip(str(astar_compiled._outcome()))
+        yield
+    astar_compiled._outcome.cache_clear()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -24,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int32, Int64, UInt
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import target
 from maxjax.core.status import Status
+from maxjax.core.threads import concurrently
 from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.balls import Opened
@@ -213,6 +213,6 @@ def _together(program: Program, calls: list[tuple[Any, ...]], count: int, **stat
 
     # The first by itself: it may compile.
     results = [tuple(map(np.asarray, program(*calls[0], **static)))]
-    with timed(program.name), ThreadPoolExecutor(os.cpu_count()) as pool:
-        results += pool.map(result, calls[1:])
+    with timed(program.name):
+        results += concurrently(result, calls[1:], os.cpu_count() or 1)
     return tuple(np.concatenate(rows)[:count] for rows in zip(*results, strict=True))

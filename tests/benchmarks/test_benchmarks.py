@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from benchmarks import city_plan, first_cycles, lidar, plan, profile, rivals, tables, training
-from maxjax.planning.baselines import astar_compiled
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -34,6 +33,7 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert 0 < sum(stages) <= batch["median"]
 
 
+@pytest.mark.usefixtures("compiled_astar")
 def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     config = rivals.Config(
         ("suburb",),
@@ -51,9 +51,8 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     assert {what: count for what, count in solved.items() if count not in (1, 6)} == {}
     assert solved["fleet of 6 near: plan_fleet"] == solved["fleet of 6 anywhere: plan_fleet"] == 6
     assert all(row["median"] > 0 for row in rows.values() if "note" not in row)
-    if astar_compiled.available():
-        assert "query, priced: compiled A*" in rows
-        assert solved["fleet of 6 near: compiled A*"] == 6
+    assert "query, priced: compiled A*" in rows
+    assert solved["fleet of 6 near: compiled A*"] == 6
     document = json.loads((tmp_path / "rivals.json").read_text())
     assert "| one plan, priced |" in tables.rivals(document)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import stat
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from maxjax.planning.baselines.astar import AstarResult, astar
 from maxjax.planning.baselines.astar_compiled import NotCompiledError, Queries, Query, Search
 
 Index = tuple[int, int, int]
-compiled = pytest.mark.skipif(not astar_compiled.available(), reason="no C++ compiler")
 PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]
 
 
@@ -34,7 +34,7 @@ def check(blocked: np.ndarray, start: Index, goal: Index, price: np.ndarray | No
     return found
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 @settings(max_examples=200, deadline=None)
 @given(
     shape=st.tuples(*[st.integers(1, 9)] * 3),
@@ -52,7 +52,7 @@ def test_is_the_search_in_python(shape: Index, density: float, prices: tuple[flo
         check(blocked, start, goal, price)
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 @pytest.mark.parametrize("priced", [False, True])
 def test_equals_dijkstra_among_boxes(priced: bool) -> None:
     rng = np.random.default_rng(8)
@@ -70,7 +70,7 @@ def test_equals_dijkstra_among_boxes(priced: bool) -> None:
             assert math.isinf(costs[goal]) or cuts_no_corner(found.path, blocked)
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 @pytest.mark.parametrize("name", ["Complex", "Simple"])
 def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Path) -> None:
     with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:
@@ -84,7 +84,7 @@ def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Pa
         assert cuts_no_corner(found.path, blocked)
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 def test_answers_do_not_depend_on_threads_nor_on_earlier_queries() -> None:
     rng = np.random.default_rng(4)
     maps = rng.random((3, 12, 11, 10)) < 0.25
@@ -107,7 +107,7 @@ def test_answers_do_not_depend_on_threads_nor_on_earlier_queries() -> None:
     assert costs == [one.cost for one in expected]
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 def test_a_path_longer_than_was_reckoned_with_is_whole() -> None:
     maze = serpentine(41, 41, 3)
     free = np.argwhere(~maze)
@@ -115,7 +115,7 @@ def test_a_path_longer_than_was_reckoned_with_is_whole() -> None:
     assert len(found.path) > astar_compiled._ROOM
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 def test_wrong_queries_are_told_with_what_was_given() -> None:
     blocked = np.zeros((3, 4, 5), bool)
     blocked[1, 1, 1] = True
@@ -135,10 +135,10 @@ def test_wrong_queries_are_told_with_what_was_given() -> None:
 
 
 @pytest.fixture
-def unbuilt(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A cache folder of its own, and nothing known of an earlier build."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr("sys.platform", "linux")
+def unbuilt(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+    """A folder for libraries, which is empty, and nothing known of an earlier build."""
+    (tmp_path / "cache").mkdir()
+    monkeypatch.setattr(astar_compiled, "cache_folder", lambda: tmp_path / "cache")
     astar_compiled._outcome.cache_clear()
     yield tmp_path
     astar_compiled._outcome.cache_clear()
@@ -158,28 +158,26 @@ def script(folder: Path, text: str) -> None:
     (folder / "c++").chmod(stat.S_IRWXU)
 
 
-@pytest.mark.parametrize("what", ["no compiler", "broken compiler", "no library", "folder is a file"])
+@pytest.mark.parametrize("what", ["no compiler", "broken compiler", "no library", "no folder"])
 def test_without_a_library_the_search_in_python_plans(
     what: str, unbuilt: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected, message = plan_by_astar(), "cannot be built or loaded"
+    expected, programs = plan_by_astar(), unbuilt / "bin"
     astar_compiled._outcome.cache_clear()
-    bin_folder = unbuilt / "bin"
+    message = "cannot be built or loaded"
     if what == "no compiler":
-        bin_folder.mkdir()
+        programs.mkdir()
         message = r"expected a C\+\+ compiler \(c\+\+, g\+\+, clang\+\+\) on the PATH, found none; install one"
     elif what == "broken compiler":
-        script(bin_folder, "echo no such header >&2; exit 1")
+        script(programs, "echo no such header >&2; exit 1")
         message = r"c\+\+ could not compile the search: no such header"
     elif what == "no library":
-        script(bin_folder, 'while [ "$1" != -o ]; do shift; done; echo text > "$2"')
+        script(programs, 'while [ "$1" != -o ]; do shift; done; echo text > "$2"')
     else:
-        script(bin_folder, "exit 0")
-        (unbuilt / "file").write_text("")
-        monkeypatch.setenv("XDG_CACHE_HOME", str(unbuilt / "file"))
-    monkeypatch.setenv("PATH", f"{bin_folder}:/bin" if what == "no library" else str(bin_folder))
-    if what == "no library":
-        monkeypatch.setattr(astar_compiled, "COMPILERS", ("c++",))
+        script(programs, "exit 0")
+        monkeypatch.setattr(astar_compiled, "cache_folder", lambda: None)
+        message = "there is no folder to keep the compiled search in; set MAXJAX_CACHE"
+    monkeypatch.setenv("PATH", str(programs))
     with pytest.raises(NotCompiledError, match=message):
         astar_compiled.library()
     found = plan_by_astar()
@@ -188,21 +186,20 @@ def test_without_a_library_the_search_in_python_plans(
     np.testing.assert_array_equal(found.path, expected.path)
 
 
-@compiled
+@pytest.mark.usefixtures("compiled_astar")
 def test_is_built_once_and_leaves_nothing_else(unbuilt: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert plan_by_astar().timings["compile"] > 0
-    folder = unbuilt / "cache" / "maxjax"
-    (kept,) = folder.iterdir()
+    (kept,) = (unbuilt / "cache").iterdir()
     assert "search" in plan_by_astar().timings
     written = kept.stat().st_mtime_ns
     astar_compiled._outcome.cache_clear()
     astar_compiled.library()
-    assert [kept] == list(folder.iterdir())
+    assert [kept] == list((unbuilt / "cache").iterdir())
     assert kept.stat().st_mtime_ns == written
     monkeypatch.setattr(astar_compiled, "FLAGS", (*astar_compiled.FLAGS, "-DOTHER"))
     astar_compiled._outcome.cache_clear()
     astar_compiled.library()
-    assert len(list(folder.iterdir())) == 2
+    assert len(list((unbuilt / "cache").iterdir())) == 2
 
 
 def test_the_source_is_part_of_the_package() -> None:

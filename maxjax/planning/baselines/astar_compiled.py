@@ -2,9 +2,9 @@
 
     queries → Queries (as the C++ reads them) → run on a `Search` a thread → AstarResult
 
-The library is built when it is first asked for and kept in the user's cache folder, under a name that holds a hash of
-the source, the compiler and its flags. It is put there by a rename, so that processes may build it at the same time.
-Nothing here is needed: without a compiler or a folder that can be written, `library` raises a `NotCompiledError`, and
+The library is built when it is first asked for and kept in the cache folder (`core.cache`), under a name that holds a
+hash of the source, the compiler and its flags. It is put there by a rename, so that processes may build it at the same
+time. Nothing here is needed: without a compiler or a cache folder `library` raises a `NotCompiledError`, and
 `astar.astar` gives the same answers.
 
 Products and sums are rounded one by one, as in Python (no fused multiply-add), which makes labels and ties the same.
@@ -16,28 +16,27 @@ import ctypes
 import functools
 import hashlib
 import os
-import platform
 import queue
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, Shaped, UInt8, UInt32
 
+from maxjax.core.cache import VARIABLE, cache_folder
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
+from maxjax.core.threads import concurrently
 from maxjax.planning.baselines.astar import AstarResult, checked, no_path, path_found, status_of_ends
 from maxjax.planning.baselines.steps import AT_START, STEPS, rules
 
 SOURCE = Path(__file__).with_name("astar.cpp")
 COMPILERS = ("c++", "g++", "clang++")
-# No `-march=native`: it gains nothing here, and a home may be shared by machines of several kinds.
+# `-march=native` gains nothing here.
 FLAGS = ("-std=c++17", "-O3", "-ffp-contract=off", "-shared", "-fPIC")
 _SECONDS = 300  # that a compiler may take
 _ROOM, _TOGETHER = 512, 16  # steps of a path that are kept at first; queries that a thread takes at a time
@@ -74,10 +73,10 @@ def available() -> bool:
 def _outcome() -> ctypes.CDLL | NotCompiledError:
     """What came of the one attempt of this process."""
     try:
-        loaded = ctypes.CDLL(str(_built(_folder())))
+        loaded = ctypes.CDLL(str(_built()))
     except NotCompiledError as error:
         return error
-    except (OSError, RuntimeError, subprocess.SubprocessError) as error:  # RuntimeError: a user without a home
+    except (OSError, subprocess.SubprocessError) as error:
         return NotCompiledError(f"A*: the compiled search cannot be built or loaded: {error}")
     address, number = ctypes.c_void_p, ctypes.c_int64
     loaded.search_new.restype, loaded.search_new.argtypes = address, [address, address, address]
@@ -86,14 +85,11 @@ def _outcome() -> ctypes.CDLL | NotCompiledError:
     return loaded
 
 
-def _folder() -> Path:
-    """The user's cache folder of maxjax."""
-    home = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
-    return Path(home).expanduser() / "maxjax"
-
-
-def _built(folder: Path) -> Path:
-    """The library in this folder, compiled unless it is there."""
+def _built() -> Path:
+    """The library, compiled unless it is there."""
+    folder = cache_folder()
+    if folder is None:
+        raise NotCompiledError(f"A*: there is no folder to keep the compiled search in; set {VARIABLE} to one")
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
         raise NotCompiledError(
@@ -101,11 +97,10 @@ def _built(folder: Path) -> Path:
             "compiled search, or use the one in Python"
         )
     source, binary = SOURCE.read_bytes(), Path(compiler).resolve()
-    told = (str(binary), binary.stat().st_size, binary.stat().st_mtime_ns, *FLAGS, platform.machine(), sys.platform)
+    told = (str(binary), binary.stat().st_size, binary.stat().st_mtime_ns, *FLAGS)
     path = folder / f"astar-{hashlib.sha256(source + repr(told).encode()).hexdigest()[:24]}.so"
     if path.is_file():
         return path
-    folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as scratch:
         new = Path(scratch, path.name)
         command = [compiler, *FLAGS, "-o", str(new), str(SOURCE)]
@@ -197,8 +192,8 @@ class Queries:
             search.run(rows)
             idle.put(search)
 
-        with ThreadPoolExecutor(len(searches)) as pool:
-            list(pool.map(some, (self._rows[k : k + _TOGETHER] for k in range(0, len(self), _TOGETHER))))
+        parts = (self._rows[k : k + _TOGETHER] for k in range(0, len(self), _TOGETHER))
+        list(concurrently(some, parts, len(searches)))
 
     def result(self, k: int) -> AstarResult:
         """The answer to one query, as `astar` gives it.
