@@ -4,7 +4,8 @@
     python -m benchmarks.rivals --batch 1024    # one GPU
 
 Problems are those of `benchmarks.common.problems` on the three maps: 101³ voxels, margin 8 m, radius 1 m, with the
-price and without. All rows are of one run, after a warm-up.
+price and without. All rows are of one run, after a warm-up; each query and plan is timed three times, and the least
+counts, as it does for fleets: machines are shared.
 
 `query` rows: a search alone, from blocked voxels and prices to a path of voxels, by A* in Python and compiled, on one
 core. `plan` rows: from the map to the verified path, by the field and by A* (its formulation, checks and judge are the
@@ -65,7 +66,7 @@ class Config:
     """
 
     maps: tuple[str, ...] = MAPS
-    problems: int = 20
+    problems: int = 10
     batch: int = 24
     starts: int = 1000
     plans: int = 30
@@ -109,6 +110,10 @@ def _seconds(call: Callable[[], Any]) -> float:
     return time.perf_counter() - start
 
 
+def _least(call: Callable[[], Any], times: int = 3) -> float:
+    return min(_seconds(call) for _ in range(times))
+
+
 def _rate(row: Row) -> Row:
     """A row of a batch, with what comes out of it in a second."""
     return {**row, "per_second": float(f"{1e3 / float(row['median'] or 0):.4g}")}
@@ -135,20 +140,19 @@ def _plan(task: Task, method: str) -> maxjax.Plan:
 
 def _query_rows(tasks: list[Task], told: str) -> list[Row]:
     queries = [query for task in tasks if (query := _query_of(task)) is not None]
-    python = [_seconds(functools.partial(astar.astar, *query)) for query in queries]
+    python = [_least(functools.partial(astar.astar, *query)) for query in queries]
     rows = [_row(f"query, {told}: A* in Python", python)]
     if astar_compiled.available():
         asked, search = [Queries([query]) for query in queries], Search(queries[0].blocked.shape)
-        for one in asked:
-            one.run([search])
-        seconds = [_seconds(functools.partial(one.run, [search])) for one in asked]
+        seconds = [_least(functools.partial(one.run, [search])) for one in asked]
         rows.append(_row(f"query, {told}: compiled A*", seconds))
     for method in ("solver", "astar"):
         for task in tasks[:: len(tasks) // 3 or 1]:
             _plan(task, method)
-        plans = [_plan(task, method) for task in tasks]
-        solved = sum(plan.status == maxjax.Status.OK for plan in plans)
-        rows.append(_row(f"plan, {told}: {method}", [plan.timings["total"] for plan in plans], solved=solved))
+        plans = [[_plan(task, method) for _ in range(3)] for task in tasks]
+        solved = sum(plan.status == maxjax.Status.OK for plan, *_ in plans)
+        seconds = [min(plan.timings["total"] for plan in same) for same in plans]
+        rows.append(_row(f"plan, {told}: {method}", seconds, solved=solved))
     return rows
 
 
@@ -165,15 +169,14 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
     rows: list[Row] = []
     if astar_compiled.available():
         seconds, solved = _searched(queries, config.repeats)
-        rows.append(_rate(_row(f"batch, {told}: compiled A*", seconds, len(queries), solved=solved)))
+        rows.append(_rate(_row(f"batch, {told}: compiled A*", [min(seconds)], len(queries), solved=solved)))
     task = joined([tasks[k] for k in np.linspace(0, len(tasks) - 1, config.batch).astype(int)])
 
     def run() -> maxjax.PlanBatch:
         return maxjax.plan_batch(task.occupied, task.starts, task.goals, task.grid, **_kept(task))
 
     solved = int(sum(run().status == maxjax.Status.OK))
-    seconds = [_seconds(run) for _ in range(3)]
-    return [*rows, _rate(_row(f"batch, {told}: plan_batch", seconds, len(task), solved=solved))]
+    return [*rows, _rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved))]
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:
@@ -213,13 +216,12 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
         return maxjax.plan_fleet(task.occupied, task.starts, task.goals[0], task.grid, ground=task.ground)
 
     field()
-    rows = [_row(f"{what}: the field alone", [_seconds(field) for _ in range(config.repeats)])]
+    rows = [_row(f"{what}: the field alone", [_least(field, config.repeats)])]
     plans = run()
-    seconds = [_seconds(run) for _ in range(3)]
-    rows.append(_row(f"{what}: plan_fleet", seconds, solved=int(sum(plans.status == maxjax.Status.OK))))
+    rows.append(_row(f"{what}: plan_fleet", [_least(run, 2)], solved=int(sum(plans.status == maxjax.Status.OK))))
     if astar_compiled.available():
         seconds, solved = _searched(queries, config.repeats)
-        rows.append(_row(f"{what}: compiled A*", seconds, solved=solved))
+        rows.append(_row(f"{what}: compiled A*", [min(seconds)], solved=solved))
     some = [_plan(task.some(slice(k, k + 1)), "astar").timings["total"] for k in range(1 + config.plans)][1:]
     rows.append(_row(f"{what}: plans by A*", [len(task) * statistics.fmean(some)], timed=len(some)))
     dijkstra3d = package("dijkstra3d")
@@ -230,7 +232,7 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
             ("distance_field", lambda: dijkstra3d.distance_field(weights, source=goal)),
             ("euclidean_distance_field", lambda: dijkstra3d.euclidean_distance_field(free, source=goal)),
         ):
-            rows.append(_row(f"{what}: dijkstra3d.{name}", [_seconds(call) for _ in range(config.repeats)]))
+            rows.append(_row(f"{what}: dijkstra3d.{name}", [_least(call, config.repeats)]))
     return rows
 
 
