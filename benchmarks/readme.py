@@ -22,6 +22,7 @@ BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 _FILES = {
     "benchmarks/results/plan.json": "python -m benchmarks.plan",
     "benchmarks/results/plan_h200.json": "python -m benchmarks.plan",
+    "benchmarks/results/rivals.json": "python -m benchmarks.rivals",
     "benchmarks/results/potential.json": "python -m benchmarks.potential",
     "benchmarks/results/potential_h200.json": "python -m benchmarks.potential",
 }
@@ -38,8 +39,8 @@ def block(root: Path = ROOT) -> str:
         if not (root / name).is_file():
             raise FileNotFoundError(f"{name} is missing; run: {command}")
         found[name] = json.loads((root / name).read_text(encoding="utf-8"))
-    plan, plan_gpu, potential, potential_gpu = found.values()
-    parts = [tables.plans(plan, plan_gpu), tables.solves(potential, potential_gpu)]
+    plan, plan_gpu, rivals, potential, potential_gpu = found.values()
+    parts = [tables.rivals(rivals), tables.plans(plan, plan_gpu), tables.solves(potential, potential_gpu)]
     return "\n".join([*parts, "### Where these figures come from\n\n" + sources(found)])
 
 

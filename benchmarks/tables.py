@@ -101,9 +101,9 @@ def rivals(*documents: Document) -> str:
         "Beside A\\* with the same rules, prices and maps, 101³ voxels, compiled (C++) and in Python. A search begins\n"
         "with blocked voxels and prices and ends with a path of voxels; a plan begins with the map and ends with a\n"
         "verified path, whichever method finds it; the field's paths are certified and at any angle. Queries and\n"
-        "plans: median and, in brackets, 99th percentile [ms] over problems, the least of three runs each, searches on\n"
-        "one core. Batches: on all cores. Fleets, priced: all starts together [ms], 20 to 80 m from their goal or\n"
-        "anywhere on the map.\n\n" + parts
+        "plans: median and, in brackets, 99th percentile [ms] over problems, of each the least of three runs;\n"
+        "searches on one core. Batches: on all cores. Fleets, priced: all starts together [ms], 20 to 80 m from their goal\n"
+        "or anywhere on the map.\n\n" + parts
     )
 
 
