@@ -102,8 +102,8 @@ def rivals(*documents: Document) -> str:
         "with blocked voxels and prices and ends with a path of voxels; a plan begins with the map and ends with a\n"
         "verified path, whichever method finds it; the field's paths are certified and at any angle. Queries and\n"
         "plans: median and, in brackets, 99th percentile [ms] over problems, of each the least of three runs;\n"
-        "searches on one core. Batches: on all cores. Fleets, priced: all starts together [ms], 20 to 80 m from their goal\n"
-        "or anywhere on the map.\n\n" + parts
+        "searches on one core. Batches: on all cores. Fleets, priced: all starts together [ms], 20 to 80 m\n"
+        "from their goal or anywhere on the map.\n\n" + parts
     )
 
 
