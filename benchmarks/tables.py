@@ -337,3 +337,17 @@ def scaling(*documents: Document) -> str:
         "Flights: as many on each device (weak scaling). Training and city: the same work, split (strong scaling).\n\n"
         + table(["what", "devices", "", "times one device", "of linear"], lines)
     )
+
+
+def startup(*documents: Document) -> str:
+    """Of `benchmarks.startup`."""
+    lines = []
+    for document in documents:
+        for row in document["rows"]:
+            figures = [number(row[key]) if key in row else "" for key in ("median", "min", "max", "cpu")]
+            lines.append([row["what"], device(document), *figures, str(row["n"])])
+    return (
+        "### From the start of a process to its end\n\n"
+        "First: nothing on disk. Second: with the executables that the first left. CPU: of all threads [s].\n\n"
+        + table(["what", "on", "median [s]", "min", "max", "CPU", "processes"], lines, left=2)
+    )

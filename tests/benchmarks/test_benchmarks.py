@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import city_plan, first_cycles, lidar, plan, profile, rivals, tables, training
+from benchmarks import city_plan, first_cycles, lidar, plan, profile, rivals, startup, tables, training
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -95,3 +95,13 @@ def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
     assert [row["status"] for row in rows] == ["OK", "OK"]
     assert all(row["certified"] and row["length_m"] >= row["straight_m"] for row in rows)
     assert all(0 < row["seconds"] <= row["first_seconds"] for row in rows)
+
+
+def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path) -> None:
+    rows = startup.main(startup.Config(commands=(), repeats=2, out=tmp_path))
+    assert json.loads((tmp_path / "startup.json").read_text())["rows"] == rows
+    assert [row["what"] for row in rows] == ["import maxjax", "import maxjax, and its names", "maxjax --help"]
+    for row in rows:
+        assert row["n"] == 2
+        assert 0 < row["min"] <= row["median"] <= row["max"]
+        assert row["cpu"] > 0
