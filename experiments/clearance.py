@@ -2,7 +2,7 @@
 
     python -m experiments.clearance                                      # 1,000 problems a map, 200 a surveyed city
     python -m experiments.clearance --variants ablation --problems 100 --street 50 --name clearance_ablation
-    python -m experiments.clearance --problems 100 --street 50           # two cores: half an hour
+    python -m experiments.clearance --problems 100 --street 50
 
 Problems are those of `experiments.problem_sets`, paths are judged by `benchmarks.common.safety`, which shares no code
 with maxjax. A path is asked to keep 4 m away from the ends (outside balls of 10 m) where a way exists that keeps them
@@ -12,6 +12,8 @@ marching.
 
 `paths_before.npz` holds the paths of the planner at the commit that it names, which knew no prices and lowered one
 margin for the whole path; they are judged anew in every run, as variants "before". `--keep` writes such a file.
+
+Plans and judgements are kept by blocks of problems (`experiments.blocks`): the same command goes on where it was ended.
 
 Expected of the solver: all solvable problems OK and certified, none unsafe; where 4 m are possible at most 1 % keep
 less and none less than 2 m; at least 7 m in the median where 8 m are; 1.08 of the length before; in the mean at most
@@ -37,6 +39,7 @@ import maxjax
 from benchmarks.common import safety
 from benchmarks.common.harness import Row, keep, provenance, save
 from benchmarks.common.markdown import Document, device, number, table
+from experiments.blocks import Blocks
 from experiments.problem_sets import DATA, SETS, Instance, problem_set
 from maxjax.fields.price import Price
 
@@ -44,6 +47,7 @@ RESULTS = Path(__file__).parent / "results"
 BEFORE = RESULTS / "paths_before.npz"
 DETOUR = 1.2
 ASKED = (2.0, 4.0, 8.0)  # clearances that ways are looked for with [m]
+BLOCK = 50  # problems that are planned and judged before they are kept; whole cities
 _SLACK = 1e-3  # rounding of a path's coordinates [m]
 _STRAIGHT = 1e-6  # points of a path closer to the line through their neighbours are left out of a stored path [m]
 
@@ -117,7 +121,7 @@ class Config:
     variants: tuple[str, ...] = ("solver", "astar")
     half: float = 100.0
     seed: int = 0
-    workers: int = 1
+    workers: int = 2
     before: bool = True
     keep: Path | None = None
     data: Path = DATA
@@ -218,34 +222,87 @@ def _judged(
     )
 
 
+class Found(NamedTuple):
+    """What planners made of some problems, and how that was judged; by variant."""
+
+    outcomes: dict[str, list[Outcome]]
+    judged: dict[str, list[Judged]]
+
+
 def main(config: Config) -> list[Row]:
     """Plan, judge, save; one row a set and variant."""
     rows: list[Row] = []
     stored: dict[str, np.ndarray] = {}  # for `--keep`
-    variants = config.named
+    told = {key: getattr(config, key) for key in ("problems", "street", "half", "seed", "variants", "before")}
+    blocks = Blocks(config.out / f"{config.name}.partial", {"commit": provenance()["commit"], **told})
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name in config.sets:
             count = config.street if name not in SETS[:3] else config.problems
             instances = problem_set(name, count, config.seed, half=config.half, data=config.data)
-            outcomes: dict[str, list[Outcome]] = {}
-            if config.before:
-                outcomes |= {f"before, {method}": found for method, found in before(name, instances).items()}
-            for variant, how in variants.items():
-                outcomes[variant] = [outcome_of(one, how) for one in instances]
-                if config.keep is not None:
-                    stored |= columns(f"{name}/{variant}", outcomes[variant], instances)
-                    held: dict[str, Any] = {"meta": np.array(json.dumps(provenance())), **stored}
-                    np.savez_compressed(config.keep, **held)
-                print(name, variant, file=sys.stderr, flush=True)
-            prices = {variant: variants.get(variant, Variant()).priced for variant in outcomes}
-            judged = judged_by(instances, outcomes, prices, pool.imap)
-            reference = judged.get("before, solver")
-            for variant, found in judged.items():
-                rows.append({"set": name, "variant": variant, **_figures(outcomes[variant], found, reference)})
+            found = found_in(name, instances, config, blocks, pool.imap)
+            if config.keep is not None:
+                for variant in config.named:
+                    stored |= columns(f"{name}/{variant}", found.outcomes[variant], instances)
+                held: dict[str, Any] = {"meta": np.array(json.dumps(provenance())), **stored}
+                np.savez_compressed(config.keep, **held)
+            reference = found.judged.get("before, solver")
+            for variant, judged in found.judged.items():
+                rows.append({"set": name, "variant": variant, **_figures(found.outcomes[variant], judged, reference)})
                 print(rows[-1], file=sys.stderr, flush=True)
             keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
+    blocks.remove()
     return rows
+
+
+def found_in(
+    name: str,
+    instances: Sequence[Instance],
+    config: Config,
+    blocks: Blocks,
+    mapped: Callable[[Callable[[Case], Any], list[Case]], Iterable[dict[str, list[Judged]]]] = map,
+) -> Found:
+    """What is found in a set: by block kept from an earlier run, or planned and judged; `mapped` as in `judged_by`."""
+    variants, stored = config.named, before(name, instances) if config.before else {}
+    parts = []
+    for first in range(0, len(instances), BLOCK):
+        some, at = instances[first : first + BLOCK], f"{name}, {first + 1} to {min(first + BLOCK, len(instances))}"
+        block = blocks.kept(at)
+        if block is None:
+            outcomes = {f"before, {method}": found[first : first + BLOCK] for method, found in stored.items()}
+            outcomes |= {variant: [outcome_of(one, how) for one in some] for variant, how in variants.items()}
+            prices = {variant: variants.get(variant, Variant()).priced for variant in outcomes}
+            parts.append(Found(outcomes, judged_by(some, outcomes, prices, mapped)))
+            blocks.keep(at, _listed(parts[-1]))
+        else:
+            parts.append(_unlisted(block))
+        print(at, file=sys.stderr, flush=True)
+    outcomes = {key: [one for part in parts for one in part.outcomes[key]] for key in parts[0].outcomes}
+    return Found(outcomes, {key: [one for part in parts for one in part.judged[key]] for key in outcomes})
+
+
+def _listed(found: Found) -> dict[str, Any]:
+    """As JSON holds it."""
+    return {
+        "outcomes": {key: [o._replace(path=o.path.tolist()) for o in some] for key, some in found.outcomes.items()},
+        "judged": found.judged,
+    }
+
+
+def _unlisted(block: Mapping[str, Any]) -> Found:
+    """What `_listed` gave."""
+
+    def outcome(status: int, certified: bool, path: list[list[float]], *rest: Any) -> Outcome:
+        radius, balls, *others = rest
+        return Outcome(status, certified, np.array(path, float).reshape(-1, 3), radius, (balls[0], balls[1]), *others)
+
+    def judged(solvable: bool, ways: list[float], *rest: Any) -> Judged:
+        return Judged(solvable, tuple(ways), *rest)
+
+    return Found(
+        {key: [outcome(*row) for row in rows] for key, rows in block["outcomes"].items()},
+        {key: [judged(*row) for row in rows] for key, rows in block["judged"].items()},
+    )
 
 
 def outcome_of(instance: Instance, how: Variant) -> Outcome:

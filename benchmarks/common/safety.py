@@ -79,7 +79,12 @@ class Walls:
         for offset in itertools.product(range(3), repeat=3):
             window = tuple(slice(o, o + 2 * n - 1, 2) for o, n in zip(offset, solid.shape, strict=True))
             filled[window] |= solid
-        return np.asarray(0.5 * ndimage.distance_transform_edt(~filled), np.float32)
+        # Which voxel is nearest, in whole numbers: SciPy's own distances from it take twice as long.
+        nearest = ndimage.distance_transform_edt(~filled, return_distances=False, return_indices=True)
+        squared = sum(
+            (own - other) ** 2 for own, other in zip(np.ogrid[tuple(map(slice, shape))], nearest, strict=True)
+        )
+        return np.asarray(0.5 * np.sqrt(squared, dtype=np.float32))
 
     @property
     def distance(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,6 +77,36 @@ def test_a_way_with_clearance_takes_the_wider_gap_and_may_start_beside_a_wall() 
     # Within 10 m of an end anything unoccupied will do.
     assert safety.way(walls, np.array([17.0, 20, 2]), goal, 2.5) == pytest.approx(19)
     assert walls.labels[4, 20, 2] == walls.labels[36, 20, 2] > 0
+
+
+def test_windows_hold_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ways with and without clearance, costs and fast marching: as in the whole map, which costs more to search."""
+    pytest.importorskip("skfmm", reason="fast marching is scikit-fmm's: pip install 'maxjax[bench]'")
+    rng = np.random.default_rng(3)
+    occupied = random_blocks(rng, (36, 34, 12), 24, 7)
+    walls = walls_of(occupied)
+    prices = safety.price(2.0 * walls.distance, 8.0, "quadratic", 4.0).astype(np.float64)
+    window, sizes = safety._window, []
+    pairs = list(random_free(rng, occupied, 12).reshape(-1, 2, 3).astype(float))
+
+    def found(start: np.ndarray, goal: np.ndarray) -> list[float]:
+        direct, cost = safety.way(walls, start, goal), safety.cheapest(walls, start, goal, prices)
+        ways = [safety.way(walls, start, goal, clearance, 1.2 * direct) for clearance in (1.0, 4.0)]
+        return [direct, cost, *ways, safety.marched(walls, start, goal, prices, cost)]
+
+    def recorded(*given: Any) -> Any:
+        sizes.append(int(window(*given).inside.sum()))
+        return window(*given)
+
+    monkeypatch.setattr(safety, "_window", recorded)
+    restricted = [found(*ends) for ends in pairs]
+    assert min(sizes) < 0.2 * occupied.size
+    monkeypatch.setattr(safety, "_window", lambda shape, start, goal, bound: window(shape, start, goal, 1e6))
+    for ours, whole in zip(restricted, [found(*ends) for ends in pairs], strict=True):
+        np.testing.assert_allclose(ours[:4], whole[:4], rtol=1e-9)
+        np.testing.assert_allclose(ours[4], whole[4], rtol=1e-3)  # fast marching is of second order, not exact
+    assert np.isfinite(restricted).any(axis=0).all()
+    assert np.isinf(np.array(restricted)[:, 3]).any()
 
 
 def test_what_a_path_keeps() -> None:

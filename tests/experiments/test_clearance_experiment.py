@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from benchmarks.common import safety
 from experiments import clearance
 from experiments.problem_sets import Instance, problem_set
 from maxjax import Grid, Status
+
+NONE = np.zeros((0, 3))
 
 
 def test_a_tiny_run_plans_keeps_judges_and_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,6 +33,40 @@ def test_a_tiny_run_plans_keeps_judges_and_reports(tmp_path: Path, monkeypatch: 
         assert again[0][key] == pytest.approx(first[key], abs=2e-3)
     text = clearance.section(json.loads((tmp_path / "clearance.json").read_text()))
     assert "| suburb | astar | 2 of 2 | 0 | 0 |" in text
+
+
+def test_a_run_that_was_ended_goes_on_with_the_block_that_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("skfmm", reason="fast marching is scikit-fmm's: pip install 'maxjax[bench]'")
+    monkeypatch.setattr(clearance, "BLOCK", 1)
+    real, planned = clearance.outcome_of, []
+    config = dataclasses.replace(clearance.TINY, problems=3, variants=("astar",), workers=1, out=tmp_path)
+
+    def until(most: int) -> Callable[[Instance, clearance.Variant], clearance.Outcome]:
+        def outcome_of(instance: Instance, how: clearance.Variant) -> clearance.Outcome:
+            planned.append(instance)
+            if len(planned) > most:
+                raise KeyboardInterrupt
+            # The last one fails: an outcome without a path is kept as well.
+            return real(instance, how)._replace(seconds=0.5, **({"path": NONE} if len(planned) % 3 == 0 else {}))
+
+        return outcome_of
+
+    monkeypatch.setattr(clearance, "outcome_of", until(3))
+    (whole,) = clearance.main(config)
+    assert not list(tmp_path.glob("*.partial"))
+    planned.clear()
+    monkeypatch.setattr(clearance, "outcome_of", until(1))
+    with pytest.raises(KeyboardInterrupt):
+        clearance.main(config)
+    with pytest.raises(ValueError, match="a block of another run: seed was 0 there, is 1 here"):
+        clearance.main(dataclasses.replace(config, seed=1))
+    planned.pop()
+    monkeypatch.setattr(clearance, "outcome_of", until(3))
+    assert clearance.main(config) == [whole]
+    assert len(planned) == 3
+    assert whole["ok"] == 2
 
 
 def test_figures_count_what_was_possible() -> None:
