@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import os
+import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +28,9 @@ from jaxtyping import install_import_hook
 
 # Shapes and dtypes of all public signatures are checked in tests, and only there.
 install_import_hook("maxjax", "beartype.beartype")
+
+# Memory of a test process beyond which it forgets the programs that it compiled [bytes].
+ENOUGH = 2e9
 
 DATA = Path(os.environ.get("MAXJAX_DATA", Path(__file__).parents[1] / ".." / "shared" / "data")).resolve()
 
@@ -55,3 +61,27 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Small grids are compiled without LLVM's optimisations, in a seventh of the time; `full_speed` asks for them."""
     jax.config.update("jax_disable_most_optimizations", item.get_closest_marker("full_speed") is None)
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Between two files: each plan of a new shape leaves 100 MB of programs behind, which no other file asks for."""
+    if nextitem is not None and nextitem.path != item.path and resident() > ENOUGH:
+        forget_programs()
+
+
+def resident() -> int:
+    """Memory that this process has [bytes]; 0 where the system does not say."""
+    pages = Path("/proc/self/statm")
+    return int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if pages.is_file() else 0
+
+
+def forget_programs() -> None:
+    """Drop all compiled programs, and give their memory back."""
+    from maxjax.planning.program import Program
+
+    for program in [one for one in gc.get_objects() if isinstance(one, Program)]:
+        program._compiled.clear()
+    jax.clear_caches()
+    gc.collect()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)
