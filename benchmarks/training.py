@@ -78,10 +78,11 @@ def main(config: Config) -> list[Row]:
 def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     """A few labelled problems of `midtown`, repeated."""
     labelled = jax.jit(label, static_argnames=("grid",))
+    formulated = jax.jit(formulate, static_argnames=("distances", "grid"))
     each = []
     for task in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid, margin=0.0):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
-        found = formulate(*maps, jnp.asarray(task.ends[0]), task.distances, grid.local)
+        found = formulated(*maps, jnp.asarray(task.ends[0]), distances=task.distances, grid=grid.local)
         each.append(labelled(found.blocked, found.goal_index, grid))
     chosen = jnp.arange(config.scenes) % len(each)
     repeated: Scenes = jax.tree.map(lambda *leaves: jnp.stack(leaves)[chosen], *each)
