@@ -77,10 +77,10 @@ def resident() -> int:
 
 def forget_programs() -> None:
     """Drop all compiled programs, and give their memory back."""
-    from maxjax.planning.program import Program
+    from maxjax.core.executable import Stored
 
-    for program in [one for one in gc.get_objects() if isinstance(one, Program)]:
-        program._compiled.clear()
+    for program in [one for one in gc.get_objects() if isinstance(one, Stored)]:
+        program._ready.clear()
     jax.clear_caches()
     gc.collect()
     if sys.platform == "linux":

@@ -32,10 +32,11 @@ from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, summarise
 from maxjax.campaigns.trials import Trial
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
-from maxjax.sim import flight
+from maxjax.sim import flight, replan
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World, watch
 from maxjax.sim.lidar import Lidar
+from maxjax.sim.vehicle import Vehicle
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
 
@@ -261,8 +262,15 @@ def test_no_batch_is_refused() -> None:
 
 # --- Real flights, in a process of their own. ---
 
+# Coarse steps of physics and long periods: nearly all that such a flight costs is planning.
 TINY = FlightConfig(
-    find=SOLVER.flying(), shape=(25, 25, 11), spacing=4.0, lidar=Lidar(rays=4096, channels=32), plans=40, period=2.0
+    find=METHODS["astar"].flying(),
+    shape=(25, 25, 11),
+    spacing=4.0,
+    lidar=Lidar(rays=4096, channels=32),
+    vehicle=Vehicle(timestep=0.02),
+    plans=40,
+    period=2.0,
 )
 FAR_BELOW = -500.0
 CASES = ("good", "start in a box", "goal in a box", "goal outside", "same", "empty scan", "maybe NaN", "way back")
@@ -303,22 +311,24 @@ def cases(odd: tuple[float, float, float]) -> tuple[Geoms, jax.Array, jax.Array,
 
 
 def settle(going: Any, step: Any, data: Any, state: Any, *, parts: int) -> Any:
-    """What `core.lowering.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
+    """What `core.batching.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
     return jax.lax.while_loop(lambda state: going(data, state), lambda state: step(data, state), state)
 
 
 def _real_flights(out: Path) -> None:
-    """All cases on two devices, with and without a NaN, and one flight watched from the host."""
-    flight.settle = settle
-    config = dataclasses.replace(TINY, find=METHODS["astar"].flying())
+    """All cases on two devices, with and without a NaN, and one flight watched from the host.
+
+    Without returns a flight ends after five plans: nobody needs to wait for twenty.
+    """
+    flight.settle, replan._FAILURES = settle, 5
     module._one_by_one = module._fly_part  # as an accelerator flies them
     nan = float("nan")
     logs = {
-        name: module._fly_split(cases(start), config, jax.devices())
+        name: module._fly_split(cases(start), TINY, jax.devices())
         for name, start in (("nan", (-22.0, nan, 8.0)), ("fine", (-22.0, 3.0, 8.0)))
     }
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
-    watched = list(watch(World(*world, config.disturbances), config))
+    watched = list(watch(World(*world, TINY.disturbances), TINY))
     module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = fake_part
     campaign = Campaign("suburb", 0, range(9), method=SOLVER)

@@ -59,6 +59,12 @@ def test_it_arrives(flights: list[Flight]) -> None:
     assert straight < log.flown_length < 1.6 * straight
 
 
+def test_an_iteration_keeps_the_types_of_its_state(flights: list[Flight]) -> None:
+    """Else it would be compiled for the first one, and again for all others."""
+    types = [[(x.shape, x.dtype, x.weak_type) for x in jax.tree.leaves(one)] for one in (flights[0], flights[-1])]
+    assert types[0] == types[1]
+
+
 def test_length_and_time_are_those_of_the_track(flights: list[Flight]) -> None:
     log, points = flights[-1].log, track(flights[-1])
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(float(log.flown_length), rel=0.01)
