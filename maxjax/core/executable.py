@@ -59,7 +59,9 @@ class Stored(Generic[P, R]):
         self._ready: dict[Hashable, Callable[..., R]] = {}
 
     def __call__(self, *arrays: P.args, **static: P.kwargs) -> R:
-        """The function's value."""
+        """The function's value; within another program that is traced, a part of it."""
+        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arrays)):
+            return self._function(*arrays, **static)
         return self.executable(arrays, static)(*arrays)
 
     def executable(

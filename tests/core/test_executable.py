@@ -72,6 +72,15 @@ def test_a_later_process_reads_what_an_earlier_one_compiled(folder: Path, compil
     assert compiled == ["distance"]
 
 
+def test_within_another_program_it_is_a_part_of_it(folder: Path, compiled: list[str]) -> None:
+    def distance(occupied: Any) -> Any:
+        return distance_program()(occupied, reach=2)
+
+    several = jax.jit(jax.vmap(distance))(np.stack([MAP, MAP[::-1]]))
+    np.testing.assert_array_equal(several[0], squared_distance(jnp.asarray(MAP), 2))
+    assert not compiled
+
+
 def test_pytrees_go_in_and_come_out(folder: Path, compiled: list[str]) -> None:
     cities = []
     for _ in range(2):
