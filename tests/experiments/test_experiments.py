@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments import warframe_crops
+from experiments import focus, warframe_crops
 
 pytestmark = pytest.mark.full_speed
 
@@ -52,3 +52,9 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
         for origin in ((0.0, 0.0, 0.0), (84888.0, 447501.0, 0.0))
     )
     assert here == away
+
+
+def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
+    (row,) = focus.main(focus.Config(maps=("suburb",), problems=3, every=0, out=tmp_path))
+    assert row["same_status"] == row["ok"] == row["certified"] == 3
+    assert row["length_worst"] <= 1.02
