@@ -202,8 +202,13 @@ def _structure(tree: Any) -> str:
 def _surroundings() -> str:
     """What else tracing and compiling depend on."""
     settings = sorted((k, repr(v)) for k, v in jax.config.values.items() if "cache" not in k and "log_" not in k)
-    found = [_FORMAT, _sources(), version("jax"), version("jaxlib"), repr(settings), os.environ.get("XLA_FLAGS", "")]
+    found = [_FORMAT, _sources(), *_versions(), repr(settings), os.environ.get("XLA_FLAGS", "")]
     return "\n".join([*found, repr([argument for argument in sys.argv if argument.startswith("--xla")])])
+
+
+@functools.cache
+def _versions() -> tuple[str, str]:
+    return version("jax"), version("jaxlib")
 
 
 @functools.cache

@@ -22,7 +22,6 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy import ndimage
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -138,6 +137,8 @@ def _roomy(task: Task, point: Float64[np.ndarray, " 3"], reach: float) -> Float6
     box = task.occupied[
         tuple(slice(a, int(i) + around + 1) for a, i in zip(low.tolist(), np.round(index), strict=True))
     ]
+    from scipy import ndimage  # a quarter of a second that a plan in one window can do without
+
     room = np.minimum(ndimage.distance_transform_edt(~box), margin + 1) if box.any() else np.full(box.shape, margin)
     away = functools.reduce(
         operator.add,
