@@ -32,7 +32,7 @@ from maxjax.planning.route import Route
 from maxjax.planning.task import Task
 
 # Voxels that a coarse map may have, and of a leg [voxels].
-_COARSE, _LEG = 2**22, 36
+_COARSE, _LEG = 2**21, 36
 # Times that the legs are planned, the first time between points of the coarse path.
 _PASSES = 3
 # A hand-over may be this far from the coarse path, in coarse voxels.
