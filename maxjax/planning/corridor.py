@@ -21,17 +21,17 @@ import operator
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.focus import View, in_windows
+from maxjax.planning.focus import SHAPES, View, ellipsoid_box, in_windows, straight
 from maxjax.planning.plan import Plan, judged, no_plan
 from maxjax.planning.recorder import added
 from maxjax.planning.route import Route
 from maxjax.planning.task import Task
 
-# Voxels that a coarse map may have, and of a leg [voxels].
+# Voxels of a coarse map that is solved as a whole, and the length of a leg [voxels].
 _COARSE, _LEG = 2**21, 36
 # Times that the legs are planned, the first time between points of the coarse path.
 _PASSES = 3
@@ -55,13 +55,13 @@ def in_corridor(task: Task, plan: Callable[[View], list[Plan]]) -> Plan:
     find = functools.partial(_legs, plan=plan)
     spent: dict[str, float] = {}
     found = no_plan(Status.NO_VALID_PATH, "", task.distances)
-    for share in (0.0, 0.5):
-        guide = _guide(task, share, plan)
+    for share, factor in itertools.product((0.0, 0.5), _factors(task)):
+        guide = _guide(task, share, factor, plan)
         spent = added(spent, guide.timings)
         if guide.status != Status.OK:
             found = no_plan(guide.status, "", task.distances)
             continue
-        legs = find(task, _handovers(task, guide))
+        legs = find(task, _handovers(task, guide, _ASIDE * factor))
         for k in range(1, _PASSES):
             spent = added(spent, _timings(legs))
             if any(leg.status != Status.OK for leg in legs):
@@ -84,21 +84,34 @@ def _legs(task: Task, points: Points, plan: Callable[[View], list[Plan]]) -> lis
     """Plans from each point to the next."""
     starts, goals = points[:-1], points[1:]
     some = Task(task.occupied, task.ground, starts, goals, task.grid, task.distances)
-    return in_windows(some, plan, whole=lambda task: [no_plan(Status.NO_VALID_PATH, "", task.distances)] * len(task))
+    return in_windows(some, plan, _nothing)
 
 
-def _guide(task: Task, share: float, plan: Callable[[View], list[Plan]]) -> Plan:
+def _factors(task: Task) -> list[int]:
+    """f: the least at which a window of the coarse map holds the way, and that at which it is solved as a whole."""
+    shape = np.array(task.occupied.shape)
+    low, high = ellipsoid_box(task.index[0], straight(task.index[0]), shape)
+    window = math.ceil(((high - low + 1) / np.array(SHAPES[-1])).max())
+    whole = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
+    return sorted({max(min(window, whole), 2), max(whole, 2)})
+
+
+def _guide(task: Task, share: float, factor: int, plan: Callable[[View], list[Plan]]) -> Plan:
     """The plan in a coarse map, in whose voxels more than this share is occupied."""
-    factor = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
     occupied, ground = (coarse(volume, factor, share) for volume in (task.occupied, task.ground))
     fine = task.grid
-    origin = tuple(x + fine.spacing * (factor - 1) / 2 for x in fine.origin)
-    grid = Grid(occupied.shape, factor * fine.spacing, origin)
+    x, y, z = (o + fine.spacing * (factor - 1) / 2 for o in fine.origin)
+    grid = Grid(occupied.shape, factor * fine.spacing, (x, y, z))
     for end in task.index[0]:
-        _open(occupied, np.floor((end + 0.5) / factor).astype(int), coarse(~task.occupied, factor, 0.0))
-    ends = task.starts, task.goals
-    (found,) = in_windows(Task(occupied, ground & occupied, *ends, grid, task.distances), plan)
+        _open(occupied, np.floor((end + 0.5) / factor).astype(int), task.occupied, factor)
+    some = Task(occupied, ground & occupied, task.starts, task.goals, grid, task.distances)
+    (found,) = in_windows(some, plan, None if occupied.size <= 2 * _COARSE else _nothing)
     return found
+
+
+def _nothing(task: Task) -> list[Plan]:
+    """No plans: what no window answers."""
+    return [no_plan(Status.NO_VALID_PATH, "", task.distances)] * len(task)
 
 
 def coarse(volume: Volume, factor: int, share: float) -> Bool[np.ndarray, "mx my mz"]:
@@ -111,19 +124,20 @@ def coarse(volume: Volume, factor: int, share: float) -> Bool[np.ndarray, "mx my
     return more
 
 
-def _open(occupied: Volume, index: np.ndarray, passable: Volume) -> None:
+def _open(occupied: Volume, index: Int64[np.ndarray, " 3"], fine: Bool[np.ndarray, "fx fy fz"], factor: int) -> None:
     """Free the coarse voxels around an end that have any room in them: the end stands in one."""
-    around = tuple(slice(max(i - 1, 0), i + 2) for i in index.tolist())
-    occupied[around] &= ~passable[around]
+    low = [max(i - 1, 0) for i in index.tolist()]
+    around = tuple(slice(a, i + 2) for a, i in zip(low, index.tolist(), strict=True))
+    held = fine[tuple(slice(a * factor, (i + 2) * factor) for a, i in zip(low, index.tolist(), strict=True))]
+    occupied[around] &= ~coarse(~held, factor, 0.0)
 
 
-def _handovers(task: Task, guide: Plan) -> Points:
-    """Points of a coarse path about a leg apart, moved to where the map has most room near them."""
+def _handovers(task: Task, guide: Plan, reach: float) -> Points:
+    """Points of a coarse path about a leg apart, moved to where the map has most room, so far away [voxels] at most."""
     length = _LEG * task.grid.spacing
     count = max(round(guide.length / length), 1)
     on_path = _at(guide.path, np.arange(1, count) / count)
-    factor = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
-    kept = [task.starts[0], *(_roomy(task, point, _ASIDE * factor) for point in on_path), task.goals[0]]
+    kept = [task.starts[0], *(_roomy(task, point, reach) for point in on_path), task.goals[0]]
     return np.array(kept)
 
 

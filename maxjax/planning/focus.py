@@ -93,7 +93,7 @@ def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray
     whole = np.floor(np.where(np.isfinite(ends), ends, -1) + 0.5)
     if (whole < 0).any() or (whole >= limits).any() or (ends[0] == ends[1]).all():
         return None
-    low, high = _ellipsoid_box(ends.astype(np.float64), cost, limits)
+    low, high = ellipsoid_box(ends.astype(np.float64), cost, limits)
     low[2] = _floor(occupied, low, high)
     for shape in SHAPES:
         size = np.minimum(shape, limits)
@@ -116,10 +116,10 @@ def _index(numbers: Int64[np.ndarray, " 3"]) -> Index3:
     return x, y, z
 
 
-def _ellipsoid_box(
+def ellipsoid_box(
     ends: Float64[np.ndarray, "2 3"], cost: float, limits: Int64[np.ndarray, " 3"]
 ) -> tuple[Int64[np.ndarray, " 3"], Int64[np.ndarray, " 3"]]:
-    """The lowest and the highest voxels of the map that an ellipsoid with these foci meets."""
+    """The lowest and the highest voxels of a map of this shape that an ellipsoid with these foci meets."""
     middle, chord = ends.mean(axis=0), ends[1] - ends[0]
     across = max(cost**2 - float(chord @ chord), 0.0) / 4
     # Along each axis: a² u² + b² (1 − u²) with the half axes a² = b² + |chord|²/4 and b, u the chord's direction.
