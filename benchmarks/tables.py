@@ -312,6 +312,32 @@ def flights(*documents: Document) -> str:
     )
 
 
+def cities(*documents: Document) -> str:
+    """Of `benchmarks.city_plan`."""
+    lines, whole = [], {str(row["what"]): row for row in _rows(documents) if not row["focus"]}
+    for row in _rows(documents):
+        beside = whole.get(str(row["what"]), row)
+        lines.append(
+            [
+                str(row["what"]) + ("" if row["focus"] else ", whole map"),
+                str(row["status"]) + (", certified" if row["certified"] else ""),
+                *(number(row[key]) for key in ("straight_m", "length_m")),
+                f"{row['length_m'] / beside['length_m']:.4f}" if beside is not row else "",
+                *(number(row[key]) for key in ("seconds", "first_seconds", "memory_beyond_MB")),
+            ]
+        )
+    heads = ["", "", "straight [m]", "length [m]", "over whole map", "[s]", "first [s]", "beyond the map [MB]"]
+    return (
+        f"### Across whole cities ({device(documents[0])})\n\n"
+        "Voxels of 2 m. The second plan of a process, and the first, which compiles; and the peak memory of both\n"
+        "beyond that of a process that holds the map.\n\n" + table(heads, lines, left=2)
+    )
+
+
+def _rows(documents: tuple[Document, ...]) -> list[Row]:
+    return [row for document in documents for row in document["rows"]]
+
+
 def scaling(*documents: Document) -> str:
     """Of `benchmarks.flight --devices`, `benchmarks.training` and `benchmarks.city_scale`."""
     lines = []

@@ -64,6 +64,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.first_cycles, ("first_cycles_h200",)),
     (tables.flights, ("flight", "flight_h200")),
     (tables.scaling, ("flight_devices_h200", "training_h200", "city_scale_h200")),
+    (tables.cities, ("city_plan",)),
     (tables.lidar, ("lidar", "lidar_h200")),
     (tables.startup, ("startup",)),
 )
