@@ -50,34 +50,27 @@ def in_corridor(task: Task, plan: Callable[[View], list[Plan]]) -> Plan:
         plan: plans of what a device is shown.
 
     Returns:
-        A plan, OK only for a path that the judge passed; else the status of what failed.
+        A plan, OK only for a path that the judge passed; any other status says nothing about the map.
     """
-    find = functools.partial(_legs, plan=plan)
     spent: dict[str, float] = {}
-    found = no_plan(Status.NO_VALID_PATH, "", task.distances)
+    (found,) = _nothing(task)
     for share, factor in itertools.product((0.0, 0.5), _factors(task)):
         guide = _guide(task, share, factor, plan)
         spent = added(spent, guide.timings)
         if guide.status != Status.OK:
-            found = no_plan(guide.status, "", task.distances)
             continue
-        legs = find(task, _handovers(task, guide, _ASIDE * factor))
-        for k in range(1, _PASSES):
-            spent = added(spent, _timings(legs))
+        points = _handovers(task, guide, _ASIDE * factor)
+        for k in range(1, _PASSES + 1):
+            legs = _legs(task, points, plan)
+            spent = functools.reduce(added, (leg.timings for leg in legs), spent)
             if any(leg.status != Status.OK for leg in legs):
                 break
-            legs = find(task, _between(task, legs, 0.5 * (k % 2)))
-        spent = added(spent, _timings(legs))
-        failed = [leg for leg in legs if leg.status != Status.OK]
-        found = failed[0] if failed else _joined(task, legs)
+            points = _between(task, legs, 0.5 * (k % 2))
+        else:
+            found = _joined(task, legs)
         if found.status == Status.OK:
             break
     return dataclasses.replace(found, timings=spent)
-
-
-def _timings(plans: list[Plan]) -> dict[str, float]:
-    """All timings of plans."""
-    return functools.reduce(lambda total, plan: added(total, plan.timings), plans, {})
 
 
 def _legs(task: Task, points: Points, plan: Callable[[View], list[Plan]]) -> list[Plan]:
@@ -93,7 +86,7 @@ def _factors(task: Task) -> list[int]:
     low, high = ellipsoid_box(task.index[0], straight(task.index[0]), shape)
     window = math.ceil(((high - low + 1) / np.array(SHAPES[-1])).max())
     whole = math.ceil((task.occupied.size / _COARSE) ** (1 / 3))
-    return sorted({max(min(window, whole), 2), max(whole, 2)})
+    return sorted({max(factor, 2) for factor in (min(window, whole), whole)})
 
 
 def _guide(task: Task, share: float, factor: int, plan: Callable[[View], list[Plan]]) -> Plan:

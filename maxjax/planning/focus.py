@@ -177,22 +177,25 @@ class View:
         """How far the maps that are shown reach beyond the grid."""
         return 0 if self.windows is None else halo_of(self.task.distances, self.task.grid)
 
-    def maps(self, rows: Rows) -> tuple[Maps, Maps]:
-        """`occupied` and `ground`: those that all problems are shown, and those of some of the problems by themselves.
+    @property
+    def _volumes(self) -> Maps:
+        return {"occupied": self.task.occupied, "ground": self.task.ground}
 
-        A map that problems share is shared unless each of them is shown a window of it.
-        """
-        volumes = {"occupied": self.task.occupied, "ground": self.task.ground}
+    @property
+    def shared(self) -> Maps:
+        """`occupied` and `ground`, each if all problems are shown the same."""
+        return {name: volume for name, volume in self._volumes.items() if self.windows is None and volume.ndim == 3}
+
+    def own(self, rows: Rows) -> Maps:
+        """Those that are not shared, for some of the problems."""
+        volumes = {name: volume for name, volume in self._volumes.items() if name not in self.shared}
         if self.windows is None:
-            own = {name: maps_of(volume, rows) for name, volume in volumes.items() if volume.ndim == 4}
-            return {name: volume for name, volume in volumes.items() if volume.ndim == 3}, own
-        which, halo = np.arange(len(self))[rows].tolist(), self.halo
-        shape = (len(which), *(n + 2 * halo for n in self.grid.shape))
-        cuts = {name: np.empty(shape, bool) for name in volumes}
-        for name, volume in volumes.items():
-            for row, k in zip(cuts[name], which, strict=True):
-                row[:] = self.windows[k].cut(volume if volume.ndim == 3 else volume[k], halo)
-        return {}, cuts
+            return {name: maps_of(volume, rows) for name, volume in volumes.items()}
+        which = np.arange(len(self))[rows].tolist()
+        return {
+            name: np.stack([self.windows[k].cut(maps_of(volume, k), self.halo) for k in which])
+            for name, volume in volumes.items()
+        }
 
     def ends(self, rows: Rows) -> Float[np.ndarray, "b 2 3"]:
         """Starts and goals of some of the problems, in index coordinates of the grid."""
@@ -234,7 +237,7 @@ def in_windows(
     while costs:
         groups: dict[Index3 | None, list[tuple[int, Window | None]]] = {}
         for k, cost in costs.items():
-            window = window_around(task.occupied if task.occupied.ndim == 3 else task.occupied[k], task.index[k], cost)
+            window = window_around(maps_of(task.occupied, k), task.index[k], cost)
             groups.setdefault(window.shape if window else None, []).append((k, window))
         for shape, group in groups.items():
             which = [k for k, _ in group]

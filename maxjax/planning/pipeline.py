@@ -39,8 +39,7 @@ Parts = dict[str, Any]
 
 def parts_of(view: View) -> Parts:
     """What a device needs of the only problem that it is shown."""
-    shared, own = _parts(view, slice(0, 1))
-    return shared | {name: part[0] for name, part in own.items()}
+    return view.shared | {name: part[0] for name, part in _own(view, slice(0, 1)).items()}
 
 
 def formulated(parts: Parts, distances: Distances, grid: Grid) -> Problem:
@@ -64,13 +63,13 @@ def single(view: View, climb: Climb, method: str) -> list[Plan]:
 def pipelined(view: View, climb: Climb, method: str, size: int) -> list[Plan]:
     """Plans chunk by chunk; the last chunk is filled up with copies."""
     which, like = np.arange(len(view)), _answered(climb.settings)
-    shared, _ = _parts(view, slice(0, 0))
+    shared = view.shared
     results: list[Future[list[Plan]]] = []
 
     def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
         """A chunk, and what is sent of it, while the device is busy with the chunk before."""
         chunk = which[first : first + size]
-        own = _parts(view, rows_of(np.resize(chunk, size)))[1]
+        own = _own(view, rows_of(np.resize(chunk, size)))
         return chunk, jax.device_put((wire.pack(shared), wire.pack(own, axes=1)))
 
     def verified(chunk: Int64[np.ndarray, " c"], answer: Future[np.ndarray], few: slice) -> list[Plan]:
@@ -101,10 +100,9 @@ def _judged(answers: Route, view: View, method: str) -> list[Plan]:
     return judged(routes, view.task, method)
 
 
-def _parts(view: View, rows: Rows) -> tuple[Parts, Parts]:
-    """What is sent of some problems: the maps that all problems share, and what each of them has for itself."""
-    shared, own = view.maps(rows)
-    return shared, own | {"ends": view.ends(rows)}
+def _own(view: View, rows: Rows) -> Parts:
+    """What is sent of some problems beside the maps that all problems share."""
+    return view.own(rows) | {"ends": view.ends(rows)}
 
 
 def _sent(grid: Grid, halo: int) -> Parts:

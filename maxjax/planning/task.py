@@ -148,8 +148,8 @@ class Task:
         return Task(occupied, ground, self.starts[rows], self.goals[rows], self.grid, self.distances)
 
 
-def maps_of(volumes: Volume, rows: Rows) -> Volume:
-    """The maps of some problems; a shared one is itself."""
+def maps_of(volumes: Volume, rows: Rows | int) -> Volume:
+    """The maps of some problems, or of one; a shared one is itself."""
     return volumes if volumes.ndim == 3 else volumes[rows]
 
 
