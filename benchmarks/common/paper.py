@@ -22,7 +22,7 @@ from benchmarks.common.oracle import blocked_at, distance
 from maxjax.methods import method_named
 from maxjax.planning.execute import plan_task
 from maxjax.planning.judge import verify_batch
-from maxjax.planning.task import Distances, Task, maps_of
+from maxjax.planning.task import Distances, Task
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,16 +67,12 @@ def ladder(margin: float, spacing: float) -> tuple[float, ...]:
 
 def dilated(task: Task) -> Dilated:
     """The maps of a task, dilated by the largest margin of the ladder below its own that joins start and goal."""
-    found = [
-        _dilated(maps_of(task.occupied, slice(k, k + 1)), maps_of(task.ground, slice(k, k + 1)), task, k)
-        for k in range(len(task))
-    ]
+    found = [_dilated(task.map(task.occupied, k), task.map(task.ground, k), task, k) for k in range(len(task))]
     maps, margins = np.stack([blocked for blocked, _ in found]), tuple(margin for _, margin in found)
     return Dilated(Task.of(maps, task.starts, task.goals, task.grid, Distances(0.0, 0.0)), margins, task)
 
 
 def _dilated(occupied: np.ndarray, ground: np.ndarray, task: Task, k: int) -> tuple[np.ndarray, float]:
-    occupied, ground = (x.reshape(task.grid.shape) for x in (occupied, ground))
     near, low = distance(occupied & ~ground), distance(ground)
     start, goal = np.floor(task.ends[k] + 0.5).astype(int)
     inside = all((x >= 0).all() and (x < task.grid.shape).all() for x in (start, goal))

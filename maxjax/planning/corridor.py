@@ -18,14 +18,13 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.focus import SHAPES, View, ellipsoid_box, in_windows, straight
+from maxjax.planning.focus import SHAPES, PlanViews, View, ellipsoid_box, in_windows, straight
 from maxjax.planning.plan import Plan, judged, no_plan
 from maxjax.planning.recorder import added
 from maxjax.planning.route import Route
@@ -42,7 +41,7 @@ Points = Float64[np.ndarray, "t 3"]
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 
-def in_corridor(task: Task, plan: Callable[[View], list[Plan]]) -> Plan:
+def in_corridor(task: Task, plan: PlanViews) -> Plan:
     """The plan of the only problem of a task, in a corridor of windows.
 
     Args:
@@ -73,10 +72,10 @@ def in_corridor(task: Task, plan: Callable[[View], list[Plan]]) -> Plan:
     return dataclasses.replace(found, timings=spent)
 
 
-def _legs(task: Task, points: Points, plan: Callable[[View], list[Plan]]) -> list[Plan]:
+def _legs(task: Task, points: Points, plan: PlanViews) -> list[Plan]:
     """Plans from each point to the next."""
     starts, goals = points[:-1], points[1:]
-    some = Task(task.occupied, task.ground, starts, goals, task.grid, task.distances)
+    some = dataclasses.replace(task, starts=starts, goals=goals, map_of=np.zeros(len(starts), np.int64))
     return in_windows(some, plan, _nothing)
 
 
@@ -89,7 +88,7 @@ def _factors(task: Task) -> list[int]:
     return sorted({max(factor, 2) for factor in (min(window, whole), whole)})
 
 
-def _guide(task: Task, share: float, factor: int, plan: Callable[[View], list[Plan]]) -> Plan:
+def _guide(task: Task, share: float, factor: int, plan: PlanViews) -> Plan:
     """The plan in a coarse map, in whose voxels more than this share is occupied."""
     occupied, ground = (coarse(volume, factor, share) for volume in (task.occupied, task.ground))
     fine = task.grid
@@ -97,8 +96,9 @@ def _guide(task: Task, share: float, factor: int, plan: Callable[[View], list[Pl
     grid = Grid(occupied.shape, factor * fine.spacing, (x, y, z))
     for end in task.index[0]:
         _open(occupied, np.floor((end + 0.5) / factor).astype(int), task.occupied, factor)
-    some = Task(occupied, ground & occupied, task.starts, task.goals, grid, task.distances)
-    (found,) = in_windows(some, plan, None if occupied.size <= 2 * _COARSE else _nothing)
+    some = dataclasses.replace(task, occupied=occupied, ground=ground & occupied, grid=grid)
+    small = occupied.size <= 2 * _COARSE
+    (found,) = in_windows(some, plan, (lambda whole: plan([View(whole)])[0]) if small else _nothing)
     return found
 
 

@@ -23,6 +23,7 @@ from jaxtyping import Int64
 from maxjax.core.grid import Grid
 from maxjax.core.lowering import target
 from maxjax.core.status import Status
+from maxjax.core.threads import concurrently
 from maxjax.planning import pipeline
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, potential_field
@@ -33,10 +34,12 @@ from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import added, recording, timed
 from maxjax.planning.route import PathFinder, Route, failed, found, whole
-from maxjax.planning.task import Task, rows_of
+from maxjax.planning.task import Task
 
-# Problems that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
+# Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
 _CHUNK = 32
+# Windows are small, and their kernels short: as many at a time as have so many voxels, and how many those may be.
+_VOXELS, _WINDOWS = 2**26, 512
 # Voxels of the largest map that is solved as a whole where no window answers.
 _LARGEST_WHOLE = 2**22
 # Steps of an ascent, in terms of those of its settings, until it arrives.
@@ -59,12 +62,17 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
         One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was on the
         host, `verify` what verification took beyond that.
     """
+    chunked = isinstance(find, Climb) and (chunk is not None or target() != "cpu")
 
     def plan(view: View) -> list[Plan]:
-        if isinstance(find, Climb) and (chunk is not None or target() != "cpu"):
-            return _in_chunks(view, find, method, chunk or _CHUNK)
+        if isinstance(find, Climb) and chunked:
+            return _in_chunks(view, find, method, chunk)
         finder = staged(find) if isinstance(find, Climb) else find
         return [_plan_one(view.some(slice(k, k + 1)), finder, method) for k in range(len(view))]
+
+    def plan_all(views: list[View]) -> list[list[Plan]]:
+        # One shape is compiled beside the others, and planned while the paths of others are judged.
+        return list(concurrently(plan, views, max(len(views), 1))) if chunked else [plan(view) for view in views]
 
     def otherwise(some: Task) -> list[Plan]:
         """Plans of what no window answers."""
@@ -74,14 +82,14 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
 
     def _routed(one: Task) -> Plan:
         """The plan of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        found = in_corridor(one, plan)
+        found = in_corridor(one, plan_all)
         if found.status == Status.OK:
             return dataclasses.replace(found, method=method)
         (solved,) = plan(View(one))
         return dataclasses.replace(solved, timings=added(found.timings, solved.timings))
 
     focused = isinstance(find, Climb) and find.focused
-    return with_largest_radii(in_windows(task, plan, otherwise) if focused else plan(View(task)), task)
+    return with_largest_radii(in_windows(task, plan_all, otherwise) if focused else plan(View(task)), task)
 
 
 def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
@@ -190,23 +198,33 @@ def with_longer_ascents(
     return [results[k] for k in range(count)]
 
 
-def _in_chunks(view: View, climb: Climb, method: str, chunk: int) -> list[Plan]:
-    """Plans by whole programs, in chunks of one size; timings are equal shares, and sums over the attempts."""
+def _in_chunks(view: View, climb: Climb, method: str, chunk: int | None) -> list[Plan]:
+    """Plans by whole programs, in chunks; timings are equal shares, and sums over the attempts."""
     spent: dict[int, dict[str, float]] = {}
 
     def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> list[Plan]:
-        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
-        most = len(which) if settings == climb.settings else 1 << (len(which) - 1).bit_length()
-        size = chunk if view.windows else -(-most // -(-most // chunk))
-        some, longer = view.some(rows_of(which)), dataclasses.replace(climb, settings=settings)
+        some, longer = view.some(which), dataclasses.replace(climb, settings=settings)
+        first = settings == climb.settings
         with recording() as recorder:
             if len(which) == 1:
                 plans = pipeline.single(some, longer, method)
             else:
-                plans = pipeline.pipelined(some, longer, method, size)
+                plans = pipeline.pipelined(some, longer, method, _sizes(some, chunk, first))
         timings = recorder.report(len(which))
         for k in which.tolist():
             spent[k] = added(spent.get(k, {}), timings)
         return [dataclasses.replace(plan, timings=spent[k]) for k, plan in zip(which.tolist(), plans, strict=True)]
 
     return with_longer_ascents(attempt, len(view), climb.settings)
+
+
+def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:
+    """How many problems each chunk has room for: few different numbers, since each is a program by itself."""
+    count, small = len(view), chunk or _CHUNK
+    if view.windows is None:
+        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
+        most = count if first else 1 << (count - 1).bit_length()
+        return [-(-most // -(-most // small))] * -(-most // small)
+    large = max(min(_VOXELS // math.prod(view.grid.shape), _WINDOWS), small) if chunk is None else small
+    few, rest = divmod(count, large)
+    return [large] * few + ([large] if 4 * rest > large else [small] * -(-rest // small))

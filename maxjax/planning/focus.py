@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from maxjax.planning.plan import Plan
 from maxjax.planning.problem import halo_of
 from maxjax.planning.recorder import added
 from maxjax.planning.route import Route
-from maxjax.planning.task import Rows, Task, maps_of, rows_of
+from maxjax.planning.task import Rows, Task
 
 # Shapes of windows, flat as cities are [voxels].
 SHAPES: tuple[Index3, ...] = ((32, 32, 24), (48, 48, 24), (64, 64, 32), (80, 80, 40), (128, 128, 64), (192, 192, 64))
@@ -190,10 +190,10 @@ class View:
         """Those that are not shared, for some of the problems."""
         volumes = {name: volume for name, volume in self._volumes.items() if name not in self.shared}
         if self.windows is None:
-            return {name: maps_of(volume, rows) for name, volume in volumes.items()}
+            return {name: self.task.some(rows).maps(volume) for name, volume in volumes.items()}
         which = np.arange(len(self))[rows].tolist()
         return {
-            name: np.stack([self.windows[k].cut(maps_of(volume, k), self.halo) for k in which])
+            name: np.stack([self.windows[k].cut(self.task.map(volume, k), self.halo) for k in which])
             for name, volume in volumes.items()
         }
 
@@ -219,15 +219,17 @@ class View:
         return View(self.task.some(rows), kept and tuple(self.windows[k] for k in kept))  # type: ignore[index]
 
 
-def in_windows(
-    task: Task, plan: Callable[[View], list[Plan]], whole: Callable[[Task], list[Plan]] | None = None
-) -> list[Plan]:
+# Views, in each windows of one shape, ↦ the plans of each.
+PlanViews = Callable[[list[View]], list[list[Plan]]]
+
+
+def in_windows(task: Task, plan: PlanViews, whole: Callable[[Task], list[Plan]]) -> list[Plan]:
     """Plans of a task by windows that grow until they prove what they show, at last by whole maps.
 
     Args:
         task: what to plan.
         plan: plans of what a device is shown.
-        whole: plans of what no window answers. None: those of `plan` in whole maps.
+        whole: plans of what no window answers.
 
     Returns:
         One plan a problem, with the timings of all its windows.
@@ -235,16 +237,19 @@ def in_windows(
     plans: dict[int, Plan] = {}
     costs = {k: straight(ends) for k, ends in enumerate(task.index)}
     while costs:
-        groups: dict[Index3 | None, list[tuple[int, Window | None]]] = {}
+        groups: dict[Index3, dict[int, Window]] = {}
+        rest: list[int] = []
         for k, cost in costs.items():
-            window = window_around(maps_of(task.occupied, k), task.index[k], cost)
-            groups.setdefault(window.shape if window else None, []).append((k, window))
-        for shape, group in groups.items():
-            which = [k for k, _ in group]
-            windows = tuple(window for _, window in group if window is not None)
-            some = task.some(rows_of(np.array(which)))
-            found_here = whole(some) if whole and not shape else plan(View(some, windows or None))
-            for (k, window), found in zip(group, found_here, strict=True):
+            window = window_around(task.map(task.occupied, k), task.index[k], cost)
+            if window is None:
+                rest.append(k)
+            else:
+                groups.setdefault(window.shape, {})[k] = window
+        views = [View(task.some(np.array(list(group))), tuple(group.values())) for group in groups.values()]
+        answers = plan(views) + ([whole(task.some(np.array(rest)))] if rest else [])
+        asked: list[Mapping[int, Window | None]] = [*groups.values(), *([dict.fromkeys(rest)] if rest else [])]
+        for some, answer in zip(asked, answers, strict=True):
+            for (k, window), found in zip(some.items(), answer, strict=True):
                 before = plans[k].timings if k in plans else {}
                 plans[k] = dataclasses.replace(found, timings=added(before, found.timings))
                 following = _next_cost(found, window, costs.pop(k), task.grid.spacing)

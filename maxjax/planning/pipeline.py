@@ -9,6 +9,7 @@ none comes back: a path is judged in the maps that the host has.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -28,10 +29,10 @@ from maxjax.planning.problem import Problem, formulate, largest_joining
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import Route, completed
-from maxjax.planning.task import Distances, Rows, rows_of
+from maxjax.planning.task import Distances, Rows
 
 # Routes that a thread judges in one go, and threads: more of them would only wait for the interpreter.
-_TOGETHER, _THREADS = 8, 2
+_TOGETHER, _THREADS = 16, 4
 
 # What a device is sent of a problem, by name: `occupied`, `ground`, and `ends` in index coordinates.
 Parts = dict[str, Any]
@@ -60,34 +61,34 @@ def single(view: View, climb: Climb, method: str) -> list[Plan]:
     return _judged(answer, view, method)
 
 
-def pipelined(view: View, climb: Climb, method: str, size: int) -> list[Plan]:
-    """Plans chunk by chunk; the last chunk is filled up with copies."""
-    which, like = np.arange(len(view)), _answered(climb.settings)
+def pipelined(view: View, climb: Climb, method: str, sizes: Sequence[int]) -> list[Plan]:
+    """Plans in chunks of these sizes, which are enough for all; the last one is filled up with copies."""
+    stops = np.cumsum(sizes)
+    chunks, like = np.split(np.arange(len(view)), stops[:-1]), _answered(climb.settings)
     shared = view.shared
     results: list[Future[list[Plan]]] = []
 
-    def prepared(first: int) -> tuple[Int64[np.ndarray, " c"], Any]:
-        """A chunk, and what is sent of it, while the device is busy with the chunk before."""
-        chunk = which[first : first + size]
-        own = _own(view, rows_of(np.resize(chunk, size)))
-        return chunk, jax.device_put((wire.pack(shared), wire.pack(own, axes=1)))
+    def prepared(k: int) -> Any:
+        """What is sent of a chunk, while the device is busy with the chunk before."""
+        own = _own(view, np.resize(chunks[k], sizes[k]))
+        return jax.device_put((wire.pack(shared), wire.pack(own, axes=1)))
 
     def verified(chunk: Int64[np.ndarray, " c"], answer: Future[np.ndarray], few: slice) -> list[Plan]:
         """Some plans of a chunk."""
-        return _judged(wire.unpack(answer.result()[few], like), view.some(rows_of(chunk[few])), method)
+        return _judged(wire.unpack(answer.result()[few], like), view.some(chunk[few]), method)
 
     with ThreadPoolExecutor(_THREADS) as pool:
         with timed("device"):
             following = pool.submit(prepared, 0)
-            for first in range(0, len(which), size):
-                chunk, messages = following.result()
-                if first + size < len(which):
-                    following = pool.submit(prepared, first + size)
+            for k, chunk in enumerate(chunks):
+                messages = following.result()
+                if k + 1 < len(chunks):
+                    following = pool.submit(prepared, k + 1)
                 # Loop conditions are synchronisations in the thread that started the program, which is busy to the end.
                 started = _MANY.start(*messages, shared=tuple(shared), **_static(view, climb))
                 answer = pool.submit(np.asarray, started)
-                for k in range(0, len(chunk), _TOGETHER):
-                    few = slice(k, min(k + _TOGETHER, len(chunk)))
+                for first in range(0, len(chunk), _TOGETHER):
+                    few = slice(first, min(first + _TOGETHER, len(chunk)))
                     results.append(pool.submit(verified, chunk, answer, few))
             answer.result()
         with timed("verify"):

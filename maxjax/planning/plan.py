@@ -22,8 +22,8 @@ from maxjax.planning.recorder import timed
 from maxjax.planning.route import NO_PATH, Route
 from maxjax.planning.task import Distances, Task
 
-# Paths that are verified in one go, on one map and on a map each: so few that these stay in a core's cache.
-_TOGETHER, _MAPS = 16, 8
+# Paths that are verified in one go: most of what one costs is the same for several.
+_TOGETHER = 16
 # An end of a path this close to where it was asked for is put there [voxels].
 _SAME = 1e-4
 
@@ -159,26 +159,26 @@ def _world(local: Float64[np.ndarray, "s 3"], task: Task, k: int) -> Float64[np.
 def _verdicts(
     paths: Mapping[int, Float64[np.ndarray, "_ 3"]], routes: Sequence[Route], task: Task
 ) -> dict[int, Verification]:
-    shape = (len(routes), *task.grid.shape)
-    occupied, ground = (np.broadcast_to(volumes, shape) for volumes in (task.occupied, task.ground))
+    volumes = task.occupied, task.ground
+    several = [len(maps) for maps in volumes if maps.ndim == 4]
+    map_of = task.map_of if several else np.zeros(len(routes), np.int64)
+    occupied, ground = (np.broadcast_to(maps, (max(several, default=1), *task.grid.shape)) for maps in volumes)
 
     def some(keys: list[int]) -> list[tuple[int, Verification]]:
-        maps = slice(keys[0], keys[-1] + 1)
         found = verify_batch(
             [paths[key] for key in keys],
-            np.array(keys) - keys[0],
+            map_of[keys],
             None,
-            occupied[maps],
+            occupied,
             task.grid.local,
-            ground=ground[maps],
+            ground=ground,
             radius=task.distances.radius,
             balls=np.stack([routes[key].balls for key in keys]),
         )
         return list(zip(keys, found, strict=True))
 
     keys = sorted(paths)
-    together = _TOGETHER if task.occupied.ndim == 3 else _MAPS
-    parts = [keys[k : k + together] for k in range(0, len(keys), together)]
+    parts = [keys[k : k + _TOGETHER] for k in range(0, len(keys), _TOGETHER)]
     if len(parts) < 2:
         return dict(verdict for part in parts for verdict in some(part))
     # NumPy lets several threads work at a time.

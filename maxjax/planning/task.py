@@ -21,7 +21,7 @@ from maxjax.fields.price import Price
 
 # Of one map or several.
 Volume = Bool[np.ndarray, "..."]
-# Which problems of a task: a slice where they follow each other, which is a view of the maps and not a copy.
+# Which problems of a task.
 Rows = slice | Int64[np.ndarray, " rows"]
 
 # Index coordinates of an end that is farther away than this are cut off, which leaves it outside the map: float32 would
@@ -85,8 +85,9 @@ class Task:
     """One planning problem or several, on one grid; made by `Task.of`, which checks everything.
 
     Attributes:
-        occupied: occupied voxels, not dilated; one map for each problem, or one for all (three axes).
+        occupied: occupied voxels, not dilated; several maps, or one for all problems (three axes).
         ground: the voxels that are ground, occupied as well; likewise.
+        map_of: which of several maps each problem is in.
         starts, goals: [m], in the world frame of `grid`.
         grid: of the maps.
         distances: to keep from obstacles.
@@ -94,6 +95,7 @@ class Task:
 
     occupied: Bool[np.ndarray, "*maps nx ny nz"]
     ground: Bool[np.ndarray, "*grounds nx ny nz"]
+    map_of: Int64[np.ndarray, " b"]
     starts: Float64[np.ndarray, "b 3"]
     goals: Float64[np.ndarray, "b 3"]
     grid: Grid
@@ -119,6 +121,7 @@ class Task:
         return cls(
             _volume("occupied", occupied, grid, len(starts)),
             _volume("ground", np.zeros(grid.shape, bool) if ground is None else ground, grid, len(starts)),
+            np.arange(len(starts)),
             starts,
             np.broadcast_to(goals, starts.shape),
             grid,
@@ -143,20 +146,21 @@ class Task:
         return self.index.astype(np.float32)
 
     def some(self, rows: Rows) -> Task:
-        """Some of the problems."""
-        occupied, ground = maps_of(self.occupied, rows), maps_of(self.ground, rows)
-        return Task(occupied, ground, self.starts[rows], self.goals[rows], self.grid, self.distances)
+        """Some of the problems, with the maps as they are: no volume is copied."""
+        some = {name: getattr(self, name)[rows] for name in ("map_of", "starts", "goals")}
+        return dataclasses.replace(self, **some)
 
+    def map(self, volumes: Volume, k: int) -> Bool[np.ndarray, "nx ny nz"]:
+        """That of `occupied` or `ground` which the k-th problem is in."""
+        return volumes if volumes.ndim == 3 else volumes[self.map_of[k]]
 
-def maps_of(volumes: Volume, rows: Rows | int) -> Volume:
-    """The maps of some problems, or of one; a shared one is itself."""
-    return volumes if volumes.ndim == 3 else volumes[rows]
-
-
-def rows_of(which: Int64[np.ndarray, " n"]) -> Rows:
-    """The problems of these numbers, as a slice where they follow each other."""
-    in_a_row = len(which) > 0 and np.array_equal(which, np.arange(which[0], which[0] + len(which)))
-    return slice(int(which[0]), int(which[0]) + len(which)) if in_a_row else which
+    def maps(self, volumes: Volume) -> Bool[np.ndarray, "b nx ny nz"]:
+        """Those of `occupied` or `ground`, one for each problem; views where they are a shared one or in a row."""
+        if volumes.ndim == 3:
+            return np.broadcast_to(volumes, (len(self), *volumes.shape))
+        first, count = int(self.map_of[0]), len(self)
+        in_a_row = np.array_equal(self.map_of, np.arange(first, first + count))
+        return volumes[first : first + count] if in_a_row else volumes[self.map_of]
 
 
 def checked_grid(grid: Any) -> Grid:

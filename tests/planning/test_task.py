@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, Price
-from maxjax.planning.task import Distances, Task, rows_of
+from maxjax.planning.task import Distances, Task
 
 GRID = Grid((4, 5, 6), 2.0, (84_888.25, 447_501.5, -3.0))
 EMPTY = np.zeros(GRID.shape, bool)
@@ -53,13 +53,15 @@ def test_ends_are_index_coordinates_rounded_once() -> None:
 def test_some_of_its_problems_are_views_of_its_maps() -> None:
     maps = np.random.default_rng(0).random((2, *GRID.shape)) < 0.5
     whole = task(occupied=maps)
-    second = whole.some(rows_of(np.array([1])))
+    second = whole.some(np.array([1]))
     assert np.shares_memory(second.occupied, maps)
-    np.testing.assert_array_equal(second.occupied, maps[1:])
+    np.testing.assert_array_equal(second.maps(second.occupied), maps[1:])
+    assert np.shares_memory(second.maps(second.occupied), maps)
     np.testing.assert_array_equal(second.starts, POINTS[1:])
     assert second.ground is whole.ground  # shared
-    twice = whole.some(rows_of(np.array([1, 1, 0])))
-    np.testing.assert_array_equal(twice.occupied, maps[[1, 1, 0]])
+    twice = whole.some(np.array([1, 1, 0]))
+    np.testing.assert_array_equal(twice.maps(twice.occupied), maps[[1, 1, 0]])
+    np.testing.assert_array_equal(twice.map(twice.occupied, 2), maps[0])
     np.testing.assert_array_equal(twice.ends, whole.ends[[1, 1, 0]])
 
 
