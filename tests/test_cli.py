@@ -273,7 +273,7 @@ BROKEN = {
         "short.ply",
     ),
     "cut.laz": (b"LASF" + bytes(100), "header"),
-    "photo.jpg": (b"JFIF", "expected a suffix among .npz, .ply, .las, .laz"),
+    "photo.jpg": (b"JFIF", "expected a suffix among .npz, .ply, .obj, .stl, .glb, .las, .laz"),
 }
 
 

@@ -39,7 +39,8 @@ class PlanOptions:
     own.
 
     Attributes:
-        map: A file (.npz, .ply, .las, .laz), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+        map: A file (.npz, .ply, .obj, .stl, .glb, .las, .laz), or a simulated city: midtown:SEED, downtown:SEED,
+            suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
         center: Middle of the grid [m]; by default half-way between start and goal.

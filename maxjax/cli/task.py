@@ -17,12 +17,12 @@ from jaxtyping import Bool, Float
 from maxjax.cli.options import PlanOptions
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.occupancy import voxelize
-from maxjax.maps import MapError, PointCloud, VoxelMap, ground_mask, load_map, solidify
+from maxjax.maps import MapError, Mesh, PointCloud, VoxelMap, ground_mask, load_map, solidify
 from maxjax.planning.program import Program
 from maxjax.planning.task import Distances, Task
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
-Source = Scene | PointCloud | VoxelMap
+Source = Scene | PointCloud | VoxelMap | Mesh
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 _CITIES = ", ".join(f"{name}:SEED" for name in MAPS)
@@ -100,6 +100,9 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
     if isinstance(source, Scene):
         occupied, below = occupancy(source.geoms, grid)
         return _task(occupied, below, grid, options)
+    if isinstance(source, Mesh):
+        below = np.zeros(grid.shape, bool) if options.ground is None else _flat(options.ground, grid)
+        return _task(source.voxels(grid), below, grid, options)
     # Voxels are found in the cloud's frame, where (0, 0, 0) still means a missed beam.
     frame = _about(middle - source.offset)
     found = _VOXELIZE(jnp.asarray(source.points), grid=frame)

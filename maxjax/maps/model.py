@@ -10,7 +10,9 @@ coordinates stay.
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -18,6 +20,7 @@ from jaxtyping import Bool, Float, Shaped
 from maxjax.core.grid import Grid, Point3
 
 MAX_FILE_BYTES = 2**31
+MAX_TEXT_BYTES = 2**28  # of JSON, XML and other text, which takes ten times as much memory while it is read
 MAX_POINTS = 50_000_000
 
 _FAR = 10_000.0
@@ -109,15 +112,36 @@ def _round_middle(coordinates: Shaped[np.ndarray, " n"]) -> float:
     return _ROUND * round((0.5 * low + 0.5 * high) / _ROUND)
 
 
-def read_bytes(path: Path) -> bytes:
+def parse_json(content: bytes, path: Path) -> Any:
+    """What a JSON text holds, in UTF-8.
+
+    Raises:
+        MapError: if it is none, nests too deep, or holds numbers that JSON has not (NaN, Infinity).
+    """
+
+    def refused(name: str) -> float:
+        raise ValueError(f"{name} is no JSON number")
+
+    try:
+        return json.loads(content, parse_constant=refused)
+    except (RecursionError, ValueError) as error:
+        raise MapError(f"{path}: expected JSON: {error}") from error
+
+
+def read_text(path: Path) -> bytes:
+    """A text file whole; raises as `read_bytes`, from fewer bytes on."""
+    return read_bytes(path, MAX_TEXT_BYTES)
+
+
+def read_bytes(path: Path, most: int = MAX_FILE_BYTES) -> bytes:
     """A file whole.
 
     Raises:
         MapError: if it cannot be read or is too large.
     """
     try:
-        if (size := path.stat().st_size) > MAX_FILE_BYTES:
-            raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop it")
+        if (size := path.stat().st_size) > most:
+            raise MapError(f"{path}: {size} bytes, expected at most {most}; crop it")
         return path.read_bytes()
     except (OSError, ValueError) as error:
         if isinstance(error, MapError):

@@ -1,24 +1,28 @@
-"""Points in PLY files (Stanford polygon format 1.0): ASCII, binary little endian and binary big endian.
+"""Points and meshes in PLY files (Stanford polygon format 1.0): ASCII, binary little endian and binary big endian.
 
-A text header lists elements (`element vertex 69792`) and their properties in order of storage; the data
-follow in the same order. Only x, y, z of the element `vertex` are used [m]; everything else is skipped. Data
-behind the vertices (faces, as a rule) are not read, so their truncation goes unseen; so does that of an ASCII
-file within the last digits of its last number.
+A text header lists elements (`element vertex 69792`) and their properties in order of storage; the data follow in the
+same order. Of the element `vertex` only x, y, z are used [m]. A file with faces is a mesh, and never the points of its
+vertices: walls stand between them. Data behind vertices and faces are not read, so their truncation goes unseen; so
+does that of an ASCII file within the last digits of its last number.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import mmap
 import os
+import struct
 import warnings
+from array import array
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Int64, Shaped
 
+from maxjax.maps.mesh import MAX_FACES, Mesh, fans, mesh_of
 from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud
 
 _MAX_HEADER = 65_536
@@ -26,6 +30,10 @@ _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": "
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 _TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_WHOLE = {name: code for name, code in _TYPES.items() if code[0] != "f"}
+_INDICES = ("vertex_indices", "vertex_index")
+
+Failure = Callable[[str], MapError]
 
 
 @dataclasses.dataclass
@@ -37,40 +45,45 @@ class _Element:
     properties: list[tuple[str, str, str | None]]
 
 
-def load_ply(path: Path) -> PointCloud:
-    """The vertices of a PLY file.
+def load_ply(path: Path) -> PointCloud | Mesh:
+    """The mesh of a PLY file, or its vertices where it has no face.
 
     Raises:
-        MapError: if the file cannot be read as PLY, has no x, y, z, too many vertices or fewer than its
-            header claims.
+        MapError: if the file cannot be read as PLY, has no x, y, z, surfaces other than faces, too much of anything,
+            or less than its header claims.
     """
     fail = _failure(path)
+    points: np.ndarray | None = None
+    faces: np.ndarray | None = None
     try:
         with open(path, "rb") as file:
             order, elements = _read_header(file, fail)
-            remaining = os.fstat(file.fileno()).st_size - file.tell()
+            surface = [element.name for element in elements if element.count and element.name != "vertex"]
+            if "tristrips" in surface:
+                raise fail("holds triangle strips, which are not supported; export triangles")
             for element in elements:
+                if points is not None and (faces is not None or "face" not in surface):
+                    break
+                remaining = os.fstat(file.fileno()).st_size - file.tell()
                 if element.name == "vertex":
                     _check_vertices(element, order, remaining, fail)
-                    read = _read_binary if order else _read_ascii
-                    return local_cloud(read(file, element, order, fail), path)
-                if order:
-                    _skip_binary(file, element, order, fail)
+                    points = (_read_binary if order else _read_ascii)(file, element, order, fail)
+                elif element.name == "face" and element.count:
+                    faces = _read_faces(file, element, order, fail)
                 else:
-                    skipped = sum(1 for _ in islice(file, min(element.count, remaining)))
-                    if skipped < element.count:
-                        raise fail(f"ends in element {element.name}; the file is truncated")
-                remaining = os.fstat(file.fileno()).st_size - file.tell()
+                    _skip(file, element, order, fail)
     except OSError as error:
         raise fail(f"cannot be read: {error.strerror or error}") from error
-    raise fail("expected an element vertex, found " + (", ".join(e.name for e in elements) or "none"))
+    if points is None:
+        raise fail("expected an element vertex, found " + (", ".join(e.name for e in elements) or "none"))
+    return local_cloud(points, path) if faces is None else mesh_of(points.astype(np.float64), faces, path)
 
 
-def _failure(path: Path) -> Callable[[str], MapError]:
+def _failure(path: Path) -> Failure:
     return lambda message: MapError(f"{path}: {message}")
 
 
-def _read_header(file: BinaryIO, fail: Callable[[str], MapError]) -> tuple[str, list[_Element]]:
+def _read_header(file: BinaryIO, fail: Failure) -> tuple[str, list[_Element]]:
     """Byte order ("" for ASCII) and elements; leaves the file at the first byte of the data."""
     order: str | None = None
     elements: list[_Element] = []
@@ -92,8 +105,8 @@ def _read_header(file: BinaryIO, fail: Callable[[str], MapError]) -> tuple[str, 
                 order = _BYTE_ORDERS[name]
             case ["element", name, count] if count.isdecimal():
                 elements.append(_Element(name, int(count), []))
-            case ["property", "list", length, kind, name] if elements and length in _TYPES and kind in _TYPES:
-                elements[-1].properties.append((name, _TYPES[kind], _TYPES[length]))
+            case ["property", "list", length, kind, name] if elements and length in _WHOLE and kind in _TYPES:
+                elements[-1].properties.append((name, _TYPES[kind], _WHOLE[length]))
             case ["property", kind, name] if elements and kind in _TYPES:
                 elements[-1].properties.append((name, _TYPES[kind], None))
             case _:
@@ -103,7 +116,7 @@ def _read_header(file: BinaryIO, fail: Callable[[str], MapError]) -> tuple[str, 
     return order, elements
 
 
-def _check_vertices(vertex: _Element, order: str, remaining: int, fail: Callable[[str], MapError]) -> None:
+def _check_vertices(vertex: _Element, order: str, remaining: int, fail: Failure) -> None:
     """Refuse what cannot be read or what the rest of the file cannot hold, before memory is taken."""
     names = [name for name, _, _ in vertex.properties]
     if any(names.count(axis) != 1 for axis in "xyz"):
@@ -127,9 +140,7 @@ def _row(element: _Element, order: str) -> np.dtype[np.void]:
     return np.dtype([(f"p{i}", order + kind) for i, (_, kind, _) in enumerate(element.properties)])
 
 
-def _read_binary(
-    file: BinaryIO, vertex: _Element, order: str, fail: Callable[[str], MapError]
-) -> Shaped[np.ndarray, "n 3"]:
+def _read_binary(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
     rows = np.fromfile(file, _row(vertex, order), vertex.count)
     if len(rows) < vertex.count:
         raise fail(f"claims {vertex.count} vertices, found {len(rows)}; the file is truncated")
@@ -137,9 +148,7 @@ def _read_binary(
     return np.stack([rows[f"p{names.index(axis)}"] for axis in "xyz"], axis=1)
 
 
-def _read_ascii(
-    file: BinaryIO, vertex: _Element, order: str, fail: Callable[[str], MapError]
-) -> Shaped[np.ndarray, "n 3"]:
+def _read_ascii(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
     names = [name for name, _, _ in vertex.properties]
     columns = [names.index(axis) for axis in "xyz"]
     lines = islice(file, vertex.count)
@@ -154,26 +163,106 @@ def _read_ascii(
     return points
 
 
-def _skip_binary(file: BinaryIO, element: _Element, order: str, fail: Callable[[str], MapError]) -> None:
-    """Step over an element that stands before the vertices."""
-    truncated = fail(f"ends in element {element.name}; the file is truncated")
-    size = os.fstat(file.fileno()).st_size
-    if not any(length for _, _, length in element.properties):
+def _skip(file: BinaryIO, element: _Element, order: str, fail: Failure) -> None:
+    """Step over an element that is not used."""
+    if element.count > MAX_POINTS:
+        raise fail(f"claims {element.count} of {element.name}, expected at most {MAX_POINTS}; truncated or too large")
+    if not order:
+        if sum(1 for _ in islice(file, element.count)) < element.count:
+            raise fail(f"ends in element {element.name}; the file is truncated")
+    elif any(length for _, _, length in element.properties):
+        _find_lists(file, element, order, fail)
+    else:
         end = file.tell() + element.count * _row(element, order).itemsize
-        if end > size:
-            raise truncated
+        if end > os.fstat(file.fileno()).st_size:
+            raise fail(f"ends in element {element.name}; the file is truncated")
         file.seek(end)
-        return
-    for _ in range(element.count):
-        for _, kind, length in element.properties:
-            items = 1
-            if length:
-                code = np.dtype(order + length)
-                raw = file.read(code.itemsize)
-                if len(raw) < code.itemsize:
-                    raise truncated
-                items = int(np.frombuffer(raw, code)[0])
-            end = file.tell() + items * np.dtype(kind).itemsize
-            if items < 0 or end > size:
-                raise truncated
-            file.seek(end)
+
+
+def _read_faces(file: BinaryIO, element: _Element, order: str, fail: Failure) -> Int64[np.ndarray, "t 3"]:
+    """Triangles of the element `face`, as numbers of vertices."""
+    lists = [(name, kind) for name, kind, length in element.properties if length and name in _INDICES]
+    if len(lists) != 1 or lists[0][1][0] == "f":
+        names = ", ".join(name for name, _, _ in element.properties[:16])
+        raise fail(f"face: expected one list vertex_indices of whole numbers, found {names or 'nothing'}")
+    if element.count > MAX_FACES:
+        raise fail(f"claims {element.count} faces, expected at most {MAX_FACES}; crop or thin it")
+    code = np.dtype(order + lists[0][1])
+    if order:
+        begin, length, raw = _find_lists(file, element, order, fail)
+        corners = np.empty(int(length.sum()), np.int64)
+        place = np.cumsum(length) - length
+        for count in np.unique(length[length > 0]).tolist():
+            rows = np.flatnonzero(length == count)
+            byte = begin[rows, None] + np.arange(count * code.itemsize)
+            corners[place[rows, None] + np.arange(count)] = raw[byte].view(code)
+    else:
+        corners, length = _face_lines(file, element, fail)
+    if len(corners) > 3 * MAX_FACES:
+        raise fail(f"its faces have {len(corners)} corners, expected at most {3 * MAX_FACES}; crop or thin it")
+    return fans(corners, length)
+
+
+def _find_lists(
+    file: BinaryIO, element: _Element, order: str, fail: Failure
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Shaped[np.ndarray, " bytes"]]:
+    """First byte and length of each row's vertex list; the file's bytes. Leaves the file behind the element."""
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+        at, size = file.tell(), len(raw)
+        steps = [
+            (
+                np.dtype(kind).itemsize,
+                length and struct.Struct((order or "<") + np.dtype(length).char),
+                name in _INDICES,
+            )
+            for name, kind, length in element.properties
+        ]
+        begin, lengths = array("q"), array("q")
+        try:
+            for _ in range(element.count):
+                for width, counter, wanted in steps:
+                    if not counter:
+                        at += width
+                        continue
+                    (items,) = counter.unpack_from(raw, at)
+                    at += counter.size
+                    if wanted:
+                        begin.append(at)
+                        lengths.append(items)
+                    if items < 0:
+                        raise fail(f"a list of element {element.name} claims {items} values; truncated or damaged")
+                    at += items * width
+                if at > size:
+                    break
+        except struct.error:
+            at = size + 1
+        if at > size:
+            raise fail(f"ends in element {element.name}; the file is truncated")
+    file.seek(at)
+    return np.frombuffer(begin, np.int64), np.frombuffer(lengths, np.int64), np.memmap(file.name, np.uint8, "r")
+
+
+def _face_lines(
+    file: BinaryIO, element: _Element, fail: Failure
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " m"]]:
+    """Corners of all faces one after the other, and how many each has."""
+    corners, lengths = array("q"), array("q")
+    count = 0
+    for line in islice(file, element.count):
+        words, at = line.split(), 0
+        try:
+            for name, _, length in element.properties:
+                items = int(words[at]) if length else 1
+                at += bool(length)
+                if items < 0 or at + items > len(words):
+                    raise ValueError(f"expected {items} more numbers")
+                if length and name in _INDICES:
+                    corners.extend(map(int, words[at : at + items]))
+                    lengths.append(items)
+                at += items
+        except (IndexError, ValueError, OverflowError) as error:
+            raise fail(f"face {count}: {line[:60].decode('latin1')!r}: {error}; truncated or damaged") from error
+        count += 1
+    if count < element.count:
+        raise fail(f"claims {element.count} faces, found {count}; the file is truncated")
+    return np.frombuffer(corners, np.int64), np.frombuffer(lengths, np.int64)

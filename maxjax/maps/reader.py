@@ -6,21 +6,28 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from maxjax.maps.glb import load_glb
 from maxjax.maps.las import load_las
+from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import MAX_FILE_BYTES, MapError, PointCloud, VoxelMap
 from maxjax.maps.npz import load_npz
+from maxjax.maps.obj import load_obj
 from maxjax.maps.ply import load_ply
+from maxjax.maps.stl import load_stl
 
-_READERS: dict[str, Callable[[Path], PointCloud | VoxelMap]] = {
+_READERS: dict[str, Callable[[Path], PointCloud | VoxelMap | Mesh]] = {
     ".npz": load_npz,
     ".ply": load_ply,
+    ".obj": load_obj,
+    ".stl": load_stl,
+    ".glb": load_glb,
     ".las": load_las,
     ".laz": load_las,
 }
 
 
-def load_map(path: str | os.PathLike[str]) -> PointCloud | VoxelMap:
-    """Read a map file (.npz, .ply, .las, .laz) into the local ENU frame [m].
+def load_map(path: str | os.PathLike[str]) -> PointCloud | VoxelMap | Mesh:
+    """Read a map file (.npz, .ply, .obj, .stl, .glb, .las, .laz) into the local ENU frame [m].
 
     Raises:
         MapError: if the file is missing, of another suffix, unreadable, truncated, empty or too large. Sizes
