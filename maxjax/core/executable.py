@@ -21,6 +21,7 @@ import hashlib
 import os
 import pickle
 import sys
+import weakref
 import zlib
 from collections.abc import Callable, Hashable, Mapping
 from importlib.metadata import version
@@ -57,6 +58,8 @@ class Stored(Generic[P, R]):
         self.name = name
         self._function, self._static = function, static
         self._ready: dict[Hashable, Callable[..., R]] = {}
+        # What compiles: several devices that do so at a time share a trace. Later ones are rare, and traces are large.
+        self._compiling: weakref.WeakValueDictionary[Hashable, Any] = weakref.WeakValueDictionary()
 
     def __call__(self, *arrays: P.args, **static: P.kwargs) -> R:
         """The function's value; within another program that is traced, a part of it."""
@@ -100,8 +103,9 @@ class Stored(Generic[P, R]):
             return self._function(*jax.tree.unflatten(tree, leaves), **static)
 
         of_leaves.__name__ = getattr(self._function, "__name__", self.name)  # as JAX's logs have it
+        jitted = self._compiling.setdefault((tree, tuple(sorted(static.items()))), jax.jit(of_leaves))
         with compiling(self.name):
-            compiled = jax.jit(of_leaves).lower(*leaves).compile()
+            compiled = jitted.lower(*leaves).compile()
         if file is not None:
             _write(file, compiled)
         ready: Callable[..., R] = compiled

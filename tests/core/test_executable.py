@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from jax.experimental.compilation_cache import compilation_cache
 from maxjax.core import cache, executable
 from maxjax.core.executable import Stored, stored
 from maxjax.core.grid import Grid
+from maxjax.core.threads import concurrently
 from maxjax.fields.conductivity import conductivity
 from maxjax.fields.occupancy import squared_distance
 from maxjax.planning.task import Distances
@@ -155,6 +158,27 @@ def test_without_a_folder_programs_run(monkeypatch: pytest.MonkeyPatch, compiled
     for _ in range(2):
         np.testing.assert_array_equal(distance_program()(MAP, reach=2), squared_distance(jnp.asarray(MAP), 2))
     assert compiled == ["distance"] * 2
+
+
+def test_compiling_for_several_devices_at_a_time_traces_once() -> None:
+    """Two of the threads of `concurrently`: the second one waits for the trace of the first."""
+    traced: list[int] = []
+    met = threading.Barrier(2)
+
+    def slowly(x: Any) -> Any:
+        traced.append(len(traced))
+        time.sleep(0.2)
+        return 2 * x
+
+    program = Stored("slowly", slowly)
+
+    def obtained(value: float) -> float:
+        met.wait()
+        leaves, tree = jax.tree.flatten((np.float32(value),))
+        return float(program._obtained(leaves, tree, {})(*leaves))
+
+    assert list(concurrently(obtained, [1.0, 2.0], 2)) == [2.0, 4.0]
+    assert traced == [0]
 
 
 def test_words_differ_where_programs_do() -> None:
