@@ -349,9 +349,10 @@ def _real_flights(out: Path) -> None:
 
 
 def environment(flags: str = "") -> dict[str, str]:
-    """Of a process that runs this file."""
+    """Of a process that runs this file, compiled as here (tests/conftest.py)."""
     root = Path(__file__).parents[2]
     paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    flags = " ".join(filter(None, [os.environ.get("XLA_FLAGS"), flags]))
     return {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(paths)}
 
 
