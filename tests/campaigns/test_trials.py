@@ -14,6 +14,9 @@ from maxjax.worlds.distance import distances
 from maxjax.worlds.geoms import PLANE
 from maxjax.worlds.scenes import make_scene, occupancy
 
+# All of them: what one compiled, the next ones run.
+pytestmark = pytest.mark.full_speed
+
 
 def same_bits(a: Trial, b: Trial) -> bool:
     return all(
@@ -56,7 +59,6 @@ def test_trials_obey_the_protocol() -> None:
         assert np.all((a == b) & (a > 0))
 
 
-@pytest.mark.full_speed
 def test_a_trial_alone_is_the_same_bits_in_company() -> None:
     company = draw_many("suburb", 0, range(60))
     for index in (37, 59):
@@ -71,7 +73,6 @@ def test_a_trial_alone_is_the_same_bits_in_company() -> None:
     assert len(np.unique(np.asarray(company.start), axis=0)) == 60
 
 
-@pytest.mark.full_speed
 def test_sealed_pairs_are_passed_over_and_counted() -> None:
     """Ground truth altered by hand: without the half x > 0, pairs that need it are excluded, the next one is taken."""
     geoms = make_scene("suburb", 0).geoms
