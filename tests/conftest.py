@@ -60,7 +60,11 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Small grids are compiled without LLVM's optimisations, in a seventh of the time; `full_speed` asks for them."""
-    jax.config.update("jax_disable_most_optimizations", item.get_closest_marker("full_speed") is None)
+    from short_programs import shorten  # here, since maxjax is imported behind its hook
+
+    small = item.get_closest_marker("full_speed") is None
+    jax.config.update("jax_disable_most_optimizations", small)
+    shorten(small)
 
 
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:

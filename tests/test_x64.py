@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from short_programs import shorten
 
 import maxjax
 
@@ -41,4 +42,5 @@ def test_plans_agree_with_those_in_float32() -> None:
 
 
 if __name__ == "__main__":
+    shorten()
     print(json.dumps(_plans()))

@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.errors import JaxRuntimeError
+from short_programs import shorten
 
 from maxjax.campaigns import batch_size
 from maxjax.campaigns import execution as module
@@ -320,6 +321,7 @@ def _real_flights(out: Path) -> None:
 
     Without returns a flight ends after five plans: nobody needs to wait for twenty.
     """
+    shorten()
     flight.settle, replan._FAILURES = settle, 5
     module._one_by_one = module._fly_part  # as an accelerator flies them
     nan = float("nan")
@@ -351,7 +353,7 @@ def _real_flights(out: Path) -> None:
 def environment(flags: str = "") -> dict[str, str]:
     """Of a process that runs this file, compiled as here (tests/conftest.py)."""
     root = Path(__file__).parents[2]
-    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(root), str(root / "tests"), *filter(None, [os.environ.get("PYTHONPATH")])]
     flags = " ".join(filter(None, [os.environ.get("XLA_FLAGS"), flags]))
     return {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(paths)}
 

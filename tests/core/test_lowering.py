@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
+from short_programs import shorten
 
 from maxjax.core.batching import batched_by, settle
 from maxjax.core.lowering import (
@@ -23,6 +24,12 @@ from maxjax.core.lowering import (
     shifted,
     total,
 )
+
+
+@pytest.fixture(autouse=True)
+def _both_forms() -> None:
+    """As users have them: JAX chooses the form when it lowers."""
+    shorten(False)
 
 
 @jax.tree_util.register_dataclass
