@@ -4,7 +4,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan
+    from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan, trajectory
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
     from maxjax.fields.conductivity import conductivity
@@ -12,10 +12,13 @@ if TYPE_CHECKING:
     from maxjax.fields.price import Price
     from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
+    from maxjax.planning.limits import FlightLimits
     from maxjax.planning.plan import Plan
+    from maxjax.planning.trajectory import Trajectory
     from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [
+    "FlightLimits",
     "Grid",
     "Occupancy",
     "Plan",
@@ -23,6 +26,7 @@ __all__ = [
     "Potential",
     "Price",
     "Status",
+    "Trajectory",
     "Verification",
     "conductivity",
     "dilate",
@@ -32,6 +36,7 @@ __all__ = [
     "plan_fleet",
     "plan_scan",
     "solve_potential",
+    "trajectory",
     "verify",
     "voxelize",
 ]
@@ -39,7 +44,7 @@ __all__ = [
 # Modules that define the public names. A name is imported when it is first used, so that the command line handles
 # Ctrl-C and shows its help before JAX is loaded.
 _MODULES = {
-    "maxjax.api": ("PlanBatch", "plan", "plan_batch", "plan_fleet", "plan_scan"),
+    "maxjax.api": ("PlanBatch", "plan", "plan_batch", "plan_fleet", "plan_scan", "trajectory"),
     "maxjax.core.grid": ("Grid",),
     "maxjax.core.status": ("Status",),
     "maxjax.fields.conductivity": ("conductivity",),
@@ -47,7 +52,9 @@ _MODULES = {
     "maxjax.fields.price": ("Price",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),
+    "maxjax.planning.limits": ("FlightLimits",),
     "maxjax.planning.plan": ("Plan",),
+    "maxjax.planning.trajectory": ("Trajectory",),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
 }
 

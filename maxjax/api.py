@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, overload
 
 import jax
@@ -18,9 +18,13 @@ from maxjax.methods import METHODS, method_named
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_task
 from maxjax.planning.fleet import plan_fleet as plan_starts
+from maxjax.planning.limits import PX4, FlightLimits
 from maxjax.planning.plan import Plan, no_plan
 from maxjax.planning.recorder import added, recording, timed
+from maxjax.planning.schedule import scheduled
+from maxjax.planning.surroundings import Surroundings
 from maxjax.planning.task import Distances, Task, checked_grid, points_of
+from maxjax.planning.trajectory import Trajectory
 from maxjax.solvers.potential import solve_potential
 
 DISTANCES = Distances()
@@ -266,3 +270,45 @@ def plan_scan(
             task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
             (found,) = _planned(_on_one_map(task), method, focus)
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))
+
+
+# arguments: a public name; all that has a default may be left out
+def trajectory(
+    plan: Plan,
+    limits: FlightLimits = PX4,
+    occupied: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    grid: Grid = Grid(),  # noqa: B008 (frozen)
+    *,
+    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    hovers: Mapping[int, float] | None = None,
+) -> Trajectory:
+    """Give a plan times: a smooth trajectory from rest to rest, near the fastest within some limits.
+
+    Corners are rounded as far as the map allows: what leaves the plan's path is judged against its radius. Where no
+    rounding is clear it rests at the corner.
+
+    Args:
+        plan: one that is OK.
+        limits: of speed, climb, acceleration, jerk and heading; those of PX4 by default.
+        occupied: the map that was planned on. None: nothing off the plan's path is known to be free, and every corner
+            is passed at rest.
+        grid: of the map.
+        ground: as in `plan`.
+        hovers: seconds to rest at points of the plan's path, by their index.
+
+    Returns:
+        A `Trajectory`; `Trajectory.at` tells position, velocity, acceleration and heading at any time.
+
+    Raises:
+        ValueError: for a plan without a path or with repeated points, a map of another shape, or hovers that are no
+            times at points between start and goal.
+    """
+    around = None
+    if occupied is not None:
+        volumes = {"occupied": np.asarray(occupied), "ground": None if ground is None else np.asarray(ground)}
+        for name, volume in volumes.items():
+            if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
+                raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
+        path = np.asarray(plan.path, np.float64)
+        around = Surroundings(np.asarray(occupied), volumes["ground"], grid, path, plan.radius, plan.balls)
+    return scheduled(plan, limits, hovers or {}, around)

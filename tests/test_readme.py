@@ -33,7 +33,7 @@ def test_the_example_runs_word_for_word() -> None:
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    first, second = done.stdout.splitlines()
+    first, second, third = done.stdout.splitlines()
     assert re.fullmatch(r"\(\d+, 3\) 1\.0 True", first)
     printed = re.fullmatch(r"(\d+\.\d) m long, (\d+\.\d) m clear of the tower", second)
     assert printed is not None
@@ -41,6 +41,9 @@ def test_the_example_runs_word_for_word() -> None:
     # The tower is 60 m wide and stands across the straight line of 120 m.
     assert 130 < length < 156
     assert clearance >= 4
+    timed = re.fullmatch(r"(\d+\.\d) s \((\d+), 3\) \(\2, 3\) \(\2,\)", third)
+    assert timed is not None
+    assert length / 8.0 < float(timed[1]) < 2.0 * length / 8.0
 
 
 def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
