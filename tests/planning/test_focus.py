@@ -10,12 +10,15 @@ import maxjax
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
-from maxjax.planning import focus
+from maxjax.planning import execute, focus
 from maxjax.planning.execute import plan_task
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Distances, Task
 
 SMALL = ((10, 10, 8), (16, 16, 12))
+# One grid for most tests, so that they share programs.
+GRID = Grid((34, 30, 20), 2.0, (3.0, -7.0, 1.0))
+DISTANCES = Distances(1.0, 4.0)
 
 
 @pytest.fixture
@@ -135,54 +138,52 @@ def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[
     return occupied, ground, ends + rng.choice([0.0, 0.5, -0.5, 0.3], (2, 3)) * (rng.random((2, 3)) < 0.3)
 
 
-@pytest.mark.parametrize(("shape", "cases"), [((34, 30, 20), 80), ((1, 40, 30), 30)])
+@pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((1, 40, 30), 30)])
 def test_statuses_and_costs_are_those_of_the_whole_map(
     small_windows: None, shape: tuple[int, int, int], cases: int
 ) -> None:
     rng = np.random.default_rng(sum(shape))
-    grid = Grid(shape, 2.0, (3.0, -7.0, 1.0))
+    grid = dataclasses.replace(GRID, shape=shape)
     maps = [random_case(rng, shape) for _ in range(cases)]
     world = np.array([np.array(grid.origin) + 2.0 * ends for _, _, ends in maps])
     volumes = (np.stack([m[k] for m in maps]) for k in (0, 1))
     occupied, ground = volumes
-    distances = Distances(float(rng.choice([0.0, 1.0, 1.5])), 4.0)
-    plans = check_same(Task.of(occupied, world[:, 0], world[:, 1], grid, distances, ground))
+    plans = check_same(Task.of(occupied, world[:, 0], world[:, 1], grid, Distances(1.5, 4.0), ground))
     assert {Status.OK, Status.NO_VALID_PATH} <= {plan.status for plan in plans}
 
 
 def corridor(outer: bool) -> np.ndarray:
     """Two cells whose only way from one to the other leads far around, or nowhere."""
-    occupied = np.ones((40, 40, 10), bool)
-    occupied[18:23, 18, 2:4] = False
-    occupied[18:23, 20, 2:4] = False
+    occupied = np.ones(GRID.shape, bool)
+    occupied[15:20, 14, 2:4] = False
+    occupied[15:20, 16, 2:4] = False
     if outer:
-        occupied[2:19, 18, 2:4] = False
-        occupied[2, 18:38, 2:4] = False
-        occupied[2:38, 37, 2:4] = False
-        occupied[37, 20:38, 2:4] = False
-        occupied[22:38, 20, 2:4] = False
+        occupied[2:16, 14, 2:4] = False
+        occupied[2, 14:28, 2:4] = False
+        occupied[2:32, 27, 2:4] = False
+        occupied[31, 16:28, 2:4] = False
+        occupied[19:32, 16, 2:4] = False
     return occupied
 
 
 @pytest.mark.parametrize("outer", [True, False])
 def test_a_way_that_leaves_the_window_and_comes_back_is_found(small_windows: None, outer: bool) -> None:
-    grid = Grid((40, 40, 10), 2.0, (0.0, 0.0, 0.0))
-    ends = np.array([[40.0, 36.0, 5.0]]), np.array([[40.0, 40.0, 5.0]])
-    (plan,) = check_same(Task.of(corridor(outer), *ends, grid, Distances(1.0, 4.0)))
+    ends = np.array(GRID.origin) + GRID.spacing * np.array([[17.0, 14.0, 2.5], [17.0, 16.0, 2.5]])
+    (plan,) = check_same(Task.of(corridor(outer), ends[:1], ends[1:], GRID, DISTANCES))
     assert plan.status == (Status.OK if outer else Status.NO_VALID_PATH)
     if outer:
-        assert plan.length > 200
+        # From the window in the middle to all four sides of the map.
+        assert plan.length > 2 * (12 + 13 + 28 + 11 + 11)
 
 
 def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(focus, "SHAPES", SMALL[1:])
     rng = np.random.default_rng(5)
-    grid = Grid((34, 30, 20), 2.0, (3.0, -7.0, 1.0))
-    occupied = np.zeros((6, *grid.shape), bool)
+    occupied = np.zeros((6, *GRID.shape), bool)
     occupied[:, 16:18, 13:17, :16] = True
-    starts = np.array(grid.origin) + 2.0 * rng.uniform((12, 12, 8), (14, 16, 12), (6, 3))
-    goals = np.array(grid.origin) + 2.0 * rng.uniform((20, 12, 8), (22, 16, 12), (6, 3))
-    task = Task.of(occupied, starts, goals, grid, Distances(1.0, 4.0))
+    starts = np.array(GRID.origin) + 2.0 * rng.uniform((12, 12, 8), (14, 16, 12), (6, 3))
+    goals = np.array(GRID.origin) + 2.0 * rng.uniform((20, 12, 8), (22, 16, 12), (6, 3))
+    task = Task.of(occupied, starts, goals, GRID, DISTANCES)
     find = METHODS["solver"].finder()
     in_chunks, alone = plan_task(task, find, "solver", chunk=4), plan_task(task, find, "solver")
     for one, other in zip(in_chunks, alone, strict=True):
@@ -190,10 +191,17 @@ def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pyte
         assert one.length == pytest.approx(other.length, rel=1e-3)
 
 
-def test_the_public_argument_chooses_the_whole_map() -> None:
-    occupied = np.zeros((101, 101, 101), bool)
-    occupied[40:60, 40:60, :80] = True
-    ends = (-60.0, 0.0, 9.0), (60.0, 0.0, 9.0)
-    windowed, whole = (maxjax.plan(occupied, *ends, focus=focused) for focused in (True, False))
+def test_the_public_argument_chooses_the_whole_map(small_windows: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned: list[bool] = []
+    real = focus.in_windows
+    monkeypatch.setattr(execute, "in_windows", lambda *given: planned.append(True) or real(*given))
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[16:18, 12:16, :18] = True
+    ends = np.array(GRID.origin) + GRID.spacing * np.array([[13.0, 13.5, 9.0], [21.0, 13.5, 9.0]])
+    distances = {"radius": DISTANCES.radius, "margin": DISTANCES.margin}
+    whole = maxjax.plan(occupied, *ends, GRID, focus=False, **distances)
+    assert not planned
+    windowed = maxjax.plan(occupied, *ends, GRID, focus=True, **distances)
+    assert planned
     assert windowed.status == whole.status == Status.OK
     assert windowed.cost == pytest.approx(whole.cost, rel=2e-3)
