@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
+    from maxjax.missions.earth import Projected, TangentPlane
+    from maxjax.missions.export import export
     from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
     from maxjax.planning.limits import FlightLimits
@@ -25,11 +27,14 @@ __all__ = [
     "PlanBatch",
     "Potential",
     "Price",
+    "Projected",
     "Status",
+    "TangentPlane",
     "Trajectory",
     "Verification",
     "conductivity",
     "dilate",
+    "export",
     "load_model",
     "plan",
     "plan_batch",
@@ -50,6 +55,8 @@ _MODULES = {
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
+    "maxjax.missions.earth": ("Projected", "TangentPlane"),
+    "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),
     "maxjax.planning.limits": ("FlightLimits",),

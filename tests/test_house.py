@@ -27,6 +27,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
     "sim": ("core", "fields", "planning", "maps", "worlds"),
     "nn": ("core", "fields", "solvers"),
     "campaigns": ("core", "fields", "planning", "maps", "worlds", "sim"),
+    "missions": ("core", "fields", "planning", "maps"),
     "methods": ("core", "fields", "solvers", "planning", "maps", "worlds", "sim", "nn"),
 }
 # On top of all of these.

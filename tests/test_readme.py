@@ -63,7 +63,7 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
         else:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert calls == ["check", "scanning", "planning", "planning", "planning", "flying"]
+    assert calls == ["check", "scanning", "planning", "planning", "planning", "planning", "flying"]
 
 
 def test_every_link_leads_somewhere() -> None:

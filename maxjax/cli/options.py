@@ -51,6 +51,11 @@ class PlanOptions:
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         out: Folder for plan.json, path.csv and plan.png.
         json: Print the content of plan.json, and nothing else, on stdout.
+        export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
+            .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
+        place: Latitude, longitude [deg] and height [m] of the map's (0, 0, 0), for formats with latitudes.
+        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place.
+        speed: Greatest speed of what is exported [m/s].
     """
 
     map: _Map
@@ -63,6 +68,10 @@ class PlanOptions:
     ground: _OptionalMetres = None
     out: _OptionalFolder = None
     json: _Flag = False
+    export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
+    crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
+    speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,7 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from maxjax.cli import report
+from maxjax.cli import exporting, report
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, load_source, task_in
@@ -19,6 +19,7 @@ from maxjax.planning.recorder import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 
+_OUTPUTS = ("out", "json", "export", "place", "crs", "speed")
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -29,6 +30,7 @@ def run(options: PlanOptions) -> int:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
     report.check_output(options.out)
+    exporting.check(options)
     method_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
         source = load_source(options.map)
@@ -38,7 +40,7 @@ def run(options: PlanOptions) -> int:
     with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, options.method, recorder)
     message = report.explain(plan, given)
-    configuration = {name: value for name, value in vars(options).items() if name not in ("out", "json")}
+    configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {options.method: plan}, None, list[Path]()
     drawn = given.task.occupied.size <= MOST_VOXELS
@@ -50,6 +52,9 @@ def run(options: PlanOptions) -> int:
             figure = figure_plans(given.task, plans, overlay)
     if options.out is not None:
         files = report.write_plan(options.out, content, figure)
+    if options.export and plan.status == Status.OK:
+        with progress("Timing and exporting"):
+            files += exporting.write(options, given, plan)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:

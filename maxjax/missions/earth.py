@@ -1,0 +1,144 @@
+"""Where a map lies on Earth: from its coordinates to latitude, longitude and height on the ellipsoid of WGS84.
+
+`TangentPlane`: the map is ENU about a known place, in closed formulas. With the place's latitude φ and longitude λ,
+
+    (X, Y, Z) = (X₀, Y₀, Z₀) + R(φ, λ) (x, y, z),    X₀ = (N + h) cos φ cos λ, …,    N = a / √(1 − e² sin² φ),
+
+and back by Bowring's formula, tan φ = (Z + e′² b sin³ u) / (p − e² a cos³ u), repeated until it stands still.
+`Projected`: the map's coordinates are those of a coordinate reference system, by pyproj. Heights are counted as those
+of the place or of the map are: sea level stays sea level.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+_A = 6378137.0  # half axis of the ellipsoid [m]
+_F = 1.0 / 298.257223563
+_B = _A * (1.0 - _F)
+_E2 = _F * (2.0 - _F)
+_ROUNDS = 6
+_FARTHEST = 1e5  # from the place [m]; beyond, coordinates are hardly those of a plane there
+
+
+@dataclasses.dataclass(frozen=True)
+class TangentPlane:
+    """A map in metres east, north and up of a place.
+
+    Attributes:
+        latitude, longitude: of the map's (0, 0, 0) [degrees], WGS84.
+        height: of the map's z = 0 [m], above sea level or the ellipsoid; results are counted likewise.
+
+    Raises:
+        ValueError: for values outside these meanings.
+    """
+
+    latitude: float
+    longitude: float
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value, most in (("latitude", self.latitude, 90.0), ("longitude", self.longitude, 180.0)):
+            if not -most <= value <= most:
+                raise ValueError(f"{name}: expected degrees from {-most:g} to {most:g}, given {value}")
+        if not abs(self.height) <= _FARTHEST:
+            raise ValueError(f"height: expected metres, at most {_FARTHEST:g}, given {self.height}")
+
+    def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Latitude, longitude [degrees] and height [m] of points of the map [m].
+
+        Raises:
+            ValueError: for points more than 100 km away.
+        """
+        if points.size and not np.abs(points).max() <= _FARTHEST:
+            raise ValueError(
+                f"points: expected a map within {_FARTHEST:g} m of its place on Earth, given coordinates up to "
+                f"{np.abs(points).max():g}; are they national ones? Then name their reference system"
+            )
+        earth = self._centre() + points @ self._axes().T
+        p = np.hypot(earth[:, 0], earth[:, 1])
+        u = np.arctan2(earth[:, 2] * _A, p * _B)
+        for _ in range(_ROUNDS):
+            rise = earth[:, 2] + _E2 / (1.0 - _E2) * _B * np.sin(u) ** 3
+            latitude = np.arctan2(rise, p - _E2 * _A * np.cos(u) ** 3)
+            u = np.arctan2((1.0 - _F) * np.sin(latitude), np.cos(latitude))
+        normal = _A / np.sqrt(1.0 - _E2 * np.sin(latitude) ** 2)
+        # Of two forms of the height, one is good at the poles and one at the equator.
+        height = p * np.cos(latitude) + earth[:, 2] * np.sin(latitude) - _A**2 / normal
+        longitude = np.arctan2(earth[:, 1], earth[:, 0])
+        return np.column_stack([np.degrees(latitude), np.degrees(longitude), height])
+
+    def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m]."""
+        found: Float64[np.ndarray, "n 3"] = (_geocentric(places) - self._centre()) @ self._axes()
+        return found
+
+    def _centre(self) -> Float64[np.ndarray, " 3"]:
+        centre: Float64[np.ndarray, " 3"] = _geocentric(np.array([[self.latitude, self.longitude, self.height]]))[0]
+        return centre
+
+    def _axes(self) -> Float64[np.ndarray, "3 3"]:
+        """East, north and up as columns."""
+        phi, lam = math.radians(self.latitude), math.radians(self.longitude)
+        east = [-math.sin(lam), math.cos(lam), 0.0]
+        north = [-math.sin(phi) * math.cos(lam), -math.sin(phi) * math.sin(lam), math.cos(phi)]
+        up = [math.cos(phi) * math.cos(lam), math.cos(phi) * math.sin(lam), math.sin(phi)]
+        return np.array([east, north, up]).T
+
+
+@dataclasses.dataclass(frozen=True)
+class Projected:
+    """A map in the coordinates of a reference system, easting first.
+
+    Attributes:
+        crs: its name, as `EPSG:28992`.
+        height: of the map's z = 0 [m].
+
+    Raises:
+        ImportError: without pyproj.
+        ValueError: for a system that pyproj does not know, or one whose unit is not the metre.
+    """
+
+    crs: str
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        pyproj = _pyproj()
+        try:
+            system = pyproj.CRS.from_user_input(self.crs)
+        except pyproj.exceptions.CRSError as error:
+            raise ValueError(f"crs: expected the name of a reference system, given {self.crs!r}: {error}") from error
+        if not system.is_projected or system.axis_info[0].unit_conversion_factor != 1.0:
+            raise ValueError(f"crs: expected a projected system in metres, given {self.crs!r} ({system.name})")
+
+    def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Latitude, longitude [degrees] and height [m] of points of the map [m]."""
+        transformer = _pyproj().Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        longitude, latitude = transformer.transform(points[:, 0], points[:, 1])
+        return np.column_stack([latitude, longitude, points[:, 2] + self.height])
+
+
+# What tells where a map's points lie.
+Earth = TangentPlane | Projected
+
+
+def _pyproj() -> Any:
+    """The module."""
+    try:
+        import pyproj
+    except ImportError as error:
+        raise ImportError("reference systems need the extra geo: pip install 'maxjax[geo]'") from error
+    return pyproj
+
+
+def _geocentric(places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """X to longitude 0, Z to the north pole [m], of latitudes, longitudes and heights."""
+    phi, lam, height = np.radians(places[:, 0]), np.radians(places[:, 1]), places[:, 2]
+    normal = _A / np.sqrt(1.0 - _E2 * np.sin(phi) ** 2)
+    across = (normal + height) * np.cos(phi)
+    return np.column_stack([across * np.cos(lam), across * np.sin(lam), (normal * (1.0 - _E2) + height) * np.sin(phi)])

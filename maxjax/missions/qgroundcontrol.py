@@ -1,0 +1,47 @@
+"""QGroundControl's `.plan`: a mission as JSON, version 1 of the file and 2 of its mission."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from maxjax.missions.waypoints import RELATIVE, Item, Waypoints
+
+_PX4, _QUADROTOR = 12, 2  # MAV_AUTOPILOT and MAV_TYPE
+_ALTITUDE_RELATIVE = 1
+
+
+def plan_text(mission: Waypoints) -> str:
+    """The text of a `.plan` file."""
+    content = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "mission": {
+            "version": 2,
+            "firmwareType": _PX4,
+            "vehicleType": _QUADROTOR,
+            "cruiseSpeed": mission.speed,
+            "hoverSpeed": mission.speed,
+            "plannedHomePosition": list(mission.home),
+            "items": [_item(k, item) for k, item in enumerate(mission.items, 1)],
+        },
+        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "rallyPoints": {"version": 2, "points": []},
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _item(number: int, item: Item) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "type": "SimpleItem",
+        "autoContinue": True,
+        "command": item.command,
+        "doJumpId": number,
+        "frame": item.frame,
+        "params": list(item.params),
+    }
+    if item.frame == RELATIVE:
+        height = item.params[-1]
+        content |= {"AMSLAltAboveTerrain": None, "Altitude": height, "AltitudeMode": _ALTITUDE_RELATIVE}
+    return content
