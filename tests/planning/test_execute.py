@@ -94,7 +94,7 @@ def capped(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
 def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
     """A field that claims more than it holds."""
     potential = solve_potential(sigma, goal, price)
-    return dataclasses.replace(potential, log_phi=jnp.where(sigma > 0, 0.0, -jnp.inf))
+    return dataclasses.replace(potential, log_phi=jnp.where(sigma > 0, jnp.float32(0), -jnp.inf))
 
 
 def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) -> None:

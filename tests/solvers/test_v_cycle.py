@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,12 +18,25 @@ from maxjax.solvers.v_cycle import hierarchy, v_cycle
 Discretised = tuple[stencil.Operator, jax.Array, jax.Array, np.ndarray, np.ndarray]
 
 
+@functools.partial(jax.jit, static_argnames=("leak", "grounded"))
+def discretised(sigma: jax.Array, mask: jax.Array, leak: float, grounded: bool) -> tuple[stencil.Operator, jax.Array]:
+    return stencil.hold(stencil.assemble(sigma, leak, grounded), mask)
+
+
+conducting = jax.jit(conductivity, static_argnames="grid")
+
+
+@jax.jit
+def cycled(operator: stencil.Operator, component: jax.Array, r: jax.Array) -> jax.Array:
+    return v_cycle(hierarchy(operator, component))(r)
+
+
 def held(
     sigma: np.ndarray, goal: np.ndarray, leak: float = 0.0, grounded: bool = True
 ) -> tuple[stencil.Operator, jax.Array]:
     mask = np.zeros(sigma.shape, sigma.dtype)
     mask[tuple(goal)] = 1
-    return stencil.hold(stencil.assemble(jnp.asarray(sigma), leak, grounded), jnp.asarray(mask))
+    return discretised(sigma, mask, leak, grounded)
 
 
 def problem(seed: int, shape: tuple[int, int, int], walls: int = 3) -> Discretised:
@@ -40,16 +55,20 @@ def problem(seed: int, shape: tuple[int, int, int], walls: int = 3) -> Discretis
     goal = random_free(rng, blocked, 1)[0].astype(np.int32)
     while tuple(goal) == (1, 1, 1):
         goal = random_free(rng, blocked, 1)[0].astype(np.int32)
-    sigma = np.asarray(conductivity(jnp.asarray(blocked), jnp.asarray(goal), Grid(shape)))
+    sigma = np.asarray(conducting(blocked, goal, grid=Grid(shape)))
     operator, source = held(sigma, goal)
     return operator, source, jnp.asarray(component_of(sigma > 0, tuple(goal))), sigma, goal
 
 
 def dense(operator: stencil.Operator, component: jax.Array) -> np.ndarray:
-    shape, size = component.shape, component.size
-    cycle = v_cycle(hierarchy(operator, component))
-    unit = jnp.eye(size, dtype=operator.diagonal.dtype)
-    return np.asarray(jax.jit(lambda e: jax.lax.map(lambda r: cycle(r.reshape(shape)).ravel(), e, batch_size=64))(unit))
+    unit = jnp.eye(component.size, dtype=operator.diagonal.dtype)
+
+    @jax.jit
+    def columns(operator: stencil.Operator, component: jax.Array, unit: jax.Array) -> jax.Array:
+        cycle = v_cycle(hierarchy(operator, component))
+        return jax.lax.map(lambda r: cycle(r.reshape(component.shape)).ravel(), unit, batch_size=64)
+
+    return np.asarray(columns(operator, component, unit))
 
 
 @jax.jit
@@ -96,7 +115,7 @@ def test_iterations_are_flat_in_size() -> None:
         rng = np.random.default_rng(size)
         blocked = random_blocks(rng, (size,) * 3, 60, size // 6)
         goal = random_free(rng, blocked, 1)[0].astype(np.int32)
-        sigma = np.asarray(conductivity(jnp.asarray(blocked), jnp.asarray(goal), Grid(blocked.shape)))
+        sigma = np.asarray(conducting(blocked, goal, grid=Grid(blocked.shape)))
         solution = solve(*held(sigma, goal), jnp.asarray(component_of(sigma > 0, tuple(goal))))
         assert solution.converged
         iterations.append(int(solution.iterations))
@@ -138,7 +157,7 @@ def test_degenerate_components_give_no_nan() -> None:
     sigma[4, 4, 4] = 1
     operator, source = held(sigma, np.array([4, 4, 4]))
     for component in (sigma > 0, np.zeros_like(sigma, bool)):
-        assert np.isfinite(v_cycle(hierarchy(operator, jnp.asarray(component)))(source)).all()
+        assert np.isfinite(cycled(operator, component, source)).all()
     # Nothing held, nothing grounded: singular.
     operator = stencil.assemble(jnp.ones((9, 9, 9)), 0.0, False)
-    assert np.isfinite(v_cycle(hierarchy(operator, jnp.ones((9, 9, 9), bool)))(jnp.ones((9, 9, 9)))).all()
+    assert np.isfinite(cycled(operator, jnp.ones((9, 9, 9), bool), jnp.ones((9, 9, 9)))).all()
