@@ -25,8 +25,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-SCREENING_LENGTH = 1.5
-"""ℓ [voxels]: the shorter, the closer to cheapest paths; below it the lattice itself shows."""
+SCREENING_LENGTH = 1.25
+"""ℓ [voxels]: the shorter, the closer to cheapest paths, and the more cycles a solve takes."""
 
 _SHAPES = ("quadratic", "exponential", "speed")
 # What the exponential falls by over the margin, as a power of e: Nav2's rate of 3 per metre over a metre.
@@ -47,7 +47,7 @@ class Price:
     """
 
     shape: Literal["quadratic", "exponential", "speed"] = "quadratic"
-    height: float = 4.0
+    height: float = 3.5
 
     def __post_init__(self) -> None:
         if self.shape not in _SHAPES:

@@ -8,7 +8,7 @@ Settings: `screened` (leak κ, insulated outer faces; the default), `cg` (the sa
 `paper` (κ = 0, outer faces grounded), each a solver object in a file of its own. Scaling φ to 1 at the goal instead of
 feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
 
-What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.5 voxels, whatever the size of the map;
+What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.25 voxels, whatever the size of the map;
 `cg` and `paper` solve for φ, so `cg` chooses ℓ such that float32 spans it, and lengthens it where that was not enough.
 The solver does one attempt; what it finds carries the implicit derivative (`solvers.derivative`).
 """
@@ -97,7 +97,7 @@ def solve_potential(
         price: n ≥ 1, what a metre costs, finite wherever sigma is positive; None: 1 everywhere. Unused in `paper`. On
             the lattice φ decays along an axis by 2 asinh(n / 2ℓ) a voxel, which falls short of n/ℓ where n is large:
             `fields.price.lattice_price` makes up for it.
-        screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.5, in `cg` the length at which
+        screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.25, in `cg` the length at which
             float32 spans φ. Unused in `paper`.
         setting: `screened`, `paper`, `cg`, or a solver object such as `solvers.screened.Screened(first_cycles=0)`.
             Static.

@@ -15,6 +15,7 @@ from references import component_of, direct_potential, random_blocks, random_fre
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.gradient import gradient, log_potential
+from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.geodesic import distance_potential
 from maxjax.solvers.screened import Screened
 
@@ -207,11 +208,11 @@ def test_long_detours_need_no_longer_screening(turns: int) -> None:
     sigma = (~blocked).astype(np.float32)
     potential = solve(sigma, goal)
     assert not potential.geodesic
-    assert potential.screening_length == 1.5
+    assert potential.screening_length == SCREENING_LENGTH
     check_certificate(potential, sigma, goal)
     # In a corridor φ decays by θ a voxel.
     least = np.asarray(potential.log_phi)[sigma > 0].min()
-    assert least == pytest.approx(-2 * np.arcsinh(1 / 3) * (sigma.sum() - 1), rel=0.03)
+    assert least == pytest.approx(-2 * np.arcsinh(1 / (2 * SCREENING_LENGTH)) * (sigma.sum() - 1), rel=0.03)
 
 
 def test_prices_equal_elimination_and_make_phi_decay_as_they_say() -> None:
@@ -225,7 +226,7 @@ def test_prices_equal_elimination_and_make_phi_decay_as_they_say() -> None:
     np.testing.assert_allclose(phi, expected, rtol=1e-8)
     line = np.ones((40, 1, 1), np.float32)
     steep = solve(line, np.zeros(3, np.int32), np.full(line.shape, 7.0, np.float32), tolerance=1e-5)
-    np.testing.assert_allclose(np.diff(np.asarray(steep.log_phi)[:30, 0, 0]), -2 * np.arcsinh(7 / 3), rtol=1e-4)
+    np.testing.assert_allclose(np.diff(np.asarray(steep.log_phi)[:30, 0, 0]), -2 * np.arcsinh(7 / (2 * SCREENING_LENGTH)), rtol=1e-4)
 
 
 def test_prices_below_one_or_not_finite_are_refused() -> None:
