@@ -117,17 +117,19 @@ def main(config: Config) -> list[Row]:
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name in MAPS:
             tasks = drawn(name, config.problems)
-            plans = [planned(task, "solver") for task in tasks]
-            cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
-            cases = [dataclasses.replace(case, measured=k % config.measured == 0) for k, case in enumerate(cases)]
-            judged = pool.map_async(judge, cases)
-            rivals = [planned(task, "astar") for task in tasks]
-            rows.append(row_of(name, plans, rivals, judged.get(), grid))
+            plans, rivals, judged = [], [], []
+            for k, task in enumerate(tasks):
+                plan, rival = planned(task, "solver", "astar")
+                case = dataclasses.replace(case_of(task, plan), measured=k % config.measured == 0)
+                judged.append(pool.apply_async(judge, (case,)))
+                plans.append(plan)
+                rivals.append(rival)
+            rows.append(row_of(name, plans, rivals, [verdict.get() for verdict in judged], grid))
             print(rows[-1], file=sys.stderr, flush=True)
         share = -(-config.sealed // len(MAPS))
         open_ones = [task for name in MAPS for task in drawn(name, share)][: config.sealed]
         tasks = [seal(task, ("start", "goal")[k % 2]) for k, task in enumerate(open_ones)]
-        plans = [planned(task, "solver") for task in tasks]
+        plans = [plan for task in tasks for plan in planned(task, "solver")]
         verdicts = pool.map(judge, [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)])
         rows.append(
             {

@@ -155,7 +155,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
         for _ in range(config.problems):
             start, goal = draw_ends(rng, occupied, grid)
             tasks.append(Task.of(occupied, start[None], goal[None], grid, Distances(margin=config.margin), ground))
-    plans, rivals = ([planned(task, method) for task in tasks] for method in ("solver", "astar"))
+    plans, rivals = (list(some) for some in zip(*(planned(task, "solver", "astar") for task in tasks), strict=True))
     cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))
     del row["map"]

@@ -87,11 +87,11 @@ def _dilated(occupied: np.ndarray, ground: np.ndarray, task: Task, k: int) -> tu
     return blocked, margin
 
 
-def planned(task: Task, method: str) -> maxjax.Plan:
-    """The plan of one problem, by a method's name."""
+def planned(task: Task, *methods: str) -> tuple[maxjax.Plan, ...]:
+    """The plans of one problem in one dilated map, by the names of methods."""
     given = dilated(task)
-    (plan,) = given.measured(plan_task(given.task, method_named(method).finder(), method))
-    return plan
+    found = [given.measured(plan_task(given.task, method_named(name).finder(), name)) for name in methods]
+    return tuple(plan for (plan,) in found)
 
 
 # By the map that stands for its city, then by method: mean length [m], its standard deviation [m], run time [s]

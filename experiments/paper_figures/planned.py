@@ -84,7 +84,7 @@ def planned(name: str, choice: Choice) -> Planned:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), choice.shape, 2.0)
     best: tuple[tuple[float, ...], Task, maxjax.Plan, np.ndarray] | None = None
     for task in problems(name, choice.candidates, choice.seed, grid, choice.margin):
-        plan = plan_of(task, "solver")
+        (plan,) = plan_of(task, "solver")
         if plan.status != maxjax.Status.OK:
             continue
         (blocked,) = dilated(task).task.occupied
