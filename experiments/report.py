@@ -45,6 +45,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("real_cities", "real_cities"),
         ("clearance", "clearance"),
         ("clearance_ablation", "clearance"),
+        ("trajectories", "trajectories"),
     ),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),

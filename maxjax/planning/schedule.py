@@ -3,8 +3,7 @@
     plan → rounded curves between rests → clear? → speeds and times → B-spline → clear? → Trajectory
 
 A corner whose rounding is not clear is rounded less; one that cannot be rounded is passed at rest, on the plan's own
-verified path (`planning.surroundings`). Near walls it is slower (`FlightLimits.near`): a speed belongs to a place, and
-averages over a time w reach w/2 to both sides, so that each place's speed holds that far around it.
+verified path (`planning.surroundings`). Near walls it is slower (`FlightLimits.near`).
 
 Flights in closed loop have a reference of their own (`sim.reference`): there a plan is replaced every second, from
 whatever speed the vehicle has, in float32 on a device, and needs no limit of jerk. Both round corners by one formula.
@@ -203,13 +202,7 @@ def _caps(
     # A place between two stations is at most half their distance from one, and what is flown is off by the cutting.
     spare = np.maximum(clearance - 0.5 * apart - cutting(limits, window) - course.plan.radius, 0.0)
     caps = np.minimum(np.sqrt(limits.near**2 + 2.0 * limits.acceleration * spare), limits.speed)
-    reach = caps * (0.5 * window + 2.0) * STEP + apart
-    held = caps.copy()
-    for k in range(1, min(math.ceil(reach.max() / apart), len(caps) - 1) + 1):
-        reaches = np.where(reach >= k * apart, caps, math.inf)
-        held[k:] = np.minimum(held[k:], reaches[:-k])
-        held[:-k] = np.minimum(held[:-k], reaches[k:])
-    nearest: Float64[np.ndarray, " m"] = held[np.rint(s / apart).astype(np.int64)]
+    nearest: Float64[np.ndarray, " m"] = caps[np.rint(s / apart).astype(np.int64)]
     return nearest
 
 

@@ -8,16 +8,19 @@ w = acceleration / jerk is the control polygon of the answer:
 Averages stay in convex sets, so c keeps the limits of speed, climb and acceleration that q keeps; its jerk is
 (q̈(t) − q̈(t − w)) / w, which keeps its limit where q̈ changes by no more than `acceleration` within w. Where it changes
 by more (from full thrust to full braking, say), q is planned again with less acceleration at both places, round after
-round. What is left above a limit is removed by one factor on all times, and the fastest round is taken. The average
-cuts corners by at most acceleration · w² / 24. Other widths w are tried as well (`windows`).
+round; and with less speed where its average is faster than the place allows. What is left above a limit is removed by
+one factor on all times, and the fastest round is taken. The average cuts corners by at most acceleration · w² / 24.
+Other widths w are tried as well (`windows`).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.ndimage import maximum_filter1d
 
 from maxjax.planning.limits import FlightLimits
 from maxjax.planning.passes import fastest, positions
@@ -32,7 +35,7 @@ _ROUNDS, _ENOUGH = 24, 1.002
 # More than rounding adds to a limit.
 _SLACK = 1e-9
 # Of a limit: what counts as kept, and the least that is planned with.
-_JUST, _WEAKEST = 0.999, 0.3
+_JUST, _WEAKEST = 0.999, 0.15
 _RISES = 1e-6  # slope of a climb below which none is limited
 
 
@@ -45,6 +48,23 @@ def windows(limits: FlightLimits) -> list[int]:
 def cutting(limits: FlightLimits, window: int) -> float:
     """Greatest distance [m] between the curve and what is flown, by averages and the B-spline's own."""
     return limits.acceleration * STEP**2 * ((window**2 - 1) / 24.0 + 1.0 / 6.0)
+
+
+class _Allowed(NamedTuple):
+    """What q is planned with, at the samples s of a curve."""
+
+    s: Float64[np.ndarray, " m"]
+    speed: Float64[np.ndarray, " m"]  # greatest ds/dt
+    acceleration: Float64[np.ndarray, " m"]
+
+
+class _Attempt(NamedTuple):
+    """A way q, sampled in time with its ends repeated, and its average."""
+
+    q: Float64[np.ndarray, "t 3"]
+    s: Float64[np.ndarray, " t"]
+    control: Float64[np.ndarray, "n 3"]
+    window: int
 
 
 def timed(
@@ -62,21 +82,38 @@ def timed(
     _, slope, bend = curve.at(s)
     length = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
     rises = slope[:, 2] / np.where(slope[:, 2] > 0.0, limits.ascent, -limits.descent)
-    fastest_allowed = np.minimum(np.minimum(limits.speed, caps) / length, 1.0 / np.maximum(rises, _RISES))
-    strength = np.full(len(s), limits.acceleration)
+    speed = np.minimum(np.minimum(limits.speed, caps) / length, 1.0 / np.maximum(rises, _RISES))
+    allowed = _Allowed(s, speed, np.full(len(s), limits.acceleration))
     best, shortest, chosen = np.zeros((0, 3)), math.inf, 1.0
     for _ in range(_ROUNDS):
-        at = positions(s, fastest(s, slope, bend, fastest_allowed, strength), STEP)
+        at = positions(s, fastest(s, slope, bend, allowed.speed, allowed.acceleration), STEP)
         q = curve.at(at)[0]
         control = np.concatenate([q[[0, 0]], averaged(q, window), q[[-1, -1]]])
-        factor = needed(control, limits)
+        tried = _Attempt(np.pad(q, ((window, window), (0, 0)), "edge"), np.pad(at, window, "edge"), control, window)
+        beyond = _beyond_caps(tried, s, caps)
+        factor = max(needed(control, limits), float(beyond.max()) * (1.0 + _SLACK))
         if len(control) * factor < shortest:
             best, shortest, chosen = control, len(control) * factor, factor
         if factor < _ENOUGH:
             break
-        strength = _weaker(q, at, s, window, strength, limits)
+        allowed = _less(allowed, tried, beyond, limits)
     best[[0, 1, 2]], best[[-1, -2, -3]] = curve.points[0], curve.points[-1]
     return best, chosen
+
+
+def _beyond_caps(
+    tried: _Attempt, s: Float64[np.ndarray, " m"], caps: Float64[np.ndarray, " m"]
+) -> Float64[np.ndarray, " n"]:
+    """By how much each difference of control points is faster than the place in the middle of its average allows.
+
+    One that is at rest has 0; a difference k of control points averages the steps k − 1 to k + window − 2 of q.
+    """
+    speed = np.linalg.norm(differences(tried.control, STEP, 1), axis=1)
+    first = np.arange(len(speed)) - 1
+    reach = [np.clip(first + share, 0, len(tried.s) - 1) for share in (tried.window // 2, (tried.window + 1) // 2 + 1)]
+    places = [np.interp(tried.s[k], s, caps) for k in reach]
+    ratio: Float64[np.ndarray, " n"] = speed / np.minimum(*places)
+    return ratio
 
 
 def needed(control: Float64[np.ndarray, "n 3"], limits: FlightLimits) -> float:
@@ -96,37 +133,38 @@ def needed(control: Float64[np.ndarray, "n 3"], limits: FlightLimits) -> float:
     return max(1.0, *ratios) * (1.0 + _SLACK)
 
 
-def _weaker(
-    q: Float64[np.ndarray, "t 3"],
-    at: Float64[np.ndarray, " t"],
-    s: Float64[np.ndarray, " m"],
-    window: int,
-    strength: Float64[np.ndarray, " m"],
-    limits: FlightLimits,
-) -> Float64[np.ndarray, " m"]:
-    """The acceleration to plan with at each sample, that acceleration and jerk of the next q keep their limits."""
-    padded = np.pad(q, ((window, window), (0, 0)), "edge")
-    at = np.pad(at, window, "edge")
-    acceleration = np.zeros_like(padded)
-    acceleration[1:-1] = differences(padded, STEP, 2)
+def _less(allowed: _Allowed, tried: _Attempt, beyond: Float64[np.ndarray, " n"], limits: FlightLimits) -> _Allowed:
+    """Speed and acceleration to plan with at each sample, that the next average keeps caps and limits."""
+    window, acceleration = tried.window, np.zeros_like(tried.q)
+    acceleration[1:-1] = differences(tried.q, STEP, 2)
     size = np.linalg.norm(acceleration, axis=1)
     jerk = np.linalg.norm(acceleration[window:] - acceleration[:-window], axis=1) / (window * STEP)
     over = jerk > limits.jerk / _JUST
     # Half of what is missing (as a power): switching points move with every round, and too little is never undone.
     share = np.sqrt(np.minimum(limits.jerk / np.maximum(jerk, 1e-12), 1.0))
-    target = np.full(len(padded), math.inf)
+    target = np.full(len(size), math.inf)
     target[window:] = np.where(over, share * size[window:], math.inf)
     target[:-window] = np.minimum(target[:-window], np.where(over, share * size[:-window], math.inf))
     # Where q itself exceeds the limit, which its planner keeps at samples only.
-    beyond = np.where(size > limits.acceleration / _JUST, limits.acceleration / np.maximum(size, 1e-12), math.inf)
+    weaker = np.where(size > limits.acceleration / _JUST, limits.acceleration / np.maximum(size, 1e-12), 1.0)
+    # All that an average is made of is slowed down by as much as it is too fast.
+    fast = np.ones(len(size) + 2)
+    fast[: len(beyond)] = np.where(beyond > 1.0 / _JUST, beyond, 1.0)
+    slower = 1.0 / maximum_filter1d(fast, window + 1, origin=-((window + 1) // 2))[: len(size)]
+    target, weaker, slower = (_at_samples(values, tried.s, allowed.s) for values in (target, weaker, slower))
+    less = np.minimum(allowed.acceleration * weaker, target)
+    return _Allowed(allowed.s, allowed.speed * slower, np.maximum(less, _WEAKEST * limits.acceleration))
 
-    found = strength.copy()
+
+def _at_samples(
+    values: Float64[np.ndarray, " t"], at: Float64[np.ndarray, " t"], s: Float64[np.ndarray, " m"]
+) -> Float64[np.ndarray, " m"]:
+    """The least of some values, of times at which a curve is at `at`, around each sample s."""
+    found = np.full(len(s), math.inf)
     before = np.clip(np.searchsorted(s, at, side="right") - 1, 0, len(s) - 2)
-    first, last = np.searchsorted(at, s, side="left"), np.searchsorted(at, s, side="right")
     for i in (before, before + 1):
-        np.minimum.at(found, i, np.minimum(target, strength[i] * beyond))
+        np.minimum.at(found, i, values)
+    first, last = np.searchsorted(at, s, side="left"), np.searchsorted(at, s, side="right")
     for j in (first - 1, first, last - 1, last):
-        j = np.clip(j, 0, len(at) - 1)
-        found = np.minimum(found, np.minimum(target[j], strength * beyond[j]))
-    weaker: Float64[np.ndarray, " m"] = np.maximum(found, _WEAKEST * limits.acceleration)
-    return weaker
+        found = np.minimum(found, values[np.clip(j, 0, len(at) - 1)])
+    return found

@@ -18,7 +18,7 @@ from maxjax.planning.plan import Plan, no_plan
 from maxjax.planning.task import Distances
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (500.0, -40.0, 1.0))
-COUNT = 20
+COUNT = 16
 
 
 class Case(NamedTuple):

@@ -1,0 +1,205 @@
+"""Trajectories of random plans before judges that share no code with them: limits, radius, and time.
+
+    python -m experiments.trajectories                     # 334 problems a map, about a thousand in all
+
+Problems are those of `experiments.problem_sets`, planned by the solver. Each plan is given times twice, within PX4's
+limits and within the same with `FREE` for the jerk. Judged is
+
+    limits      the greatest ratio of speed, climb, acceleration, jerk and yaw rate to its limit, every millisecond
+    radius      SciPy's exact distances (`benchmarks.common.safety`), ten samples a control interval, outside the balls
+    time        over toppra's on the flown curve, under the same limits of speed, climb and acceleration and the same
+                speed near walls (`benchmarks.common.time_oracle`); toppra knows no limit of jerk. Between rests, summed
+
+Expected: no limit exceeded by more than a millionth; nothing nearer than the radius less what the judge of plans allows
+(a thousandth of a voxel); 1.10 of toppra's time at most where both know the same limits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import math
+import multiprocessing
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tyro
+
+import maxjax
+from benchmarks.common import safety
+from benchmarks.common.harness import Row, keep, save
+from benchmarks.common.markdown import Document, device, number, table
+from benchmarks.common.time_oracle import fastest_time
+from experiments.problem_sets import Instance, problem_set
+from maxjax.worlds.scenes import MAPS
+
+RESULTS = Path(__file__).parent / "results"
+FREE = 1000.0  # a jerk that is no limit [m/s³]
+_SLACK = 1e-6  # of a limit
+_ALLOWED = 4e-3  # below the radius [m]: two thousandths of a voxel, what the judge allows a plan and rounding
+_HEADS = (
+    "map, jerk [m/s³], trajectories, beyond a limit, below the radius, with rests, "
+    "time / toppra: mean, median, 95 %, worst, above 1.10, duration [s], ms"
+)
+_EVERY = 0.01  # between points of the curve that toppra is given [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        maps: of `maxjax.worlds.scenes.MAPS`.
+        problems: a map.
+        half: half extent of a map [m].
+        seed: of cities and ends.
+        workers: processes that make and judge trajectories; 1: this one.
+        name: of the result file.
+        out: where the JSON goes.
+    """
+
+    maps: tuple[str, ...] = MAPS
+    problems: int = 334
+    half: float = 100.0
+    seed: int = 0
+    workers: int = 2
+    name: str = "trajectories"
+    out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), problems=2, half=40.0, workers=1)
+
+
+class Judged(NamedTuple):
+    """Judgement of one trajectory."""
+
+    excess: float  # greatest ratio to a limit
+    spare: float  # least distance less the radius [m]
+    ratio: float  # duration over toppra's
+    duration: float  # [s]
+    rests: int
+    seconds: float  # that it took to make
+
+
+def judge(asked: tuple[Instance, maxjax.Plan, float]) -> Judged:
+    """Make a trajectory with this limit of jerk and judge it."""
+    problem, plan, jerk = asked
+    limits = maxjax.FlightLimits(jerk=jerk)
+    started = time.perf_counter()
+    found = maxjax.trajectory(plan, limits, problem.occupied, problem.grid, ground=problem.ground)
+    seconds = time.perf_counter() - started
+    walls = safety.Walls(problem.occupied, problem.ground, problem.grid.spacing)
+
+    def clearance(points: np.ndarray) -> np.ndarray:
+        index = (points - np.array(problem.grid.origin)) / problem.grid.spacing
+        return np.asarray(problem.grid.spacing * walls.distance_at(index))
+
+    points = found.sampled(found.step / 10.0).position
+    outside = np.ones(len(points), bool)
+    for end, ball in zip(plan.path[[0, -1]], plan.balls, strict=True):
+        outside &= np.linalg.norm(points - end, axis=1) > ball
+    spare = float((clearance(points[outside]) - plan.radius).min(initial=math.inf))
+    fastest = 0.0
+    stops = [0.0, *found.rests.tolist(), found.duration]
+    for first, last in itertools.pairwise(stops):
+        curve = found.at(np.linspace(first, last, max(math.ceil((last - first) / _EVERY), 4))).position
+        room = np.maximum(clearance(curve) - plan.radius, 0.0)
+        fastest += fastest_time(curve, np.sqrt(limits.near**2 + 2.0 * limits.acceleration * room), limits)
+    return Judged(_excess(found), spare, found.duration / fastest, found.duration, len(found.rests), seconds)
+
+
+def _excess(found: maxjax.Trajectory) -> float:
+    """Greatest ratio to a limit, every millisecond."""
+    motion, limits = found.sampled(1e-3), found.limits
+
+    def most(values: np.ndarray) -> float:
+        return float(np.linalg.norm(values, axis=1).max())
+
+    climb = motion.velocity[:, 2]
+    return max(
+        most(motion.velocity) / limits.speed,
+        float(climb.max()) / limits.ascent,
+        -float(climb.min()) / limits.descent,
+        most(motion.acceleration) / limits.acceleration,
+        most(motion.jerk) / limits.jerk,
+        float(np.abs(motion.yaw_rate).max()) / limits.yaw_rate,
+    )
+
+
+def main(config: Config) -> list[Row]:
+    """Plan, make trajectories, judge, save; one row a map and limit of jerk."""
+    rows: list[Row] = []
+    with contextlib.ExitStack() as stack:
+        each: Callable[..., Iterable[Judged]] = map
+        if config.workers > 1:
+            each = stack.enter_context(multiprocessing.get_context("spawn").Pool(config.workers)).imap
+        for name in config.maps:
+            problems = problem_set(name, config.problems, config.seed, half=config.half)
+            plans = [maxjax.plan(p.occupied, p.start, p.goal, p.grid, ground=p.ground) for p in problems]
+            good = [(p, q) for p, q in zip(problems, plans, strict=True) if q.status == maxjax.Status.OK]
+            for jerk in (maxjax.FlightLimits().jerk, FREE):
+                judged = list(each(judge, [(p, q, jerk) for p, q in good]))
+                rows.append({"map": name, "jerk": jerk, "problems": len(problems), **_figures(judged)})
+                print(rows[-1], file=sys.stderr, flush=True)
+                keep(config.name, config, rows, config.out)
+    save(config.name, config, rows, config.out)
+    return rows
+
+
+def _figures(judged: Sequence[Judged]) -> Row:
+    def column(name: str) -> np.ndarray:
+        return np.array([getattr(one, name) for one in judged])
+
+    ratios = column("ratio")
+    known = ratios[np.isfinite(ratios)]
+    return {
+        "trajectories": len(judged),
+        "beyond_limits": int((column("excess") > 1.0 + _SLACK).sum()),
+        "largest_over_limit": float(column("excess").max()),
+        "below_radius": int((column("spare") < -_ALLOWED).sum()),
+        "least_over_radius_m": float(column("spare").min()),
+        "resting": int((column("rests") > 0).sum()),
+        "compared": len(known),
+        "over_toppra_mean": float(known.mean()),
+        "over_toppra_median": float(np.median(known)),
+        "over_toppra_95": float(np.quantile(known, 0.95)),
+        "over_toppra_worst": float(known.max()),
+        "above_1_10": int((known > 1.10).sum()),
+        "duration_s_mean": float(column("duration").mean()),
+        "ms_median": 1e3 * float(np.median(column("seconds"))),
+    }
+
+
+def section(document: Document) -> str:
+    """RESULTS.md: one line a map and limit of jerk."""
+    return (
+        f"### Trajectories ({device(document)})\n\n"
+        "PX4's limits (12 m/s, 5 m/s², climb 3 m/s, descent 1.5 m/s, 60 °/s), with its limit of jerk and with one\n"
+        "that never binds. Limits every millisecond; the radius by SciPy's distances, ten samples a control interval;\n"
+        "times over toppra's on the same curve, which knows no limit of jerk.\n\n"
+        + table(_HEADS.split(", "), list(_lines(document["rows"])))
+    )
+
+
+def _lines(rows: Sequence[Any]) -> Iterator[list[str]]:
+    for row in rows:
+        counts = [row["trajectories"], row["beyond_limits"], row["below_radius"], row["resting"]]
+        ratios = [row[f"over_toppra_{name}"] for name in ("mean", "median", "95", "worst")]
+        yield [
+            row["map"],
+            f"{row['jerk']:g}",
+            *(f"{count:,}" for count in counts),
+            *(f"{ratio:.3f}" for ratio in ratios),
+            f"{row['above_1_10']} of {row['compared']}",
+            f"{row['duration_s_mean']:.1f}",
+            number(row["ms_median"]),
+        ]
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
