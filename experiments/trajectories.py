@@ -72,7 +72,7 @@ class Config:
     out: Path = RESULTS
 
 
-TINY = Config(maps=("suburb",), problems=2, half=40.0, workers=1)
+TINY = Config(maps=("suburb",), problems=1, half=40.0, workers=1)
 
 
 class Judged(NamedTuple):

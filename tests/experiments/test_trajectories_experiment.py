@@ -14,8 +14,8 @@ def test_trajectories_hold_before_independent_judges(tmp_path: Path) -> None:
 
     limited, free = trajectories.main(dataclasses.replace(trajectories.TINY, out=tmp_path))
     for row in (limited, free):
-        assert row["trajectories"] == 2
+        assert row["trajectories"] == 1
         assert row["beyond_limits"] == row["below_radius"] == 0
     assert free["over_toppra_worst"] <= 1.05
     text = trajectories.section({"rows": [limited, free], "provenance": {"device": "cpu", "cpus": 2}})
-    assert "| suburb | 8 | 2 | 0 | 0 |" in text
+    assert "| suburb | 8 | 1 | 0 | 0 |" in text
