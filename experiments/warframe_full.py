@@ -31,6 +31,7 @@ from jaxtyping import Bool, Float, Int
 
 import maxjax
 from benchmarks.common.harness import Row, save
+from maxjax.maps.moving_ai import load_3dmap
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -87,13 +88,8 @@ class Maze:
 
 
 def load(folder: Path, name: str) -> Maze:
-    """A map and its scenarios: `voxel nx ny nz`, then a line per obstacle; a line per scenario after two of header."""
-    with open(folder / f"{name}.3dmap", encoding="ascii") as file:
-        kind, *shape = file.readline().split()
-        if kind != "voxel" or len(shape) != 3:
-            raise ValueError(f"{name}.3dmap: expected a first line 'voxel nx ny nz', found {kind!r} {shape}")
-        occupied = np.zeros([int(n) for n in shape], bool)
-        occupied[tuple(np.loadtxt(file, int, ndmin=2).T)] = True
+    """A map and its scenarios: a line per scenario after two of header."""
+    occupied = load_3dmap(folder / f"{name}.3dmap").occupied
     table = np.loadtxt(folder / f"{name}.3dmap.3dscen", skiprows=2, ndmin=2)
     ends = table[:, :6].astype(int)
     return Maze(occupied, ends[:, :3], ends[:, 3:], table[:, 6])

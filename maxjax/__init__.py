@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
+    from maxjax.maps.load import Map, load_map
     from maxjax.missions.earth import Projected, TangentPlane
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FlightLimits",
     "Grid",
+    "Map",
     "Occupancy",
     "Plan",
     "PlanBatch",
@@ -35,6 +37,7 @@ __all__ = [
     "conductivity",
     "dilate",
     "export",
+    "load_map",
     "load_model",
     "plan",
     "plan_batch",
@@ -55,6 +58,7 @@ _MODULES = {
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
+    "maxjax.maps.load": ("Map", "load_map"),
     "maxjax.missions.earth": ("Projected", "TangentPlane"),
     "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),

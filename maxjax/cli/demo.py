@@ -36,7 +36,9 @@ def look(scene: Scene, corner: Corner) -> tuple[MapTask, Returns]:
     returns = measure(scene, corner.sensor)
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)
-    return task_in(cloud, PlanOptions(scene.name, corner.start, corner.goal, ground=0.0)), returns
+    x, y, z = (0.5 * a + 0.5 * b for a, b in zip(corner.start, corner.goal, strict=True))
+    options = PlanOptions(scene.name, corner.start, corner.goal, center=(x, y, z), ground=0.0)
+    return task_in(cloud, options), returns
 
 
 def choose(scene: Scene, seed: int) -> Corner:

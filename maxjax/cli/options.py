@@ -17,6 +17,8 @@ _Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
 _OptionalXyz = Annotated[Point3 | None, tyro.conf.arg(metavar="X Y Z")]
 _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
 _OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
+_OptionalMetre = Annotated[float | None, tyro.conf.arg(metavar="M")]
+_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 _OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 _Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
@@ -35,20 +37,25 @@ else:  # the choices of the registry
 class PlanOptions:
     """Plan a path through a map and verify it.
 
-    Coordinates are those of the map: metres, z up. The grid has 101 x 101 x 101 voxels of 2 m; a voxel map brings its
-    own.
+    Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle. A
+    simulated city is a grid of 101 x 101 x 101 voxels of 2 m; a file is as large as it is and the ends need.
 
     Attributes:
-        map: A file (.npz, .ply, .obj, .stl, .glb, .las, .laz), or a simulated city: midtown:SEED, downtown:SEED,
-            suburb:SEED.
+        map: A file (.npz, .ply, .pcd, .las, .laz, .obj, .stl, .glb, .json, .osm, .geojson, .bt, .ot, .tif, .3dmap,
+            .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
-        center: Middle of the grid [m]; by default half-way between start and goal.
+        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
+            between start and goal.
         method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
         margin: Distance at which obstacles cost nothing [m].
         ground: Height of flat ground [m], for maps that do not tell ground apart.
+        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
+        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
         out: Folder for plan.json, path.csv and plan.png.
         json: Print the content of plan.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
@@ -61,11 +68,15 @@ class PlanOptions:
     map: _Map
     start: _Xyz
     goal: _Xyz
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
     center: _OptionalXyz = None
     method: _Planner = "solver"
     radius: _Metres = 1.0
     margin: _Metres = 8.0
     ground: _OptionalMetres = None
+    below: Literal["closed", "open"] | None = None
+    unknown: Literal["occupied", "free"] | None = None
     out: _OptionalFolder = None
     json: _Flag = False
     export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()

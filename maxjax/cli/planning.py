@@ -11,7 +11,6 @@ from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, load_source, task_in
 from maxjax.core.status import Status
-from maxjax.maps import Mesh
 from maxjax.methods import METHODS, method_named
 from maxjax.planning.execute import plan_task
 from maxjax.planning.plan import Plan, no_plan
@@ -33,10 +32,9 @@ def run(options: PlanOptions) -> int:
     exporting.check(options)
     method_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
-        source = load_source(options.map)
-        given = task_in(source, options)
-    if isinstance(source, Mesh) and source.remark:
-        report.complain(f"Note: {source.source}: {source.remark}.")
+        given = task_in(load_source(options.map), options)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, options.method, recorder)
     message = report.explain(plan, given)

@@ -1,8 +1,24 @@
-"""Map files: readers by suffix, and what airborne scans need to become buildings."""
+"""Map files: one reader a format, and what makes voxels of all of them."""
 
 from maxjax.maps.airborne import ground_mask, solidify
+from maxjax.maps.contents import Contents
+from maxjax.maps.load import Map, load_map, map_of
 from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import MapError, PointCloud, VoxelMap
-from maxjax.maps.reader import load_map
+from maxjax.maps.reader import read_map
+from maxjax.maps.window import Window
 
-__all__ = ["MapError", "Mesh", "PointCloud", "VoxelMap", "ground_mask", "load_map", "solidify"]
+__all__ = [
+    "Contents",
+    "Map",
+    "MapError",
+    "Mesh",
+    "PointCloud",
+    "VoxelMap",
+    "Window",
+    "ground_mask",
+    "load_map",
+    "map_of",
+    "read_map",
+    "solidify",
+]

@@ -14,7 +14,7 @@ up to its ridge.
 from __future__ import annotations
 
 import dataclasses
-import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.maps.footprints import Footprint, Footprints, chain, localised
-from maxjax.maps.model import MapError, read_bytes
+from maxjax.maps.model import FARTHEST, MapError, parse_json, read_text
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
 # How a geometry's boundaries are nested: levels of lists above a face.
@@ -54,10 +54,7 @@ def load_cityjson(path: Path) -> Footprints:
 
 
 def _parse(path: Path) -> Mapping[str, Any]:
-    try:
-        document = json.loads(read_bytes(path))
-    except (RecursionError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise MapError(f"{path}: expected JSON: {error}") from error
+    document = parse_json(read_text(path), path)
     kind = document.get("type") if isinstance(document, dict) else type(document).__name__
     if kind != "CityJSON":
         raise MapError(f"{path}: expected an object of type CityJSON, found {kind!r}")
@@ -72,16 +69,23 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
     vertices = np.asarray(document["vertices"], np.float64).reshape(-1, 3)
     if "transform" in document:
         transform = document["transform"]
-        vertices = vertices * np.asarray(transform["scale"], float) + np.asarray(transform["translate"], float)
+        scale, translate = (np.asarray(transform[key], float).reshape(3) for key in ("scale", "translate"))
+        with np.errstate(over="ignore", invalid="ignore"):
+            vertices = vertices * scale + translate
     elif str(document["version"])[:3] in ("1.1", "2.0"):
         raise MapError(f"{path}: expected a transform, which CityJSON {document['version']} requires, found none")
+    if not (np.abs(vertices) <= FARTHEST).all():
+        wrong = int(np.flatnonzero(~(np.abs(vertices) <= FARTHEST).all(axis=1))[0])
+        raise MapError(f"{path}: vertex {wrong}: expected metres within {FARTHEST:g}, found {vertices[wrong].tolist()}")
     found: list[Footprint] = []
     owners: list[str] = []
     triangles: list[list[int]] = []
     skipped = 0
     for name, thing in document["CityObjects"].items():
         if thing["type"] == "TINRelief":
-            triangles += [face[0] for g in thing.get("geometry", []) for face, _ in _faces(g) if len(face[0]) == 3]
+            triangles += [
+                face[0] for g in thing.get("geometry", []) for face, _ in _faces(g, len(vertices)) if len(face[0]) == 3
+            ]
         # A building without a geometry of its own is the sum of its parts.
         elif thing["type"] in ("Building", "BuildingPart") and thing.get("geometry"):
             footprint = _footprint(name, thing["geometry"], vertices)
@@ -96,7 +100,15 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
     for footprint, owner in zip(found, owners, strict=True):
         lowest[owner] = min(footprint.base, lowest.get(owner, footprint.base))
     found = [dataclasses.replace(part, base=lowest[owner]) for part, owner in zip(found, owners, strict=True)]
-    return localised(found, terrain, skipped, path)
+    return localised(found, terrain, skipped, path, _crs(document))
+
+
+def _crs(document: Mapping[str, Any]) -> str | None:
+    """The EPSG code of the metadata: the last number of `referenceSystem`, or until 0.9 of `crs`."""
+    metadata = document.get("metadata") or {}
+    named = metadata.get("referenceSystem") or metadata.get("crs") or ""
+    codes = re.findall(r"\d{4,6}(?!\d)", str(named))
+    return f"EPSG:{codes[-1]}" if codes else None
 
 
 def _footprint(name: str, geometries: list[dict[str, Any]], vertices: np.ndarray) -> Footprint | None:
@@ -104,7 +116,7 @@ def _footprint(name: str, geometries: list[dict[str, Any]], vertices: np.ndarray
     solid = [g for g in geometries if g["type"] in _NESTING and float(g["lod"]) >= 1]
     if not solid:
         return None
-    faces = list(_faces(max(solid, key=lambda g: float(g["lod"]))))
+    faces = list(_faces(max(solid, key=lambda g: float(g["lod"])), len(vertices)))
     heights = np.array([vertices[i, 2] for face, _ in faces for ring in face for i in ring])
     floor = [face for face, semantics in faces if semantics == "GroundSurface"]
     if not floor:
@@ -122,8 +134,8 @@ def _footprint(name: str, geometries: list[dict[str, Any]], vertices: np.ndarray
     return Footprint(tuple(vertices[ring, :2] for ring in rings), float(base), float(heights.max()), name)
 
 
-def _faces(geometry: dict[str, Any]) -> Iterator[tuple[Face, str | None]]:
-    """Every face with the type of its semantic surface."""
+def _faces(geometry: dict[str, Any], count: int) -> Iterator[tuple[Face, str | None]]:
+    """Every face with the type of its semantic surface; its rings are indices of `count` vertices."""
     semantics = geometry.get("semantics") or {}
     types = [surface["type"] for surface in semantics.get("surfaces", [])]
 
@@ -134,6 +146,9 @@ def _faces(geometry: dict[str, Any]) -> Iterator[tuple[Face, str | None]]:
             if depth:
                 yield from walk(part, label, depth - 1)
             else:
+                for index in (index for ring in part for index in ring):
+                    if type(index) is not int or not 0 <= index < count:
+                        raise ValueError(f"expected the number of a vertex, 0 to {count - 1}, found {index!r}")
                 yield part, None if label is None else types[label]
 
     depth = _NESTING.get(geometry["type"])

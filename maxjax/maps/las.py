@@ -3,17 +3,20 @@
     x = X · scale + offset, X stored as int32
 
 Classes follow the ASPRS LAS specification, whose 2 (ground), 9 (water) and 11 (road surface) are ground here:
-what lies below them cannot be flown through. 6 (building) is solid. A bridge deck (17, or 26 in the Dutch
-AHN) is neither: one may fly under it. Noise (7, 18) and points flagged as withheld are dropped, since the
-survey itself disowns them.
+what lies below them cannot be flown through. 6 (building) is solid, and so is, by default, what a tree or anything
+unclassified hides (`airborne`). A bridge deck (17, or 26 in the Dutch AHN) and wires are neither: one may fly under
+them. Noise (7, 18) and points flagged as withheld are dropped, since the survey itself disowns them.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import os
+import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -66,6 +69,7 @@ def load_las(path: Path) -> PointCloud:
     logger.setLevel(logging.CRITICAL)
     axes: list[np.ndarray] = []
     classes: list[np.ndarray] = []
+    crs = None
     try:
         with open(path, "rb") as file:
             count, scale, offset = _check_header(path, file)
@@ -73,6 +77,7 @@ def load_las(path: Path) -> PointCloud:
             # One thread reads the stream as it comes; the parallel one would trust the chunk table.
             with laspy.open(file, laz_backend=backend, read_evlrs=False, closefd=False) as reader:
                 header = reader.header
+                crs = _crs(header.vlrs)
                 record = header.point_format.size
                 if header.are_points_compressed:
                     packed = reader.point_source.vlr.item_size()
@@ -97,12 +102,25 @@ def load_las(path: Path) -> PointCloud:
         logger.setLevel(level)
     if found != count:
         raise MapError(f"{path}: claims {count} points, found {found}; the file is truncated")
-    labels = np.concatenate(classes) if classes else np.zeros(0, np.uint8)
-    stored = np.concatenate(axes) if axes else np.zeros((0, 3), np.int32)
+    labels, stored = np.concatenate(classes), np.concatenate(axes)
     ground, solid = np.isin(labels, _GROUND), np.isin(labels, _SOLID)
     with np.errstate(over="ignore"):
         points = stored * scale + offset
-    return local_cloud(points, path, ground=ground, solid=solid)
+    cloud = local_cloud(points, path, ground=ground, solid=solid)
+    return dataclasses.replace(cloud, classes=labels, crs=crs, withdrawn=found - len(labels))
+
+
+def _crs(records: Iterable[Any]) -> str | None:
+    """EPSG code in the variable records: WKT, or else the key of a projected (3072) or geographic (2048) system."""
+    for record in records:
+        if codes := re.findall(
+            r'AUTHORITY\["EPSG",\s*"?(\d+)"?\]\s*\]?\s*$', str(getattr(record, "string", "")).strip("\0")
+        ):
+            return f"EPSG:{codes[-1]}"
+        keys = {key.id: int(key.value_offset) for key in getattr(record, "geo_keys", ())}
+        if code := keys.get(3072) or keys.get(2048):
+            return f"EPSG:{code}"
+    return None
 
 
 def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarray]:

@@ -15,13 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Shaped, UInt8
 
 from maxjax.core.grid import Grid, Point3
 
 MAX_FILE_BYTES = 2**31
 MAX_TEXT_BYTES = 2**28  # of JSON, XML and other text, which takes ten times as much memory while it is read
 MAX_POINTS = 50_000_000
+
+FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
+# Classes that one may fly under: wires with their guards and connectors, bridges (26 in the Dutch AHN), gantries.
+OVERHEAD = (13, 14, 16, 17, 19, 26)
 
 _FAR = 10_000.0
 _ROUND = 100.0
@@ -44,6 +48,9 @@ class PointCloud:
         solid: whether a point is an airborne return from a building, which is solid from there down to the
             ground.
         source: the file's name.
+        classes: of each point, as the ASPRS numbers them; None where the file has none.
+        crs: the file's coordinate reference system, as EPSG:28992; None where it names none.
+        withdrawn: points of the file that are left out, as the survey itself calls them noise or withheld.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -51,6 +58,14 @@ class PointCloud:
     ground: Bool[np.ndarray, " n"]
     solid: Bool[np.ndarray, " n"]
     source: str
+    classes: UInt8[np.ndarray, " n"] | None = None
+    crs: str | None = None
+    withdrawn: int = 0
+
+    @property
+    def hiding(self) -> Bool[np.ndarray, " n"]:
+        """Whether a point hides from the air what is below it: all but ground, bridges and wires."""
+        return ~self.ground if self.classes is None else ~self.ground & ~np.isin(self.classes, OVERHEAD)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,12 +77,14 @@ class VoxelMap:
         spacing: edge of a voxel [m].
         origin: position of the centre of voxel (0, 0, 0) [m], ENU.
         source: the file's name.
+        ground: the voxels that are ground, occupied as well; None where the file does not say.
     """
 
     occupied: Bool[np.ndarray, "nx ny nz"]
     spacing: float
     origin: Point3
     source: str
+    ground: Bool[np.ndarray, "nx ny nz"] | None = None
 
     @property
     def grid(self) -> Grid:
@@ -93,11 +110,12 @@ def local_cloud(
         raise MapError(f"{path}: holds no point, expected at least one")
     offset = np.array([_round_middle(points[:, axis]) for axis in range(3)])
     local = np.empty((count, 3), np.float32)
-    # Axis by axis, so that a large cloud is never in memory twice in float64; a float64 beyond float32
-    # becomes inf, which later counts as a point outside the grid.
-    with np.errstate(over="ignore"):
+    # Axis by axis, so that a large cloud is never in memory twice in float64. What is farther out than anything on
+    # Earth is no position.
+    with np.errstate(over="ignore", invalid="ignore"):
         for axis in range(3):
-            local[:, axis] = points[:, axis].astype(np.float64) - offset[axis]
+            along = points[:, axis].astype(np.float64)
+            local[:, axis] = np.where(np.abs(along) <= FARTHEST, along - offset[axis], np.nan)
     none = np.zeros(count, bool)
     ground, solid = none if ground is None else ground, none if solid is None else solid
     return PointCloud(local, offset, ground, solid, path.name)
@@ -105,7 +123,7 @@ def local_cloud(
 
 def _round_middle(coordinates: Shaped[np.ndarray, " n"]) -> float:
     """Middle of one axis to the next 100 m if some coordinates lie 10 km or farther from zero, else 0."""
-    finite = coordinates[np.isfinite(coordinates)]
+    finite = coordinates[np.isfinite(coordinates) & (np.abs(coordinates) <= FARTHEST)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
     if max(abs(low), abs(high)) < _FAR:
         return 0.0

@@ -1,4 +1,8 @@
-"""One door for all map formats: the suffix chooses the reader."""
+"""One door for all map formats, and one gate behind it.
+
+The suffix chooses the reader; what a `.json` is, its content says. Whatever a reader meets in a damaged file leaves as
+a `MapError`: readers check sizes before they take memory, and this gate is for what they did not foresee.
+"""
 
 from __future__ import annotations
 
@@ -6,37 +10,69 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
+from maxjax.maps.boxes import load_boxes
+from maxjax.maps.cityjson import load_cityjson
+from maxjax.maps.contents import Contents, facts
+from maxjax.maps.geojson import load_geojson
 from maxjax.maps.glb import load_glb
+from maxjax.maps.heights import load_geotiff
 from maxjax.maps.las import load_las
-from maxjax.maps.mesh import Mesh
-from maxjax.maps.model import MAX_FILE_BYTES, MapError, PointCloud, VoxelMap
+from maxjax.maps.model import FARTHEST, MAX_FILE_BYTES, MapError
+from maxjax.maps.moving_ai import load_3dmap
 from maxjax.maps.npz import load_npz
 from maxjax.maps.obj import load_obj
+from maxjax.maps.octomap import load_octomap
+from maxjax.maps.osm import load_osm
+from maxjax.maps.pcd import load_pcd
 from maxjax.maps.ply import load_ply
 from maxjax.maps.stl import load_stl
 
-_READERS: dict[str, Callable[[Path], PointCloud | VoxelMap | Mesh]] = {
+_PEEK = 65_536
+
+
+def _load_json(path: Path) -> Contents:
+    with open(path, "rb") as file:
+        start = file.read(_PEEK)
+    # A CityJSON may hold anything first, but names itself; GeoJSON has no CityObjects.
+    city = b"CityJSON" in start or b"CityObjects" in start or b"Feature" not in start
+    return load_cityjson(path) if city else load_geojson(path)
+
+
+READERS: dict[str, Callable[[Path], Contents]] = {
     ".npz": load_npz,
     ".ply": load_ply,
+    ".pcd": load_pcd,
+    ".las": load_las,
+    ".laz": load_las,
     ".obj": load_obj,
     ".stl": load_stl,
     ".glb": load_glb,
-    ".las": load_las,
-    ".laz": load_las,
+    ".json": _load_json,
+    ".osm": load_osm,
+    ".xml": load_osm,
+    ".geojson": load_geojson,
+    ".bt": load_octomap,
+    ".ot": load_octomap,
+    ".tif": load_geotiff,
+    ".tiff": load_geotiff,
+    ".3dmap": load_3dmap,
+    ".csv": load_boxes,
 }
 
 
-def load_map(path: str | os.PathLike[str]) -> PointCloud | VoxelMap | Mesh:
-    """Read a map file (.npz, .ply, .obj, .stl, .glb, .las, .laz) into the local ENU frame [m].
+def read_map(path: str | os.PathLike[str]) -> Contents:
+    """Read a map file as what it holds: points, voxels, a mesh, buildings, boxes or heights.
 
     Raises:
-        MapError: if the file is missing, of another suffix, unreadable, truncated, empty or too large. Sizes
-            are checked before memory is taken, and no pickle is ever opened.
+        MapError: if the file is missing, of another suffix, unreadable, truncated, empty or too large, or holds what is
+            not finite. Sizes are checked before memory is taken, and no pickle is ever opened.
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
+    reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise MapError(f"{path}: expected a suffix among {', '.join(_READERS)}, found {path.suffix or 'none'}")
+        raise MapError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
     try:
         size = path.stat().st_size
         regular = path.is_file()
@@ -48,4 +84,14 @@ def load_map(path: str | os.PathLike[str]) -> PointCloud | VoxelMap | Mesh:
         raise MapError(f"{path}: the file is empty")
     if size > MAX_FILE_BYTES:
         raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")
-    return reader(path)
+    try:
+        contents = reader(path)
+        extent = facts(contents).extent
+    except MapError:
+        raise
+    except Exception as error:  # see the module
+        sentence = next(iter(str(error).splitlines()), "")
+        raise MapError(f"{path}: damaged: {type(error).__name__}: {sentence[:200]}") from error
+    if not (np.abs(extent) <= FARTHEST).all():
+        raise MapError(f"{path}: expected coordinates within {FARTHEST:.0e} m of 0, found {extent.tolist()}; damaged?")
+    return contents

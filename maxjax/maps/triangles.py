@@ -64,7 +64,6 @@ def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> V
     corners = (triangles - np.array(grid.lower)) / grid.spacing
     nx, ny, nz = grid.shape
     column, height, owner = _crossings(corners, body, (nx, ny))
-    inside = np.zeros((nx * ny, nz), bool)
     order = np.lexsort((height, owner, column))
     column, height, owner = column[order], height[order], owner[order]
     starts = np.flatnonzero(np.r_[True, (column[1:] != column[:-1]) | (owner[1:] != owner[:-1])])[: len(column)]
@@ -73,8 +72,21 @@ def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> V
     low = np.flatnonzero((within % 2 == 0) & (within + 1 < np.repeat(counts, counts)))
     first = np.clip(np.ceil(height[low] - 0.5), 0, nz).astype(np.int64)
     last = np.clip(np.floor(height[low + 1] - 0.5), -1, nz - 1).astype(np.int64)
-    filled = first <= last
-    column, first, last = column[low][filled], first[filled], last[filled]
+    return fill_columns(column[low], first, last, grid.shape)
+
+
+def fill_columns(
+    column: Int64[np.ndarray, " n"],
+    first: Int64[np.ndarray, " n"],
+    last: Int64[np.ndarray, " n"],
+    shape: tuple[int, int, int],
+) -> Volume:
+    """Voxels from `first` to `last` of columns x · ny + y, both included; intervals with last < first are empty."""
+    nx, ny, nz = shape
+    inside = np.zeros((nx * ny, nz), bool)
+    held = first <= last
+    order = np.argsort(column[held], kind="stable")
+    column, first, last = (one[held][order] for one in (column, first, last))
     step = max(1, _SLAB // nz)
     for begin in range(0, nx * ny, step):
         end = min(begin + step, nx * ny)
@@ -83,7 +95,7 @@ def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> V
         np.add.at(change, (column[part] - begin, first[part]), 1)
         np.add.at(change, (column[part] - begin, last[part] + 1), -1)
         inside[begin:end] = np.cumsum(change, axis=1)[:, :nz] > 0
-    return inside.reshape(nx, ny, nz)
+    return inside.reshape(shape)
 
 
 def _indexed(triangles: Triangles, grid: Grid) -> Float[np.ndarray, "near 3 3"]:
@@ -97,15 +109,13 @@ def _indexed(triangles: Triangles, grid: Grid) -> Float[np.ndarray, "near 3 3"]:
 def _mark(corners: Triangles, occupied: Volume) -> None:
     """Set the voxels that triangles touch; the third axis is that of their normals."""
     rows, columns, depths = occupied.shape
-    low, high = _whole(
-        corners[:, :, 0].min(axis=1, initial=np.inf), corners[:, :, 0].max(axis=1, initial=-np.inf), rows
-    )
-    for one, row in _spread(low, high):
+    low, high = whole(corners[:, :, 0].min(axis=1, initial=np.inf), corners[:, :, 0].max(axis=1, initial=-np.inf), rows)
+    for one, row in spread(low, high):
         triangle = corners[one]
         start, stop = _cut(triangle, ((0, row),))
         across = _span(triangle, start, stop, 1)
-        for pair, column in _spread(*_whole(*across, columns)):
-            first, last = _whole(*_depth(triangle[pair], row[pair], column), depths)
+        for pair, column in spread(*whole(*across, columns)):
+            first, last = whole(*_depth(triangle[pair], row[pair], column), depths)
             for k in range(int((last - first).max(initial=-1)) + 1):
                 reached = first + k <= last
                 occupied[row[pair][reached], column[reached], first[reached] + k] = True
@@ -164,7 +174,7 @@ def _span(
     return low, high
 
 
-def _whole(
+def whole(
     low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"], count: int
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
     """First and last voxel that intervals touch, within the grid; last < first for an empty one."""
@@ -173,7 +183,7 @@ def _whole(
     return first, last
 
 
-def _spread(
+def spread(
     first: Int64[np.ndarray, " n"], last: Int64[np.ndarray, " n"]
 ) -> Iterator[tuple[Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
     """Every whole number from first to last with the index of its interval, so many at a time."""
@@ -195,14 +205,14 @@ def _crossings(
     x = corners[:, :, 0]
     first = np.clip(np.ceil(x.min(axis=1, initial=np.inf) - 0.5), 0, nx).astype(np.int64)
     last = np.clip(np.floor(x.max(axis=1, initial=-np.inf) - 0.5), -1, nx - 1).astype(np.int64)
-    for one, row in _spread(first, last):
+    for one, row in spread(first, last):
         near, far = _at(corners[one], row + 0.5)
         swapped = near[:, :1] > far[:, :1]
         near, far = np.where(swapped, far, near), np.where(swapped, near, far)
         # Centres beyond `near`, up to and with `far`; NaN where the line meets a corner only.
         low, high = np.floor(near[:, 0] - 0.5) + 1, np.floor(far[:, 0] - 0.5)
         low, high = np.where(np.isnan(low), 0, low), np.where(np.isnan(high), -1, high)
-        for pair, column in _spread(np.clip(low, 0, ny).astype(np.int64), np.clip(high, -1, ny - 1).astype(np.int64)):
+        for pair, column in spread(np.clip(low, 0, ny).astype(np.int64), np.clip(high, -1, ny - 1).astype(np.int64)):
             p, q = near[pair], far[pair]
             share = (column + 0.5 - p[:, 0]) / (q[:, 0] - p[:, 0])
             columns.append(row[pair] * ny + column)

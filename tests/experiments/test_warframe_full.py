@@ -54,5 +54,5 @@ def test_the_box_around_a_maze_has_the_shortest_paths_of_the_whole_map(tmp_path:
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     (tmp_path / "A.3dmap").write_text("type octile\n")
-    with pytest.raises(ValueError, match="expected a first line 'voxel nx ny nz', found 'type'"):
+    with pytest.raises(ValueError, match="expected a first line 'voxel nx ny nz', found 'type octile'"):
         module.load(tmp_path, "A")

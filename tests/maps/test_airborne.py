@@ -10,7 +10,7 @@ from cityjson import column_heights
 from scipy import ndimage
 
 from maxjax.core.grid import Grid
-from maxjax.maps import PointCloud, ground_mask, load_map, solidify
+from maxjax.maps import PointCloud, ground_mask, read_map, solidify
 
 GRID = Grid((12, 10, 15), 2.0, (-11.0, -9.0, -4.0))
 
@@ -74,7 +74,7 @@ def test_roofs_and_terrain_beyond_the_grid_are_clipped() -> None:
 def delft(data: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Grid]:
     """Building voxels of the scan, its roofs [m]; base and roof of the model on a finer lattice; the grid."""
     pytest.importorskip("laspy")
-    cloud = load_map(data / "ahn3_delft" / "ahn3_cropped_1.laz")
+    cloud = read_map(data / "ahn3_delft" / "ahn3_cropped_1.laz")
     middle = 0.5 * (cloud.points.min(0) + cloud.points.max(0)).astype(float)
     grid = Grid.centered((middle[0], middle[1], middle[2]))
     fine = [grid.lower[axis] + 0.5 * (np.arange(404) + 0.5) + cloud.offset[axis] for axis in (0, 1)]

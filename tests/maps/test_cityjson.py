@@ -205,7 +205,7 @@ def broken(**change: Any) -> dict[str, Any]:
         (broken(version="3.0"), "expected CityJSON version 0.8.*found '3.0'"),
         (broken(version="2.0"), "expected a transform"),
         (broken(CityObjects={}), "expected a building with an outline and a height, found none"),
-        (broken(vertices=[[0, 0, 0]]), "malformed CityJSON: IndexError"),
+        (broken(vertices=[[0, 0, 0]]), "expected the number of a vertex, 0 to 0, found 5"),
         (broken(vertices=[[0, 0]]), "malformed CityJSON: ValueError"),
         (broken(CityObjects=[1]), "malformed CityJSON: AttributeError"),
     ],

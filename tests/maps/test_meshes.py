@@ -13,7 +13,7 @@ import trimesh
 
 from maxjax.cli import main
 from maxjax.core.grid import Grid
-from maxjax.maps import MapError, Mesh, load_map
+from maxjax.maps import MapError, Mesh, read_map
 from maxjax.maps.mesh import fans, mesh_of
 
 GRID = Grid((40, 40, 30), 2.0, (-40.0, -40.0, -10.0))
@@ -37,7 +37,7 @@ def save(mesh: trimesh.Trimesh, path: Path) -> Path:
 def test_every_format_gives_the_same_filled_bodies(tmp_path: Path, name: str) -> None:
     ball = trimesh.creation.icosphere(3, radius=12.3)
     house = box((20.5, 20.5, 0.5), (30.5, 30.5, 20.5))
-    mesh = load_map(save(trimesh.util.concatenate([ball, house]), tmp_path / name))
+    mesh = read_map(save(trimesh.util.concatenate([ball, house]), tmp_path / name))
     assert isinstance(mesh, Mesh)
     assert (mesh.closed_bodies, mesh.open_bodies, mesh.remark, len(mesh.points)) == (2, 0, "", 0)
     solid = mesh.voxels(GRID)
@@ -56,9 +56,9 @@ def test_a_building_is_not_the_points_of_its_corners(tmp_path: Path, capfd: pyte
     house = box((-60.0, -10.0, 0.0), (60.0, 10.0, 50.0))
     walls = house.submesh([np.flatnonzero(house.face_normals[:, 2] > -0.5)], append=True)
     path = save(walls, tmp_path / "house.ply")
-    assert "not closed" in load_map(path).remark
+    assert "not closed" in read_map(path).remark
     ends = ["--start", "5", "-40", "10", "--goal", "-5", "40", "12"]
-    assert main(["plan", str(path), *ends, "--ground", "0", "--json", "--method", "astar"]) == 0
+    assert main(["plan", str(path), *ends, "--ground", "0", "--spacing", "4", "--json", "--method", "astar"]) == 0
     shown, told = capfd.readouterr()
     assert "not closed" in told
     plan = json.loads(shown)
@@ -110,7 +110,7 @@ def test_polygons_are_triangles_around_their_first_corner() -> None:
 def test_obj_counts_backwards_and_keeps_lines(tmp_path: Path) -> None:
     text = "# a\nmtllib none.mtl\nv 0 0 0\nv 4 0 0 1.0\nv 4 4 0\nv 0 4 0\nvt 0 0\nf -4/1 -3/1 -2/1 \\\n -1/1\nl 1 3 2\n"
     (tmp_path / "a.obj").write_text(text)
-    mesh = load_map(tmp_path / "a.obj")
+    mesh = read_map(tmp_path / "a.obj")
     assert isinstance(mesh, Mesh)
     assert sorted(map(tuple, mesh.triangles.sum(axis=1).tolist()))[-1] == (12.0, 4.0, 0.0)
     assert len(mesh.triangles) == 4
@@ -139,7 +139,7 @@ def scene(**change: object) -> dict[str, object]:
 
 def test_glb_places_its_nodes_and_turns_y_upwards(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(gltf(scene(), CORNERS))
-    mesh = load_map(tmp_path / "a.glb")
+    mesh = read_map(tmp_path / "a.glb")
     assert isinstance(mesh, Mesh)
     # (0, 2, 0) turned by 90° about z is (-2, 0, 0), then (8, 20, 30); y up becomes z up: (8, -30, 20).
     np.testing.assert_allclose(mesh.triangles[0], [[10, -30, 20], [10, -30, 21], [8, -30, 20]], atol=1e-6)
@@ -173,7 +173,7 @@ def test_damaged_meshes_are_refused(tmp_path: Path, name: str) -> None:
     content, message = BROKEN[name]
     (tmp_path / name).write_bytes(content)
     with pytest.raises(MapError, match=rf"{name}: .*{message}"):
-        load_map(tmp_path / name)
+        read_map(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["a.ply", "ascii.ply", "a.stl", "ascii.stl", "a.glb"])
@@ -183,4 +183,4 @@ def test_a_truncated_mesh_is_never_read_as_less(tmp_path: Path, name: str) -> No
     for cut in range(1, len(whole) - 2, 7):
         path.write_bytes(whole[:cut])
         with pytest.raises(MapError):
-            load_map(path)
+            read_map(path)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from maxjax.maps import MapError
-from maxjax.maps.osm import load_osm, project
+from maxjax.maps.degrees import project
+from maxjax.maps.osm import load_osm
 
 LATITUDE, LONGITUDE = 34.0, -118.45
 STEP = 1e-4  # [degrees], some 10 m

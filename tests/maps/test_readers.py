@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxjax.maps import MapError, Mesh, PointCloud, VoxelMap, load_map
+from maxjax.maps import MapError, Mesh, PointCloud, VoxelMap, read_map
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
 TYPES |= {"double": "f8", "int16": "i2", "float32": "f4", "float64": "f8"}
@@ -67,7 +67,7 @@ def write_las(path: Path, points: np.ndarray, classes: np.ndarray | int = 0, for
 def test_ply_of_every_type_and_byte_order(tmp_path: Path, order: str, kind: str) -> None:
     points = np.abs(POINTS) if kind.startswith("u") else POINTS
     write_ply(tmp_path / "a.ply", points, order, kind)
-    cloud = load_map(tmp_path / "a.ply")
+    cloud = read_map(tmp_path / "a.ply")
     assert isinstance(cloud, PointCloud)
     np.testing.assert_array_equal(cloud.points, points.astype(TYPES[kind]).astype(np.float32))
     assert cloud.source == "a.ply"
@@ -79,7 +79,7 @@ def test_ply_of_every_type_and_byte_order(tmp_path: Path, order: str, kind: str)
 @pytest.mark.parametrize("order", ["<", ">", ""])
 def test_ply_with_a_face_is_a_mesh_whose_other_vertices_stay_obstacles(tmp_path: Path, order: str) -> None:
     write_ply(tmp_path / "a.ply", POINTS, order, "double", faces=True)
-    mesh = load_map(tmp_path / "a.ply")
+    mesh = read_map(tmp_path / "a.ply")
     assert isinstance(mesh, Mesh)
     np.testing.assert_array_equal(mesh.triangles, POINTS[None, :3])
     np.testing.assert_array_equal(mesh.points[np.lexsort(mesh.points.T)], POINTS[3:][np.lexsort(POINTS[3:].T)])
@@ -89,7 +89,7 @@ def test_ply_with_windows_line_ends_and_not_a_number(tmp_path: Path) -> None:
     header = "ply\r\nformat ascii 1.0\r\nelement vertex 2\r\n"
     header += "".join(f"property float {axis}\r\n" for axis in "xyz")
     (tmp_path / "a.ply").write_bytes(f"{header}end_header\r\n1 2 3\r\nnan nan nan".encode())
-    np.testing.assert_array_equal(load_map(tmp_path / "a.ply").points, [[1, 2, 3], [np.nan] * 3])
+    np.testing.assert_array_equal(read_map(tmp_path / "a.ply").points, [[1, 2, 3], [np.nan] * 3])
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_ply_headers_that_lie(tmp_path: Path, header: str, message: str) -> None
     path = tmp_path / "a.ply"
     path.write_text(f"ply\nformat ascii 1.0\n{header}end_header\n" + 20 * "\xff")
     with pytest.raises(MapError, match=rf"a\.ply: .*{message}"):
-        load_map(path)
+        read_map(path)
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
@@ -126,12 +126,12 @@ def test_truncated_ply_is_refused_or_lacks_no_point(tmp_path: Path, order: str) 
     path = tmp_path / "a.ply"
     write_ply(path, POINTS[:20], order, "double")
     whole = path.read_bytes()
-    expected = load_map(path).points
+    expected = read_map(path).points
     refused = 0
     for cut in range(len(whole)):
         path.write_bytes(whole[:cut])
         try:
-            given = load_map(path).points
+            given = read_map(path).points
         except MapError:
             refused += 1
         else:  # digits of the very last number are missing
@@ -149,7 +149,7 @@ def test_las_classes_noise_and_projected_coordinates(tmp_path: Path, suffix: str
     las = laspy.read(tmp_path / f"a.{suffix}")
     las.withheld[:9] = 1
     las.write(tmp_path / f"a.{suffix}")
-    cloud = load_map(tmp_path / f"a.{suffix}")
+    cloud = read_map(tmp_path / f"a.{suffix}")
     kept = ~np.isin(classes, (7, 18)) & (np.arange(len(POINTS)) >= 9)
     np.testing.assert_array_equal(cloud.offset, [84_900, 447_500, 0])
     np.testing.assert_allclose(cloud.points + cloud.offset, projected[kept], atol=6e-4, rtol=0)
@@ -165,7 +165,7 @@ def test_truncated_las_is_refused(tmp_path: Path, suffix: str, format: int) -> N
     for cut in range(0, len(whole), 13):
         path.write_bytes(whole[:cut])
         with pytest.raises(MapError, match=rf"a\.{suffix}"):
-            load_map(path)
+            read_map(path)
 
 
 @pytest.mark.parametrize(("suffix", "format"), [("las", 3), ("laz", 3)])
@@ -178,7 +178,7 @@ def test_altered_las_raises_map_errors_alone(tmp_path: Path, suffix: str, format
         altered[place] ^= 0xFF
         path.write_bytes(altered)
         try:
-            cloud = load_map(path)
+            cloud = read_map(path)
         except MapError:
             continue
         assert 0 < len(cloud.points) <= len(POINTS)
@@ -202,7 +202,7 @@ def test_las_headers_that_lie(tmp_path: Path, suffix: str) -> None:
         struct.pack_into(code, altered, place, value)
         path.write_bytes(altered)
         with pytest.raises(MapError, match=message):
-            load_map(path)
+            read_map(path)
 
 
 @pytest.mark.parametrize("key", ["occupied", "occupancy"])
@@ -210,19 +210,19 @@ def test_las_headers_that_lie(tmp_path: Path, suffix: str) -> None:
 def test_npz_voxels(tmp_path: Path, key: str, kind: type) -> None:
     occupied = np.random.default_rng(1).random((3, 4, 5)) < 0.5
     np.savez_compressed(tmp_path / "a.npz", **{key: occupied.astype(kind)})
-    plain = load_map(tmp_path / "a.npz")
+    plain = read_map(tmp_path / "a.npz")
     assert isinstance(plain, VoxelMap)
     np.testing.assert_array_equal(plain.occupied, occupied)
     assert (plain.grid.shape, plain.grid.spacing, plain.grid.origin) == ((3, 4, 5), 1.0, (0.0, 0.0, 0.0))
     np.savez(tmp_path / "b.npz", **{key: occupied.astype(kind)}, spacing=2, origin=np.array([1, 2, 3]))
-    placed = load_map(tmp_path / "b.npz")
+    placed = read_map(tmp_path / "b.npz")
     assert (placed.spacing, placed.origin, placed.source) == (2.0, (1.0, 2.0, 3.0), "b.npz")
 
 
 def test_npz_points(tmp_path: Path) -> None:
     ground = np.arange(len(POINTS)) % 3 == 0
     np.savez(tmp_path / "a.npz", points=POINTS + np.array([0, -2e6, 0]), ground=ground)
-    cloud = load_map(tmp_path / "a.npz")
+    cloud = read_map(tmp_path / "a.npz")
     np.testing.assert_array_equal(cloud.offset, [0, -2e6, 0])
     np.testing.assert_allclose(cloud.points, POINTS, atol=1e-5)
     np.testing.assert_array_equal(cloud.ground, ground)
@@ -249,7 +249,7 @@ def test_npz_points(tmp_path: Path) -> None:
 def test_npz_with_other_contents(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(MapError, match=rf"a\.npz: .*{message}"):
-        load_map(tmp_path / "a.npz")
+        read_map(tmp_path / "a.npz")
 
 
 @settings(max_examples=150, deadline=None)
@@ -264,14 +264,14 @@ def test_truncated_and_altered_npz_is_refused_or_equal(
     if data.draw(st.booleans()):
         path.write_bytes(whole[: data.draw(st.integers(0, len(whole) - 1))])
         with pytest.raises(MapError):
-            load_map(path)
+            read_map(path)
     else:
         altered = bytearray(whole)
         for place in data.draw(st.lists(st.integers(0, len(whole) - 1), min_size=1, max_size=3)):
             altered[place] = data.draw(st.integers(0, 255))
         path.write_bytes(altered)
         try:
-            voxels = load_map(path)
+            voxels = read_map(path)
         except MapError:
             return
         np.testing.assert_array_equal(voxels.occupied, occupied)
@@ -282,7 +282,7 @@ def test_npz_that_unpacks_beyond_the_cap_is_refused(tmp_path: Path, monkeypatch:
     np.savez_compressed(tmp_path / "bomb.npz", occupied=np.zeros((128, 128, 128), bool))
     assert (tmp_path / "bomb.npz").stat().st_size < 10_000
     with pytest.raises(MapError, match="unpacks to 2097"):
-        load_map(tmp_path / "bomb.npz")
+        read_map(tmp_path / "bomb.npz")
 
 
 def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
@@ -294,7 +294,7 @@ def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
         (tmp_path / f"text.{suffix}").write_text("this is not a map\n" * 40)
     cases = {"absent.ply": "cannot be read", "folder.ply": "expected a file", "huge.ply": "expected at most"}
     cases |= {
-        "map.fbx": "expected a suffix among .npz, .ply, .obj, .stl, .glb, .las, .laz",
+        "map.fbx": "expected a suffix among .npz, .ply, .pcd",
         "map": "found none",
         "a\0.ply": "cannot be read",
     }
@@ -302,9 +302,9 @@ def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
     cases |= {f"text.{suffix}": "expected" for suffix in ("ply", "npz", "las", "laz")}
     for name, message in cases.items():
         with pytest.raises(MapError, match=message):
-            load_map(tmp_path / name)
+            read_map(tmp_path / name)
     with pytest.raises(MapError, match="cannot be read"):
-        load_map(tmp_path / ("x" * 300 + ".ply"))
+        read_map(tmp_path / ("x" * 300 + ".ply"))
 
 
 def test_more_points_than_the_cap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -315,7 +315,7 @@ def test_more_points_than_the_cap(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     np.savez(tmp_path / "a.npz", points=POINTS)
     for suffix in ("ply", "las", "npz"):
         with pytest.raises(MapError, match=r"200 .*at most 199"):
-            load_map(tmp_path / f"a.{suffix}")
+            read_map(tmp_path / f"a.{suffix}")
 
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -329,30 +329,30 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MapError, match=r"pip install 'maxjax\[las\]'"):
-        load_map(tmp_path / "a.las")
+        read_map(tmp_path / "a.las")
 
 
 def test_suffixes_ignore_case_and_paths_may_be_strings(tmp_path: Path) -> None:
     write_ply(tmp_path / "A.PLY", POINTS)
-    assert len(load_map(os.fspath(tmp_path / "A.PLY")).points) == len(POINTS)
+    assert len(read_map(os.fspath(tmp_path / "A.PLY")).points) == len(POINTS)
 
 
 def test_infinite_and_enormous_coordinates_stay_out_of_the_offset(tmp_path: Path) -> None:
     points = np.array([[84_900.0, 0.0, 0.0], [84_950.0, np.inf, np.nan], [84_960.0, 1e300, -np.inf]])
     np.savez(tmp_path / "a.npz", points=points)
-    cloud = load_map(tmp_path / "a.npz")
+    cloud = read_map(tmp_path / "a.npz")
     np.testing.assert_array_equal(cloud.points[:, 0], [0.0, 50.0, 60.0])
     np.savez(tmp_path / "b.npz", points=np.full((2, 3), np.nan))
-    np.testing.assert_array_equal(load_map(tmp_path / "b.npz").offset, 0)
+    np.testing.assert_array_equal(read_map(tmp_path / "b.npz").offset, 0)
 
 
 def test_the_real_inputs(data: Path) -> None:
     for name, count in (("source", 69_792), ("target", 69_088)):
-        cloud = load_map(data / "lidar_pair" / f"{name}.ply")
+        cloud = read_map(data / "lidar_pair" / f"{name}.ply")
         assert cloud.points.shape == (count, 3)
         assert np.abs(cloud.points).max() < 100
     for name in ("Complex", "Simple"):
-        voxels = load_map(data / "warframe" / f"crop101_{name}.npz")
+        voxels = read_map(data / "warframe" / f"crop101_{name}.npz")
         with np.load(data / "warframe" / f"crop101_{name}.npz") as archive:
             np.testing.assert_array_equal(voxels.occupied, archive["occupancy"])
             assert voxels.grid.shape == (101, 101, 101)

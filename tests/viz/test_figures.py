@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from maxjax.core.grid import Grid
-from maxjax.maps import ground_mask, load_map, solidify
+from maxjax.maps import ground_mask, read_map, solidify
 from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
 from maxjax.viz.style import save_figure
 
@@ -216,14 +216,14 @@ def test_pyplot_stays_untouched() -> None:
 
 def test_delft_and_warframe_at_full_size(data: Path, tmp_path: Path) -> None:
     pytest.importorskip("laspy")
-    cloud = load_map(data / "ahn3_delft" / "ahn3_cropped_1.laz")
+    cloud = read_map(data / "ahn3_delft" / "ahn3_cropped_1.laz")
     grid = Grid.centered((4.0, 27.0, 60.0))
     ground = ground_mask(cloud, grid)
     over = np.array([[-40.0, -20.0, 8.0], [-10.0, 20.0, 20.0], [30.0, 60.0, 8.0]])
     drawn = figure_plan(Voxels(solidify(cloud, grid) | ground, ground, grid), {"over": over}, over[0], over[2])
     save_figure(drawn, tmp_path / "delft.png")
     assert drawn.axes[0].images[0].get_array().max() > 10
-    voxels = load_map(data / "warframe" / "crop101_Complex.npz")
+    voxels = read_map(data / "warframe" / "crop101_Complex.npz")
     with np.load(data / "warframe" / "crop101_Complex.npz") as archive:
         ends = np.stack([archive["start"][0], archive["goal"][0]]) + np.array(voxels.origin)
     nothing = np.zeros_like(voxels.occupied)

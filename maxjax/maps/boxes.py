@@ -1,0 +1,102 @@
+"""Boxes along the axes, and CSV files of them.
+
+    x_min, y_min, z_min, x_max, y_max, z_max [m]     named in the first line; other columns are ignored
+
+A voxel is filled iff its cube and the box share more than a face.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maxjax.core.grid import Grid, Point3
+from maxjax.maps.model import MapError, read_text
+
+COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
+MAX_BOXES = 20_000_000
+_TOUCH = 1e-6  # overlaps thinner than that do not count [voxels]
+
+
+@dataclasses.dataclass(frozen=True)
+class Boxes:
+    """Boxes of a file, on the host.
+
+    Attributes:
+        corners: lowest and highest corner of each obstacle [m].
+        source: the file's name.
+        free: those of space that is known to be free; None where the file does not tell it from the unknown.
+        spacing: edge of the smallest box that the file may hold [m]; None where there is none.
+        lattice: a corner of the lattice of those [m].
+    """
+
+    corners: Float[np.ndarray, "n 2 3"]
+    source: str
+    free: Float[np.ndarray, "m 2 3"] | None = None
+    spacing: float | None = None
+    lattice: Point3 = (0.0, 0.0, 0.0)
+
+
+def load_boxes(path: Path) -> Boxes:
+    """The boxes of a CSV file.
+
+    Raises:
+        MapError: if the file cannot be read, lacks a column, or a box is not finite or has no volume.
+    """
+    try:
+        rows = csv.reader(io.StringIO(read_text(path).decode("utf-8-sig")))
+        names = [name.strip().lower() for name in next(rows, [])]
+        missing = [name for name in COLUMNS if names.count(name) != 1]
+        if missing:
+            raise MapError(
+                f"{path}: expected the columns {', '.join(COLUMNS)} once each, found {', '.join(names[:12])}"
+            )
+        places = [names.index(name) for name in COLUMNS]
+        found = [[float(row[place]) for place in places] for row in rows if row]
+    except (ValueError, IndexError, csv.Error) as error:
+        if isinstance(error, MapError):
+            raise
+        raise MapError(f"{path}: expected a line of numbers a box: {error}") from error
+    corners = np.array(found, np.float64).reshape(-1, 2, 3)
+    if not len(corners):
+        raise MapError(f"{path}: holds no box, expected at least one")
+    wrong = ~(np.isfinite(corners).all(axis=(1, 2)) & (corners[:, 0] < corners[:, 1]).all(axis=1))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise MapError(f"{path}: box {row + 1}: expected finite minima below the maxima, found {corners[row].tolist()}")
+    return Boxes(corners, path.name)
+
+
+def filled(corners: Float[np.ndarray, "n 2 3"], grid: Grid, *, whole: bool = False) -> Bool[np.ndarray, "nx ny nz"]:
+    """Voxels that boxes share some volume with.
+
+    Args:
+        corners: lowest and highest corner of each [m].
+        grid: any.
+        whole: only voxels whose centre lies in a box.
+    """
+    index = (corners - np.array(grid.lower)) / grid.spacing
+    if whole:
+        first, last = np.ceil(index[:, 0] - 0.5 - _TOUCH), np.floor(index[:, 1] - 0.5 + _TOUCH)
+    else:
+        first, last = np.floor(index[:, 0] + _TOUCH), np.ceil(index[:, 1] - _TOUCH) - 1
+    first, last = (
+        np.clip(first, 0, grid.shape).astype(np.int64),
+        np.clip(last, -1, np.array(grid.shape) - 1).astype(int),
+    )
+    held = np.all(first <= last, axis=1)
+    first, last = first[held], last[held] + 1
+    # Each box is +1 at its first corner and alternates over the other seven; sums along the axes count boxes.
+    change = np.zeros([n + 1 for n in grid.shape], np.int32)
+    for corner in np.ndindex(2, 2, 2):
+        place = tuple(np.where(corner[axis], last[:, axis], first[:, axis]) for axis in range(3))
+        np.add.at(change, place, -1 if sum(corner) % 2 else 1)
+    for axis in range(3):
+        np.cumsum(change, axis=axis, out=change)
+    nx, ny, nz = grid.shape
+    return np.asarray(change[:nx, :ny, :nz] > 0)

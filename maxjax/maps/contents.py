@@ -1,0 +1,209 @@
+"""What each kind of map file holds, as voxels, as an extent and in words; one place for all kinds.
+
+Coordinates are the file's own [m]; of files in degrees, metres east and north of the middle of the buildings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maxjax.core.grid import Grid, Point3
+from maxjax.maps.airborne import ground_mask, solidify
+from maxjax.maps.boxes import Boxes, filled
+from maxjax.maps.footprints import Footprints
+from maxjax.maps.heights import Heights
+from maxjax.maps.mesh import Mesh
+from maxjax.maps.model import MapError, PointCloud, VoxelMap
+from maxjax.maps.prisms import prism_voxels
+
+Contents = PointCloud | VoxelMap | Mesh | Footprints | Boxes | Heights
+Volume = Bool[np.ndarray, "nx ny nz"]
+Below = Literal["closed", "open"]
+Unknown = Literal["occupied", "free"]
+
+_CHUNK = 2**20  # points at a time
+
+
+@dataclasses.dataclass(frozen=True)
+class Voxels:
+    """A file's contents on a grid.
+
+    Attributes:
+        occupied: obstacles, the ground included.
+        ground: the voxels that are ground.
+        counts: points `inside` and `outside` of the grid and `missing` (without a return); empty but for points.
+    """
+
+    occupied: Volume
+    ground: Volume
+    counts: Mapping[str, int] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Facts:
+    """What is known of a file's contents before they are voxels.
+
+    Attributes:
+        extent: lowest and highest corner [m].
+        read, dropped: what the file holds, by kind, and what of it is not used.
+        remarks: sentences on what a user should know.
+        spacing: the file's own [m]; None where it has none.
+        lattice: centre of a voxel of that spacing [m].
+        crs: coordinate reference system, as EPSG:28992; None where the file names none.
+        origin: longitude and latitude [degrees] of (0, 0); None where coordinates are the file's.
+    """
+
+    extent: Float[np.ndarray, "2 3"]
+    read: Mapping[str, int]
+    dropped: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    spacing: float | None = None
+    lattice: Point3 = (0.0, 0.0, 0.0)
+    crs: str | None = None
+    origin: tuple[float, float] | None = None
+
+
+def facts(contents: Contents) -> Facts:
+    """What is known of a file's contents.
+
+    Raises:
+        MapError: if nothing in it has a place.
+    """
+    match contents:
+        case PointCloud():
+            return _of_points(contents)
+        case VoxelMap():
+            corners = np.array([contents.grid.lower, contents.grid.upper])
+            read = {"voxels": contents.occupied.size, "occupied": int(contents.occupied.sum())}
+            return Facts(corners, read, spacing=contents.spacing, lattice=contents.origin)
+        case Mesh():
+            corners = np.concatenate([contents.triangles.reshape(-1, 3), contents.points])
+            read = {"triangles": len(contents.triangles), "closed bodies": contents.closed_bodies}
+            read |= {"open bodies": contents.open_bodies, "loose vertices": len(contents.points)}
+            return Facts(_around(corners), read, remarks=(contents.remark,) if contents.remark else ())
+        case Footprints():
+            return _of_footprints(contents)
+        case Boxes():
+            known = contents.corners if contents.free is None else np.concatenate([contents.corners, contents.free])
+            read = {"boxes": len(contents.corners)}
+            read |= {} if contents.free is None else {"free boxes": len(contents.free)}
+            half = 0.5 * (contents.spacing or 0.0)
+            x, y, z = (float(corner) + half for corner in contents.lattice)
+            return Facts(_around(known.reshape(-1, 3)), read, spacing=contents.spacing, lattice=(x, y, z))
+        case Heights():
+            known = np.isfinite(contents.height)
+            dropped = {"cells without a height": int((~known).sum())}
+            return Facts(contents.extent, {"cells": int(known.sum())}, dropped, crs=contents.crs)
+
+
+def _of_points(cloud: PointCloud) -> Facts:
+    finite = np.isfinite(cloud.points).all(axis=1)
+    if not cloud.offset.any():
+        finite &= (cloud.points != 0).any(axis=1)  # a missed beam
+    read = {"points": len(cloud.points)}
+    if cloud.classes is not None:
+        numbers, counts = np.unique(cloud.classes, return_counts=True)
+        read |= {f"class {number}": count for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)}
+    dropped = {"noise or withheld": cloud.withdrawn} if cloud.withdrawn else {}
+    if not finite.all():
+        dropped["without a return"] = int((~finite).sum())
+    remarks = () if cloud.classes is None or cloud.ground.any() else ("no point is classified as ground",)
+    # Without a return at all, the window is about (0, 0, 0), and the plan says what is wrong.
+    corners = cloud.points[finite].astype(np.float64) if finite.any() else np.zeros((1, 3))
+    return Facts(_around(corners) + cloud.offset, read, dropped, remarks, crs=cloud.crs)
+
+
+def _of_footprints(found: Footprints) -> Facts:
+    rings = np.concatenate([ring for building in found.buildings for ring in building.rings])
+    heights = np.array([[b.base, b.top] for b in found.buildings])
+    low, high = np.r_[rings.min(0), heights.min()], np.r_[rings.max(0), heights.max()]
+    if len(found.terrain):
+        corners = found.terrain.reshape(-1, 3)
+        low, high = np.minimum(low, corners.min(0)), np.maximum(high, corners.max(0))
+    read = {"buildings": len(found.buildings), "triangles of the terrain": len(found.terrain)}
+    dropped = {"buildings without a height or a closed outline": found.skipped} if found.skipped else {}
+    remarks = [] if len(found.terrain) else ["the ground is taken from the floors of the buildings"]
+    if found.skipped:
+        remarks.append(f"{found.skipped} buildings without a height or a closed outline are left out")
+    extent = np.array([low, high]) + found.shift
+    origin = (float(found.origin[0]), float(found.origin[1])) if found.geographic else None
+    return Facts(extent, read, dropped, tuple(remarks), crs=found.crs, origin=origin)
+
+
+def _around(corners: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+def voxels(contents: Contents, grid: Grid, below: Below | None = None, unknown: Unknown | None = None) -> Voxels:
+    """A file's contents on a grid.
+
+    Args:
+        contents: of any kind.
+        grid: in the map's coordinates.
+        below: whether what points hide from the air is solid down to the ground; None: where the file has classes.
+        unknown: what space is of which a file that tells says nothing; None: occupied.
+    """
+    none = np.zeros(grid.shape, bool)
+    match contents:
+        case PointCloud():
+            return _points(contents, grid, below)
+        case VoxelMap():
+            return _cut(contents, grid)
+        case Mesh():
+            return Voxels(contents.voxels(grid), none)
+        case Footprints():
+            solid, ground = prism_voxels(contents, grid)
+            return Voxels(solid | ground, ground)
+        case Boxes():
+            occupied = filled(contents.corners, grid)
+            if contents.free is not None and unknown != "free":
+                occupied |= ~filled(contents.free, grid, whole=True)
+            return Voxels(occupied, none)
+        case Heights():
+            occupied, blank = contents.voxels(grid)
+            return Voxels(occupied | blank[:, :, None] if unknown != "free" else occupied, none)
+
+
+def _points(cloud: PointCloud, grid: Grid, below: Below | None) -> Voxels:
+    x, y, z = (a - b for a, b in zip(grid.origin, cloud.offset.tolist(), strict=True))
+    frame = Grid(grid.shape, grid.spacing, (x, y, z))
+    occupied = np.zeros(grid.shape, bool)
+    inside = missing = 0
+    for begin in range(0, len(cloud.points), _CHUNK):
+        points = cloud.points[begin : begin + _CHUNK].astype(np.float64)
+        valid = np.isfinite(points).all(axis=1)
+        if not cloud.offset.any():
+            valid &= (points != 0).any(axis=1)
+        missing += int((~valid).sum())
+        index = np.floor((points[valid] - np.array(frame.origin)) / frame.spacing + 0.5)
+        index = index[((index >= 0) & (index < frame.shape)).all(axis=1)].astype(np.int64)
+        inside += len(index)
+        occupied[tuple(index.T)] = True
+    closed = cloud.classes is not None if below is None else below == "closed"
+    occupied |= solidify(cloud, frame, closed=closed)
+    ground = ground_mask(cloud, frame)
+    counts = {"inside": inside, "outside": len(cloud.points) - inside - missing, "missing": missing}
+    return Voxels(occupied | ground, ground, counts)
+
+
+def _cut(source: VoxelMap, grid: Grid) -> Voxels:
+    """The voxels of a map on a grid of the same lattice, which may reach beyond it."""
+    shift = np.round((np.array(grid.origin) - np.array(source.origin)) / grid.spacing).astype(np.int64)
+    low, high = np.maximum(shift, 0), np.minimum(shift + grid.shape, source.occupied.shape)
+    if (low >= high).any():
+        raise MapError(
+            f"{source.source}: expected bounds that meet the map, {source.grid.lower} to {source.grid.upper}"
+        )
+    found = []
+    for volume in (source.occupied, source.ground):
+        part = np.zeros(grid.shape, bool)
+        if volume is not None:
+            place = tuple(slice(a, b) for a, b in zip(low - shift, high - shift, strict=True))
+            part[place] = volume[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+        found.append(part)
+    return Voxels(found[0] | found[1], found[1])
