@@ -19,6 +19,8 @@ from jaxtyping import Float64
 
 # Of |x'|²: where a curve turns back on itself, x' is 0 and a is free.
 _LEAST = 1e-9
+# Steps of a trajectory; more would take gigabytes.
+_MOST = 2_000_000
 
 
 def fastest(
@@ -87,13 +89,18 @@ def positions(s: Float64[np.ndarray, " n"], b: Float64[np.ndarray, " n"], step: 
     """The parameter at times `step` apart [s], from rest to rest; the last one is the first at rest.
 
     Raises:
-        ValueError: where b is 0 at two neighbours, so that the end is never reached.
+        ValueError: where it takes more than `_MOST` steps, or b is 0 at two neighbours.
     """
     speed = np.sqrt(b)
     mean = 0.5 * (speed[1:] + speed[:-1])
     if not (mean > 0.0).all():
         raise ValueError("positions: expected a speed above 0 between any two samples, given two at rest")
     time = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
+    if time[-1] > _MOST * step:
+        raise ValueError(
+            f"limits: expected ones with which a path takes at most {_MOST * step:g} s, given some with which one of "
+            f"{s[-1]:g} m takes {time[-1]:.3g} s"
+        )
     at = step * np.arange(math.ceil(time[-1] / step) + 1)
     i = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(s) - 2)
     elapsed = np.minimum(at, time[-1]) - time[i]

@@ -21,6 +21,7 @@ from jaxtyping import Float64
 _WIDTHS = 16.0 * 2.0 ** (-0.5 * np.arange(16))
 # Samples of a blend, from its beginning to its end, and the greatest distance of samples [m].
 _BLEND, _SPACING = 17, 0.25
+_FEWEST = 8  # intervals of a short curve
 # Samples closer than this are one [m].
 _SAME = 1e-5
 
@@ -68,10 +69,11 @@ class Curve:
     def samples(self) -> Float64[np.ndarray, " m"]:
         """Places where the curve is well known: the polyline's points, the blends, and no more than 0.25 m apart."""
         s, total = self.arclength, self.arclength[-1]
-        even = np.linspace(0.0, total, int(np.ceil(total / _SPACING)) + 1)
+        even = np.linspace(0.0, total, max(int(np.ceil(total / _SPACING)), _FEWEST) + 1)
         blends = s[:, None] + self.widths[:, None] * np.linspace(-1.0, 1.0, _BLEND)
         found = np.unique(np.concatenate([even, s, blends.ravel()]))
-        return np.append(found[:-1][np.diff(found) > _SAME], total)
+        apart = np.diff(found) > min(_SAME, 1e-3 * total)
+        return np.concatenate([[0.0], found[1:-1][apart[:-1] & apart[1:]], [total]])
 
     def at(self, s: Float64[np.ndarray, " m"]) -> tuple[Float64[np.ndarray, "m 3"], ...]:
         """The curve and its first two derivatives by s."""

@@ -31,6 +31,8 @@ from maxjax.planning.trajectory import Trajectory
 
 # What is left of a corner's blend where it is not clear, and the least width of one [m].
 _SHARE, _NARROWEST = 0.6, 0.1
+# Longest time at rest that can be asked for [s].
+_HOVER = 3600.0
 # Rounds of rounding less before it rests at every corner.
 _TRIES = 60
 # Distance of the places where clearance is measured [m].
@@ -94,9 +96,9 @@ def _checked(plan: Plan, hovers: Mapping[int, float]) -> Float64[np.ndarray, "n 
         k = int(repeated[0])
         raise ValueError(f"plan.path: expected neighbours that differ, given {path[k].tolist()} twice, at {k}, {k + 1}")
     for k, seconds in hovers.items():
-        if not 0 < k < len(path) - 1 or not 0.0 <= seconds < math.inf:
+        if not 0 < k < len(path) - 1 or not 0.0 <= seconds <= _HOVER:
             raise ValueError(
-                f"hovers: expected times [s] of 0 or more at points 1 to {len(path) - 2}, given {seconds} at {k}"
+                f"hovers: expected times from 0 to {_HOVER:g} s at points 1 to {len(path) - 2}, given {seconds} at {k}"
             )
     return path
 

@@ -30,6 +30,7 @@ from maxjax.planning.spline import averaged, differences
 STEP = 0.02  # between control points, before the factor [s]
 # Widths of the average, in shares of acceleration / jerk.
 _WIDTHS = (1.0, 1.25, 1.5)
+_LONGEST = 2.0  # first of them [s]
 # Rounds of planning q, and the factor on all times that needs no further one.
 _ROUNDS, _ENOUGH = 24, 1.002
 # More than rounding adds to a limit.
@@ -39,9 +40,14 @@ _JUST, _WEAKEST = 0.999, 0.15
 _RISES = 1e-6  # slope of a climb below which none is limited
 
 
+def planned_acceleration(limits: FlightLimits) -> float:
+    """What q is planned with at most [m/s²]: less than its limit where jerk takes long to build that up."""
+    return min(limits.acceleration, _LONGEST * limits.jerk)
+
+
 def windows(limits: FlightLimits) -> list[int]:
     """Samples in a moving average, for each width that is tried: none is the fastest for all curves."""
-    shortest = limits.acceleration / (limits.jerk * STEP)
+    shortest = planned_acceleration(limits) / (limits.jerk * STEP)
     return sorted({max(math.ceil(share * shortest - _SLACK), 1) for share in _WIDTHS})
 
 
@@ -83,7 +89,7 @@ def timed(
     length = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
     rises = slope[:, 2] / np.where(slope[:, 2] > 0.0, limits.ascent, -limits.descent)
     speed = np.minimum(np.minimum(limits.speed, caps) / length, 1.0 / np.maximum(rises, _RISES))
-    allowed = _Allowed(s, speed, np.full(len(s), limits.acceleration))
+    allowed = _Allowed(s, speed, np.full(len(s), planned_acceleration(limits)))
     best, shortest, chosen = np.zeros((0, 3)), math.inf, 1.0
     for _ in range(_ROUNDS):
         at = positions(s, fastest(s, slope, bend, allowed.speed, allowed.acceleration), STEP)
@@ -153,7 +159,7 @@ def _less(allowed: _Allowed, tried: _Attempt, beyond: Float64[np.ndarray, " n"],
     slower = 1.0 / maximum_filter1d(fast, window + 1, origin=-((window + 1) // 2))[: len(size)]
     target, weaker, slower = (_at_samples(values, tried.s, allowed.s) for values in (target, weaker, slower))
     less = np.minimum(allowed.acceleration * weaker, target)
-    return _Allowed(allowed.s, allowed.speed * slower, np.maximum(less, _WEAKEST * limits.acceleration))
+    return _Allowed(allowed.s, allowed.speed * slower, np.maximum(less, _WEAKEST * planned_acceleration(limits)))
 
 
 def _at_samples(

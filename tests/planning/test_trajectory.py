@@ -212,6 +212,28 @@ def test_times_are_near_those_of_toppra() -> None:
     assert max(ratios) <= 1.10
 
 
+@pytest.mark.parametrize("length", [1e-7, 1e-3, 0.05, 0.3, 400.0])
+def test_short_and_long_paths_are_flown(length: float) -> None:
+    start = np.array([510.0, -30.0, 5.0])
+    goal = start + np.array([0.6 * length, 0.8 * length, 0.0])
+    trajectory = maxjax.trajectory(polyline(np.array([start, goal])))
+    assert norm(trajectory.at([trajectory.duration]).position[0] - start) == pytest.approx(length)
+    # Without a cap, half the way is flown with the greatest jerk at best.
+    assert trajectory.duration >= min(4.0 * (length / (4.0 * PX4.jerk)) ** (1 / 3), length / PX4.speed)
+
+
+def test_a_low_limit_of_jerk_is_kept() -> None:
+    limits = maxjax.FlightLimits(jerk=0.1)
+    motion = flown([[520.0, -30.0, 20.0], [550.0, -30.0, 20.0], [550.0, 10.0, 20.0]], limits).sampled(0.01)
+    assert norm(motion.jerk).max() <= 0.1 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("name", ["speed", "acceleration", "jerk"])
+def test_limits_that_take_days_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match="limits: expected ones with which a path takes at most"):
+        flown([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]], maxjax.FlightLimits(**{name: 1e-9}))
+
+
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(maxjax.FlightLimits)])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_limits_are_positive_numbers(name: str, value: Any) -> None:
