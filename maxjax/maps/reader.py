@@ -30,6 +30,7 @@ from maxjax.maps.ply import load_ply
 from maxjax.maps.stl import load_stl
 
 _PEEK = 65_536
+_LONGEST = 500  # characters of a message: files may hold texts of any length
 
 
 def _load_json(path: Path) -> Contents:
@@ -87,11 +88,13 @@ def read_map(path: str | os.PathLike[str]) -> Contents:
     try:
         contents = reader(path)
         extent = facts(contents).extent
-    except MapError:
-        raise
     except Exception as error:  # see the module
-        sentence = next(iter(str(error).splitlines()), "")
-        raise MapError(f"{path}: damaged: {type(error).__name__}: {sentence[:200]}") from error
+        sentence = " ".join(str(error).split())
+        if len(sentence) > _LONGEST:
+            sentence = sentence[:_LONGEST] + " …"
+        if isinstance(error, MapError):
+            raise MapError(sentence) from error.__cause__
+        raise MapError(f"{path}: damaged: {type(error).__name__}: {sentence}") from error
     if not (np.abs(extent) <= FARTHEST).all():
         raise MapError(f"{path}: expected coordinates within {FARTHEST:.0e} m of 0, found {extent.tolist()}; damaged?")
     return contents

@@ -226,7 +226,9 @@ def test_prices_equal_elimination_and_make_phi_decay_as_they_say() -> None:
     np.testing.assert_allclose(phi, expected, rtol=1e-8)
     line = np.ones((40, 1, 1), np.float32)
     steep = solve(line, np.zeros(3, np.int32), np.full(line.shape, 7.0, np.float32), tolerance=1e-5)
-    np.testing.assert_allclose(np.diff(np.asarray(steep.log_phi)[:30, 0, 0]), -2 * np.arcsinh(7 / (2 * SCREENING_LENGTH)), rtol=1e-4)
+    np.testing.assert_allclose(
+        np.diff(np.asarray(steep.log_phi)[:30, 0, 0]), -2 * np.arcsinh(7 / (2 * SCREENING_LENGTH)), rtol=1e-4
+    )
 
 
 def test_prices_below_one_or_not_finite_are_refused() -> None:
