@@ -51,10 +51,15 @@ def test_a_failed_plan_writes_nothing(tmp_path: Path, town: str) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["town.npz"]
 
 
+def test_a_map_that_lies_nowhere_is_refused_before_the_plan(town: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert plan(town, "--export", "way.plan") == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("maxjax: error: way.plan: expected a place on Earth for .plan, which the map does not name")
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--export", "way.plan"], "way.plan: expected a place on Earth for .plan"),
         (["--export", "way.txt"], "way.txt: expected a name that ends in one of .plan, "),
         (["--export", "nowhere/way.csv"], "nowhere/way.csv: expected a folder"),
         (["--export", "way.kml", "--place", "4.3", "190", "0"], "longitude: expected degrees from -180 to 180"),

@@ -61,7 +61,7 @@ class PlanOptions:
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
             .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
         place: Latitude, longitude [deg] and height [m] of the map's (0, 0, 0), for formats with latitudes.
-        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place.
+        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
         speed: Greatest speed of what is exported [m/s].
     """
 

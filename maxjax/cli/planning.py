@@ -33,6 +33,7 @@ def run(options: PlanOptions) -> int:
     method_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
+    earth = exporting.place_of(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):
@@ -52,7 +53,7 @@ def run(options: PlanOptions) -> int:
         files = report.write_plan(options.out, content, figure)
     if options.export and plan.status == Status.OK:
         with progress("Timing and exporting"):
-            files += exporting.write(options, given, plan)
+            files += exporting.write(options, given, plan, earth)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:

@@ -37,11 +37,14 @@ class MapTask:
         task: the problem, in the map's coordinates.
         returns: points by what became of them; empty where the map is not made of points.
         remarks: sentences on the map that a user should know.
+        crs, origin: where the map lies on Earth, as in `maps.Map`; None where it does not say so.
     """
 
     task: Task
     returns: Mapping[str, int]
     remarks: tuple[str, ...] = ()
+    crs: str | None = None
+    origin: tuple[float, float] | None = None
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -95,7 +98,8 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
     with timed("voxelise"):
         found = map_of(source, window, options.below, options.unknown)
-    return _task(found.occupied, found.ground, found.grid, options, found.counts, found.remarks)
+    given = _task(found.occupied, found.ground, found.grid, options, found.counts, found.remarks)
+    return dataclasses.replace(given, crs=found.crs, origin=found.origin)
 
 
 def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:

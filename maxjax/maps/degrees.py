@@ -68,3 +68,10 @@ def project(degrees: Float[np.ndarray, "n 2"], origin: Float[np.ndarray, "2"]) -
     across, along = _RADIUS / root, _RADIUS * (1.0 - _ECCENTRICITY) / root**3
     metres: np.ndarray = np.radians(degrees - origin) * np.array([across * math.cos(latitude), along])
     return metres
+
+
+def unproject(metres: Float[np.ndarray, "n 2"], origin: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
+    """Longitude and latitude [degrees] of points east and north of the origin [m]: what `project` undoes."""
+    metres_a_degree = project(origin[None] + 1.0, origin)
+    degrees: np.ndarray = origin + metres / metres_a_degree
+    return degrees

@@ -5,7 +5,8 @@
     (X, Y, Z) = (X₀, Y₀, Z₀) + R(φ, λ) (x, y, z),    X₀ = (N + h) cos φ cos λ, …,    N = a / √(1 − e² sin² φ),
 
 and back by Bowring's formula, tan φ = (Z + e′² b sin³ u) / (p − e² a cos³ u), repeated until it stands still.
-`Projected`: the map's coordinates are those of a coordinate reference system, by pyproj. Heights are counted as those
+`Projected`: the map's coordinates are those of a coordinate reference system, by pyproj. `Degrees`: the map was read
+from a file in degrees. Heights are counted as those
 of the place or of the map are: sea level stays sea level.
 """
 
@@ -17,6 +18,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+
+from maxjax.maps.degrees import unproject
 
 _A = 6378137.0  # half axis of the ellipsoid [m]
 _F = 1.0 / 298.257223563
@@ -123,8 +126,27 @@ class Projected:
         return np.column_stack([latitude, longitude, points[:, 2] + self.height])
 
 
+@dataclasses.dataclass(frozen=True)
+class Degrees:
+    """A map that was read from a file in degrees, on the plane of `maps.degrees`.
+
+    Attributes:
+        longitude, latitude: of the map's (0, 0) [degrees], `maxjax.Map.origin`.
+        height: of the map's z = 0 [m].
+    """
+
+    longitude: float
+    latitude: float
+    height: float = 0.0
+
+    def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Latitude, longitude [degrees] and height [m] of points of the map [m]."""
+        longitude, latitude = unproject(points[:, :2], np.array([self.longitude, self.latitude])).T
+        return np.column_stack([latitude, longitude, points[:, 2] + self.height])
+
+
 # What tells where a map's points lie.
-Earth = TangentPlane | Projected
+Earth = TangentPlane | Projected | Degrees
 
 
 def _pyproj() -> Any:

@@ -73,7 +73,8 @@ def export(
         file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
         plan: one that is OK.
         trajectory: of this plan, for formats with times, and for the speed of missions.
-        earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane` or `maxjax.Projected`.
+        earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
+            `missions.earth.Degrees`.
         ground: height of the ground at home [m], in the map's coordinates.
 
     Raises:

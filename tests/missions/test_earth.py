@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from maxjax.missions.earth import Projected, TangentPlane
+from maxjax.maps.degrees import project
+from maxjax.missions.earth import Degrees, Projected, TangentPlane
 
 PLACES = [(52.07, 4.3, 10.0), (0.0, 0.0, 0.0), (-33.9, 151.2, 80.0), (89.9, -120.0, 0.0), (45.4, -179.9999, 2000.0)]
 
@@ -53,6 +54,13 @@ def test_a_projected_map_is_that_of_pyproj() -> None:
     to_map = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:28992")
     np.testing.assert_allclose(np.column_stack(to_map.transform(*found[:, :2].T)), given[:, :2], atol=1e-3)
     np.testing.assert_array_equal(found[:, 2], given[:, 2] + 2.0)
+
+
+def test_a_map_in_degrees_goes_back_to_them() -> None:
+    origin, given = np.array([12.33, 45.44]), np.array([[12.3412, 45.4371], [12.3, 45.5]])
+    metres = project(given, origin)
+    found = Degrees(*origin, height=1.0).geodetic(np.column_stack([metres, [5.0, 6.0]]))
+    np.testing.assert_allclose(found, np.column_stack([given[:, ::-1], [6.0, 7.0]]), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:2263", "EPSG:0", "nonsense"])
