@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import readme
-from maxjax.cli import check, demo, flying, main, planning, scanning, training
+from maxjax.cli import check, demo, flying, main, mapping, planning, scanning, training
 
 TEXT = readme.README.read_text(encoding="utf-8")
 
@@ -48,7 +48,7 @@ def test_the_example_runs_word_for_word() -> None:
 
 def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for module in (check, demo, flying, planning, scanning, training):
+    for module in (check, demo, flying, mapping, planning, scanning, training):
         name = module.__name__
 
         def run(*_: object, name: str = name) -> int:
@@ -63,7 +63,7 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
         else:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert calls == ["check", "scanning", "planning", "planning", "planning", "planning", "flying"]
+    assert calls == ["check", "scanning", "planning", "mapping", "planning", "planning", "planning", "flying"]
 
 
 def test_every_link_leads_somewhere() -> None:

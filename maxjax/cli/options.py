@@ -86,6 +86,35 @@ class PlanOptions:
 
 
 @dataclasses.dataclass(frozen=True)
+class MapOptions:
+    """Say what a map file holds, and draw it from above.
+
+    Attributes:
+        map: A file, as for plan.
+        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the whole map, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
+        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
+        crs: Coordinate reference system, as EPSG:28992, in place of the file's.
+        out: Folder for map.png.
+        json: Print all as JSON, and nothing else, on stdout.
+    """
+
+    map: _Map
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
+    center: _OptionalXyz = None
+    ground: _OptionalMetres = None
+    below: Literal["closed", "open"] | None = None
+    unknown: Literal["occupied", "free"] | None = None
+    crs: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
 class ScanOptions:
     """Simulate one LiDAR scan in a city: 32,768 rays, 100 m range, level attitude.
 

@@ -218,6 +218,32 @@ def _draw_legends(figure: Figure, page: _Page, lines: list[Line2D], plan: Axes, 
     figure.legend(handles=areas, loc="upper right", **strip)
 
 
+def figure_map(obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str | None = None) -> Figure:
+    """A whole map from above, with the outline of its obstacles at half of their height.
+
+    Args:
+        obstacle: obstacles, ground left out.
+        grid: where the voxels lie.
+        title: headline.
+
+    Raises:
+        ValueError: if the shape does not fit the grid.
+        ImportError: if matplotlib is missing; names the extra.
+    """
+    rc_context, new_figure = load_matplotlib()
+    grid.check_volume("obstacle", obstacle)
+    levels = np.flatnonzero(obstacle.any(axis=(0, 1)))
+    middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
+    with rc_context(STYLE):
+        figure = new_figure(figsize=(6.7, 6.1))
+        plan, bar = figure.add_axes((0.12, 0.14, 0.73, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
+        draw_plan(plan, bar, obstacle, grid, (np.array(grid.lower[:2]), np.array(grid.upper[:2])), float(middle))
+        figure.legend(loc="lower center")
+        if title:
+            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
+    return figure
+
+
 def figure_scan(
     obstacle: Bool[np.ndarray, "nx ny nz"],
     grid: Grid,
