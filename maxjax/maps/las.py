@@ -10,11 +10,12 @@ them. Noise (7, 18) and points flagged as withheld are dropped, since the survey
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import logging
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -60,18 +61,14 @@ def load_las(path: Path) -> PointCloud:
         import laspy
     except ImportError as error:
         raise MapError(f"{path}: {_MISSING}") from error
-    backend = laspy.LazBackend.Lazrs
-    if not backend.is_available():
+    if not (backend := laspy.LazBackend.Lazrs).is_available():
         raise MapError(f"{path}: {_MISSING}")
-    # laspy also prints what it raises; the user needs one sentence.
-    logger = logging.getLogger("laspy")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
     axes: list[np.ndarray] = []
     classes: list[np.ndarray] = []
     crs = None
+    claimed = returns = 0
     try:
-        with open(path, "rb") as file:
+        with _silent(), open(path, "rb") as file:
             count, scale, offset = _check_header(path, file)
             file.seek(0)
             # One thread reads the stream as it comes; the parallel one would trust the chunk table.
@@ -80,12 +77,14 @@ def load_las(path: Path) -> PointCloud:
                 crs = _crs(header.vlrs)
                 record = header.point_format.size
                 if header.are_points_compressed:
+                    claimed = int(header.number_of_points_by_return[0])
                     packed = reader.point_source.vlr.item_size()
                     if packed != record:
                         raise MapError(f"{path}: records of {record} bytes are packed as {packed}; damaged")
                 found = 0
                 for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
                     found += len(chunk)
+                    returns += int(np.count_nonzero(np.asarray(chunk.return_number) == 1))
                     kept = ~np.isin(chunk.classification, _NOISE) & (np.asarray(chunk.withheld) == 0)
                     axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
                     classes.append(np.asarray(chunk.classification)[kept])
@@ -98,8 +97,9 @@ def load_las(path: Path) -> PointCloud:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         raise MapError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
-    finally:
-        logger.setLevel(level)
+    # A compressed stream read beyond its end goes on with points like its last ones.
+    if 0 < claimed < returns:
+        raise MapError(f"{path}: claims {claimed} first returns, found {returns} in {count} points; damaged")
     if found != count:
         raise MapError(f"{path}: claims {count} points, found {found}; the file is truncated")
     labels, stored = np.concatenate(classes), np.concatenate(axes)
@@ -151,6 +151,18 @@ def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarr
     if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
         raise MapError(f"{path}: expected finite scales and offsets, found {scale} and {offset}; damaged")
     return count, scale, offset
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """No log of laspy: it also prints what it raises, and the user needs one sentence."""
+    logger = logging.getLogger("laspy")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _check_chunk_table(path: Path, file: BinaryIO, data: int, size: int) -> None:

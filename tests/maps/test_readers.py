@@ -184,6 +184,22 @@ def test_altered_las_raises_map_errors_alone(tmp_path: Path, suffix: str, format
         assert 0 < len(cloud.points) <= len(POINTS)
 
 
+@pytest.mark.parametrize("more", [1, 2])
+def test_a_laz_header_that_counts_points_too_many_is_refused(tmp_path: Path, more: int) -> None:
+    path = tmp_path / "a.laz"
+    laspy = pytest.importorskip("laspy")
+    write_las(path, POINTS)
+    las = laspy.read(path)
+    las.return_number[:] = 1
+    las.write(path)
+    altered = bytearray(path.read_bytes())
+    assert len(read_map(path).points) == len(POINTS)
+    struct.pack_into("<I", altered, 107, len(POINTS) + more)
+    path.write_bytes(altered)
+    with pytest.raises(MapError, match=r"first returns|damaged"):
+        read_map(path)
+
+
 @pytest.mark.parametrize("suffix", ["las", "laz"])
 def test_las_headers_that_lie(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a.{suffix}"
