@@ -165,16 +165,13 @@ def _flown(
     course: _Course, curves: list[Curve]
 ) -> tuple[tuple[Float64[np.ndarray, "n 3"], float], Float64[np.ndarray, " k"]]:
     """Control points of all curves, one after the other, their step [s], and the times at rest in between."""
-    parts, factors = [], []
+    tried = []
     for curve in curves:
         s, clearance = curve.samples(), _clearance(course, curve)
-        tried = [
-            timed(curve, s, _caps(clearance, curve, s, n, course), n, course.limits) for n in windows(course.limits)
-        ]
-        control, factor = min(tried, key=lambda one: len(one[0]) * one[1])
-        parts.append(control)
-        factors.append(factor)
-    step = STEP * max(factors)
+        counts = windows(course.limits, float(s[-1]))
+        tried.append([timed(curve, s, _caps(clearance, curve, s, n, course), n, course.limits) for n in counts])
+    parts, factor = _together(tried)
+    step = STEP * factor
     whole, rests, point = parts[0], [], 0
     for curve, part in zip(curves, parts[1:], strict=False):
         rests.append(duration(whole, step))
@@ -183,6 +180,19 @@ def _flown(
         # Both have three equal control points at the rest, of which one set stays.
         whole = np.concatenate([whole, np.repeat(whole[-1:], pause, axis=0), part[3:]])
     return (whole, step), np.array(rests)
+
+
+def _together(
+    tried: list[list[tuple[Float64[np.ndarray, "_ 3"], float]]],
+) -> tuple[list[Float64[np.ndarray, "_ 3"]], float]:
+    """The fastest choice of control points for each curve, with one factor for all: the largest of theirs."""
+
+    lowest = max(min(factor for _, factor in ways) for ways in tried)
+    choices = []
+    for most in sorted({max(factor, lowest) for ways in tried for _, factor in ways}):
+        parts = [min((control for control, factor in ways if factor <= most), key=len) for ways in tried]
+        choices.append((parts, most))
+    return min(choices, key=lambda choice: choice[1] * sum(map(len, choice[0])))
 
 
 def _clearance(course: _Course, curve: Curve) -> Float64[np.ndarray, " k"]:

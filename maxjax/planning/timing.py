@@ -45,10 +45,24 @@ def planned_acceleration(limits: FlightLimits) -> float:
     return min(limits.acceleration, _LONGEST * limits.jerk)
 
 
-def windows(limits: FlightLimits) -> list[int]:
-    """Samples in a moving average, for each width that is tried: none is the fastest for all curves."""
-    shortest = planned_acceleration(limits) / (limits.jerk * STEP)
-    return sorted({max(math.ceil(share * shortest - _SLACK), 1) for share in _WIDTHS})
+def _first_acceleration(window: int, limits: FlightLimits) -> float:
+    """What the first round plans with [m/s²]."""
+    most, width = planned_acceleration(limits), window * STEP
+    return min(most, 0.5 * limits.jerk * width) if width * limits.jerk < most * (1.0 - _SLACK) else most
+
+
+def windows(limits: FlightLimits, length: float) -> list[int]:
+    """Samples in a moving average, for each width that is tried: none is the fastest for all curves.
+
+    On a short curve the acceleration has no time to reach its limit. With w jerk / 2 for it every change keeps the
+    limit of jerk, and 2 √(length / acceleration) + w is least for w = (2 length / jerk)^⅓.
+    """
+    shortest = planned_acceleration(limits) / limits.jerk
+    widths = [share * shortest for share in _WIDTHS]
+    short = math.cbrt(2.0 * length / limits.jerk)
+    if short < shortest:
+        widths.append(short)
+    return sorted({max(math.ceil(width / STEP - _SLACK), 1) for width in widths})
 
 
 def cutting(limits: FlightLimits, window: int) -> float:
@@ -89,7 +103,7 @@ def timed(
     length = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
     rises = slope[:, 2] / np.where(slope[:, 2] > 0.0, limits.ascent, -limits.descent)
     speed = np.minimum(np.minimum(limits.speed, caps) / length, 1.0 / np.maximum(rises, _RISES))
-    allowed = _Allowed(s, speed, np.full(len(s), planned_acceleration(limits)))
+    allowed = _Allowed(s, speed, np.full(len(s), _first_acceleration(window, limits)))
     best, shortest, chosen = np.zeros((0, 3)), math.inf, 1.0
     for _ in range(_ROUNDS):
         at = positions(s, fastest(s, slope, bend, allowed.speed, allowed.acceleration), STEP)
