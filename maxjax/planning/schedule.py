@@ -186,7 +186,6 @@ def _together(
     tried: list[list[tuple[Float64[np.ndarray, "_ 3"], float]]],
 ) -> tuple[list[Float64[np.ndarray, "_ 3"]], float]:
     """The fastest choice of control points for each curve, with one factor for all: the largest of theirs."""
-
     lowest = max(min(factor for _, factor in ways) for ways in tried)
     choices = []
     for most in sorted({max(factor, lowest) for ways in tried for _, factor in ways}):
