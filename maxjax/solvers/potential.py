@@ -8,7 +8,7 @@ Settings: `screened` (leak κ, insulated outer faces; the default), `cg` (the sa
 `paper` (κ = 0, outer faces grounded), each a solver object in a file of its own. Scaling φ to 1 at the goal instead of
 feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
 
-What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.25 voxels, whatever the size of the map;
+What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.25 voxels, whatever the map's size;
 `cg` and `paper` solve for φ, so `cg` chooses ℓ such that float32 spans it, and lengthens it where that was not enough.
 The solver does one attempt; what it finds carries the implicit derivative (`solvers.derivative`).
 """

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import pytest
 
-from experiments import focus, warframe_crops
+from experiments import focus, mazes, warframe_crops
 
 pytestmark = pytest.mark.full_speed
 
@@ -58,3 +59,11 @@ def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
     (row,) = focus.main(focus.Config(maps=("suburb",), problems=3, every=0, out=tmp_path))
     assert row["same_status"] == row["ok"] == row["certified"] == 3
     assert row["length_worst"] <= 1.02
+
+
+def test_mazes_are_planned_and_certified(tmp_path: Path) -> None:
+    rows = mazes.main(mazes.Config(noise=2, doors=(3,), edge=25, cities=1, out=tmp_path))
+    assert [row["map"] for row in rows] == ["downtown", "noise, 40%", "noise, 50%", "3 doors", "snake"]
+    assert all(row["ok"] == row["certified"] == row["problems"] for row in rows)
+    assert rows[-1]["length_m_max"] > 2 * 25 * 12  # the snake folds twelve times
+    assert "| 3 doors | 1 | 1 | 1 |" in mazes.section(json.loads((tmp_path / "mazes.json").read_text()))
