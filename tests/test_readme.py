@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -63,7 +64,26 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
         else:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert calls == ["check", "scanning", "planning", "mapping", "planning", "planning", "planning", "flying"]
+    assert calls == ["check", "scanning", "planning", "planning", "flying", "mapping", "planning", "planning"]
+
+
+@pytest.mark.full_speed
+def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All commands but `check` and `fly`, which have tests of their own."""
+    (tmp_path / "docs").symlink_to(readme.ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    for block in blocks("bash"):
+        for line in block.splitlines():
+            program, command, *arguments = shlex.split(line, comments=True)
+            if program == "maxjax" and command in ("scan", "map", "plan"):
+                assert main([command, *arguments]) == 0, line
+    for name in ("scan/scan.png", "plan/plan.png", "quarter/map.png", "quarter/plan.json", "quarter.csv"):
+        assert (tmp_path / name).is_file(), name
+    mission = json.loads((tmp_path / "quarter.plan").read_text())["mission"]
+    home, last = mission["plannedHomePosition"], mission["items"][-1]["params"][4:6]
+    # Start and goal lie 130 m and 42 m apart east and north, at 47 degrees: 75.9 km and 111.2 km a degree.
+    assert (last[1] - home[1]) * 75_920 == pytest.approx(130.0, abs=0.5)
+    assert (last[0] - home[0]) * 111_170 == pytest.approx(-42.0, abs=0.5)
 
 
 def test_every_link_leads_somewhere() -> None:
