@@ -86,7 +86,8 @@ def test_a_shared_map_equals_its_copies(problems: tuple[np.ndarray, ...]) -> Non
     copies = _batch((np.broadcast_to(occupied[0], occupied.shape), ground, starts, goals))
     for one, other in zip(shared, copies, strict=True):
         assert one.status is other.status
-        np.testing.assert_array_equal(one.path, other.path)
+        # Two programs: each may round a · b + c once or twice.
+        np.testing.assert_allclose(one.path, other.path, atol=1e-4)
 
 
 def test_times_are_shares_of_the_wall_clock(problems: tuple[np.ndarray, ...]) -> None:

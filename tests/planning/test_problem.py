@@ -130,7 +130,7 @@ def test_ends_stand_where_they_have_room_and_balls_hold_the_rest(radius: float) 
 def test_the_price_is_that_of_the_distance_to_the_nearest_cube() -> None:
     occupied = random_blocks(np.random.default_rng(6), GRID.shape, 3, 4)
     ends = np.zeros((2, 3), np.float32)
-    price = _formulate(occupied, NO_GROUND, ends, distances=Distances(1.0, 6.0, Price("speed")), grid=GRID).price
+    price = _formulate(occupied, NO_GROUND, ends, distances=Distances(1.0, 6.0, Price("speed", 4.0)), grid=GRID).price
     gap = np.maximum(np.abs(np.argwhere(~occupied)[:, None] - np.argwhere(occupied)[None]) - 0.5, 0)
     distance = GRID.spacing * np.sqrt((gap**2).sum(axis=-1)).min(axis=1)
     np.testing.assert_allclose(np.asarray(price)[~occupied], np.clip(6.0 / distance, 1, 5), rtol=1e-5)
