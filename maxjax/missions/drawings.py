@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 from jaxtyping import Float64
@@ -46,4 +46,4 @@ def geojson_text(places: Float64[np.ndarray, "n 3"], properties: Mapping[str, fl
 def kml_text(places: Float64[np.ndarray, "n 3"], name: str) -> str:
     """The text of a KML file."""
     lines = [f"        {east:.10f},{north:.10f},{up:.4f}" for north, east, up in places.tolist()]
-    return _KML.format(name=escape(name), coordinates="\n".join(lines))
+    return _KML.format(name=escape(name, quote=False), coordinates="\n".join(lines))

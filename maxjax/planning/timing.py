@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import maximum_filter1d
+from numpy.lib.stride_tricks import sliding_window_view
 
 from maxjax.planning.limits import FlightLimits
 from maxjax.planning.passes import fastest, positions
@@ -170,7 +170,8 @@ def _less(allowed: _Allowed, tried: _Attempt, beyond: Float64[np.ndarray, " n"],
     # All that an average is made of is slowed down by as much as it is too fast.
     fast = np.ones(len(size) + 2)
     fast[: len(beyond)] = np.where(beyond > 1.0 / _JUST, beyond, 1.0)
-    slower = 1.0 / maximum_filter1d(fast, window + 1, origin=-((window + 1) // 2))[: len(size)]
+    together = sliding_window_view(np.pad(fast, (0, window), constant_values=1.0), window + 1)
+    slower = 1.0 / together.max(axis=1)[: len(size)]
     target, weaker, slower = (_at_samples(values, tried.s, allowed.s) for values in (target, weaker, slower))
     less = np.minimum(allowed.acceleration * weaker, target)
     return _Allowed(allowed.s, allowed.speed * slower, np.maximum(less, _WEAKEST * planned_acceleration(limits)))
