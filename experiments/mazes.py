@@ -16,6 +16,7 @@ city's.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,15 +75,18 @@ class Found(NamedTuple):
 def main(config: Config) -> list[Row]:
     """Plan everything; save and return one row a kind."""
     half = float(config.edge - 1)
-    cities = [
-        _planned(one.occupied, np.stack([one.start, one.goal]), one.grid, one.ground)
-        for one in problem_set("downtown", config.cities, config.seed, half=half)
-    ]
-    city = float(np.median([found.plan.timings["solve"] for found in cities]))
+    waiting = problem_set("downtown", config.cities, config.seed, half=half)
+    count = config.noise + len(config.doors) + 1
+    cities: list[Found] = []
     mazes: dict[str, list[Found]] = {}
-    for maze in (*_noise(config), *_doors(config), _snake(config.edge)):
+    for k, maze in enumerate(itertools.chain(_noise(config), _doors(config), [_snake(config.edge)])):
+        # Cities in between, so that a machine that is busy for a while is so for both.
+        while len(cities) < len(waiting) and len(cities) * count <= k * len(waiting):
+            one = waiting[len(cities)]
+            cities.append(_planned(one.occupied, np.stack([one.start, one.goal]), one.grid, one.ground))
         grid = maxjax.Grid(maze.occupied.shape, 2.0, (0.0, 0.0, 0.0))
         mazes.setdefault(maze.name, []).append(_planned(maze.occupied, 2.0 * maze.ends, grid))
+    city = float(np.median([found.plan.timings["solve"] for found in cities]))
     rows = [_row("downtown", cities, city)] + [_row(name, found, city) for name, found in mazes.items()]
     save("mazes", config, rows, config.out)
     return rows
