@@ -76,6 +76,6 @@ def _ground(options: PlanOptions, given: MapTask) -> float:
     if options.ground is not None:
         return options.ground
     task = given.task
-    index = np.floor((task.starts[0] - np.array(task.grid.lower)) / task.grid.spacing).astype(int)
+    index = np.floor(task.index[0, 0] + 0.5).astype(int)
     below = np.flatnonzero(task.ground[index[0], index[1], : index[2] + 1])
     return float(task.grid.lower[2] + task.grid.spacing * (below[-1] + 1)) if below.size else 0.0

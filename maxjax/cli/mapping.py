@@ -80,7 +80,7 @@ def _draw(found: Map, out: Path) -> Path | None:
     picture = out / "map.png"
     picture.unlink(missing_ok=True)
     if found.occupied.size > MOST_VOXELS:
-        report.complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
+        report.complain_of_size()
         return None
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):

@@ -63,7 +63,7 @@ def run(options: PlanOptions) -> int:
             print(*files, sep="\n")
     if plan.status == Status.OK:
         if options.out is not None and not drawn:
-            report.complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
+            report.complain_of_size()
         report.warn(plan, given.task)
         return 0
     report.complain(message)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
-from maxjax.cli.task import MapTask
+from maxjax.cli.task import MOST_VOXELS, MapTask
 from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
@@ -205,6 +205,11 @@ def show(*tables: Table) -> None:
 def complain(message: str) -> None:
     """Print a sentence on stderr."""
     console(stderr=True).print(message, highlight=False, soft_wrap=True)
+
+
+def complain_of_size() -> None:
+    """Say on stderr that a map is too large to draw."""
+    complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
 
 
 def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:

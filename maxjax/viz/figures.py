@@ -6,8 +6,9 @@ section:   the voxels over and under the first path, unrolled over its horizonta
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -218,6 +219,22 @@ def _draw_legends(figure: Figure, page: _Page, lines: list[Line2D], plan: Axes, 
     figure.legend(handles=areas, loc="upper right", **strip)
 
 
+@contextlib.contextmanager
+def _from_above(
+    obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, level: float, left: float, title: str | None
+) -> Iterator[tuple[Figure, Axes]]:
+    """A page with the plan view of a whole map, obstacles outlined at `level` [m], for what is drawn into it."""
+    rc_context, new_figure = load_matplotlib()
+    grid.check_volume("obstacle", obstacle)
+    with rc_context(STYLE):
+        figure = new_figure(figsize=(6.7, 6.1))
+        plan, bar = figure.add_axes((left, 0.14, 0.85 - left, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
+        draw_plan(plan, bar, obstacle, grid, (np.array(grid.lower[:2]), np.array(grid.upper[:2])), level)
+        yield figure, plan
+        if title:
+            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
+
+
 def figure_map(obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str | None = None) -> Figure:
     """A whole map from above, with the outline of its obstacles at half of their height.
 
@@ -230,17 +247,10 @@ def figure_map(obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str
         ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = load_matplotlib()
-    grid.check_volume("obstacle", obstacle)
     levels = np.flatnonzero(obstacle.any(axis=(0, 1)))
     middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
-    with rc_context(STYLE):
-        figure = new_figure(figsize=(6.7, 6.1))
-        plan, bar = figure.add_axes((0.12, 0.14, 0.73, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
-        draw_plan(plan, bar, obstacle, grid, (np.array(grid.lower[:2]), np.array(grid.upper[:2])), float(middle))
+    with _from_above(obstacle, grid, float(middle), 0.12, title) as (figure, _):
         figure.legend(loc="lower center")
-        if title:
-            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
     return figure
 
 
@@ -265,16 +275,8 @@ def figure_scan(
         ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    rc_context, new_figure = load_matplotlib()
-    grid.check_volume("obstacle", obstacle)
-    view = np.array(grid.lower[:2]), np.array(grid.upper[:2])
-    with rc_context(STYLE):
-        figure = new_figure(figsize=(6.7, 6.1))
-        plan, bar = figure.add_axes((0.1, 0.14, 0.75, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
-        draw_plan(plan, bar, obstacle, grid, view, float(position[2]))
+    with _from_above(obstacle, grid, float(position[2]), 0.1, title) as (figure, plan):
         draw_returns(plan, points, f"scan return ({len(points)})")
         draw_mark(plan, position[0], position[1], Mark("^", 7.0, "white", "sensor"))
         figure.legend(loc="lower center", ncols=3)
-        if title:
-            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
     return figure
