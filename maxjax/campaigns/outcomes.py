@@ -79,13 +79,15 @@ def on_host(batch: Any) -> Table:
 def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The statistics of a campaign.
 
-    Means and standard deviations (of the population, without Bessel's correction) are over arrivals.
+    Means and standard deviations (of the population, without Bessel's correction) are over arrivals, those of
+    `clearance`, the least distance of each flight, over all that were flown.
     `detour` is the flown length over the straight distance, which the shortest way around the buildings exceeds.
     """
     ordered = sorted(outcomes, key=lambda outcome: outcome.trial)
     flown = [outcome for outcome in ordered if outcome.flown]
     arrived = [outcome for outcome in flown if outcome.arrived]
     detour = [float(o.flown_length) / float(o.distance) for o in arrived if o.flown_length and o.distance]
+    clearances = [o.clearance for o in flown if o.clearance is not None]
     return {
         "trials": len(ordered),
         "flown": len(flown),
@@ -98,7 +100,7 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "planning_iterations": _mean([float(o.planning_iterations) for o in arrived]),
         "failed_plans": sum(outcome.failed_plans for outcome in flown),
         "detour": {**_mean(detour), "p95": round(float(np.percentile(detour, 95)), 4) if detour else None},
-        "clearance": {"least": min((o.clearance for o in flown if o.clearance is not None), default=None)},
+        "clearance": {"least": min(clearances, default=None), **_mean(clearances)},
         "failures": [
             {"index": outcome.trial, "status": outcome.status, "command": outcome.command}
             for outcome in flown

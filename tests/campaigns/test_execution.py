@@ -174,6 +174,11 @@ def test_the_summary_is_that_of_its_outcomes() -> None:
         values = np.array([getattr(outcome, name) for outcome in arrived])
         np.testing.assert_allclose([found[name]["mean"], found[name]["std"]], [values.mean(), values.std()], atol=1e-4)
     assert [failure["index"] for failure in found["failures"]] == sorted(outcome.trial for outcome in bad)
+    near = np.array([outcome.clearance for outcome in outcomes if outcome.status != INVALID_DRAW])
+    nearest = found["clearance"]
+    np.testing.assert_allclose(
+        [nearest["least"], nearest["mean"], nearest["std"]], [near.min(), near.mean(), near.std()], atol=1e-4
+    )
     ratio = [outcome.flown_length / np.linalg.norm(np.subtract(outcome.start, outcome.goal)) for outcome in arrived]
     np.testing.assert_allclose(found["detour"]["p95"], np.percentile(ratio, 95), atol=1e-3)
     for outcome in arrived:
