@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from maxjax.planning.limits import FlightLimits
     from maxjax.planning.plan import Plan
     from maxjax.planning.trajectory import Trajectory
+    from maxjax.sim.tracking import Tracking, fly
     from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [
@@ -32,11 +33,13 @@ __all__ = [
     "Projected",
     "Status",
     "TangentPlane",
+    "Tracking",
     "Trajectory",
     "Verification",
     "conductivity",
     "dilate",
     "export",
+    "fly",
     "load_map",
     "load_model",
     "plan",
@@ -66,6 +69,7 @@ _MODULES = {
     "maxjax.planning.limits": ("FlightLimits",),
     "maxjax.planning.plan": ("Plan",),
     "maxjax.planning.trajectory": ("Trajectory",),
+    "maxjax.sim.tracking": ("Tracking", "fly"),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
 }
 

@@ -64,7 +64,7 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
         else:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert calls == ["check", "scanning", "planning", "planning", "flying", "mapping", "planning", "planning"]
+    assert calls == ["check", "scanning", "planning", "planning", "flying", "mapping", "planning", "planning", "flying"]
 
 
 @pytest.mark.full_speed

@@ -1,4 +1,7 @@
-"""`maxjax fly`: trials of the closed loop in a simulated city, their table, and pictures of them."""
+"""`maxjax fly`: trials of the closed loop in a simulated city, their table, and pictures of them.
+
+With ends given it flies a trajectory in a given map: `cli.tracking`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.campaigns.replay import replay
-from maxjax.cli import report
+from maxjax.cli import report, tracking
 from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress, tally
 from maxjax.core.provenance import device, versions
@@ -23,11 +26,14 @@ from maxjax.sim.flight import Flight, FlightConfig
 
 
 def run(options: FlyOptions) -> int:
-    """Fly, show and write. Returns 0: failed flights are a result.
+    """Fly, show and write. Returns 0, as failed trials are a result; with ends given as `cli.tracking.run`.
 
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
+    if options.start is not None or options.goal is not None:
+        return tracking.run(options)
+    tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
     campaign, out = campaign_of(options), options.out
     report.check_output(out)
     ledger = None if out is None else campaign.ledger(out)

@@ -30,6 +30,7 @@ class Status(enum.IntEnum):
     OUT_OF_PLANS = 14
     NONFINITE_STATE = 15
     NO_SAFE_PATH = 16
+    OFF_TRAJECTORY = 17
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -62,5 +63,6 @@ _ADVICE = {
     Status.OUT_OF_PLANS: "The goal was not reached within the planning iterations; allow more, "
     "or look at the log for where the flight held.",
     Status.NONFINITE_STATE: "The state of the vehicle became NaN or infinite; check its constants.",
+    Status.OFF_TRAJECTORY: "The vehicle strayed from its trajectory by more than 1 m; fly slower, or in less wind.",
     Status.START_EQUALS_GOAL: "Start and goal are the same point; there is nothing to plan.",
 }
