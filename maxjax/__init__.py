@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan, trajectory
+    from maxjax.api_mission import plan_mission
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
     from maxjax.fields.conductivity import conductivity
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
     from maxjax.planning.limits import FlightLimits
+    from maxjax.planning.mission import Mission, Waypoint
     from maxjax.planning.plan import Plan
     from maxjax.planning.trajectory import Trajectory
     from maxjax.sim.tracking import Tracking, fly
@@ -25,6 +27,7 @@ __all__ = [
     "FlightLimits",
     "Grid",
     "Map",
+    "Mission",
     "Occupancy",
     "Plan",
     "PlanBatch",
@@ -36,6 +39,7 @@ __all__ = [
     "Tracking",
     "Trajectory",
     "Verification",
+    "Waypoint",
     "conductivity",
     "dilate",
     "export",
@@ -45,6 +49,7 @@ __all__ = [
     "plan",
     "plan_batch",
     "plan_fleet",
+    "plan_mission",
     "plan_scan",
     "solve_potential",
     "trajectory",
@@ -56,6 +61,7 @@ __all__ = [
 # Ctrl-C and shows its help before JAX is loaded.
 _MODULES = {
     "maxjax.api": ("PlanBatch", "plan", "plan_batch", "plan_fleet", "plan_scan", "trajectory"),
+    "maxjax.api_mission": ("plan_mission",),
     "maxjax.core.grid": ("Grid",),
     "maxjax.core.status": ("Status",),
     "maxjax.fields.conductivity": ("conductivity",),
@@ -67,6 +73,7 @@ _MODULES = {
     "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),
     "maxjax.planning.limits": ("FlightLimits",),
+    "maxjax.planning.mission": ("Mission", "Waypoint"),
     "maxjax.planning.plan": ("Plan",),
     "maxjax.planning.trajectory": ("Trajectory",),
     "maxjax.sim.tracking": ("Tracking", "fly"),

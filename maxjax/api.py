@@ -19,6 +19,8 @@ from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_task
 from maxjax.planning.fleet import plan_fleet as plan_starts
 from maxjax.planning.limits import PX4, FlightLimits
+from maxjax.planning.mission import Mission
+from maxjax.planning.mission_schedule import scheduled_mission
 from maxjax.planning.plan import Plan, no_plan
 from maxjax.planning.recorder import added, recording, timed
 from maxjax.planning.schedule import scheduled
@@ -274,7 +276,7 @@ def plan_scan(
 
 # arguments: a public name; all that has a default may be left out
 def trajectory(
-    plan: Plan,
+    plan: Plan | Mission,
     limits: FlightLimits = PX4,
     occupied: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
     grid: Grid = Grid(),  # noqa: B008 (frozen)
@@ -282,19 +284,20 @@ def trajectory(
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
     hovers: Mapping[int, float] | None = None,
 ) -> Trajectory:
-    """Give a plan times: a smooth trajectory from rest to rest, near the fastest within some limits.
+    """Give a plan or a mission times: a smooth trajectory from rest to rest, near the fastest within some limits.
 
     Corners are rounded as far as the map allows: what leaves the plan's path is judged against its radius. Where no
-    rounding is clear it rests at the corner.
+    rounding is clear it rests at the corner. The waypoints of a mission are flown through but where they say how long
+    to hover, where the path turns back, and where radius or ball ask for a rest (`planning.mission_schedule`).
 
     Args:
-        plan: one that is OK.
+        plan: one that is OK, or a mission that is.
         limits: of speed, climb, acceleration, jerk and heading; those of PX4 by default.
         occupied: the map that was planned on. None: nothing off the plan's path is known to be free, and every corner
             is passed at rest.
         grid: of the map.
         ground: as in `plan`.
-        hovers: seconds to rest at points of the plan's path, by their index.
+        hovers: seconds to rest at points of a plan's path, by their index; a mission's waypoints have theirs.
 
     Returns:
         A `Trajectory`; `Trajectory.at` tells position, velocity, acceleration and heading at any time.
@@ -303,12 +306,17 @@ def trajectory(
         ValueError: for a plan without a path or with repeated points, a map of another shape, or hovers that are no
             times at points between start and goal.
     """
+    volumes = {"occupied": occupied, "ground": ground}
+    maps = {name: None if given is None else np.asarray(given) for name, given in volumes.items()}
+    for name, volume in maps.items():
+        if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
+            raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
+    if isinstance(plan, Mission):
+        if hovers:
+            raise ValueError("hovers: a mission's waypoints say how long to hover; leave them out")
+        return scheduled_mission(plan, limits, maps["occupied"], maps["ground"], grid)
     around = None
-    if occupied is not None:
-        volumes = {"occupied": np.asarray(occupied), "ground": None if ground is None else np.asarray(ground)}
-        for name, volume in volumes.items():
-            if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
-                raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
+    if maps["occupied"] is not None:
         path = np.asarray(plan.path, np.float64)
-        around = Surroundings(np.asarray(occupied), volumes["ground"], grid, path, plan.radius, plan.balls)
+        around = Surroundings(maps["occupied"], maps["ground"], grid, path, plan.radius, plan.balls)
     return scheduled(plan, limits, hovers or {}, around)

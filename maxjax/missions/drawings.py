@@ -1,12 +1,15 @@
-"""A path as a line on Earth: GeoJSON (RFC 7946) and KML 2.2, longitude first, heights above sea level or the ellipsoid.
+"""Paths as lines on Earth: GeoJSON (RFC 7946) and KML 2.2, longitude first, heights above sea level or the ellipsoid.
+
+A mission has a line for each leg, and a point for each waypoint between them.
 
 Whichever of the two the map's heights count from, they are written as they are; KML reads them as above sea level.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -14,36 +17,59 @@ from jaxtyping import Float64
 
 _KML = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2">
-  <Placemark>
+  <Document>
     <name>{name}</name>
-    <LineString>
-      <altitudeMode>absolute</altitudeMode>
-      <coordinates>
-{coordinates}
-      </coordinates>
-    </LineString>
-  </Placemark>
+{placemarks}
+  </Document>
 </kml>
 """
+_PLACEMARK = """    <Placemark>
+      <name>{name}</name>
+      <{kind}>
+        <altitudeMode>absolute</altitudeMode>
+        <coordinates>
+{coordinates}
+        </coordinates>
+      </{kind}>
+    </Placemark>"""
 
 
-def geojson_text(places: Float64[np.ndarray, "n 3"], properties: Mapping[str, float | str]) -> str:
-    """The text of a GeoJSON file.
+@dataclasses.dataclass(frozen=True)
+class Drawing:
+    """A line, or a point.
 
-    Args:
-        places: latitude, longitude [degrees] and height [m] of each point.
-        properties: of the line.
+    Attributes:
+        name: what it is called.
+        places: (n, 3) latitude, longitude [degrees] and height [m] of each point; one: a point.
+        properties: what is known of it.
     """
-    line = [[round(east, 10), round(north, 10), round(up, 4)] for north, east, up in places.tolist()]
-    feature = {
-        "type": "Feature",
-        "properties": dict(properties),
-        "geometry": {"type": "LineString", "coordinates": line},
-    }
-    return json.dumps({"type": "FeatureCollection", "features": [feature]}, indent=1, allow_nan=False) + "\n"
+
+    name: str
+    places: Float64[np.ndarray, "n 3"]
+    properties: Mapping[str, float | str]
+
+    @property
+    def kind(self) -> str:
+        """Of geometry, as both formats call it."""
+        return "LineString" if len(self.places) > 1 else "Point"
 
 
-def kml_text(places: Float64[np.ndarray, "n 3"], name: str) -> str:
+def geojson_text(drawings: Sequence[Drawing]) -> str:
+    """The text of a GeoJSON file."""
+    features = []
+    for one in drawings:
+        line = [[round(east, 10), round(north, 10), round(up, 4)] for north, east, up in one.places.tolist()]
+        geometry = {"type": one.kind, "coordinates": line if one.kind == "LineString" else line[0]}
+        properties = {"name": one.name, **one.properties}
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
+
+
+def kml_text(drawings: Sequence[Drawing], name: str) -> str:
     """The text of a KML file."""
-    lines = [f"        {east:.10f},{north:.10f},{up:.4f}" for north, east, up in places.tolist()]
-    return _KML.format(name=escape(name, quote=False), coordinates="\n".join(lines))
+    placemarks = []
+    for one in drawings:
+        rows = [f"          {east:.10f},{north:.10f},{up:.4f}" for north, east, up in one.places.tolist()]
+        title = escape(one.name, quote=False)
+        placemarks.append(_PLACEMARK.format(name=title, kind=one.kind, coordinates="\n".join(rows)))
+    return _KML.format(name=escape(name, quote=False), placemarks="\n".join(placemarks))

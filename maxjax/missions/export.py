@@ -1,9 +1,9 @@
-"""Plans and trajectories as files, the format by the name's ending; each written whole or not at all.
+"""Plans, missions and trajectories as files, the format by the name's ending; each written whole or not at all.
 
 .plan         QGroundControl's mission       needs a place on Earth
 .waypoints    "QGC WPL 110"                  needs a place on Earth
-.geojson      line, RFC 7946                 needs a place on Earth
-.kml          line, KML 2.2                  needs a place on Earth
+.geojson      lines, RFC 7946                needs a place on Earth
+.kml          lines, KML 2.2                 needs a place on Earth
 .csv          set-points, ENU                needs a trajectory
 _ned.csv      set-points, NED                needs a trajectory
 .tum          poses                          needs a trajectory
@@ -17,13 +17,14 @@ from pathlib import Path
 
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.missions.drawings import geojson_text, kml_text
+from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.earth import Earth
+from maxjax.missions.items import items_of
 from maxjax.missions.qgroundcontrol import plan_text
 from maxjax.missions.rosbag import check_rosbags, write_bag
 from maxjax.missions.setpoints import setpoint_text, tum_text
 from maxjax.missions.waypoint_list import waypoint_text
-from maxjax.missions.waypoints import waypoints
+from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.planning.trajectory import Trajectory
 
@@ -60,19 +61,23 @@ def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
 
 
 def export(
-    file: str | Path, plan: Plan, trajectory: Trajectory | None = None, earth: Earth | None = None, ground: float = 0.0
+    file: str | Path,
+    plan: Plan | Mission,
+    trajectory: Trajectory | None = None,
+    earth: Earth | None = None,
+    ground: float = 0.0,
 ) -> None:
-    """Write a plan, or its trajectory, for another program; the format by the name's ending.
+    """Write a plan or a mission, or its trajectory, for another program; the format by the name's ending.
 
-    Missions (`.plan`, `.waypoints`) hold the points of the plan's path in the frame GLOBAL_RELATIVE_ALT: heights above
-    the ground at home, which lies below the start; an acceptance radius of 0.5 m; and the speed of the trajectory's
-    limits. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU, or NED where the name ends in
-    `_ned.csv`.
+    `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
+    home, which lies below the start; an acceptance radius of 0.5 m; the time to hold at waypoints that are hovered at;
+    and the speed of each leg, or that of the trajectory's limits. `.geojson` and `.kml` have a line for each leg.
+    Set-points and poses are 0.05 s apart, in the map's coordinates, ENU, or NED where the name ends in `_ned.csv`.
 
     Args:
         file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
-        plan: one that is OK.
-        trajectory: of this plan, for formats with times, and for the speed of missions.
+        plan: one that is OK, or a mission that is.
+        trajectory: of this, for formats with times, and for the speed of missions.
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
             `missions.earth.Degrees`.
         ground: height of the ground at home [m], in the map's coordinates.
@@ -88,13 +93,13 @@ def export(
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
     if not math.isfinite(ground):
         raise ValueError(f"ground: expected a height in metres, given {ground}")
-    ending = file.suffix.lower()
+    mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
     if ending == ".rosbag" and trajectory is not None:
         write_bag(file, trajectory.sampled(_EVERY))
     elif ending in IN_TIME and trajectory is not None:
         atomic_write(file, _in_time(file, trajectory))
     elif earth is not None:
-        atomic_write(file, _on_earth(file, plan, trajectory, earth, ground))
+        atomic_write(file, _on_earth(file, mission, trajectory, earth, ground))
 
 
 def _in_time(file: Path, trajectory: Trajectory) -> str:
@@ -104,18 +109,30 @@ def _in_time(file: Path, trajectory: Trajectory) -> str:
     return setpoint_text(motion, ned=file.stem.lower().endswith("_ned"))
 
 
-def _on_earth(file: Path, plan: Plan, trajectory: Trajectory | None, earth: Earth, ground: float) -> str:
+def _on_earth(file: Path, mission: Mission, trajectory: Trajectory | None, earth: Earth, ground: float) -> str:
     ending = file.suffix.lower()
     speed = _SPEED if trajectory is None else trajectory.limits.speed
     if ending == ".plan":
-        return plan_text(waypoints(plan.path, earth, speed, ground))
+        return plan_text(items_of(mission, earth, speed, ground))
     if ending == ".waypoints":
-        return waypoint_text(waypoints(plan.path, earth, speed, ground))
-    places = earth.geodetic(plan.path)
-    if ending == ".kml":
-        return kml_text(places, file.stem)
-    return geojson_text(places, {"length_m": plan.length, "radius_m": plan.radius, "clearance_m": _finite(plan)})
+        return waypoint_text(items_of(mission, earth, speed, ground))
+    drawings = _drawings(mission, earth, speed)
+    return kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
 
 
-def _finite(plan: Plan) -> float | str:
-    return plan.clearance if math.isfinite(plan.clearance) else "infinite"
+def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:
+    """A line for each leg, and a point for each waypoint between them."""
+    places, drawings = earth.geodetic(mission.path), []
+    for k, leg in enumerate(mission.legs):
+        first, last = mission.places[k : k + 2].tolist()
+        known = {"length_m": leg.length, "radius_m": leg.radius, "clearance_m": _finite(leg.clearance)}
+        known["speed_m_s"] = min(mission.waypoints[k + 1].speed or speed, speed)
+        drawings.append(Drawing(f"leg {k + 1}", places[first : last + 1], known))
+    for k, waypoint in enumerate(mission.waypoints[1:-1], 1):
+        at = mission.places[k]
+        drawings.append(Drawing(f"waypoint {k}", places[at : at + 1], {"hover_s": waypoint.hover or 0.0}))
+    return drawings
+
+
+def _finite(number: float) -> float | str:
+    return number if math.isfinite(number) else "infinite"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from maxjax.missions.waypoints import RELATIVE, Item, Waypoints
+from maxjax.missions.items import RELATIVE, Item, Items
 
 _PX4, _QUADROTOR = 12, 2  # MAV_AUTOPILOT and MAV_TYPE
 _ALTITUDE_RELATIVE = 1
 
 
-def plan_text(mission: Waypoints) -> str:
+def plan_text(mission: Items) -> str:
     """The text of a `.plan` file."""
     content = {
         "fileType": "Plan",

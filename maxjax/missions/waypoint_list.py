@@ -5,10 +5,10 @@ number  current  frame  command  param1 … param4  latitude  longitude  height 
 
 from __future__ import annotations
 
-from maxjax.missions.waypoints import GLOBAL, WAYPOINT, Item, Waypoints
+from maxjax.missions.items import GLOBAL, WAYPOINT, Item, Items
 
 
-def waypoint_text(mission: Waypoints) -> str:
+def waypoint_text(mission: Items) -> str:
     """The text of a `.waypoints` file."""
     home = Item(WAYPOINT, GLOBAL, (0.0, 0.0, 0.0, 0.0, *mission.home))
     lines = ["QGC WPL 110"]

@@ -47,9 +47,16 @@ class _Course(NamedTuple):
     hovers: Mapping[int, float]
     limits: FlightLimits
     around: Surroundings | None
+    speeds: Float64[np.ndarray, " e"]  # greatest speed on each edge of the path [m/s]
 
 
-def scheduled(plan: Plan, limits: FlightLimits, hovers: Mapping[int, float], around: Surroundings | None) -> Trajectory:
+def scheduled(
+    plan: Plan,
+    limits: FlightLimits,
+    hovers: Mapping[int, float],
+    around: Surroundings | None,
+    speeds: Float64[np.ndarray, " e"] | None = None,
+) -> Trajectory:
     """The trajectory of a plan; see `maxjax.trajectory`.
 
     Args:
@@ -57,12 +64,14 @@ def scheduled(plan: Plan, limits: FlightLimits, hovers: Mapping[int, float], aro
         limits: to keep.
         hovers: times [s] to rest at points of the path, by index.
         around: the map around its path. None: nothing is known of it, and no corner is rounded.
+        speeds: greatest speed on each edge of the path [m/s]. None: that of the limits.
 
     Raises:
         ValueError: for a plan without a path, repeated points, or hovers that are no times at points in between.
     """
     path = _checked(plan, hovers)
-    course = _Course(plan, path - path[0], hovers, limits, around)
+    speeds = np.full(len(path) - 1, limits.speed) if speeds is None else speeds
+    course = _Course(plan, path - path[0], hovers, limits, around, speeds)
     shares = np.full(len(path), 0.0 if around is None else 1.0)
     shares[list(hovers)] = 0.0
     for tries in itertools.count():
@@ -82,7 +91,8 @@ def scheduled(plan: Plan, limits: FlightLimits, hovers: Mapping[int, float], aro
         clearance = around.least_clearance(path[0] + _knots(control))
     yaw = headings(control, step, limits.yaw_rate)
     x, y, z = path[0].tolist()
-    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.balls, clearance, rests)
+    ends = np.array([0.0, duration(control, step)])
+    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.balls, clearance, rests, ends)
 
 
 def _checked(plan: Plan, hovers: Mapping[int, float]) -> Float64[np.ndarray, "n 3"]:
@@ -165,11 +175,14 @@ def _flown(
     course: _Course, curves: list[Curve]
 ) -> tuple[tuple[Float64[np.ndarray, "n 3"], float], Float64[np.ndarray, " k"]]:
     """Control points of all curves, one after the other, their step [s], and the times at rest in between."""
-    tried = []
+    tried, edge = [], 0
     for curve in curves:
         s, clearance = curve.samples(), _clearance(course, curve)
         counts = windows(course.limits, float(s[-1]))
-        tried.append([timed(curve, s, _caps(clearance, curve, s, n, course), n, course.limits) for n in counts])
+        asked = _asked(curve, s, course.speeds[edge : edge + len(curve.directions)])
+        edge += len(curve.directions)
+        caps = [np.minimum(_caps(clearance, curve, s, n, course), asked) for n in counts]
+        tried.append([timed(curve, s, cap, n, course.limits) for n, cap in zip(counts, caps, strict=True)])
     parts, factor = _together(tried)
     step = STEP * factor
     whole, rests, point = parts[0], [], 0
@@ -203,6 +216,13 @@ def _clearance(course: _Course, curve: Curve) -> Float64[np.ndarray, " k"]:
     away = np.linalg.norm(points[:, None] - plan.path, axis=2)
     known: Float64[np.ndarray, " k"] = np.maximum((plan.clearance_at - away).max(axis=1), plan.radius)
     return known
+
+
+def _asked(curve: Curve, s: Float64[np.ndarray, " m"], speeds: Float64[np.ndarray, " e"]) -> Float64[np.ndarray, " m"]:
+    """Greatest speed that is asked for at the samples of a curve; at a point of the path, on either edge [m/s]."""
+    before, after = (np.searchsorted(curve.arclength[1:-1], s, side) for side in ("left", "right"))
+    asked: Float64[np.ndarray, " m"] = np.minimum(speeds[before], speeds[after])
+    return asked
 
 
 def _caps(

@@ -56,6 +56,8 @@ class Trajectory:
         clearance: least distance to the cube of an occupied voxel [m], ground left out, to a millimetre; NaN where no
             map was given.
         rests: (k,) times at which it rests between start and goal [s], where asked or where no rounded corner is clear.
+        passes: (w,) times at which it is at the waypoints of its mission, or nearest to them [s]; it leaves one that it
+            hovers at later. Of a plan: start and goal.
     """
 
     origin: Point3
@@ -67,6 +69,7 @@ class Trajectory:
     balls: tuple[float, float]
     clearance: float
     rests: Float64[np.ndarray, " k"]
+    passes: Float64[np.ndarray, " w"]
 
     @property
     def duration(self) -> float:

@@ -130,6 +130,53 @@ def test_a_mission_goes_over_mavlink(tmp_path: Path, link: tuple[Any, Any]) -> N
     ]
 
 
+@functools.cache
+def mission() -> maxjax.Mission:
+    """From the second point of the path on slower, with a stop of 4 s there."""
+    places = [maxjax.Waypoint((x, y, z)) for x, y, z in PATH[[0, 1, 3]].tolist()]
+    places[1:] = [dataclasses.replace(places[1], hover=4.0), dataclasses.replace(places[2], speed=2.5)]
+    legs = tuple(dataclasses.replace(plan(), path=p, clearance_at=np.full(len(p), 5.0)) for p in (PATH[:2], PATH[1:]))
+    return maxjax.Mission(maxjax.Status.OK, tuple(places), legs, PATH, np.array([0, 1, 3]), 120.0, 5.0, {})
+
+
+def test_a_mission_holds_and_changes_its_speed(tmp_path: Path, link: tuple[Any, Any]) -> None:
+    for name in ("b.plan", "b.waypoints"):
+        export(tmp_path / name, mission(), trajectory(), EARTH, GROUND)
+    items = json.loads((tmp_path / "b.plan").read_text())["mission"]["items"]
+    assert [item["doJumpId"] for item in items] == [1, 2, 3, 4, 5, 6]
+    reader, _ = link
+    plans = reader.import_qgroundcontrol_mission(str(tmp_path / "b.plan")).mission_items
+    lists = reader.import_mission_planner_mission(str(tmp_path / "b.waypoints")).mission_items
+    for found in (plans, lists[-6:]):
+        # Command, and the speed or the time to hold.
+        assert [(item.command, item.param2 if item.command == 178 else item.param1) for item in found] == [
+            (178, 7.0), (16, 0.0), (16, 4.0), (178, 2.5), (16, 0.0), (16, 0.0),
+        ]  # fmt: skip
+        places = [item for item in found if item.command == 16]
+        latitude, longitude = (1e-7 * np.array([getattr(item, axis) for item in places]) for axis in "xy")
+        check_places(latitude, longitude, [item.z for item in places], tolerance=0.012)
+
+
+def test_geojson_and_kml_hold_the_legs_of_a_mission(tmp_path: Path) -> None:
+    for name in ("b.geojson", "b.kml"):
+        export(tmp_path / name, mission(), trajectory(), EARTH)
+    features = json.loads((tmp_path / "b.geojson").read_text())["features"]
+    assert [feature["geometry"]["type"] for feature in features] == ["LineString", "LineString", "Point"]
+    assert [feature["properties"]["name"] for feature in features] == ["leg 1", "leg 2", "waypoint 1"]
+    assert [feature["properties"].get("speed_m_s") for feature in features] == [7.0, 2.5, None]
+    assert features[2]["properties"]["hover_s"] == 4.0
+    lines = [np.atleast_2d(feature["geometry"]["coordinates"]) for feature in features]
+    for line, part in zip(lines, (PATH[:2], PATH[1:], PATH[1:2]), strict=True):
+        np.testing.assert_allclose(EARTH.local(line[:, [1, 0, 2]]), part, atol=0.01)
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    marks = ElementTree.parse(tmp_path / "b.kml").getroot().findall(".//k:Placemark", space)
+    assert [mark.findtext("k:name", namespaces=space) for mark in marks] == ["leg 1", "leg 2", "waypoint 1"]
+    for mark, line in zip(marks, lines, strict=True):
+        text = mark.findtext(".//k:coordinates", namespaces=space)
+        assert text is not None
+        np.testing.assert_allclose([[float(x) for x in row.split(",")] for row in text.split()], line, atol=1e-9)
+
+
 def test_geojson_and_kml_hold_the_path(tmp_path: Path) -> None:
     (feature,) = json.loads(written(tmp_path, "a.geojson").read_text())["features"]
     assert feature["geometry"]["type"] == "LineString"

@@ -1,0 +1,240 @@
+"""Missions: waypoints in order, a plan for each leg between them, and a verdict on the whole.
+
+    waypoints → legs; those of one goal share its field → paths end to end → judge → Mission
+
+The judge sees the whole path once more: that it is one line and touches nothing, and that each leg keeps its own radius
+on it. A mission is OK only if all of that holds; what is wrong with a leg stays with this leg.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from maxjax.core.grid import Point3
+from maxjax.core.status import Status
+from maxjax.planning.climb import Climb
+from maxjax.planning.execute import plan_task
+from maxjax.planning.fleet import plan_fleet
+from maxjax.planning.judge import verify
+from maxjax.planning.plan import Plan
+from maxjax.planning.recorder import added, recording, timed
+from maxjax.planning.route import NO_PATH, PathFinder
+from maxjax.planning.task import Distances, Task, points_of
+
+LONGEST_HOVER = 3600.0  # [s]
+# Voxels of the largest map in which legs of one goal share a field, which is one of the whole map.
+_LARGEST_SHARED = 2**22
+
+
+@dataclasses.dataclass(frozen=True)
+class Waypoint:
+    """A place to visit, and how to fly the leg that leads to it.
+
+    Attributes:
+        position: [m], ENU.
+        hover: seconds to rest there, 0 to stop without waiting. None: it is flown through.
+        speed: greatest speed on the leg [m/s]. None: that of the flight limits.
+        radius, margin: distances of the leg [m], as in `maxjax.plan`. None: those of the mission.
+
+    Raises:
+        ValueError: for what is no position, a time that is negative or above an hour, or a speed that is not positive.
+    """
+
+    position: Point3
+    hover: float | None = None
+    speed: float | None = None
+    radius: float | None = None
+    margin: float | None = None
+
+    def __post_init__(self) -> None:
+        x, y, z = points_of("Waypoint.position", self.position, (3,)).tolist()
+        object.__setattr__(self, "position", (x, y, z))
+        limits = (("hover", 0.0, LONGEST_HOVER, "seconds"), ("speed", 0.0, math.inf, "a positive number of m/s"))
+        for name, least, most, meaning in limits:
+            given = getattr(self, name)
+            number = isinstance(given, int | float) and not isinstance(given, bool)
+            fits = number and (least <= given <= most if name == "hover" else least < given < most)
+            if given is not None and not fits:
+                interval = f" from {least:g} to {most:g}" if math.isfinite(most) else ""
+                raise ValueError(f"Waypoint.{name}: expected {meaning}{interval}, given {given!r}")
+
+    def distances(self, others: Distances) -> Distances:
+        """Those of the leg that leads here, where it has none of its own those of the mission.
+
+        Raises:
+            ValueError: as `Distances`.
+        """
+        radius = others.radius if self.radius is None else self.radius
+        return Distances.of(radius, others.margin if self.margin is None else self.margin, others.price)
+
+
+@dataclasses.dataclass(frozen=True)
+class Mission:
+    """Plans from waypoint to waypoint, verified one by one and as a whole.
+
+    Attributes:
+        status: OK if every leg is and the whole path passed the judge; else that of the first leg that failed.
+        waypoints: in order, the start first; the leg k leads from waypoint k to waypoint k + 1.
+        legs: plans.
+        path: (t, 3) float64 [m], ENU, over all legs; empty unless OK.
+        places: index in the path of each waypoint; empty unless OK.
+        length: of the path [m]; NaN unless OK.
+        clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
+        timings: seconds by stage, as in `Plan`, over all legs, and `judge`.
+    """
+
+    status: Status
+    waypoints: tuple[Waypoint, ...]
+    legs: tuple[Plan, ...]
+    path: Float64[np.ndarray, "t 3"]
+    places: Int64[np.ndarray, " w"]
+    length: float
+    clearance: float
+    timings: Mapping[str, float]
+
+    @classmethod
+    def of_plan(cls, plan: Plan) -> Mission:
+        """The mission of one leg that a plan is; of a plan without a path, one without waypoints."""
+        ends = plan.path[[0, -1]].tolist() if len(plan.path) else []
+        waypoints = tuple(Waypoint((x, y, z)) for x, y, z in ends)
+        places = np.array([0, len(plan.path) - 1] if ends else [], np.int64)
+        return cls(plan.status, waypoints, (plan,), plan.path, places, plan.length, plan.clearance, plan.timings)
+
+    @property
+    def failed(self) -> tuple[int, ...]:
+        """Numbers of the legs that are not OK, from 0 on."""
+        return tuple(k for k, leg in enumerate(self.legs) if leg.status != Status.OK)
+
+    @property
+    def radius(self) -> float:
+        """The least that a leg keeps [m]."""
+        return min(leg.radius for leg in self.legs)
+
+    @property
+    def cruise_clearance(self) -> float:
+        """The least of the legs' [m]; NaN unless all are OK."""
+        return float(np.min([leg.cruise_clearance for leg in self.legs]))
+
+    def leg_path(self, k: int) -> Float64[np.ndarray, "s 3"]:
+        """The part of the path from waypoint k to waypoint k + 1."""
+        return self.path[self.places[k] : self.places[k + 1] + 1]
+
+
+def plan_legs(task: Task, distances: Sequence[Distances], find: PathFinder, method: str) -> list[Plan]:
+    """Plans of the legs of a mission.
+
+    Args:
+        task: one problem a leg, on one map.
+        distances: of each leg.
+        find, method: as in `execute.plan_task`.
+    """
+    shares = isinstance(find, Climb) and find.focused and task.occupied.size <= _LARGEST_SHARED
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k, (kept, goal) in enumerate(zip(distances, task.goals.tolist(), strict=True)):
+        groups.setdefault((kept, *goal), []).append(k)
+    alone: dict[Distances, list[int]] = {}
+    found: dict[int, Plan] = {}
+    for together in groups.values():
+        kept = distances[together[0]]
+        if shares and len(together) > 1 and isinstance(find, Climb):
+            some = dataclasses.replace(task.some(np.array(together)), distances=kept)
+            found.update(zip(together, plan_fleet(some, find, method), strict=True))
+        else:
+            alone.setdefault(kept, []).extend(together)
+    for kept, legs in alone.items():
+        some = dataclasses.replace(task.some(np.array(legs)), distances=kept)
+        found.update(zip(legs, plan_task(some, find, method), strict=True))
+    return [found[k] for k in range(len(distances))]
+
+
+def plan_mission(task: Task, waypoints: Sequence[Waypoint], find: PathFinder, method: str) -> Mission:
+    """Plan and judge a mission.
+
+    Args:
+        task: one problem a leg, from each waypoint to the next one, on one map, with the mission's distances.
+        waypoints: at least two.
+        find, method: as in `execute.plan_task`.
+
+    Raises:
+        ValueError: for distances of a leg that cannot be kept.
+    """
+    distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
+    legs = plan_legs(task, distances, find, method)
+    spent = functools.reduce(added, (leg.timings for leg in legs))
+    return joined(waypoints, legs, task, spent)
+
+
+def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spent: Mapping[str, float]) -> Mission:
+    """The mission of some legs, judged.
+
+    Args:
+        waypoints: one more than legs.
+        legs: their plans.
+        task: the map.
+        spent: seconds on the plans.
+    """
+    failed = next((leg.status for leg in legs if leg.status != Status.OK), Status.OK)
+    nothing = Mission(
+        failed,
+        tuple(waypoints),
+        tuple(legs),
+        NO_PATH.astype(np.float64),
+        np.zeros(0, np.int64),
+        length=math.nan,
+        clearance=math.nan,
+        timings=spent,
+    )
+    if failed != Status.OK:
+        return nothing
+    parts, places = [legs[0].path], [0, len(legs[0].path) - 1]
+    for leg in legs[1:]:
+        # Ends on the face of an occupied voxel are moved off it, each leg's by itself.
+        same = int(np.array_equal(parts[-1][-1], leg.path[0]))
+        parts.append(leg.path[same:])
+        places.append(places[-1] + len(leg.path) - same)
+    path = np.concatenate(parts)
+    whole = dataclasses.replace(nothing, path=path, places=np.array(places))
+    with recording() as recorder, timed("judge"):
+        verdict = verify(path, None, task.occupied, task.grid, ground=task.ground)
+        kept = verdict.ok and all(_keeps(whole, k, task) for k in range(len(legs)))
+    spent = added(spent, recorder.report())
+    if not kept:
+        return dataclasses.replace(nothing, status=Status.PATH_IN_COLLISION, timings=spent)
+    return dataclasses.replace(whole, length=verdict.length, clearance=verdict.clearance, timings=spent)
+
+
+def _keeps(whole: Mission, k: int, task: Task) -> bool:
+    """Whether a leg keeps its radius on the joined path, outside its balls."""
+    leg, path = whole.legs[k], whole.leg_path(k)
+    # Where two legs' ends differ by what they were moved, the ball covers both.
+    joint = math.dist(path[0], leg.path[0])
+    start, goal = (ball + joint if ball else 0.0 for ball in leg.balls)
+    volumes = None, task.occupied, task.grid
+    return verify(path, *volumes, ground=task.ground, radius=leg.radius, balls=(start, goal)).ok
+
+
+def first_legs(mission: Mission, task: Task) -> Mission | None:
+    """The mission as far as its first leg that failed, judged; None where the first one did."""
+    count = next(iter(mission.failed), len(mission.legs))
+    if count == 0:
+        return None
+    return joined(mission.waypoints[: count + 1], mission.legs[:count], task, mission.timings)
+
+
+def legs_of(waypoints: Sequence[Waypoint]) -> tuple[Float64[np.ndarray, "b 3"], Float64[np.ndarray, "b 3"]]:
+    """Starts and goals of the legs between some waypoints [m].
+
+    Raises:
+        ValueError: for fewer than two waypoints.
+    """
+    if len(waypoints) < 2:
+        raise ValueError(f"waypoints: expected at least two, the start first, given {len(waypoints)}")
+    pairs = np.array([(a.position, b.position) for a, b in itertools.pairwise(waypoints)], np.float64)
+    return pairs[:, 0], pairs[:, 1]
