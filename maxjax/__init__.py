@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
+    from maxjax.maps.airspace import Airspace, Area
+    from maxjax.maps.areas import load_airspace
+    from maxjax.maps.earth import Projected, TangentPlane
     from maxjax.maps.load import Map, load_map
-    from maxjax.missions.earth import Projected, TangentPlane
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
     from maxjax.planning.judge import Verification, verify
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from maxjax.solvers.potential import Potential, solve_potential
 
 __all__ = [
+    "Airspace",
+    "Area",
     "FlightLimits",
     "Grid",
     "Map",
@@ -44,6 +48,7 @@ __all__ = [
     "dilate",
     "export",
     "fly",
+    "load_airspace",
     "load_map",
     "load_model",
     "plan",
@@ -68,7 +73,9 @@ _MODULES = {
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
     "maxjax.maps.load": ("Map", "load_map"),
-    "maxjax.missions.earth": ("Projected", "TangentPlane"),
+    "maxjax.maps.airspace": ("Airspace", "Area"),
+    "maxjax.maps.areas": ("load_airspace",),
+    "maxjax.maps.earth": ("Projected", "TangentPlane"),
     "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.planning.judge": ("Verification", "verify"),

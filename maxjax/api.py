@@ -14,6 +14,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
 from maxjax.fields.price import Price
+from maxjax.maps.airspace import Airspace
 from maxjax.methods import METHODS, method_named
 from maxjax.planning.climb import Climb
 from maxjax.planning.execute import plan_task
@@ -47,6 +48,21 @@ def _on_one_map(task: Task) -> Task:
     return task
 
 
+def in_airspace(task: Task, airspace: Airspace | None) -> Task:
+    """The task under some rules of the air.
+
+    Raises:
+        ValueError: for what is no `Airspace`, or for heights above ground in a map without ground.
+    """
+    if airspace is None:
+        return task
+    if not isinstance(airspace, Airspace):
+        raise ValueError(f"airspace: expected a maxjax.Airspace, given {airspace!r}")
+    if task.ground.ndim == 3:
+        return task.closing(airspace.closed(task.ground, task.grid))
+    return task.closing(np.stack([airspace.closed(ground, task.grid) for ground in task.ground]))
+
+
 def _planned(task: Task, method: Any, focus: bool) -> list[Plan]:
     chosen = method_named(method)
     find = chosen.finder()
@@ -67,6 +83,7 @@ def plan(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
     focus: bool = True,
 ) -> Plan:
     """Plan a path through a voxel map and verify it.
@@ -82,6 +99,8 @@ def plan(
         price: what a metre costs below the margin.
         ground: the voxels of `occupied` that are ground; with a radius, paths keep off voxels beside them. None: no
             voxel is.
+        airspace: altitude band and areas that the path has to keep; it keeps off what they close as off the ground.
+            None: none.
         focus: whether the method `solver` solves a window of the map, where that proves to hold the cheapest way;
             `Plan.certified` is then about the field in this window. False: always the whole map.
 
@@ -96,7 +115,7 @@ def plan(
     method_named(method)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
     task = Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)
-    return _planned(_on_one_map(task), method, focus)[0]
+    return _planned(in_airspace(_on_one_map(task), airspace), method, focus)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,6 +194,7 @@ def plan_batch(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
     focus: bool = True,
 ) -> PlanBatch:
     """Plan a batch of problems; with a field method on an accelerator, in chunks under `vmap` (`planning.batch`).
@@ -182,7 +202,7 @@ def plan_batch(
     Args:
         occupied: (b, nx, ny, nz), or (nx, ny, nz) for one map that all problems share.
         start, goal: (b, 3) [m].
-        grid, method, radius, margin, price, ground, focus: as in `plan`; ground may be shared as well.
+        grid, method, radius, margin, price, ground, airspace, focus: as in `plan`; ground may be shared as well.
 
     Raises:
         ValueError: as `plan`, and for an empty batch.
@@ -191,7 +211,7 @@ def plan_batch(
     starts = points_of("start", start, ("b", 3))
     goals = points_of("goal", goal, starts.shape)
     task = Task.of(occupied, starts, goals, grid, Distances.of(radius, margin, price), ground)
-    return PlanBatch(tuple(_planned(task, method, focus)))
+    return PlanBatch(tuple(_planned(in_airspace(task, airspace), method, focus)))
 
 
 # arguments: a public name; all that has a default is given by keyword
@@ -205,6 +225,7 @@ def plan_fleet(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
 ) -> PlanBatch:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
@@ -216,7 +237,7 @@ def plan_fleet(
         occupied: occupied voxels, ground included, not dilated.
         starts: (n, 3) [m].
         goal: [m].
-        grid, radius, margin, price, ground: as in `plan`.
+        grid, radius, margin, price, ground, airspace: as in `plan`.
 
     Returns:
         One `Plan` a start. A start that is sealed in, outside the map or equal to the goal has a status of its own, and
@@ -227,6 +248,7 @@ def plan_fleet(
     """
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
     task = _on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground))
+    task = in_airspace(task, airspace)
     return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
 
 
@@ -242,6 +264,7 @@ def plan_scan(
     margin: float = DISTANCES.margin,
     price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
     focus: bool = True,
 ) -> Plan:
     """Plan from LiDAR points: `voxelize`, then `plan`.
@@ -249,7 +272,7 @@ def plan_scan(
     Args:
         points: returns in the world frame [m]; misses (NaN, or exactly (0, 0, 0)) and points outside the grid are
             dropped.
-        start, goal, grid, method, radius, margin, price, focus: as in `plan`.
+        start, goal, grid, method, radius, margin, price, airspace, focus: as in `plan`.
         ground: ground voxels, added to those that hold points.
 
     Returns:
@@ -270,7 +293,7 @@ def plan_scan(
         else:
             occupied = np.asarray(scan.occupied)
             task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
-            (found,) = _planned(_on_one_map(task), method, focus)
+            (found,) = _planned(in_airspace(_on_one_map(task), airspace), method, focus)
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))
 
 
@@ -282,6 +305,7 @@ def trajectory(
     grid: Grid = Grid(),  # noqa: B008 (frozen)
     *,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
     hovers: Mapping[int, float] | None = None,
 ) -> Trajectory:
     """Give a plan or a mission times: a smooth trajectory from rest to rest, near the fastest within some limits.
@@ -296,7 +320,7 @@ def trajectory(
         occupied: the map that was planned on. None: nothing off the plan's path is known to be free, and every corner
             is passed at rest.
         grid: of the map.
-        ground: as in `plan`.
+        ground, airspace: as in `plan`.
         hovers: seconds to rest at points of a plan's path, by their index; a mission's waypoints have theirs.
 
     Returns:
@@ -311,6 +335,10 @@ def trajectory(
     for name, volume in maps.items():
         if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
             raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
+    if airspace is not None and occupied is not None:
+        nowhere = np.zeros((1, 3))
+        task = in_airspace(Task.of(occupied, nowhere, nowhere, grid, Distances(0.0, 0.0), ground), airspace)
+        maps = {"occupied": task.occupied, "ground": task.ground}
     if isinstance(plan, Mission):
         if hovers:
             raise ValueError("hovers: a mission's waypoints say how long to hover; leave them out")

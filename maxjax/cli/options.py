@@ -37,14 +37,17 @@ else:  # the choices of the registry
 class PlanOptions:
     """Plan a path through a map and verify it.
 
-    Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle. A
-    simulated city is a grid of 101 x 101 x 101 voxels of 2 m; a file is as large as it is and the ends need.
+    Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
+    option --frame, latitude, longitude and height). A simulated city is a grid of 101 x 101 x 101 voxels of 2 m; a file
+    is as large as it is and the ends need.
 
     Attributes:
         map: A file (.npz, .ply, .pcd, .las, .laz, .obj, .stl, .glb, .json, .osm, .geojson, .bt, .ot, .tif, .3dmap,
             .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
+        frame: What start and goal are. map: x, y, z of the map; agl: latitude, longitude [deg] and height above the
+            ground beneath [m]; amsl: latitude, longitude and height above sea level.
         spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
         bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
         center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
@@ -52,15 +55,19 @@ class PlanOptions:
         method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
-        margin: Distance at which obstacles cost nothing [m].
+        margin: Distance where obstacles cost nothing [m].
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
         unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
+        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
+        floor: Least height above ground [m].
+        ceiling: Greatest height above ground [m].
+        ceiling_above_start: Greatest height above the start [m].
         out: Folder for plan.json, path.csv and plan.png.
         json: Print the content of plan.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
             .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
-        place: Latitude, longitude [deg] and height [m] of the map's (0, 0, 0), for formats with latitudes.
+        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
         crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
         speed: Greatest speed of what is exported [m/s].
     """
@@ -68,6 +75,7 @@ class PlanOptions:
     map: _Map
     start: _Xyz
     goal: _Xyz
+    frame: Literal["map", "agl", "amsl"] = "map"
     spacing: _OptionalMetre = None
     bounds: _Bounds = None
     center: _OptionalXyz = None
@@ -77,6 +85,10 @@ class PlanOptions:
     ground: _OptionalMetres = None
     below: Literal["closed", "open"] | None = None
     unknown: Literal["occupied", "free"] | None = None
+    airspace: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    floor: _OptionalMetre = None
+    ceiling: _OptionalMetre = None
+    ceiling_above_start: _OptionalMetre = None
     out: _OptionalFolder = None
     json: _Flag = False
     export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()

@@ -9,7 +9,7 @@ from pathlib import Path
 from maxjax.cli import exporting, report
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import METHODS, method_named
 from maxjax.planning.execute import plan_task
@@ -18,7 +18,7 @@ from maxjax.planning.recorder import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 
-_OUTPUTS = ("out", "json", "export", "place", "crs", "speed")
+_OUTPUTS = ("out", "json", "export", "speed")
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -30,10 +30,11 @@ def run(options: PlanOptions) -> int:
     """
     report.check_output(options.out)
     exporting.check(options)
+    check(options)
     method_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
-    earth = exporting.place_of(options, given)
+    exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):
@@ -53,7 +54,7 @@ def run(options: PlanOptions) -> int:
         files = report.write_plan(options.out, content, figure)
     if options.export and plan.status == Status.OK:
         with progress("Timing and exporting"):
-            files += exporting.write(options, given, plan, earth)
+            files += exporting.write(options, given, plan)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:

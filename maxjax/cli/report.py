@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
@@ -24,10 +23,22 @@ from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
+from maxjax.maps.earth import Earth
+from maxjax.maps.terrain import Terrain
 from maxjax.methods import METHODS
 from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
+
+# Decimals of latitude and longitude [degrees], to a tenth of a millimetre, and height [m]; and their columns.
+_DIGITS = 9
+_PLACES = ("latitude_deg", "longitude_deg", "height_m")
+
+# Statuses of a start and of a goal where the airspace is closed.
+_CLOSED = (
+    (Status.START_IN_CLOSED_AREA, Status.START_OUTSIDE_BAND),
+    (Status.GOAL_IN_CLOSED_AREA, Status.GOAL_OUTSIDE_BAND),
+)
 
 # Names of timings in the order in which they run, so that plans by different methods share the rows of a table.
 _TIMED = (
@@ -76,6 +87,11 @@ def explain(plan: Plan, given: MapTask) -> str:
         sentence += f"; radius {given.task.distances.radius:g} m, and {plan.radius:g} m at most joins the ends"
     if plan.status == Status.NO_VALID_PATH:
         sentence += f", {int(occupied.sum())} of {occupied.size} voxels occupied"
+    for end, (point, status) in enumerate(zip((start, goal), _CLOSED, strict=True)):
+        if plan.status in status and given.airspace is not None:
+            index = np.floor(given.task.ends[0, end] + 0.5).astype(int).tolist()
+            reasons = given.airspace.reasons_at(tuple(index), Terrain.of(given.task.terrain, grid))
+            sentence += f"; the voxel of {_xyz(point)} is {' and '.join(reasons)}"
     if given.returns:
         counts = given.returns
         sentence += (
@@ -97,6 +113,7 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "status": plan.status.name,
         "message": message,
         "path": np.round(plan.path, 6).tolist(),
+        **places_of(plan, given.earth),
         "length": plan.length,
         "clearance": plan.clearance,
         "cruise_clearance": plan.cruise_clearance,
@@ -115,6 +132,13 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
     }
     filled: dict[str, Any] = plain(content)
     return filled
+
+
+def places_of(plan: Plan, earth: Earth | None) -> dict[str, Any]:
+    """Latitude, longitude [degrees] and height [m] of each point of a path, as `path_geodetic`, where known."""
+    if earth is None:
+        return {}
+    return {"path_geodetic": np.round(earth.geodetic(np.asarray(plan.path, np.float64)), _DIGITS).tolist()}
 
 
 def plain(value: Any) -> Any:
@@ -237,15 +261,15 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]
         save_figure(figure, picture)
         written.append(picture)
     if content["path"]:
-        atomic_write(path, _csv(np.asarray(content["path"])))
+        atomic_write(path, _csv(content["path"], content.get("path_geodetic")))
         written.append(path)
     atomic_write(summary, dumps(content))
     return [*written, summary]
 
 
-def _csv(path: Float[np.ndarray, "t 3"]) -> str:
+def _csv(path: list[list[float]], places: list[list[float]] | None) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["x_m", "y_m", "z_m"])
-    writer.writerows(path.tolist())
+    writer.writerow(["x_m", "y_m", "z_m", *([] if places is None else _PLACES)])
+    writer.writerows(path if places is None else [[*point, *place] for point, place in zip(path, places, strict=True)])
     return text.getvalue()

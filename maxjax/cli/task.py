@@ -7,17 +7,26 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
 
+from maxjax.api import in_airspace
 from maxjax.cli.options import PlanOptions
 from maxjax.core.grid import Grid, Point3
 from maxjax.maps import Contents, MapError, Window, map_of, read_map
+from maxjax.maps.airspace import Airspace
+from maxjax.maps.areas import load_airspace
+from maxjax.maps.contents import facts
+from maxjax.maps.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
+from maxjax.maps.places import point_at
+from maxjax.maps.terrain import Terrain
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
+from maxjax.missions.export import ON_EARTH
 from maxjax.planning.recorder import timed
 from maxjax.planning.task import Distances, Task
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
@@ -26,6 +35,7 @@ Source = Scene | Contents
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 _CITIES = ", ".join(f"{name}:SEED" for name in MAPS)
+_PLACE = "give --place LAT LON H or, for coordinates of a reference system, --crs CODE"
 MOST_VOXELS = 2**24  # 256³: a plan that takes the whole map takes 3 GB; one in windows 1 GB beyond a map of 512³
 
 
@@ -37,14 +47,15 @@ class MapTask:
         task: the problem, in the map's coordinates.
         returns: points by what became of them; empty where the map is not made of points.
         remarks: sentences on the map that a user should know.
-        crs, origin: where the map lies on Earth, as in `maps.Map`; None where it does not say so.
+        earth: where the map lies; None where that is unknown.
+        airspace: the rules of the air; None where there are none.
     """
 
     task: Task
     returns: Mapping[str, int]
     remarks: tuple[str, ...] = ()
-    crs: str | None = None
-    origin: tuple[float, float] | None = None
+    earth: Earth | None = None
+    airspace: Airspace | None = None
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -79,27 +90,100 @@ def load_scene(text: str) -> Scene:
     return source
 
 
+def check(options: PlanOptions) -> None:
+    """Find out before a map is read whether what is told about it can be used.
+
+    Raises:
+        ValueError: for a place, a reference system or heights that are none.
+        ImportError: where a package is missing that reference systems need.
+    """
+    if options.place is not None and options.crs is not None:
+        raise ValueError("--crs: expected one of --place and --crs, given both; leave one out")
+    earth_of(options, None, None)
+    Airspace(options.floor, options.ceiling, options.ceiling_above_start)
+
+
 def task_in(source: Source, options: PlanOptions) -> MapTask:
     """Start, goal and distances of some options in a map; making voxels from points is timed (`planning.recorder`).
 
     Args:
         source: from `load_source`.
-        options: start, goal, radius, margin, and what becomes of a file (`maps.load_map`).
+        options: start, goal, radius, margin, what becomes of a file (`maps.load_map`), and the rules of the air.
 
     Raises:
-        ValueError: for a window, a ground or distances that the map cannot have, or too many voxels.
+        ValueError: for a window, a ground or distances that the map cannot have, places that are not in it, too many
+            voxels, or rules of the air that it cannot have.
+        ImportError: where a package is missing that reference systems need.
     """
     if options.ground is not None and not np.isfinite(options.ground):
         raise ValueError(f"--ground: expected a height in metres, given {options.ground}")
-    if isinstance(source, Scene):
-        return _in_city(source, options)
+    given = _in_city(source, options) if isinstance(source, Scene) else _in_file(source, options)
+    airspace = airspace_of(options, given)
+    if airspace is None:
+        return given
+    remarks = (*given.remarks, *airspace.remarks)
+    return dataclasses.replace(given, task=in_airspace(given.task, airspace), remarks=remarks, airspace=airspace)
+
+
+def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
+    """The rules of the air of some options in a map; None where they name none."""
+    (_, _, z), _ = given.ends
+    above = options.ceiling_above_start
+    highest = None if above is None else z + above
+    if options.airspace is not None:
+        if given.earth is None:
+            raise ValueError(f"--airspace {options.airspace}: the map does not say where it lies; {_PLACE}")
+        return load_airspace(
+            options.airspace,
+            given.earth,
+            given.task.grid,
+            floor=options.floor,
+            ceiling=options.ceiling,
+            highest=highest,
+        )
+    airspace = Airspace(options.floor, options.ceiling, highest)
+    return None if airspace == Airspace() else airspace
+
+
+def _in_file(source: Contents, options: PlanOptions) -> MapTask:
+    known = facts(source)
+    if options.crs is not None and known.origin is not None:
+        raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
+    earth = earth_of(options, known.crs, known.origin)
     most = MOST_FOCUSED if options.method == "solver" else MOST_VOXELS
-    ends = (options.start, options.goal)
+    ends = [options.start, options.goal]
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
     with timed("voxelise"):
-        found = map_of(source, window, options.below, options.unknown)
-    given = _task(found.occupied, found.ground, found.grid, options, found.counts, found.remarks)
-    return dataclasses.replace(given, crs=found.crs, origin=found.origin)
+        if options.frame == "map":
+            found = map_of(source, window, options.below, options.unknown)
+        elif earth is None:
+            raise ValueError(f"--frame {options.frame}: the map does not say where it lies on Earth; {_PLACE}")
+        else:
+            found, ends = map_with(source, window, ends, options.frame, earth, options.below, options.unknown)
+    given = _task((found.occupied, found.ground), found.grid, options, ends, earth)
+    return dataclasses.replace(given, returns=found.counts, remarks=found.remarks)
+
+
+def earth_of(options: PlanOptions, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:
+    """Where a map lies on Earth, as options or the file say it; None where neither does, or nothing asks for it.
+
+    Raises:
+        ValueError: for a system without metres, or that pyproj does not know.
+        ImportError: where pyproj is missing, and something asks for it.
+    """
+    if options.place is not None:
+        return TangentPlane(*options.place)
+    if origin is not None:
+        return Degrees(*origin)
+    if options.crs is None and crs is None:
+        return None
+    asked = options.crs is not None or options.frame != "map" or options.airspace is not None
+    try:
+        return Projected(options.crs or str(crs))
+    except (ImportError, ValueError):
+        if asked or any(file.suffix.lower() in ON_EARTH for file in options.export):
+            raise
+        return None
 
 
 def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
@@ -113,29 +197,33 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     for name in ("spacing", "bounds", "below", "unknown"):
         if getattr(options, name) is not None:
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
-    grid = Grid.centered(_middle(options))
-    return _task(*occupancy(scene.geoms, grid), grid, options)
+    earth, ends = earth_of(options, None, None), [options.start, options.goal]
+    if options.frame != "map":
+        if earth is None:
+            raise ValueError(f"--frame {options.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
+        around = Grid((1, 1, 1), 2e5)
+        flat = Terrain(np.zeros((1, 1)), around)
+        ends = [point_at(place, options.frame, earth, flat) for place in ends]
+    grid = Grid.centered(_middle(ends, options.center))
+    return _task(occupancy(scene.geoms, grid), grid, options, ends, earth)
 
 
-# arguments: what a map is made of
 def _task(
-    obstacle: Volume,
-    ground: Volume,
-    grid: Grid,
-    options: PlanOptions,
-    returns: Mapping[str, int] | None = None,
-    remarks: tuple[str, ...] = (),
+    volumes: tuple[Volume, Volume], grid: Grid, options: PlanOptions, ends: Sequence[Point3], earth: Earth | None
 ) -> MapTask:
-    ends = np.asarray([options.start], np.float64), np.asarray([options.goal], np.float64)
+    """The task of obstacles and ground; raises a ValueError for a map that is far from its place on Earth."""
+    obstacle, ground = volumes
+    starts, goals = np.asarray(ends, np.float64)[:, None]
+    if earth is not None:
+        earth.geodetic(np.array([grid.lower, grid.upper]))
     distances = Distances.of(options.radius, options.margin)
-    return MapTask(Task.of(obstacle | ground, *ends, grid, distances, ground), returns or {}, remarks)
+    return MapTask(Task.of(obstacle | ground, starts, goals, grid, distances, ground), {}, earth=earth)
 
 
-def _middle(options: PlanOptions) -> Point3:
+def _middle(ends: Sequence[Point3], center: Point3 | None) -> Point3:
     """Middle of the grid, a whole number of voxels above the ground."""
-    center = options.center
     # Halves first, as the sum of two large numbers could overflow.
-    halfway = 0.5 * np.asarray(options.start) + 0.5 * np.asarray(options.goal)
+    halfway = 0.5 * np.asarray(ends[0]) + 0.5 * np.asarray(ends[1])
     wanted = halfway if center is None else np.asarray(center, np.float64)
     if center is not None and not np.isfinite(wanted).all():
         raise ValueError(f"--center: expected three finite coordinates [m], given {center}")

@@ -31,6 +31,10 @@ class Status(enum.IntEnum):
     NONFINITE_STATE = 15
     NO_SAFE_PATH = 16
     OFF_TRAJECTORY = 17
+    START_IN_CLOSED_AREA = 18
+    GOAL_IN_CLOSED_AREA = 19
+    START_OUTSIDE_BAND = 20
+    GOAL_OUTSIDE_BAND = 21
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -40,6 +44,14 @@ class Status(enum.IntEnum):
     def advice(self) -> str:
         """One sentence: what happened and what to do about it."""
         return _ADVICE[self]
+
+
+class Closure(enum.IntEnum):
+    """Why a voxel of the airspace is closed (`maps.airspace`)."""
+
+    OPEN = 0
+    BAND = 1
+    AREA = 2
 
 
 _ADVICE = {
@@ -65,4 +77,10 @@ _ADVICE = {
     Status.NONFINITE_STATE: "The state of the vehicle became NaN or infinite; check its constants.",
     Status.OFF_TRAJECTORY: "The vehicle strayed from its trajectory by more than 1 m; fly slower, or in less wind.",
     Status.START_EQUALS_GOAL: "Start and goal are the same point; there is nothing to plan.",
+    Status.START_IN_CLOSED_AREA: "The start lies in a keep-out area or outside every keep-in area; move it, "
+    "or leave that area out.",
+    Status.GOAL_IN_CLOSED_AREA: "The goal lies in a keep-out area or outside every keep-in area; move it, "
+    "or leave that area out.",
+    Status.START_OUTSIDE_BAND: "The start lies below the floor or above a ceiling; move it, or widen the band.",
+    Status.GOAL_OUTSIDE_BAND: "The goal lies below the floor or above a ceiling; move it, or widen the band.",
 }

@@ -41,10 +41,7 @@ def load_geojson(path: Path) -> Footprints:
 
 
 def _read(document: dict[str, Any], path: Path) -> Footprints:
-    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else "CRS84"
-    code = re.search(r"EPSG:+(\d+)$", named)
-    if not named.endswith(_DEGREES) and code is None:
-        raise MapError(f"{path}: expected a crs CRS84 or EPSG, found {named!r}")
+    code = reference_of(document, path)
     found: list[Footprint] = []
     skipped = 0
     for number, feature in enumerate(document.get("features", [document])):
@@ -60,9 +57,24 @@ def _read(document: dict[str, Any], path: Path) -> Footprints:
             continue
         name = str(feature.get("id") or values.get("name") or number)
         found.append(Footprint(tuple(rings), *heights, name))
-    if named.endswith(_DEGREES):
+    if code is None:
         return on_a_plane(found, skipped, path)
-    return localised(found, np.zeros((0, 3, 3)), skipped, path, f"EPSG:{code[1]}" if code else None)
+    return localised(found, np.zeros((0, 3, 3)), skipped, path, code)
+
+
+def reference_of(document: dict[str, Any], path: Path) -> str | None:
+    """The reference system of a file's coordinates, as EPSG:28992; None for longitudes and latitudes.
+
+    Raises:
+        MapError: for one that is neither.
+    """
+    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else "CRS84"
+    if named.endswith(_DEGREES):
+        return None
+    code = re.search(r"EPSG:+(\d+)$", named)
+    if code is None:
+        raise MapError(f"{path}: expected a crs CRS84 or EPSG, found {named!r}")
+    return f"EPSG:{code[1]}"
 
 
 def _rings(geometry: dict[str, Any]) -> Iterator[np.ndarray]:

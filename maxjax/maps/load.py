@@ -13,10 +13,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.core.grid import Grid
+from maxjax.core.grid import Grid, Point3
 from maxjax.maps.contents import Below, Contents, Facts, Unknown, facts, voxels
+from maxjax.maps.earth import Degrees, Earth, Projected
 from maxjax.maps.model import VoxelMap
+from maxjax.maps.places import Frame, check_in_map, point_at
 from maxjax.maps.reader import read_map
+from maxjax.maps.terrain import Terrain
 from maxjax.maps.window import Window
 
 _TOUCH = 1e-9  # [m]
@@ -49,6 +52,35 @@ class Map:
     dropped: Mapping[str, int]
     remarks: tuple[str, ...]
     counts: Mapping[str, int]
+
+    @property
+    def earth(self) -> Earth | None:
+        """Where the map lies on Earth, with its heights above sea level as the file has them; None where it is unknown.
+
+        Raises:
+            ImportError: without pyproj, where the map has a reference system.
+            ValueError: for a system that pyproj does not know, or one without metres.
+        """
+        if self.origin is not None:
+            return Degrees(*self.origin)
+        return None if self.crs is None else Projected(self.crs)
+
+    def point(self, place: Sequence[float], frame: Frame = "agl") -> Point3:
+        """The point [m] at a latitude, a longitude [degrees] and a height [m].
+
+        Args:
+            place: the three.
+            frame: `agl`, above ground, or `amsl`, above sea level, which is z where the file does not say otherwise.
+
+        Raises:
+            ValueError: for a place that is none or where the map has no ground, or a map that lies nowhere on Earth.
+            ImportError: without pyproj, where the map has a reference system.
+        """
+        earth = self.earth
+        if earth is None:
+            raise ValueError(f"{self.source}: expected a map that says where it lies on Earth; name its crs")
+        latitude, longitude, height = (float(number) for number in place)
+        return point_at((latitude, longitude, height), frame, earth, Terrain.of(self.ground, self.grid))
 
 
 # arguments: a public name; all but the first is given by keyword and has a default
@@ -127,6 +159,42 @@ def map_of(
         remarks,
         found.counts,
     )
+
+
+# arguments: those of `map_of`, and points with what they are
+def map_with(
+    contents: Contents,
+    window: Window,
+    places: Sequence[Point3],
+    frame: Frame,
+    earth: Earth,
+    below: Below | None = None,
+    unknown: Unknown | None = None,
+) -> tuple[Map, list[Point3]]:
+    """What a file holds around some places, and where these are in it: the map that `map_of` makes around the points.
+
+    Args:
+        contents, window, below, unknown: as in `map_of`; the window's own ends are ignored.
+        places: latitudes, longitudes [degrees] and heights [m].
+        frame: what the heights are, `agl` or `amsl`.
+        earth: where the map lies.
+
+    Raises:
+        ValueError: for places outside of the map, or as `places.point_at` and `map_of`.
+    """
+    known = facts(contents)
+    around = [check_in_map(place, earth, known.extent) for place in places]
+    points = [(x, y, z + place[2]) for (x, y, z), place in zip(around, places, strict=True)]
+    if frame == "amsl":
+        points = [point_at(place, frame, earth) for place in places]
+    while True:
+        window = dataclasses.replace(window, ends=points)
+        found = map_of(contents, window, below, unknown)
+        terrain = Terrain.of(found.ground, found.grid)
+        points = [point_at(place, frame, earth, terrain) for place in places]
+        # Heights above ground are known once there is ground; they may ask for another window, of the same voxels.
+        if _grid(contents, known, dataclasses.replace(window, ends=points))[0] == found.grid:
+            return found, points
 
 
 def _grid(contents: Contents, known: Facts, window: Window) -> tuple[Grid, str]:

@@ -10,6 +10,9 @@ buildings, in the nearest one. Buildings reach down to it.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Int, Int64
 
@@ -17,6 +20,9 @@ from maxjax.core.grid import Grid
 from maxjax.maps.airborne import NONE, from_nearest
 from maxjax.maps.footprints import Footprints
 from maxjax.maps.triangles import Volume, fill_columns, spread, touched, whole
+
+# Columns, x · ny + y, and what each belongs to.
+Columns = tuple[Int64[np.ndarray, " _"], Int64[np.ndarray, " _"]]
 
 _TOUCH = 1e-6  # [voxels]; of heights: overlaps thinner than that do not count
 
@@ -33,12 +39,10 @@ def prism_voxels(footprints: Footprints, grid: Grid) -> tuple[Volume, Volume]:
     """
     nx, ny, nz = grid.shape
     lower = np.array(grid.lower) - footprints.shift
-    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for b in footprints.buildings for ring in b.rings]
-    owner = np.repeat(
-        [k for k, b in enumerate(footprints.buildings) for _ in b.rings], [len(edge) for edge in edges]
-    ).astype(np.int64)
-    ends = (np.concatenate(edges) - lower[:2]) / grid.spacing
-    column, building = _columns(ends, owner, (nx, ny))
+    rings = [ring for b in footprints.buildings for ring in b.rings]
+    owner = np.array([k for k, b in enumerate(footprints.buildings) for _ in b.rings], np.int64)
+    local = dataclasses.replace(grid, origin=tuple((np.array(grid.origin) - footprints.shift).tolist()))
+    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, local), strict=True))
     heights = (np.array([[b.base, b.top] for b in footprints.buildings]) - lower[2]) / grid.spacing
     floor = np.clip(np.floor(heights[:, 0] + _TOUCH), -1, nz).astype(np.int64)
     roof = np.clip(np.ceil(heights[:, 1] - _TOUCH) - 1, -1, nz - 1).astype(np.int64)
@@ -56,19 +60,31 @@ def prism_voxels(footprints: Footprints, grid: Grid) -> tuple[Volume, Volume]:
     return solid, np.arange(nz) <= terrain.reshape(nx, ny, 1)
 
 
-def _columns(
-    ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]
-) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """Columns that footprints touch, and whose footprint; a pair may occur twice.
+def columns_of(
+    rings: Sequence[Float[np.ndarray, "_ 2"]], owner: Int64[np.ndarray, " r"], grid: Grid
+) -> tuple[Columns, Columns]:
+    """Columns whose closed square an edge of some outlines touches, and those whose centre lies inside.
 
     Args:
-        ends: of the edges of all outlines [columns].
-        owner: number of the footprint that each edge belongs to.
-        shape: columns along x and y.
+        rings: outlines and holes [m], last point not repeated; inside is where an odd number of an owner's surround.
+        owner: of each.
+        grid: whose columns.
+
+    Returns:
+        (touched, inner), pairs of a column, x · ny + y, and an owner; a pair may occur twice.
     """
+    lower, shape = np.array(grid.lower)[:2], grid.shape[:2]
+    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
+    of_edge = np.repeat(owner, [len(edge) for edge in edges]).astype(np.int64)
+    ends = (np.concatenate([np.zeros((0, 2, 2)), *edges]) - lower) / grid.spacing
+    return _touched(ends, of_edge, shape), _inner(ends, of_edge, shape)
+
+
+def _touched(ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]) -> Columns:
+    """As `columns_of`, of edges [columns] and the owner of each."""
     nx, ny = shape
     columns, owners = [np.zeros(0, np.int64)], [owner[:0]]
-    west, east = ends[:, :, 0].min(axis=1), ends[:, :, 0].max(axis=1)
+    west, east = ends[:, :, 0].min(axis=1, initial=np.inf), ends[:, :, 0].max(axis=1, initial=-np.inf)
     for edge, row in spread(*whole(west, east, nx)):
         a, b = ends[edge, 0], ends[edge, 1]
         level = a[:, 0] == b[:, 0]
@@ -78,6 +94,13 @@ def _columns(
         for pair, column in spread(*whole(np.minimum(*y), np.maximum(*y), ny)):
             columns.append(row[pair] * ny + column)
             owners.append(owner[edge[pair]])
+    return np.concatenate(columns), np.concatenate(owners)
+
+
+def _inner(ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]) -> Columns:
+    """As `columns_of`, of edges [columns] and the owner of each."""
+    nx, ny = shape
+    columns, owners = [np.zeros(0, np.int64)], [owner[:0]]
     line, place, of = _crossings(ends, owner, nx)
     order = np.lexsort((place, of, line))
     line, place, of = line[order][::2], place[order], of[order][::2]
@@ -94,7 +117,7 @@ def _crossings(
 ) -> tuple[Int64[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Where lines through the centres of columns cross edges: the line, the place along it, the footprint."""
     lines, places, owners = [np.zeros(0, np.int64)], [np.zeros(0)], [owner[:0]]
-    west, east = ends[:, :, 0].min(axis=1), ends[:, :, 0].max(axis=1)
+    west, east = ends[:, :, 0].min(axis=1, initial=np.inf), ends[:, :, 0].max(axis=1, initial=-np.inf)
     # A line meets the western end of an edge, and not its eastern one: every outline an even number of times.
     first = np.clip(np.ceil(west - 0.5), 0, count).astype(np.int64)
     last = np.clip(np.ceil(east - 0.5) - 1, -1, count - 1).astype(np.int64)

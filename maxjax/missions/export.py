@@ -17,8 +17,8 @@ from pathlib import Path
 
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
+from maxjax.maps.earth import Earth
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
-from maxjax.missions.earth import Earth
 from maxjax.missions.items import items_of
 from maxjax.missions.qgroundcontrol import plan_text
 from maxjax.missions.rosbag import check_rosbags, write_bag
@@ -79,7 +79,7 @@ def export(
         plan: one that is OK, or a mission that is.
         trajectory: of this, for formats with times, and for the speed of missions.
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
-            `missions.earth.Degrees`.
+            `maps.earth.Degrees`.
         ground: height of the ground at home [m], in the map's coordinates.
 
     Raises:

@@ -29,7 +29,7 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, potential_field
 from maxjax.planning.corridor import in_corridor
 from maxjax.planning.focus import View, in_windows
-from maxjax.planning.plan import Plan, judged
+from maxjax.planning.plan import Plan, judged, with_closures
 from maxjax.planning.problem import Problem
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import added, recording, timed
@@ -89,7 +89,8 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
         return dataclasses.replace(solved, timings=added(found.timings, solved.timings))
 
     focused = isinstance(find, Climb) and find.focused
-    return with_largest_radii(in_windows(task, plan_all, otherwise) if focused else plan(View(task)), task)
+    plans = in_windows(task, plan_all, otherwise) if focused else plan(View(task))
+    return with_closures(with_largest_radii(plans, task), task)
 
 
 def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:

@@ -30,7 +30,7 @@ from maxjax.planning.balls import Opened
 from maxjax.planning.climb import Climb, potential_field
 from maxjax.planning.ends import locate
 from maxjax.planning.execute import with_largest_radii, with_longer_ascents
-from maxjax.planning.plan import Plan, judged
+from maxjax.planning.plan import Plan, judged, with_closures
 from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
 from maxjax.planning.program import Program
 from maxjax.planning.recorder import recording, timed
@@ -153,7 +153,8 @@ def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
                 routes[k] = route
         plans = judged(routes, task, method)
     timings = recorder.report(len(task))
-    return with_largest_radii([dataclasses.replace(plan, timings=timings) for plan in plans], task)
+    timed_plans = [dataclasses.replace(plan, timings=timings) for plan in plans]
+    return with_closures(with_largest_radii(timed_plans, task), task)
 
 
 def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Problem]) -> Iterator[Group]:

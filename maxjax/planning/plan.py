@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Float, Float64
 
-from maxjax.core.status import Status
+from maxjax.core.status import Closure, Status
 from maxjax.planning.judge import Verification, verify_batch
 from maxjax.planning.recorder import timed
 from maxjax.planning.route import NO_PATH, Route
@@ -116,6 +116,29 @@ def judged(routes: Sequence[Route], task: Task, method: str) -> list[Plan]:
         else:
             plans.append(nothing)
     return plans
+
+
+# What an end that lies in a voxel which is closed, but holds nothing, is told: (start, goal).
+_CLOSED = {
+    Closure.BAND: (Status.START_OUTSIDE_BAND, Status.GOAL_OUTSIDE_BAND),
+    Closure.AREA: (Status.START_IN_CLOSED_AREA, Status.GOAL_IN_CLOSED_AREA),
+}
+
+
+def with_closures(plans: list[Plan], task: Task) -> list[Plan]:
+    """The plans of a task; an end that is taken for occupied where the airspace is closed has a status that says so."""
+    if task.closed is None:
+        return plans
+
+    def named(plan: Plan, closures: tuple[Closure, Closure]) -> Plan:
+        for end, (status, closure) in enumerate(
+            zip((Status.START_OCCUPIED, Status.GOAL_OCCUPIED), closures, strict=True)
+        ):
+            if plan.status == status and closure != Closure.OPEN:
+                return dataclasses.replace(plan, status=_CLOSED[closure][end])
+        return plan
+
+    return [named(plan, closures) for plan, closures in zip(plans, task.closures(), strict=True)]
 
 
 def _passed(nothing: Plan, path: Float64[np.ndarray, "t 3"], verdict: Verification, route: Route) -> Plan:

@@ -14,13 +14,16 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 
 from maxjax.core.grid import Grid
+from maxjax.core.status import Closure
 from maxjax.fields.price import Price
 
 # Of one map or several.
 Volume = Bool[np.ndarray, "..."]
+# `Closure` of each voxel of a map.
+Reasons = UInt8[np.ndarray, "*closed nx ny nz"]
 # Which problems of a task.
 Rows = slice | Int64[np.ndarray, " rows"]
 
@@ -85,12 +88,14 @@ class Task:
     """One planning problem or several, on one grid; made by `Task.of`, which checks everything.
 
     Attributes:
-        occupied: occupied voxels, not dilated; several maps, or one for all problems (three axes).
-        ground: the voxels that are ground, occupied as well; likewise.
+        occupied: occupied voxels, not dilated, and those that are closed to flight; several maps, or one for all
+            problems (three axes).
+        ground: voxels that a path keeps off without a price, occupied as well: ground, and what is closed; likewise.
         map_of: which of several maps each problem is in.
         starts, goals: [m], in the world frame of `grid`.
         grid: of the maps.
         distances: to keep from obstacles.
+        closed: `Closure` of voxels that hold nothing, likewise; None: all is open.
     """
 
     occupied: Bool[np.ndarray, "*maps nx ny nz"]
@@ -100,6 +105,7 @@ class Task:
     goals: Float64[np.ndarray, "b 3"]
     grid: Grid
     distances: Distances
+    closed: UInt8[np.ndarray, "*closed nx ny nz"] | None = None
 
     @classmethod
     def of(cls, occupied: Any, starts: Any, goals: Any, grid: Any, distances: Distances, ground: Any = None) -> Task:
@@ -128,6 +134,14 @@ class Task:
             distances,
         )
 
+    def closing(self, closed: Reasons) -> Task:
+        """The task where some voxels are closed to flight, in each map or in all of them."""
+        # What holds something stays what it is.
+        held = self.occupied | self.ground
+        closed = np.where(held, np.uint8(Closure.OPEN), closed)
+        kept_off = self.ground | (closed != Closure.OPEN)
+        return dataclasses.replace(self, occupied=held | kept_off, ground=kept_off, closed=closed)
+
     def __len__(self) -> int:
         """How many problems there are."""
         return len(self.starts)
@@ -149,6 +163,23 @@ class Task:
         """Some of the problems, with the maps as they are: no volume is copied."""
         some = {name: getattr(self, name)[rows] for name in ("map_of", "starts", "goals")}
         return dataclasses.replace(self, **some)
+
+    def closures(self) -> list[tuple[Closure, Closure]]:
+        """Of the voxels that the starts and the goals lie in; open for an end outside the map."""
+
+        def closure(k: int, end: Float32[np.ndarray, " 3"]) -> Closure:
+            index = np.floor(np.where(np.isfinite(end), end, -1) + np.float32(0.5)).astype(np.int64)
+            if self.closed is None or not ((index >= 0) & (index < np.array(self.grid.shape))).all():
+                return Closure.OPEN
+            closed = self.closed if self.closed.ndim == 3 else self.closed[self.map_of[k]]
+            return Closure(int(closed[tuple(index)]))
+
+        return [(closure(k, start), closure(k, goal)) for k, (start, goal) in enumerate(self.ends)]
+
+    @property
+    def terrain(self) -> Volume:
+        """The voxels of `ground` that are ground."""
+        return self.ground if self.closed is None else self.ground & (self.closed == Closure.OPEN)
 
     def map(self, volumes: Volume, k: int) -> Bool[np.ndarray, "nx ny nz"]:
         """That of `occupied` or `ground` which the k-th problem is in."""

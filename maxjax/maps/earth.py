@@ -6,8 +6,9 @@
 
 and back by Bowring's formula, tan φ = (Z + e′² b sin³ u) / (p − e² a cos³ u), repeated until it stands still.
 `Projected`: the map's coordinates are those of a coordinate reference system, by pyproj. `Degrees`: the map was read
-from a file in degrees. Heights are counted as those
-of the place or of the map are: sea level stays sea level.
+from a file in degrees. Heights are counted as those of the place or of the map are: sea level stays sea level.
+
+Each has `geodetic`, from the map to latitude, longitude and height, and `local`, which undoes it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.maps.degrees import unproject
+from maxjax.maps.degrees import project, unproject
 
 _A = 6378137.0  # half axis of the ellipsoid [m]
 _F = 1.0 / 298.257223563
@@ -77,9 +78,13 @@ class TangentPlane:
         return np.column_stack([np.degrees(latitude), np.degrees(longitude), height])
 
     def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m]."""
-        found: Float64[np.ndarray, "n 3"] = (_geocentric(places) - self._centre()) @ self._axes()
-        return found
+        """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
+
+        Raises:
+            ValueError: for what is not on Earth, or more than 100 km away.
+        """
+        found: Float64[np.ndarray, "n 3"] = (_geocentric(_on_earth(places)) - self._centre()) @ self._axes()
+        return _near(found, places)
 
     def _centre(self) -> Float64[np.ndarray, " 3"]:
         centre: Float64[np.ndarray, " 3"] = _geocentric(np.array([[self.latitude, self.longitude, self.height]]))[0]
@@ -121,9 +126,22 @@ class Projected:
 
     def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
         """Latitude, longitude [degrees] and height [m] of points of the map [m]."""
-        transformer = _pyproj().Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
-        longitude, latitude = transformer.transform(points[:, 0], points[:, 1])
+        longitude, latitude = _to_degrees(self.crs).transform(points[:, 0], points[:, 1])
         return np.column_stack([latitude, longitude, points[:, 2] + self.height])
+
+    def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
+
+        Raises:
+            ValueError: for what is not on Earth, or where the system has no coordinates.
+        """
+        latitude, longitude, height = _on_earth(places).T
+        x, y = _to_degrees(self.crs).transform(longitude, latitude, direction="INVERSE")
+        found = np.column_stack([x, y, height - self.height])
+        if not np.isfinite(found).all():
+            place = places[~np.isfinite(found).all(axis=1)][0, :2].tolist()
+            raise ValueError(f"place: expected one where {self.crs} has coordinates, given {place}; swapped?")
+        return found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,9 +162,49 @@ class Degrees:
         longitude, latitude = unproject(points[:, :2], np.array([self.longitude, self.latitude])).T
         return np.column_stack([latitude, longitude, points[:, 2] + self.height])
 
+    def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
+
+        Raises:
+            ValueError: for what is not on Earth, or more than 100 km away, where the plane is none.
+        """
+        latitude, longitude, height = _on_earth(places).T
+        longitude = longitude - 360.0 * np.round((longitude - self.longitude) / 360.0)
+        east_north = project(np.column_stack([longitude, latitude]), np.array([self.longitude, self.latitude]))
+        return _near(np.column_stack([east_north, height - self.height]), places)
+
 
 # What tells where a map's points lie.
 Earth = TangentPlane | Projected | Degrees
+
+
+def _on_earth(places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """The places themselves; raises a ValueError for a latitude, a longitude or a height that is none."""
+    for column, (name, most) in enumerate((("latitude", 90.0), ("longitude", 180.0))):
+        off = ~(np.abs(places[:, column]) <= most)
+        if off.any():
+            swapped = "; latitude comes first: swapped?" if name == "latitude" else ""
+            value = places[off][0, column]
+            raise ValueError(f"{name}: expected degrees from {-most:g} to {most:g}, given {value:g}{swapped}")
+    if not (np.abs(places[:, 2]) <= _FARTHEST).all():
+        raise ValueError(f"height: expected metres, at most {_FARTHEST:g}, given {places[:, 2].tolist()}")
+    return places
+
+
+def _near(found: Float64[np.ndarray, "n 3"], places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Points of a map [m]; raises a ValueError where one is too far away for a plane."""
+    far = ~(np.abs(found[:, :2]) <= _FARTHEST).all(axis=1)
+    if far.any():
+        raise ValueError(
+            f"place: expected one within {_FARTHEST / 1000:g} km of the map, given latitude and longitude "
+            f"{places[far][0, :2].tolist()}; swapped?"
+        )
+    return found
+
+
+def _to_degrees(crs: str) -> Any:
+    """Coordinates of a system to longitudes and latitudes."""
+    return _pyproj().Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
 
 
 def _pyproj() -> Any:

@@ -1,0 +1,51 @@
+"""How high the ground of a map is: in each column the upper face of its highest ground voxel.
+
+The terrain itself lies up to a voxel below that face.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maxjax.core.grid import Grid
+
+
+@dataclasses.dataclass(frozen=True)
+class Terrain:
+    """Heights of the ground.
+
+    Attributes:
+        heights: of each column [m]; NaN where it has no ground.
+        grid: that the columns are of.
+    """
+
+    heights: Float[np.ndarray, "nx ny"]
+    grid: Grid
+
+    @classmethod
+    def of(cls, ground: Bool[np.ndarray, "nx ny nz"], grid: Grid) -> Terrain:
+        """That of ground voxels."""
+        below = grid.shape[2] - ground[:, :, ::-1].argmax(axis=2)
+        return cls(np.where(ground.any(axis=2), grid.lower[2] + grid.spacing * below, np.nan), grid)
+
+    def at(self, x: float, y: float) -> float:
+        """Height of the ground at a place [m]; NaN where there is none, or outside the grid."""
+        index = [math.floor(v) for v in (np.array([x, y]) - self.grid.lower[:2]) / self.grid.spacing]
+        if not all(0 <= i < n for i, n in zip(index, self.heights.shape, strict=True)):
+            return math.nan
+        return float(self.heights[index[0], index[1]])
+
+    @property
+    def everywhere(self) -> Float[np.ndarray, "nx ny"]:
+        """The heights; where a column has no ground, that of the nearest one that has [m]. NaN if none has."""
+        missing = np.isnan(self.heights)
+        if not missing.any() or missing.all():
+            return self.heights
+        from scipy import ndimage  # a quarter of a second that most commands can do without
+
+        nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
+        return np.asarray(self.heights[tuple(nearest)])
