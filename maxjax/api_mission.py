@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Bool
 
+from maxjax.api import in_airspace
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.price import Price
+from maxjax.maps.airspace import Airspace
 from maxjax.methods import method_named
 from maxjax.planning import mission
 from maxjax.planning.mission import Mission, Waypoint, legs_of
@@ -29,13 +31,14 @@ def plan_mission(
     margin: float = _DISTANCES.margin,
     price: Price = _DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    airspace: Airspace | None = None,
 ) -> Mission:
     """Plan a path through waypoints in order, leg by leg, and verify it as a whole.
 
     Legs of one goal and the same distances share a field where the map is solved as a whole (`plan_fleet`).
 
     Args:
-        occupied, grid, method, radius, margin, price, ground: as in `plan`.
+        occupied, grid, method, radius, margin, price, ground, airspace: as in `plan`.
         waypoints: at least two, the start first: `Waypoint`, or three coordinates [m].
         return_to_start: whether a last leg leads back to the first waypoint.
 
@@ -56,6 +59,7 @@ def plan_mission(
     for name, volume in (("occupied", task.occupied), ("ground", task.ground)):
         if volume.ndim != 3:
             raise ValueError(f"{name}: expected shape {task.grid.shape}, given {volume.shape}")
+    task = in_airspace(task, airspace)
     return mission.plan_mission(task, places, chosen.finder(), chosen.name)
 
 

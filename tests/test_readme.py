@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import readme
-from maxjax.cli import check, demo, flying, main, mapping, planning, scanning, training
+from maxjax.cli import check, demo, flying, main, mapping, mission, planning, scanning, training
 
 TEXT = readme.README.read_text(encoding="utf-8")
 
@@ -49,7 +49,7 @@ def test_the_example_runs_word_for_word() -> None:
 
 def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for module in (check, demo, flying, mapping, planning, scanning, training):
+    for module in (check, demo, flying, mapping, mission, planning, scanning, training):
         name = module.__name__
 
         def run(*_: object, name: str = name) -> int:
@@ -64,7 +64,8 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
         else:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert calls == ["check", "scanning", "planning", "planning", "flying", "mapping", "planning", "planning", "flying"]
+    first = ["mapping", "mission", "mission"]
+    assert calls == [*first, "check", "scanning", "planning", "planning", "flying", "planning", "planning", "flying"]
 
 
 @pytest.mark.full_speed
@@ -75,13 +76,18 @@ def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest
     for block in blocks("bash"):
         for line in block.splitlines():
             program, command, *arguments = shlex.split(line, comments=True)
-            if program == "maxjax" and command in ("scan", "map", "plan"):
+            if program == "maxjax" and command in ("scan", "map", "plan", "mission"):
                 assert main([command, *arguments]) == 0, line
-    for name in ("scan/scan.png", "plan/plan.png", "quarter/map.png", "quarter/plan.json", "quarter.csv"):
+    for name in ("scan/scan.png", "plan/plan.png", "quarter/map.png", "quarter/plan.json", "quarter.csv", "way.csv"):
         assert (tmp_path / name).is_file(), name
-    mission = json.loads((tmp_path / "quarter.plan").read_text())["mission"]
-    home, last = mission["plannedHomePosition"], mission["items"][-1]["params"][4:6]
-    # Start and goal lie 130 m and 42 m apart east and north, at 47 degrees: 75.9 km and 111.2 km a degree.
+    found = json.loads((tmp_path / "quarter.plan").read_text())["mission"]
+    home, held = (
+        found["plannedHomePosition"],
+        [item for item in found["items"] if item["params"][0] and item["frame"] == 3],
+    )
+    assert [item["params"][0] for item in held] == [5.0, 10.0]
+    last = held[-1]["params"][4:6]
+    # The start and this waypoint lie 130 m and 42 m apart east and north, at 47 degrees: 75.9 km and 111.2 km a degree.
     assert (last[1] - home[1]) * 75_920 == pytest.approx(130.0, abs=0.5)
     assert (last[0] - home[0]) * 111_170 == pytest.approx(-42.0, abs=0.5)
 

@@ -11,13 +11,23 @@ from collections.abc import Sequence
 
 import tyro
 
-from maxjax.cli.options import CheckOptions, DemoOptions, FlyOptions, MapOptions, PlanOptions, ScanOptions, TrainOptions
+from maxjax.cli.options import (
+    CheckOptions,
+    DemoOptions,
+    FlyOptions,
+    MapOptions,
+    MissionOptions,
+    PlanOptions,
+    ScanOptions,
+    TrainOptions,
+)
 
 _UNUSABLE = 2
 
 # By name: options, and the module whose `run` takes them and returns the exit code.
 _COMMANDS: dict[str, tuple[type, str]] = {
     "plan": (PlanOptions, "planning"),
+    "mission": (MissionOptions, "mission"),
     "map": (MapOptions, "mapping"),
     "scan": (ScanOptions, "scanning"),
     "fly": (FlyOptions, "flying"),

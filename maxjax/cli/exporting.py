@@ -12,7 +12,9 @@ from maxjax.cli.options import PlanOptions
 from maxjax.cli.task import MapTask
 from maxjax.missions.export import ON_EARTH, check_export, export
 from maxjax.planning.limits import PX4
+from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
+from maxjax.planning.trajectory import Trajectory
 
 
 def check(options: PlanOptions) -> None:
@@ -39,12 +41,17 @@ def check_place(options: PlanOptions, given: MapTask) -> None:
 
 
 def write(options: PlanOptions, given: MapTask, plan: Plan) -> list[Path]:
-    """Write a plan that is OK to every file asked for.
+    """Write a plan that is OK to every file asked for."""
+    task, limits = given.task, dataclasses.replace(PX4, speed=options.speed)
+    flown = trajectory(plan, limits, task.occupied, task.grid, ground=task.ground)
+    return write_all(options, given, plan, flown)
+
+
+def write_all(options: PlanOptions, given: MapTask, plan: Plan | Mission, flown: Trajectory) -> list[Path]:
+    """Write a plan or a mission that is OK, and its trajectory, to every file asked for.
 
     Home lies on the ground: at --ground, or where the map's own ground is highest below the start.
     """
-    task, limits = given.task, dataclasses.replace(PX4, speed=options.speed)
-    flown = trajectory(plan, limits, task.occupied, task.grid, ground=task.ground)
     for file in options.export:
         export(file, plan, flown, given.earth, _ground(options, given))
     return list(options.export)

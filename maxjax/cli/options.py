@@ -19,6 +19,7 @@ _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
 _OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
 _OptionalMetre = Annotated[float | None, tyro.conf.arg(metavar="M")]
 _Bounds = Annotated[tuple[float, float, float, float, float, float] | None, tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1")]
+_Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 _OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 _Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
@@ -35,7 +36,7 @@ else:  # the choices of the registry
 
 @dataclasses.dataclass(frozen=True)
 class PlanOptions:
-    """Plan a path through a map and verify it.
+    """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
     option --frame, latitude, longitude and height). A simulated city is a grid of 101 x 101 x 101 voxels of 2 m; a file
@@ -46,8 +47,10 @@ class PlanOptions:
             .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
-        frame: What start and goal are. map: x, y, z of the map; agl: latitude, longitude [deg] and height above the
-            ground beneath [m]; amsl: latitude, longitude and height above sea level.
+        via: A place to fly through on the way [m]; several in order, each with its own --via.
+        return_to_start: From the goal back to the start.
+        frame: What start, goal and places on the way are. map: x, y, z of the map; agl: latitude, longitude [deg] and
+            height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
         spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
         bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
         center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
@@ -63,8 +66,8 @@ class PlanOptions:
         floor: Least height above ground [m].
         ceiling: Greatest height above ground [m].
         ceiling_above_start: Greatest height above the start [m].
-        out: Folder for plan.json, path.csv and plan.png.
-        json: Print the content of plan.json, and nothing else, on stdout.
+        out: Folder for plan.json, path.csv and plan.png; of a mission for mission.json, path.csv and mission.png.
+        json: Print the content of plan.json or mission.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
             .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
         place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
@@ -75,6 +78,8 @@ class PlanOptions:
     map: _Map
     start: _Xyz
     goal: _Xyz
+    via: _Via = ()
+    return_to_start: _Flag = False
     frame: Literal["map", "agl", "amsl"] = "map"
     spacing: _OptionalMetre = None
     bounds: _Bounds = None
@@ -95,6 +100,25 @@ class PlanOptions:
     place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
     crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
+
+
+@dataclasses.dataclass(frozen=True)
+class MissionOptions:
+    """Plan a mission: waypoints in order, with hover times, speeds and distances, verified as a whole.
+
+    Attributes:
+        file: A TOML file with a map, options of plan and waypoints; docs/missions.md tells all.
+        partial: Where a leg fails, write the legs before it; else nothing is written.
+        out: Folder for mission.json, path.csv and mission.png.
+        json: Print the content of mission.json, and nothing else, on stdout.
+        export: Files to write the mission to, as for plan.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    partial: _Flag = False
+    out: _OptionalFolder = None
+    json: _Flag = False
+    export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`maxjax plan`: a path through a city, a scan or a voxel map."""
+"""`maxjax plan`: a path through a city, a scan or a voxel map; with waypoints on the way a mission (`cli.mission`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from maxjax.cli import exporting, report
+from maxjax.cli import exporting, mission, report
+from maxjax.cli.mission_file import Asked
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
@@ -18,7 +19,7 @@ from maxjax.planning.recorder import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 
-_OUTPUTS = ("out", "json", "export", "speed")
+_OUTPUTS = ("out", "json", "export", "speed", "via", "return_to_start")
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -28,6 +29,8 @@ def run(options: PlanOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
+    if options.via or options.return_to_start:
+        return mission.run_asked(Asked.of(options))
     report.check_output(options.out)
     exporting.check(options)
     check(options)

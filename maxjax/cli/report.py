@@ -27,6 +27,7 @@ from maxjax.maps.earth import Earth
 from maxjax.maps.terrain import Terrain
 from maxjax.methods import METHODS
 from maxjax.planning.judge import verify
+from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 
@@ -134,7 +135,7 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
     return filled
 
 
-def places_of(plan: Plan, earth: Earth | None) -> dict[str, Any]:
+def places_of(plan: Plan | Mission, earth: Earth | None) -> dict[str, Any]:
     """Latitude, longitude [degrees] and height [m] of each point of a path, as `path_geodetic`, where known."""
     if earth is None:
         return {}
@@ -236,13 +237,20 @@ def complain_of_size() -> None:
     complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
 
 
-def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]:
+def remove_plans(out: Path) -> None:
+    """Remove the files of an earlier plan or mission from a folder, if it is there."""
+    for name in ("plan.json", "mission.json", "path.csv", "plan.png", "mission.png"):
+        (out / name).unlink(missing_ok=True)
+
+
+def write_plan(out: Path, content: Mapping[str, Any], figure: Any, name: str = "plan") -> list[Path]:
     """Write plan.json and, for a plan that is OK, path.csv and the figure plan.png; each whole or not at all.
 
     Args:
         out: folder; made if missing.
         content: from `document`.
         figure: matplotlib figure, or None where none is drawn.
+        name: of the JSON and the figure, `plan` or `mission`.
 
     Returns:
         The files written. Those of an earlier plan are gone: after a failure, no path is left to fly.
@@ -253,9 +261,8 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any) -> list[Path]
     from maxjax.viz.style import save_figure
 
     out.mkdir(parents=True, exist_ok=True)
-    summary, path, picture = out / "plan.json", out / "path.csv", out / "plan.png"
-    for old in (summary, path, picture):
-        old.unlink(missing_ok=True)
+    summary, path, picture = out / f"{name}.json", out / "path.csv", out / f"{name}.png"
+    remove_plans(out)
     written = []
     if figure is not None:
         save_figure(figure, picture)

@@ -41,10 +41,10 @@ MOST_VOXELS = 2**24  # 256³: a plan that takes the whole map takes 3 GB; one in
 
 @dataclasses.dataclass(frozen=True)
 class MapTask:
-    """One problem in a map.
+    """One problem in a map, or one for each leg of a mission.
 
     Attributes:
-        task: the problem, in the map's coordinates.
+        task: the problem or problems, in the map's coordinates.
         returns: points by what became of them; empty where the map is not made of points.
         remarks: sentences on the map that a user should know.
         earth: where the map lies; None where that is unknown.
@@ -59,7 +59,7 @@ class MapTask:
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
-        """Start and goal [m]."""
+        """Start and goal of the only problem [m]."""
         (start,), (goal,) = self.task.starts.tolist(), self.task.goals.tolist()
         return tuple(start), tuple(goal)
 
@@ -127,9 +127,8 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
 
 def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
     """The rules of the air of some options in a map; None where they name none."""
-    (_, _, z), _ = given.ends
     above = options.ceiling_above_start
-    highest = None if above is None else z + above
+    highest = None if above is None else float(given.task.starts[0, 2]) + above
     if options.airspace is not None:
         if given.earth is None:
             raise ValueError(f"--airspace {options.airspace}: the map does not say where it lies; {_PLACE}")
@@ -151,7 +150,7 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
         raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
     earth = earth_of(options, known.crs, known.origin)
     most = MOST_FOCUSED if options.method == "solver" else MOST_VOXELS
-    ends = [options.start, options.goal]
+    ends = _ends(options)
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
     with timed("voxelise"):
         if options.frame == "map":
@@ -197,7 +196,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     for name in ("spacing", "bounds", "below", "unknown"):
         if getattr(options, name) is not None:
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
-    earth, ends = earth_of(options, None, None), [options.start, options.goal]
+    earth, ends = earth_of(options, None, None), _ends(options)
     if options.frame != "map":
         if earth is None:
             raise ValueError(f"--frame {options.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
@@ -208,12 +207,18 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     return _task(occupancy(scene.geoms, grid), grid, options, ends, earth)
 
 
+def _ends(options: PlanOptions) -> list[Point3]:
+    """Start, places on the way and goal, in order; again the start if asked."""
+    return [options.start, *options.via, options.goal, *([options.start] if options.return_to_start else [])]
+
+
 def _task(
     volumes: tuple[Volume, Volume], grid: Grid, options: PlanOptions, ends: Sequence[Point3], earth: Earth | None
 ) -> MapTask:
     """The task of obstacles and ground; raises a ValueError for a map that is far from its place on Earth."""
     obstacle, ground = volumes
-    starts, goals = np.asarray(ends, np.float64)[:, None]
+    places = np.asarray(ends, np.float64)
+    starts, goals = places[:-1], places[1:]
     if earth is not None:
         earth.geodetic(np.array([grid.lower, grid.upper]))
     distances = Distances.of(options.radius, options.margin)
@@ -223,7 +228,8 @@ def _task(
 def _middle(ends: Sequence[Point3], center: Point3 | None) -> Point3:
     """Middle of the grid, a whole number of voxels above the ground."""
     # Halves first, as the sum of two large numbers could overflow.
-    halfway = 0.5 * np.asarray(ends[0]) + 0.5 * np.asarray(ends[1])
+    places = 0.5 * np.asarray(ends, np.float64)
+    halfway = places.min(axis=0) + places.max(axis=0)
     wanted = halfway if center is None else np.asarray(center, np.float64)
     if center is not None and not np.isfinite(wanted).all():
         raise ValueError(f"--center: expected three finite coordinates [m], given {center}")

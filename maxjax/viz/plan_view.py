@@ -66,7 +66,7 @@ def draw_plan(
     )
     axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]")
     outline = LineCollection(
-        list(_edges(obstacle[:, :, level_of(grid, altitude)], grid)),
+        list(edges(obstacle[:, :, level_of(grid, altitude)], grid)),
         colors="black",
         linewidths=0.5,
         label=f"obstacle at z = {altitude:.0f} m",
@@ -112,7 +112,7 @@ def _index_range(grid: Grid, axis: int, view: View) -> tuple[int, int]:
     return max(0, math.floor(first)), min(grid.shape[axis], math.ceil(last))
 
 
-def _edges(mask: np.ndarray, grid: Grid) -> np.ndarray:
+def edges(mask: np.ndarray, grid: Grid) -> np.ndarray:
     """Outline of a horizontal slice: the segments (n, 2, 2) [m] between its voxels and free ones."""
     padded = np.pad(mask, 1).astype(np.int8)
     corner = np.array(grid.lower[:2])

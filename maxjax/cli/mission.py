@@ -1,0 +1,194 @@
+"""`maxjax mission FILE` and `maxjax plan … --via X Y Z`: a mission, its trajectory, and its files.
+
+Where a leg fails, it is named, and nothing is written; with `--partial` the legs before it are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from maxjax.api import trajectory
+from maxjax.cli import exporting, report
+from maxjax.cli.mission_file import Asked, read_mission
+from maxjax.cli.options import MissionOptions
+from maxjax.cli.progress import progress
+from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
+from maxjax.core.status import Status
+from maxjax.methods import method_named
+from maxjax.planning.limits import PX4, FlightLimits
+from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
+from maxjax.planning.recorder import added, recording
+from maxjax.planning.trajectory import Trajectory
+
+# What is in a plan's JSON and stands only once in that of a mission.
+_ONCE = ("configuration", "versions", "device", "timings")
+
+
+def run(options: MissionOptions) -> int:
+    """Read a mission's file, and run it. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    return run_asked(read_mission(options))
+
+
+def run_asked(asked: Asked) -> int:
+    """Plan a mission, show and write it. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    options = asked.options
+    report.check_output(options.out)
+    exporting.check(options)
+    check(options)
+    chosen, limits = method_named(options.method), _limits(asked)
+    with progress(f"Reading {options.map}"), recording() as recorder:
+        given = task_in(load_source(options.map), options)
+    exporting.check_place(options, given)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    waypoints = _located(asked, given)
+    with progress(f"Planning, method {options.method}"):
+        mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
+    mission = dataclasses.replace(mission, timings=added(recorder.report(), mission.timings))
+    shown: Mission | None = mission
+    if mission.failed:
+        shown = first_legs(mission, given.task) if asked.partial else None
+    flown = None
+    if shown is not None and shown.status == Status.OK:
+        with progress("Timing"):
+            flown = trajectory(shown, limits, given.task.occupied, given.task.grid, ground=given.task.ground)
+    content = _document(mission, shown, flown, given, asked)
+    files: list[Path] = []
+    if options.out is not None:
+        files += _written(options.out, content, (shown, flown), given, Path(options.map).name)
+    if shown is not None and flown is not None:
+        files += exporting.write_all(options, given, shown, flown)
+    if options.json:
+        sys.stdout.write(report.dumps(content))
+    else:
+        report.show(_table(mission, flown, Path(options.map).name))
+        if files:
+            print(*files, sep="\n")
+    return _told(mission, content, asked)
+
+
+def _limits(asked: Asked) -> FlightLimits:
+    """Those of the trajectory: the speed is the greatest that is asked for.
+
+    Raises:
+        ValueError: for a speed that is not positive.
+    """
+    limits = dataclasses.replace(PX4, speed=asked.options.speed)
+    return dataclasses.replace(limits, speed=max([limits.speed, *(w.speed or 0.0 for w in asked.waypoints)]))
+
+
+def _located(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
+    """The waypoints where the task has them, back to the start if asked, each with the speed of the leg to it."""
+    task, waypoints = given.task, asked.waypoints
+    if asked.options.return_to_start:
+        waypoints = (*waypoints, Waypoint(waypoints[0].position))
+    places = [task.starts[0], *task.goals]
+    return tuple(
+        dataclasses.replace(waypoint, position=tuple(place.tolist()), speed=waypoint.speed or asked.options.speed)
+        for waypoint, place in zip(waypoints, places, strict=True)
+    )
+
+
+def _told(mission: Mission, content: dict[str, Any], asked: Asked) -> int:
+    """Say on stderr what went wrong; returns the exit code."""
+    if mission.status == Status.OK:
+        return 0
+    for leg in content["legs"]:
+        if leg["status"] != Status.OK.name:
+            report.complain(f"Leg {leg['leg']} of {len(mission.legs)}: {leg['message']}")
+    if not mission.failed:
+        report.complain(content["message"])
+    elif asked.options.out is not None or asked.options.export:
+        written = "the legs before it were written" if asked.partial and mission.failed[0] else "nothing was written"
+        hint = "" if asked.partial else "; --partial writes the legs before it"
+        report.complain(f"Leg {mission.failed[0] + 1} failed, and {written}{hint}.")
+    return 1
+
+
+def _document(
+    mission: Mission, shown: Mission | None, flown: Trajectory | None, given: MapTask, asked: Asked
+) -> dict[str, Any]:
+    """Content of mission.json: the mission, a plan for each leg, and what is needed to run it again."""
+    legs = []
+    for k, leg in enumerate(mission.legs):
+        one = dataclasses.replace(given, task=given.task.some(slice(k, k + 1)))
+        full = report.document(leg, one, report.explain(leg, one), {})
+        speed, hover = mission.waypoints[k + 1].speed, mission.waypoints[k + 1].hover
+        legs.append({"leg": k + 1, "speed": speed, "hover": hover, **{n: full[n] for n in full if n not in _ONCE}})
+    whole = mission if shown is None else shown
+    times = None if flown is None else np.round(flown.passes, 6).tolist()
+    last = report.document(mission.legs[0], given, "", _configuration(asked))
+    content = {
+        "status": mission.status.name,
+        "message": mission.status.advice,
+        "path": np.round(whole.path, 6).tolist(),
+        **report.places_of(whole, given.earth),
+        "length": whole.length,
+        "clearance": whole.clearance,
+        "duration": None if flown is None else flown.duration,
+        "waypoints": [list(waypoint.position) for waypoint in mission.waypoints],
+        "times": times,
+        "legs": legs,
+        "timings": mission.timings,
+        **{name: last[name] for name in ("configuration", "versions", "device")},
+    }
+    filled: dict[str, Any] = report.plain(content)
+    return filled
+
+
+def _configuration(asked: Asked) -> dict[str, Any]:
+    outputs = ("out", "json", "export", "start", "goal", "via")
+    options = {name: value for name, value in vars(asked.options).items() if name not in outputs}
+    return {**options, "waypoints": [vars(waypoint) for waypoint in asked.waypoints]}
+
+
+def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:
+    """One row a leg, and one for all."""
+    table = Table(title=title, title_justify="left")
+    names = ("leg", "to", "status", "length [m]", "clearance [m]", "speed [m/s]", "arrives [s]", "hovers [s]")
+    for name in names:
+        table.add_column(name, justify="left" if name == "status" else "right", no_wrap=name == "to")
+    for k, leg in enumerate(mission.legs):
+        waypoint, ok = mission.waypoints[k + 1], leg.status == Status.OK
+        lengths = [f"{x:.1f}" if ok else "" for x in (leg.length, leg.clearance)]
+        arrives = f"{flown.passes[k + 1]:.1f}" if flown is not None and k + 1 < len(flown.passes) else ""
+        hover = "" if waypoint.hover is None else f"{waypoint.hover:g}"
+        place = ", ".join(f"{x:.10g}" for x in waypoint.position)
+        table.add_row(str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover)
+    if mission.status == Status.OK and flown is not None:
+        lengths = [f"{x:.1f}" for x in (mission.length, mission.clearance)]
+        table.add_row("all", "", mission.status.name, *lengths, "", f"{flown.duration:.1f}", "", style="bold")
+    return table
+
+
+def _written(
+    out: Path, content: dict[str, Any], shown: tuple[Mission | None, Trajectory | None], given: MapTask, title: str
+) -> list[Path]:
+    """The files of a mission in a folder; without a mission to show none, and those of an earlier one go."""
+    mission, flown = shown
+    if mission is None or flown is None:
+        report.remove_plans(out)
+        return []
+    figure, task = None, given.task
+    if task.occupied.size > MOST_VOXELS:
+        report.complain_of_size()
+    else:
+        from maxjax.viz.missions import figure_mission
+
+        with progress("Drawing"):
+            figure = figure_mission(mission, flown, task, title)
+    return report.write_plan(out, content, figure, "mission")

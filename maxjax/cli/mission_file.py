@@ -1,0 +1,175 @@
+"""A mission as a TOML file: a map and options of `maxjax plan`, and waypoints in order.
+
+    map = "quarter.geojson"        # beside this file, or a simulated city
+    speed = 8.0                    # any option of `maxjax plan`, with _ for -
+    return_to_start = true
+
+    [[waypoint]]                   # the start
+    at = [-75.0, 22.0, 5.0]
+
+    [[waypoint]]
+    at = [0.0, 60.0, 30.0]
+    hover = 5.0                    # to rest there [s]
+    speed = 4.0                    # of the leg that leads here; likewise radius and margin
+
+Paths in it are relative to the file. All is checked before anything is planned.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from maxjax.cli.options import MissionOptions, PlanOptions
+from maxjax.methods import METHODS
+from maxjax.planning.mission import Waypoint
+
+_MOST_BYTES = 2**20
+_CITY = re.compile(r"\w+:\d+")
+
+# What may stand in a file, by kind: options of `maxjax plan`, but its ends and its outputs.
+NUMBERS = ("spacing", "radius", "margin", "ground", "speed", "floor", "ceiling", "ceiling_above_start")
+VECTORS = {"bounds": 6, "center": 3, "place": 3}
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "frame": ("map", "agl", "amsl"),
+    "method": tuple(METHODS),
+    "below": ("closed", "open"),
+    "unknown": ("occupied", "free"),
+}
+TEXTS = ("crs",)
+FILES = ("map", "airspace")
+FLAGS = ("return_to_start",)
+_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What a mission is asked for.
+
+    Attributes:
+        options: of its plans, `start` and `goal` the first and the last waypoint, `via` those in between.
+        waypoints: in order, without the way back.
+        partial: whether the legs before the first that fails are written.
+    """
+
+    options: PlanOptions
+    waypoints: tuple[Waypoint, ...]
+    partial: bool = False
+
+    @classmethod
+    def of(cls, options: PlanOptions) -> Asked:
+        """The mission of the options of `maxjax plan`."""
+        return cls(options, tuple(Waypoint(point) for point in (options.start, *options.via, options.goal)))
+
+
+def read_mission(options: MissionOptions) -> Asked:
+    """The mission of a file.
+
+    Raises:
+        ValueError: for what is no such file, with what was expected and what was given.
+        OSError: if it cannot be read.
+    """
+    content = _content(options.file)
+    try:
+        given: dict[str, Any] = {key: _value(key, value) for key, value in content.items() if key != "waypoint"}
+        if "map" not in given:
+            raise ValueError("expected a map, as map = 'town.geojson', given none")
+        waypoints = _waypoints(content.get("waypoint"))
+        first, *via, last = (waypoint.position for waypoint in waypoints)
+    except ValueError as error:
+        raise ValueError(f"{options.file}: {error}") from error
+    beside = options.file.parent / given["map"]
+    if beside.exists() or not _CITY.fullmatch(given["map"]):
+        given["map"] = str(beside)
+    if "airspace" in given:
+        given["airspace"] = options.file.parent / given["airspace"]
+    given |= {"start": first, "goal": last, "via": tuple(via)}
+    planned = PlanOptions(**given, out=options.out, json=options.json, export=options.export)
+    return Asked(planned, waypoints, options.partial)
+
+
+def _content(file: Path) -> dict[str, Any]:
+    if file.stat().st_size > _MOST_BYTES:
+        raise ValueError(f"{file}: expected a mission of at most {_MOST_BYTES} bytes, given {file.stat().st_size}")
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise ValueError(f"{file}: expected a mission as TOML: {error}") from error
+
+
+def _value(key: str, given: Any) -> Any:
+    """The value of an option.
+
+    Raises:
+        ValueError: for a key that is none, or a value of another kind.
+    """
+    if key in NUMBERS:
+        return _number(key, given)
+    if key in VECTORS:
+        return _numbers(key, given, VECTORS[key])
+    if key in WORDS:
+        return _checked(key, given, lambda value: value in WORDS[key], "one of " + ", ".join(WORDS[key]))
+    if key in (*TEXTS, *FILES):
+        return _checked(key, given, lambda value: isinstance(value, str) and bool(value), "a text")
+    if key in FLAGS:
+        return _checked(key, given, lambda value: isinstance(value, bool), "true or false")
+    known = ", ".join(sorted([*NUMBERS, *VECTORS, *WORDS, *TEXTS, *FILES, *FLAGS]))
+    raise ValueError(f"{key}: expected one of {known}, or [[waypoint]]")
+
+
+def _waypoints(given: Any) -> tuple[Waypoint, ...]:
+    if not isinstance(given, list) or len(given) < 2 or not all(isinstance(table, dict) for table in given):
+        raise ValueError("waypoint: expected at least two tables [[waypoint]], the start first, given " + _shown(given))
+    found = []
+    for number, table in enumerate(given):
+        name = f"waypoint {number}"
+        unknown = next((key for key in table if key not in _OF_WAYPOINTS), None)
+        if unknown is not None:
+            raise ValueError(f"{name}: expected the keys {', '.join(_OF_WAYPOINTS)}, given {unknown!r}")
+        if "at" not in table:
+            raise ValueError(f"{name}: expected at = [x, y, z], given none")
+        numbers = {key: _number(f"{name}: {key}", value) for key, value in table.items() if key != "at"}
+        if number == 0 and numbers.keys() - {"hover"}:
+            raise ValueError(f"{name}: expected no {min(numbers.keys() - {'hover'})}: no leg leads to the start")
+        x, y, z = _numbers(f"{name}: at", table["at"], 3)
+        try:
+            found.append(Waypoint((x, y, z), **numbers))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+    return tuple(found)
+
+
+def _checked(name: str, given: Any, fits: Callable[[Any], bool], expected: str) -> Any:
+    try:
+        if fits(given):
+            return given
+    except TypeError:  # an array is in no list of words
+        pass
+    raise ValueError(f"{name}: expected {expected}, given {_shown(given)}")
+
+
+def _number(name: str, given: Any) -> float:
+    return float(_checked(name, given, _is_number, "a finite number"))
+
+
+def _numbers(name: str, given: Any, count: int) -> tuple[float, ...]:
+    def fits(values: Any) -> bool:
+        return isinstance(values, list) and len(values) == count and all(map(_is_number, values))
+
+    return tuple(float(value) for value in _checked(name, given, fits, f"{count} finite numbers in brackets"))
+
+
+def _is_number(given: Any) -> bool:
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        return False
+    return math.isfinite(given) if isinstance(given, float) else abs(given) < 2**1000
+
+
+def _shown(given: Any) -> str:
+    text = repr(given)
+    return text if len(text) <= 60 else text[:57] + "..."

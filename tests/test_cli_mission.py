@@ -1,0 +1,222 @@
+"""`maxjax mission` and `maxjax plan --via`: a file of waypoints to plans, pictures and files, or one sentence."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import maxjax
+from maxjax.cli import main, mission_file
+from maxjax.cli.options import PlanOptions
+
+SHAPE = (24, 16, 12)
+START, VIA, GOAL = "[6, 16, 10]", "[40, 8, 12]", "[40, 20, 12]"
+
+
+@pytest.fixture
+def town(tmp_path: Path) -> Path:
+    """A wall with one gap."""
+    occupied = np.zeros(SHAPE, bool)
+    occupied[12, :, :] = True
+    occupied[12, 1:6, 2:10] = False
+    np.savez(tmp_path / "town.npz", occupied=occupied, spacing=2.0, origin=np.zeros(3))
+    return tmp_path / "town.npz"
+
+
+def written(town: Path, *waypoints: str, head: str = "") -> str:
+    tables = "".join(f"[[waypoint]]\n{'' if '=' in one else 'at = '}{one}\n" for one in waypoints)
+    file = town.parent / "round.toml"
+    file.write_text(f'map = "town.npz"\nmethod = "astar"\n{head}\n{tables}')
+    return str(file)
+
+
+def around(town: Path) -> str:
+    middle = f"at = {VIA}\nhover = 2.5\nspeed = 3.0"
+    return written(town, START, middle, GOAL, head="return_to_start = true\nspeed = 6.0\nground = 2")
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> Any:
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_mission_is_planned_drawn_and_written(tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    out, files = tmp_path / "out", [tmp_path / name for name in ("a.csv", "a.tum")]
+    assert main(["mission", around(town), "--json", "--out", str(out), "--export", *map(str, files)]) == 0
+    content = told(capsys)
+    assert content == json.loads((out / "mission.json").read_text())
+    assert sorted(file.name for file in out.iterdir()) == ["mission.json", "mission.png", "path.csv"]
+    assert [leg["status"] for leg in content["legs"]] == ["OK", "OK", "OK"]
+    assert [(leg["speed"], leg["hover"]) for leg in content["legs"]] == [(3.0, 2.5), (6.0, None), (6.0, None)]
+    assert content["waypoints"] == [[6, 16, 10], [40, 8, 12], [40, 20, 12], [6, 16, 10]]
+    assert content["length"] == pytest.approx(sum(leg["length"] for leg in content["legs"]))
+    path, table = np.array(content["path"]), np.loadtxt(out / "path.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(path, table)
+    rows = np.loadtxt(files[0], delimiter=",", skiprows=1)
+    assert rows[-1, 0] == pytest.approx(content["duration"], abs=1e-5)
+    for time, place in zip(content["times"], content["waypoints"], strict=True):
+        assert np.linalg.norm(rows[np.abs(rows[:, 0] - time).argmin(), 1:4] - place) < 1.5
+    hovering = (rows[:, 0] > content["times"][1]) & (rows[:, 0] < content["times"][1] + 2.5)
+    np.testing.assert_allclose(rows[hovering, 1:4], np.broadcast_to([40, 8, 12], (hovering.sum(), 3)), atol=1e-5)
+
+
+def test_via_is_the_same_mission(town: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["mission", written(town, START, VIA, GOAL), "--json"]) == 0
+    by_file = told(capsys)
+    ends = ["--start", "6", "16", "10", "--goal", "40", "20", "12", "--via", "40", "8", "12"]
+    assert main(["plan", str(town), *ends, "--method", "astar", "--json"]) == 0
+    by_option = told(capsys)
+    assert by_option["path"] == by_file["path"]
+    assert len(by_option["legs"]) == 2
+    assert main(["plan", str(town), *ends, "--return-to-start", "--method", "astar"]) == 0
+    assert capsys.readouterr().out.count(" OK ") == 4  # three legs, and all
+
+
+def test_a_leg_that_fails_is_named_and_nothing_is_written(
+    tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, csv = tmp_path / "out", tmp_path / "a.csv"
+    file = written(town, START, VIA, "[24, 1, 1]", GOAL)
+    assert main(["mission", file, "--out", str(out), "--export", str(csv)]) == 1
+    error = capsys.readouterr().err
+    assert "Leg 2 of 3: GOAL_OCCUPIED: The goal lies inside an obstacle" in error
+    assert "goal (24, 1, 1)" in error
+    assert "Leg 3 of 3: START_OCCUPIED" in error
+    assert "Leg 2 failed, and nothing was written; --partial writes the legs before it." in error
+    assert not out.exists()
+    assert not csv.exists()
+
+
+def test_partial_writes_the_legs_before(tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    out, csv = tmp_path / "out", tmp_path / "a.csv"
+    file = written(town, START, VIA, "[24, 1, 1]", GOAL)
+    assert main(["mission", file, "--partial", "--json", "--out", str(out), "--export", str(csv)]) == 1
+    content = told(capsys)
+    assert content["status"] == "GOAL_OCCUPIED"
+    assert [leg["status"] for leg in content["legs"]] == ["OK", "GOAL_OCCUPIED", "START_OCCUPIED"]
+    assert content["path"][0] == [6, 16, 10]
+    assert content["path"][-1] == [40, 8, 12]
+    assert np.loadtxt(csv, delimiter=",", skiprows=1)[-1, 1:4] == pytest.approx([40, 8, 12])
+    assert (out / "mission.png").exists()
+    # Later without a leg that can be flown: what was there is gone.
+    assert main(["mission", written(town, START, "[24, 1, 1]", GOAL), "--partial", "--out", str(out)]) == 1
+    assert not list(out.iterdir())
+
+
+def test_waypoints_that_are_equal_or_outside_have_statuses(town: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["mission", written(town, START, START, "[400, 0, 10]", GOAL), "--json"]) == 1
+    statuses = [leg["status"] for leg in told(capsys)["legs"]]
+    assert statuses == ["START_EQUALS_GOAL", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP"]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "expected a map, as map = 'town.geojson', given none"),
+        ('map = "town.npz"', "waypoint: expected at least two tables [[waypoint]], the start first, given None"),
+        ('map = "town.npz"\nwaypoint = 3', "waypoint: expected at least two tables [[waypoint]], the start first, giv"),
+        ("what is this", "expected a mission as TOML: Expected '=' after a key"),
+        ("a = " + "[" * 3000, "expected a mission as TOML: "),
+        ("\x00", "expected a mission as TOML: "),
+        ('speeed = 3\nmap = "town.npz"', "speeed: expected one of airspace, below, bounds, "),
+        ('speed = "fast"\nmap = "town.npz"', "speed: expected a finite number, given 'fast'"),
+        ("speed = nan", "speed: expected a finite number, given nan"),
+        ("radius = true", "radius: expected a finite number, given True"),
+        ("bounds = [1, 2, 3]", "bounds: expected 6 finite numbers in brackets, given [1, 2, 3]"),
+        ('method = "magic"', "method: expected one of solver, network, astar, rrtstar, apf, given 'magic'"),
+        ("method = [[1]]", "method: expected one of solver"),
+        ("return_to_start = 1", "return_to_start: expected true or false, given 1"),
+        ("map = 1979-05-27", "map: expected a text, given datetime.date(1979, 5, 27)"),
+    ],
+)
+def test_a_file_of_nonsense_is_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, sentence: str
+) -> None:
+    (tmp_path / "a.toml").write_text(text)
+    assert main(["mission", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"maxjax: error: {tmp_path / 'a.toml'}: {sentence}")
+    assert captured.err.count("\n") == 1
+    assert not captured.out
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "sentence"),
+    [
+        ((START, "at = [1, 2]"), "waypoint 1: at: expected 3 finite numbers in brackets, given [1, 2]"),
+        ((START, "at = [1, 2, inf]"), "waypoint 1: at: expected 3 finite numbers in brackets, given [1, 2, inf]"),
+        ((START, f"at = [{'9' * 400}, 0, 0]"), "waypoint 1: at: expected 3 finite numbers"),
+        ((START, "hover = 2"), "waypoint 1: expected at = [x, y, z], given none"),
+        ((START, f"at = {GOAL}\nwait = 3"), "waypoint 1: expected the keys at, hover, speed, radius, margin, given 'w"),
+        ((START, f"at = {GOAL}\nhover = -1"), "waypoint 1: Waypoint.hover: expected seconds from 0 to 3600, given -1"),
+        ((START, f"at = {GOAL}\nspeed = 0"), "waypoint 1: Waypoint.speed: expected a positive number of m/s, given 0"),
+        ((f"at = {START}\nspeed = 3", GOAL), "waypoint 0: expected no speed: no leg leads to the start"),
+        ((START,), "waypoint: expected at least two tables"),
+    ],
+)
+def test_what_is_no_waypoint_is_one_sentence(
+    town: Path, capsys: pytest.CaptureFixture[str], waypoints: tuple[str, ...], sentence: str
+) -> None:
+    file = written(town, *waypoints)
+    assert main(["mission", file]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"maxjax: error: {file}: {sentence}")
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("head", "sentence"),
+    [
+        ("radius = -1", "radius: expected a finite number of metres, at least 0"),
+        ("speed = -2", "FlightLimits.speed: expected a positive finite number, given -2.0"),
+        ("place = [4, 190, 0]\ncrs = 'EPSG:28992'", "--crs: expected one of --place and --crs"),
+        ("bounds = [0, 0, 0, 0, 0, 0]", "bounds: expected finite minima below the maxima"),
+    ],
+)
+def test_options_are_refused_as_those_of_plan(
+    town: Path, capsys: pytest.CaptureFixture[str], head: str, sentence: str
+) -> None:
+    assert main(["mission", written(town, START, GOAL, head=head)]) == 2
+    error = [line for line in capsys.readouterr().err.splitlines() if line.startswith("maxjax: error: ")]
+    assert len(error) == 1
+    assert error[0].startswith(f"maxjax: error: {sentence}")
+
+
+def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("nowhere.toml", "."):
+        assert main(["mission", str(tmp_path / name)]) == 2
+        assert capsys.readouterr().err.startswith("maxjax: error: ")
+    (tmp_path / "a.toml").write_text(f'map = "nowhere.npz"\n[[waypoint]]\nat = {START}\n[[waypoint]]\nat = {GOAL}\n')
+    assert main(["mission", str(tmp_path / "a.toml")]) == 2
+    assert "nowhere.npz" in capsys.readouterr().err
+
+
+def test_every_option_of_plan_may_stand_in_a_file() -> None:
+    options = {field.name for field in dataclasses.fields(PlanOptions)}
+    kinds = (getattr(mission_file, kind) for kind in ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "FILES", "FLAGS"))
+    known = {name for kind in kinds for name in kind}
+    assert known == options - {"start", "goal", "via", "out", "json", "export"}
+
+
+def test_three_waypoints_in_venice(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The map of a city block as OpenStreetMap has it, from street to roofs and down to another street."""
+    (source, *_) = sorted((data / "la_venice").glob("*.osm"))
+    found = maxjax.load_map(source)
+    top = found.grid.upper[2]
+    low, high = np.array(found.grid.lower), np.array(found.grid.upper)
+    middle, span = 0.5 * (low + high), high - low
+    places = [(middle + span * np.array([x, y, 0.0]))[:2].tolist() for x, y in ((-0.3, -0.3), (0.3, -0.3), (0.0, 0.3))]
+    tables = "".join(f"[[waypoint]]\nat = [{x}, {y}, {top - 5.0}]\n" for x, y in places)
+    (tmp_path / "venice.toml").write_text(f'map = "{source}"\nreturn_to_start = true\n{tables}')
+    assert main(["mission", str(tmp_path / "venice.toml"), "--json", "--export", str(tmp_path / "v.plan")]) == 0
+    content = told(capsys)
+    assert [leg["status"] for leg in content["legs"]] == ["OK"] * 3
+    items = json.loads((tmp_path / "v.plan").read_text())["mission"]["items"]
+    assert len(items) == len(content["path"]) + 1
