@@ -34,9 +34,10 @@ from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.problems import problems
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
+from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import Params, apply, apply_folded, init
-from maxjax.nn.encoding import encode
+from maxjax.nn.encoding import Known, encode
 from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
 from maxjax.planning.problem import formulate
@@ -74,19 +75,14 @@ class Config:
     out: Path = RESULTS
 
 
-def nothing(
-    sigma: Float[Array, "nx ny nz"], goal_index: Array, steps: Array, length: Array
-) -> Float[Array, "nx ny nz"]:
-    """A start that knows the goal alone: everything else as far away as float32 can say."""
-    del goal_index, steps, length
-    return jnp.full(sigma.shape, jnp.inf)
+def nothing(known: Known) -> Float[Array, "nx ny nz"]:
+    """A start that knows the goal alone: everything else as far away as a prediction can say."""
+    return jnp.full(known.sigma.shape, jnp.inf)
 
 
-def analytic(
-    sigma: Float[Array, "nx ny nz"], goal_index: Array, steps: Array, length: Array
-) -> Float[Array, "nx ny nz"]:
-    """The closed law of free space, walls ignored: y₀ of `nn.encoding`."""
-    return encode("free", False, sigma, goal_index, steps, length)[1]
+def analytic(known: Known) -> Float[Array, "nx ny nz"]:
+    """The closed law of free space, walls and prices ignored: y₀ of `nn.encoding`."""
+    return encode("free", False, known)[1]
 
 
 def main(config: Config) -> list[Row]:
@@ -142,16 +138,17 @@ def _forward(model: Model, config: Config) -> list[Row]:
     return rows
 
 
-Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"]]
+Given = tuple[Float[Array, "nx ny nz"], Int32[Array, " 3"], Float[Array, "nx ny nz"]]
 
 
 def _systems(name: str, config: Config, grid: Grid) -> list[Given]:
-    """Conductivity and goal of each problem, with the hard set that the planner takes."""
+    """Conductivity, goal and price of each problem, as the planner takes them."""
     given: list[Given] = []
     for task in problems(name, config.problems, config.seed, grid):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
         found = formulate(*maps, jnp.asarray(task.ends[0]), task.distances, grid.local)
-        given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index))
+        price = jnp.ones(grid.shape) if found.price is None else lattice_price(found.price, SCREENING_LENGTH)
+        given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index, price))
     return given
 
 

@@ -241,8 +241,7 @@ class TrainOptions:
     A run that was killed goes on from its last checkpoint, bit for bit.
 
     Attributes:
-        config: Networks and their recipes: paper, paper_difference, paper_large, maxjax, maxjax_slim, maxjax_half,
-            maxjax_no_flood.
+        config: Networks and their recipes: paper, paper_difference, paper_large, maxjax, maxjax_no_flood.
         out: Folder; each network has its own in it, with weights, log and checkpoint.
         tiny: A small network on a few scenes of 33 x 33 x 33 voxels, to see that all works.
         epochs: By default those of the recipe, 200.

@@ -19,6 +19,8 @@ from maxjax.sim.scanned_city import TINY_GRID, ScannedCity
 
 _CHECKS, _CHUNK = 64, 16
 _TINY_SCENES, _TINY_CHECKS, _TINY_CHUNK = 8, 4, 4
+# Of the price on walls; a planner asks for 3.5 unless told otherwise.
+_HEIGHTS = (0.0, 5.0)
 # Keys of the sets, folded into that of the seed.
 _TRAINING, _VALIDATION = 1, 2
 
@@ -33,12 +35,14 @@ def run(options: TrainOptions) -> int:
     """
     _check(options)
     options.out.mkdir(parents=True, exist_ok=True)
-    data = _data(options)
+    data = functools.cache(functools.partial(_data, options))
     for name in ("tiny",) if options.tiny else options.config:
         recipe = recipe_of(name, options.seed, options.epochs)
+        # Networks that read the flood read prices too, and learn them; the paper's know none.
+        scenes = data(_HEIGHTS if recipe.network.flood else (0.0, 0.0))
         show = functools.partial(_show_epoch, name, recipe.epochs)
         # At once, as an interruption discards what is not yet printed.
-        print(train_network(name, recipe, data, options.out / name, show), flush=True)
+        print(train_network(name, recipe, scenes, options.out / name, show), flush=True)
     return 0
 
 
@@ -50,8 +54,8 @@ def _check(options: TrainOptions) -> None:
         raise ValueError(f"--scenes, --epochs: expected at least 1, given {options.scenes} and {options.epochs}")
 
 
-def _data(options: TrainOptions) -> Data:
-    """The scenes of both sets."""
+def _data(options: TrainOptions, heights: tuple[float, float]) -> Data:
+    """The scenes of both sets, with prices of some heights."""
     grid, scenes, checks, chunk = Grid(), options.scenes, _CHECKS, _CHUNK
     if options.tiny:
         grid, scenes, checks, chunk = TINY_GRID, _TINY_SCENES, _TINY_CHECKS, _TINY_CHUNK
@@ -59,8 +63,8 @@ def _data(options: TrainOptions) -> Data:
     def made(name: str, stream: int, count: int) -> Scenes:
         started = time.perf_counter()
         key = jax.random.fold_in(jax.random.key(options.seed), stream)
-        folder = None if options.cache is None else options.cache / name
-        wanted = SceneSet(ScannedCity("midtown", grid), key, count, grid, Chunks(chunk, folder))
+        folder = None if options.cache is None else options.cache / (name if max(heights) == 0 else f"{name}-priced")
+        wanted = SceneSet(ScannedCity("midtown", grid, heights), key, count, grid, Chunks(chunk, folder))
         found, usable = wanted.make(functools.partial(_show_drawn, name, count))
         report.complain(
             f"{name}: {usable} of {wanted.drawn} usable, {len(found.status)} taken, "

@@ -35,8 +35,6 @@ class Autoencoder:
         flood: whether the distance by a flood from the goal is among the inputs.
         skips: whether encoder features are kept for the decoder.
         patch: edge of the patches that enter and leave as channels [voxels], 1 or 2.
-        coarse: whether one number is predicted for each patch. Its voxels repeat it, smoothed within free space: this
-            upsampling does not reach through walls, so the flood must be among the inputs.
         dropout: share of the bottleneck's features that training drops.
 
     Raises:
@@ -51,7 +49,6 @@ class Autoencoder:
     flood: bool = False
     skips: bool = False
     patch: int = 1
-    coarse: bool = False
     dropout: float = 0.1
 
     def __post_init__(self) -> None:
@@ -65,11 +62,6 @@ class Autoencoder:
                 "Autoencoder: expected patches of 1 or 2, odd kernels and a dropout below 1, given "
                 f"{self.patch}, {self.kernels} and {self.dropout}"
             )
-        if self.coarse and not (self.patch == 2 and self.flood and self.dimensions == 3):
-            raise ValueError(
-                "Autoencoder: expected patches of 2 in three dimensions, and the flood among the inputs, for a coarse "
-                f"output, given {self.patch}, {self.dimensions} and {self.flood}"
-            )
 
     @property
     def inputs(self) -> int:
@@ -78,13 +70,8 @@ class Autoencoder:
 
     @property
     def channels(self) -> int:
-        """Channels that enter with a patch for each input: its voxels."""
+        """Channels that a patch has for each number of its voxels."""
         return int(self.patch**self.dimensions)
-
-    @property
-    def outputs(self) -> int:
-        """Channels that leave with a patch."""
-        return 1 if self.coarse else self.channels
 
     def spaces(self, space: tuple[int, ...]) -> list[tuple[int, ...]]:
         """The grid of each level, finest first, and of the bottleneck.
@@ -123,13 +110,6 @@ MAXJAX = Autoencoder(
     dropout=0.0,
 )
 MAXJAX_NO_FLOOD = dataclasses.replace(MAXJAX, flood=False)
-# Compressed: half the channels; and, besides, one number a patch of 2³ voxels.
-MAXJAX_SLIM = dataclasses.replace(
-    MAXJAX,
-    encoder=((16,), (24, 24), (48, 48), (64, 64)),
-    decoder=((64, 64), (48, 48), (24, 24), (16,)),
-)
-MAXJAX_HALF = dataclasses.replace(MAXJAX_SLIM, coarse=True)
 
 # Trains in seconds, for trying things out.
 TINY = dataclasses.replace(MAXJAX, encoder=((4,), (8,)), decoder=((8,), (4,)), kernels=(3, 3))
@@ -140,8 +120,6 @@ CONFIGS: dict[str, Autoencoder] = {
     "paper2d": PAPER_2D,
     "paper_large": PAPER_LARGE,
     "maxjax": MAXJAX,
-    "maxjax_slim": MAXJAX_SLIM,
-    "maxjax_half": MAXJAX_HALF,
     "maxjax_no_flood": MAXJAX_NO_FLOOD,
     "tiny": TINY,
 }

@@ -11,7 +11,6 @@ no volume is upsampled, and the finest level of the paper's network works on pat
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any
 
@@ -20,14 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from maxjax.fields.gradient import smooth
 from maxjax.nn import layers
 from maxjax.nn.architecture import Autoencoder
-from maxjax.nn.encoding import JOINED
 from maxjax.nn.layers import Formulation, Volumes
-
-# Standard deviation of the smoothing after a coarse output [voxels].
-_SPREAD = 1.0
 
 # Layers of `{"kernel", "bias"}`: lists of levels in "encoder" and "decoder", one in "head".
 Params = dict[str, Any]
@@ -62,7 +56,7 @@ def init(key: PRNGKeyArray, config: Autoencoder) -> Params:
     if config.skips:
         width += config.inputs * config.channels
     # The first output is near zero: a difference then predicts the start itself.
-    return {"encoder": encoder, "decoder": decoder, "head": layer(3, width, config.outputs, gain=1e-4)}
+    return {"encoder": encoder, "decoder": decoder, "head": layer(3, width, config.channels, gain=1e-4)}
 
 
 def fold(params: Params, config: Autoencoder) -> Params:
@@ -243,14 +237,9 @@ def _enter(x: Volumes, config: Autoencoder) -> Volumes:
 
 def _leave(x: Volumes, head: Layer, given: Volumes, config: Autoencoder) -> Float[Array, " n *space"]:
     y = x.astype(jnp.float32) + head["bias"].astype(jnp.float32)
-    if config.coarse:
-        y = jnp.tile(y, config.channels)
     if config.patch == 2:
         y = layers.crop(layers.unpatch(y), given.shape[1:-1])
-    y = y[..., 0]
-    if config.coarse:
-        y = jax.vmap(functools.partial(smooth, sigma=_SPREAD))(y, given[..., JOINED] > 0)
-    return y
+    return y[..., 0]
 
 
 def _leave_in_patches(x: Volumes, head: Layer, space: tuple[int, ...], by: Formulation) -> Float[Array, " n *space"]:

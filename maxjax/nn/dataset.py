@@ -1,6 +1,6 @@
 """Scenes with their certified potentials, from keys.
 
-    scene i = label(draw(fold_in(key, i)))        draw: key ↦ (blocked, goal)
+    scene i = label(draw(fold_in(key, i)))        draw: key ↦ (blocked, price, goal)
 
 A scene is a pure function of its key: the same in any batch. The caller's `draw` makes cities, scans and goals; this
 module labels them with the solver's field and stores them.
@@ -26,14 +26,16 @@ from maxjax.core.grid import Grid
 from maxjax.core.serialize import load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
-from maxjax.fields.geodesic import geodesic
+from maxjax.nn.encoding import Known
+from maxjax.solvers.medium import medium_of
 from maxjax.solvers.potential import solve_potential
 
 # The relative change of any voxel by one more sweep: values are then good to about 1 % of φ, 0.01 nats.
 TOLERANCE = 1e-3
 
 Fields = dict[str, Array]  # those of `Scenes`: a dictionary may hold shapes in place of arrays
-Draw = Callable[[PRNGKeyArray], tuple[Bool[Array, "nx ny nz"], Int32[Array, " 3"]]]
+Drawn = tuple[Bool[Array, "nx ny nz"], Float[Array, "nx ny nz"], Int32[Array, " 3"]]
+Draw = Callable[[PRNGKeyArray], Drawn]
 
 
 @jax.tree_util.register_dataclass
@@ -42,15 +44,17 @@ class Scenes:
     """Labelled scenes; a batch axis leads.
 
     Attributes:
-        blocked: voxels that conduct nothing: obstacles with their margin.
+        blocked: voxels that conduct nothing: the hard set.
+        price: N ≥ 1, what a voxel costs (`fields.price.lattice_price`).
         goal_index: voxel of the goal.
-        steps: of the flood from the goal, 0 outside its component.
+        steps: of the flood from the goal, prices counted; 0 outside its component.
         target: y = −ℓ log φ [voxels] (`nn.encoding`); 0 at the goal and outside its component.
         screening_length: ℓ [voxels].
         status: `Status` of the solve as int32; only scenes that are OK are trained on.
     """
 
     blocked: Bool[Array, "*batch nx ny nz"]
+    price: Float[Array, "*batch nx ny nz"]
     goal_index: Int32[Array, "*batch 3"]
     steps: UInt16[Array, "*batch nx ny nz"]
     target: Float[Array, "*batch nx ny nz"]
@@ -58,19 +62,25 @@ class Scenes:
     status: Int32[Array, "*batch"]
 
 
-def label(blocked: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"], grid: Grid) -> Scenes:
+def label(drawn: Drawn, grid: Grid) -> Scenes:
     """The solver's field of one scene; for `jit` and `vmap`.
 
     Args:
-        blocked: voxels that conduct nothing.
-        goal_index: voxel of the goal.
-        grid: of `blocked`; static.
+        drawn: voxels that conduct nothing, the price N, the voxel of the goal.
+        grid: of these; static.
     """
+    blocked, price, goal_index = drawn
     sigma = conductivity(blocked, goal_index, grid)
-    solved = solve_potential(sigma, goal_index, tolerance=TOLERANCE)
-    _, steps = geodesic(~blocked, goal_index)
+    solved = solve_potential(sigma, goal_index, price, tolerance=TOLERANCE)
+    steps = medium_of(sigma, goal_index, price).distance.astype(jnp.uint16)
     target = jnp.where(jnp.isfinite(solved.log_phi), -solved.screening_length * solved.log_phi, 0)
-    return Scenes(blocked, goal_index, steps.astype(jnp.uint16), target, solved.screening_length, solved.status)
+    return Scenes(blocked, price, goal_index, steps, target, solved.screening_length, solved.status)
+
+
+def known_of(scene: Scenes, grid: Grid) -> Known:
+    """What networks read of a scene; `grid` is static."""
+    sigma = conductivity(scene.blocked, scene.goal_index, grid)
+    return Known(sigma, scene.price, scene.goal_index, scene.steps, scene.screening_length)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,8 +148,7 @@ def generate(
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _make(draw: Draw, grid: Grid, key: PRNGKeyArray, indices: Int32[Array, " chunk"]) -> Fields:
     def one(index: Int32[Array, ""]) -> Fields:
-        blocked, goal_index = draw(jax.random.fold_in(key, index))
-        return dict(vars(label(blocked, goal_index, grid)))
+        return dict(vars(label(draw(jax.random.fold_in(key, index)), grid)))
 
     made: Fields = jax.vmap(one)(indices)
     return made

@@ -18,11 +18,10 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maxjax.core.grid import Grid
-from maxjax.fields.conductivity import conductivity
 from maxjax.fields.gradient import gradient
 from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded
-from maxjax.nn.dataset import Scenes
+from maxjax.nn.dataset import Scenes, known_of
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.layers import Formulation
 
@@ -40,8 +39,7 @@ def evaluate(
     """
 
     def one(scene: Scenes) -> dict[str, Float[Array, ""]]:
-        sigma = conductivity(scene.blocked, scene.goal_index, grid)
-        x, base = encode(network.start, network.flood, sigma, scene.goal_index, scene.steps, scene.screening_length)
+        x, base = encode(network.start, network.flood, known_of(scene, grid))
         predicted = base + UNIT[network.start] * apply_folded(params, x[None], network, by=by)[0]
         return errors(predicted, scene)
 

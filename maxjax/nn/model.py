@@ -26,12 +26,12 @@ from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
+from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.nn.architecture import CONFIGS, Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
-from maxjax.nn.encoding import UNIT, decode, encode
+from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
-from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential
 
@@ -41,12 +41,10 @@ MAX_SWEEPS = 64
 # Standard deviation of the smoothing of a predicted log-potential [voxels]: local maxima of a voxel or two would hold
 # up the ascent, and cost the sweeps more than all the rest. The paper smooths too, by 5.
 _SMOOTHING = 1.0
-# Fields of `Autoencoder` that older files lack, and what they mean by it.
-_LATER = {"coarse": False}
 # Sweeps between two looks at the certificate.
 _LOOK = 4
-# (sigma, goal_index, steps, length) ↦ −ℓ log φ [voxels], as `Model.log_potential`.
-LogPotential = Callable[[Array, Array, Array, Array], Array]
+# A predicted −ℓ log φ [voxels], as `Model.log_potential`.
+LogPotential = Callable[[Known], Array]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,15 +65,9 @@ class Model:
     by: Formulation
     metadata: Mapping[str, Any]
 
-    def log_potential(
-        self,
-        sigma: Float[Array, "nx ny nz"],
-        goal_index: Int32[Array, " 3"],
-        steps: Int32[Array, "nx ny nz"],
-        length: Float[Array, ""],
-    ) -> Float[Array, "nx ny nz"]:
-        """The network's −ℓ log φ [voxels]; arguments as of `nn.encoding.encode`."""
-        x, base = encode(self.network.start, self.network.flood, sigma, goal_index, steps, length)
+    def log_potential(self, known: Known) -> Float[Array, "nx ny nz"]:
+        """The network's −ℓ log φ [voxels]."""
+        x, base = encode(self.network.start, self.network.flood, known)
         return base + UNIT[self.network.start] * apply_folded(self.params, x[None], self.network, by=self.by)[0]
 
 
@@ -97,7 +89,7 @@ def predict_potential(
         model: from `load_model`. Static: `functools.partial(predict_potential, model)` is a `PotentialFn`.
         sigma: conductivity, zero in obstacles.
         goal_index: voxel of the goal.
-        price: as of `solve_potential`; networks do not know of it, sweeps do.
+        price: as of `solve_potential`; networks without the flood among their inputs do not read it, sweeps do.
         max_sweeps: 0: the network alone. Static.
 
     Returns:
@@ -125,14 +117,14 @@ def certified_from(
         start: the log-potential from which the sweeps start. Static.
         sigma, goal_index, max_sweeps, price: as of `predict_potential`.
     """
-    # What networks read of the flood are steps, without prices.
-    medium = dataclasses.replace(medium_of(sigma, goal_index), price=price)
-    component, length = medium.component, screening_length_for(medium.distance)
+    medium = medium_of(sigma, goal_index, price)
+    component, length = medium.component, jnp.asarray(SCREENING_LENGTH, sigma.dtype)
     goal = stencil.cell(sigma.shape, goal_index) & component
     wrong = input_status(medium, length)
     # A network turns one NaN into many; with a bad sigma its output is not used.
-    finite = jnp.where(wrong == Status.NONFINITE_INPUT, 0, sigma)
-    log_phi = slope.log_potential(decode(start(finite, goal_index, medium.distance, length), component, goal, length))
+    finite = wrong != Status.NONFINITE_INPUT
+    given = jnp.where(finite, sigma, 0), jnp.where(finite, 1 if price is None else price, jnp.ones_like(sigma))
+    log_phi = decode(start(Known(*given, goal_index, medium.distance, length)), component, goal, length)
     log_phi = jnp.where(goal, 0, jnp.where(component, slope.smooth(log_phi, component, _SMOOTHING), 0))
     progress = dataclasses.replace(untouched(medium, length), log_phi=log_phi)
     progress = sweep_until_certified(medium, progress, most=max_sweeps, between=_LOOK)
@@ -216,8 +208,6 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
         )
     metadata = load_metadata(file)
     given, expected = metadata.get("network"), _described(network)
-    if isinstance(given, dict):
-        given = _LATER | given
     if metadata.get("model") != name or given != expected:
         raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
     shapes = jax.eval_shape(lambda: init(jax.random.key(0), network))

@@ -63,7 +63,5 @@ RECIPES: dict[str, Training] = {
     "paper_large": Training("paper_large", by="planes"),
     "maxjax": Training("maxjax", warmup=200, slope=1.0, turned=True),
     "tiny": Training("tiny", epochs=8, batch=4, slope=1.0, turned=True),
-    "maxjax_slim": Training("maxjax_slim", warmup=200, slope=1.0, turned=True),
-    "maxjax_half": Training("maxjax_half", warmup=200, slope=1.0, turned=True),
     "maxjax_no_flood": Training("maxjax_no_flood", warmup=200, slope=1.0, turned=True),
 }

@@ -31,12 +31,11 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from maxjax.core.grid import Grid
 from maxjax.core.serialize import atomic_write
 from maxjax.fields import stencil
-from maxjax.fields.conductivity import conductivity
 from maxjax.nn import optimizer
 from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
-from maxjax.nn.dataset import Scenes
+from maxjax.nn.dataset import Scenes, known_of
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.evaluation import evaluate, summary
 from maxjax.nn.optimizer import AdamW, Moments
@@ -72,8 +71,7 @@ def steps_per_epoch(training: Training, scenes: int) -> int:
 
 def inputs_of(network: Autoencoder, scene: Scenes, grid: Grid) -> tuple[Array, Array, Bool[Array, "nx ny nz"]]:
     """x, the network's target, and where it counts: the goal's component without the goal."""
-    sigma = conductivity(scene.blocked, scene.goal_index, grid)
-    x, base = encode(network.start, network.flood, sigma, scene.goal_index, scene.steps, scene.screening_length)
+    x, base = encode(network.start, network.flood, known_of(scene, grid))
     return x, (scene.target - base) / UNIT[network.start], scene.steps > 0
 
 
@@ -123,6 +121,7 @@ def turn(scene: Scenes, key: PRNGKeyArray) -> Scenes:
     return dataclasses.replace(
         scene,
         blocked=volume(scene.blocked),
+        price=volume(scene.price),
         goal_index=goal,
         steps=volume(scene.steps),
         target=volume(scene.target),

@@ -1,10 +1,10 @@
 """Training scenes: what one scan from a place in a city leaves a planner to solve.
 
-    key → city → sensor's position → scan → voxels → goal → (blocked, goal)
+    key → city → sensor's position → scan → voxels → goal → (blocked, price, goal)
 
 A scene is what one planning problem of a flight looks like to the planner: 32,768 rays from a place in the open, 3 to
 15 m above the ground, the grid of 101³ voxels about it; below z = 0 everything is ground. The goal stands in the open
-at the same heights.
+at the same heights. The price rises from 1 at the planner's margin to 1 + a on the wall, a drawn anew for each scene.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
+from maxjax.fields.price import SCREENING_LENGTH, Price, lattice_price
 from maxjax.planning.problem import formulate
 from maxjax.planning.task import Distances
 from maxjax.sim.lidar import Lidar, scan
@@ -31,7 +32,7 @@ TINY_GRID = Grid((33, 33, 33), 4.0, (-64.0, -64.0, -64.0))
 
 _LIDAR = Lidar()
 _LOW, _HIGH = 3.0, 15.0  # [m] above ground
-_DISTANCES = Distances()
+_DISTANCES = Distances(price=Price(height=1.0))
 _REACH = 95.0  # [m], of poses and goals from the middle of the city, along x and y
 _SKY = 400.0  # [m], above any roof
 _APART = 3.0  # [m], to walls: further than the voxel that a place shares with one
@@ -39,21 +40,26 @@ _APART = 3.0  # [m], to walls: further than the voxel that a place shares with o
 _POSES, _GOALS = 16, 32
 
 
+Scene = tuple[Bool[Array, "nx ny nz"], Float[Array, "nx ny nz"], Int32[Array, " 3"]]
+
+
 @dataclasses.dataclass(frozen=True)
 class ScannedCity:
-    """Scenes of a map: a pure function of a key to (blocked, goal_index).
+    """Scenes of a map: a pure function of a key to (blocked, price, goal_index).
 
     Attributes:
         name: of `worlds.layouts.MAPS`.
         grid: shape and spacing; it is moved to the sensor, in whole voxels.
+        heights: least and largest height a of the price (`fields.price`); (0, 0): no prices.
     """
 
     name: str
     grid: Grid
+    heights: tuple[float, float] = (0.0, 0.0)
 
-    def __call__(self, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, " 3"]]:
+    def __call__(self, key: PRNGKeyArray) -> Scene:
         """The scene of a key."""
-        return _draw(self.name, self.grid, key)
+        return _draw(self.name, self.grid, self.heights, key)
 
 
 @jax.tree_util.register_dataclass
@@ -62,12 +68,13 @@ class _GoalCarry:
     """The problem of the goal tried last, and the goals that are left to try."""
 
     blocked: Bool[Array, "nx ny nz"]
+    price: Float[Array, "nx ny nz"]
     goal_index: Int32[Array, " 3"]
     status: Int32[Array, ""]
     left: Bool[Array, " goals"]
 
 
-def _draw(name: str, grid: Grid, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, " 3"]]:
+def _draw(name: str, grid: Grid, heights: tuple[float, float], key: PRNGKeyArray) -> Scene:
     city, places, turn, noise = jax.random.split(key, 4)
     geoms = layout(name, city)
     u = jax.random.uniform(places, (_POSES + _GOALS, 3))
@@ -90,15 +97,21 @@ def _draw(name: str, grid: Grid, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny 
         chosen = jnp.argmax(carry.left)
         ends = grid.fractional_index(jnp.stack([position + shift, goals[chosen]]))
         problem = formulate(occupied | ground, ground, ends, _DISTANCES, grid)
-        return _GoalCarry(problem.blocked, problem.goal_index, problem.status, carry.left.at[chosen].set(False))
+        left = carry.left.at[chosen].set(False)
+        assert problem.price is not None  # its height is not 0
+        return _GoalCarry(problem.blocked, problem.price, problem.goal_index, problem.status, left)
 
     def unsolved(carry: _GoalCarry) -> Bool[Array, ""]:
         return (carry.status != Status.OK) & jnp.any(carry.left)
 
-    nothing = jnp.ones(grid.shape, bool), jnp.zeros(3, jnp.int32), jnp.int32(Status.NO_VALID_PATH)
+    volumes = jnp.ones(grid.shape, bool), jnp.ones(grid.shape, jnp.float32)
+    nothing = *volumes, jnp.zeros(3, jnp.int32), jnp.int32(Status.NO_VALID_PATH)
     found = lax.while_loop(unsolved, attempt, _GoalCarry(*nothing, eligible))
     # Without a goal nothing is free: the solve will say so, and the scene is not used.
-    return found.blocked | (found.status != Status.OK), found.goal_index
+    blocked = found.blocked | (found.status != Status.OK)
+    height = jax.random.uniform(jax.random.fold_in(key, 1), (), minval=heights[0], maxval=heights[1])
+    price = lattice_price(1 + height * (found.price - 1), SCREENING_LENGTH)
+    return blocked, price, found.goal_index
 
 
 def _in_the_open(geoms: Geoms, points: Float[Array, "n 3"]) -> Bool[Array, " n"]:

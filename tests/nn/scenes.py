@@ -6,7 +6,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int32, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid
 from maxjax.nn.architecture import Autoencoder
@@ -17,12 +17,14 @@ MINI = Autoencoder(((4,), (6,)), ((6,), (4,)), (3, 3), start="free", flood=True,
 
 @dataclasses.dataclass(frozen=True)
 class Boxes:
-    """Random boxes, with a goal that stands free."""
+    """Random boxes in a price that grows along x, with a goal that stands free."""
 
     grid: Grid = GRID
     sealed: bool = False
 
-    def __call__(self, key: PRNGKeyArray) -> tuple[Bool[Array, "nx ny nz"], Int32[Array, " 3"]]:
+    def __call__(
+        self, key: PRNGKeyArray
+    ) -> tuple[Bool[Array, "nx ny nz"], Float[Array, "nx ny nz"], Int32[Array, " 3"]]:
         corners, sizes, goals = jax.random.split(key, 3)
         low = jax.random.randint(corners, (6, 3), 0, self.grid.shape[0])
         size = jax.random.randint(sizes, (6, 3), 1, 6)
@@ -30,4 +32,5 @@ class Boxes:
         voxels = jnp.stack(jnp.meshgrid(*map(jnp.arange, self.grid.shape), indexing="ij"), -1)[..., None, :]
         boxes = jnp.any(jnp.all((voxels >= low) & (voxels < low + size), axis=-1), axis=-1)
         near = jnp.all(jnp.abs(voxels[..., 0, :] - goal) <= 1, axis=-1)
-        return (boxes & ~near) | self.sealed, goal
+        price = 1 + 2 * voxels[..., 0, 0].astype(jnp.float32) / self.grid.shape[0]
+        return (boxes & ~near) | self.sealed, price, goal

@@ -23,7 +23,6 @@ SMALL = {
         MAXJAX, encoder=((4,), (5, 6), (6,)), decoder=((6,), (5, 6), (4,)), kernels=(3, 3, 3), dropout=0.5
     ),
 }
-SMALL["coarse"] = dataclasses.replace(SMALL["maxjax"], coarse=True)
 
 
 def weights(config: Autoencoder, seed: int = 0) -> dict:
@@ -75,7 +74,6 @@ def test_a_voxel_of_the_papers_bottleneck_sees_94_voxels_along_each_axis() -> No
         ("paper", (35, 32, 33), "planes"),
         ("paper2d", (37, 40), "direct"),
         ("maxjax", (17, 18, 16), "product"),
-        ("coarse", (17, 18, 16), "product"),
     ],
 )
 def test_folded_equals_plain(name: str, space: tuple[int, ...], by: str) -> None:
@@ -124,25 +122,3 @@ def test_what_does_not_fit_is_refused_with_both_shapes() -> None:
         Autoencoder(((4,),), ((4,), (4,)), (3,))
     with pytest.raises(ValueError, match="odd kernels"):
         Autoencoder(((4,),), ((4,),), (4,))
-
-
-def test_a_coarse_output_is_spread_within_its_patch_and_along_free_ways_only() -> None:
-    """Two rooms behind a wall of one voxel: what is predicted in one of them does not reach the other."""
-    config = SMALL["coarse"]
-    params = jax.tree.map(jnp.zeros_like, init(jax.random.key(0), config))
-    # The head passes the brightness of a patch's first voxel on.
-    kernel = params["head"]["kernel"].at[1, 1, 1, -config.inputs * config.channels, 0].set(1.0)
-    params["head"]["kernel"] = kernel
-    free = np.ones((17, 16, 16), bool)
-    free[8] = False
-    x = np.zeros((1, *free.shape, config.inputs), np.float32)
-    x[0, ..., 1] = free
-    x[0, :8, ..., 0] = 3.0
-    y = np.asarray(apply(params, jnp.asarray(x), config))[0]
-    np.testing.assert_allclose(y[:8], 3.0, rtol=1e-6)
-    np.testing.assert_allclose(y[9:], 0.0, atol=1e-6)
-    x[0, ..., 1], x[0, 8, ..., 0] = True, 0.0
-    mixed = np.asarray(apply(params, jnp.asarray(x), config))[0]
-    assert 0 < mixed[9, 8, 8] < mixed[7, 8, 8] < 3
-    with pytest.raises(ValueError, match="for a coarse"):
-        dataclasses.replace(MAXJAX, coarse=True, flood=False)

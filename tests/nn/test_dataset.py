@@ -33,12 +33,12 @@ def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
 
 
 def test_targets_are_the_solvers_log_potential(scenes: Scenes) -> None:
-    solve = jax.jit(lambda sigma, goal: solve_potential(sigma, goal, tolerance=1e-5))
+    solve = jax.jit(lambda sigma, goal, price: solve_potential(sigma, goal, price, tolerance=1e-5))
     for i in range(5):
         sigma = conductivity(scenes.blocked[i], scenes.goal_index[i], GRID)
-        exact = solve(sigma, scenes.goal_index[i])
-        joined = np.asarray(exact.phi) > 0
-        wanted = -float(exact.screening_length) * np.log(np.asarray(exact.phi)[joined])
+        exact = solve(sigma, scenes.goal_index[i], scenes.price[i])
+        joined = np.isfinite(np.asarray(exact.log_phi))
+        wanted = -float(exact.screening_length) * np.asarray(exact.log_phi)[joined]
         np.testing.assert_allclose(np.asarray(scenes.target[i])[joined], wanted, atol=0.05)
         assert not np.asarray(scenes.target[i])[~joined].any()
         assert ((np.asarray(scenes.steps[i]) > 0) == (joined & (np.asarray(scenes.target[i]) > 0))).mean() > 0.999

@@ -42,9 +42,9 @@ def model(file: Path) -> Model:
     return load_model("mini", file)
 
 
-def scene(seed: int) -> tuple[jax.Array, jax.Array]:
-    blocked, goal = Boxes()(jax.random.key(seed))
-    return conductivity(blocked, goal, GRID), goal
+def scene(seed: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    blocked, price, goal = Boxes()(jax.random.key(seed))
+    return conductivity(blocked, goal, GRID), goal, price
 
 
 def test_weights_come_back_in_half_precision_with_their_metadata(file: Path, model: Model) -> None:
@@ -81,8 +81,9 @@ def test_the_prediction_fills_the_slot_and_sweeps_certify_it(model: Model) -> No
     alone = jax.jit(functools.partial(predict_potential, model))
     swept = jax.jit(functools.partial(predict_potential, model, max_sweeps=400))
     for seed in range(3):
-        sigma, goal = scene(seed)
-        first, field, exact = alone(sigma, goal), swept(sigma, goal), solve(sigma, goal)
+        given = scene(seed)
+        goal = given[1]
+        first, field, exact = alone(*given), swept(*given), solve(*given)
         assert isinstance(first, PotentialLike)
         assert first.sweeps == 0
         for found in (first, field):
@@ -99,15 +100,14 @@ def test_where_sweeps_do_not_suffice_the_solver_takes_over(model: Model) -> None
     params = jax.tree.map(lambda w: w, model.params)
     params["head"] = {**params["head"], "kernel": params["head"]["kernel"] + 3.0}
     wild = Model("mini", MINI, params, "direct", {})
-    sigma, goal = scene(1)
-    found = jax.jit(functools.partial(predict_potential, wild, max_sweeps=4))(sigma, goal)
+    found = jax.jit(functools.partial(predict_potential, wild, max_sweeps=4))(*scene(1))
     assert found.certified
     assert found.status == Status.OK
     assert found.iterations > 0
 
 
 def test_bad_inputs_are_statuses_or_errors(model: Model) -> None:
-    sigma, goal = scene(0)
+    sigma, goal, _ = scene(0)
     run = jax.jit(functools.partial(predict_potential, model))
     for given, where, status in (
         (sigma.at[1, 2, 3].set(jnp.nan), goal, Status.NONFINITE_INPUT),
@@ -127,11 +127,11 @@ def test_bad_inputs_are_statuses_or_errors(model: Model) -> None:
 
 
 def test_a_batch_is_its_scenes(model: Model) -> None:
-    sigmas, goals = map(jnp.stack, zip(*(scene(seed) for seed in range(3)), strict=True))
+    given = [scene(seed) for seed in range(3)]
     run = functools.partial(predict_potential, model)
-    batch = jax.jit(jax.vmap(run))(sigmas, goals)
+    batch = jax.jit(jax.vmap(run))(*map(jnp.stack, zip(*given, strict=True)))
     for i in range(3):
-        np.testing.assert_allclose(batch.phi[i], jax.jit(run)(sigmas[i], goals[i]).phi, rtol=1e-4)
+        np.testing.assert_allclose(batch.log_phi[i], jax.jit(run)(*given[i]).log_phi, rtol=1e-4)
 
 
 @pytest.fixture

@@ -166,9 +166,10 @@ def _program() -> None:
     """On two devices: one epoch shared between them, and by one alone."""
     CONFIGS["mini"] = dataclasses.replace(MINI, dropout=0.0)
     # Unsolved: what is compared does not depend on the field.
-    blocked, goals = jax.vmap(Boxes())(jax.random.split(jax.random.key(0), 4))
+    blocked, price, goals = jax.vmap(Boxes())(jax.random.split(jax.random.key(0), 4))
     steps = jnp.where(blocked, 0, 1).astype(jnp.uint16)
-    scenes = Scenes(blocked, goals, steps, jnp.where(blocked, 0.0, 5.0), jnp.full(4, 2.0), jnp.zeros(4, jnp.int32))
+    target, lengths = jnp.where(blocked, 0.0, 5.0), jnp.full(4, 2.0)
+    scenes = Scenes(blocked, price, goals, steps, target, lengths, jnp.zeros(4, jnp.int32))
     found = []
     for devices in (jax.devices(), jax.devices()[:1]):
         mesh = training.data_mesh(devices)

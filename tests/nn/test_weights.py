@@ -11,6 +11,7 @@ import pytest
 from benchmarks.common.problems import problems
 from maxjax import Grid, Potential, Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.nn import model as model_module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
@@ -38,17 +39,21 @@ def test_a_few_sweeps_certify_the_field_of_the_default_network(name: str) -> Non
     (drawn,) = problems(name, 1, 3, GRID)
     problem = problem_of(drawn)
     assert problem.status == Status.OK
-    sigma = conducting(problem.blocked, problem.goal_index, grid=GRID)
-    field = jax.jit(network_potential())(sigma, problem.goal_index)
+    assert problem.price is not None
+    field = jax.jit(network_potential())(
+        conducting(problem.blocked, problem.goal_index, grid=GRID),
+        problem.goal_index,
+        lattice_price(problem.price, SCREENING_LENGTH),
+    )
     assert field.certified
     assert field.iterations == 0  # the solver had nothing to do
     assert field.sweeps <= MAX_SWEEPS
     # By the definition, and not by the certificate's own code: every voxel of the component but the goal has a higher
     # neighbour across a face that conducts.
-    phi = np.pad(np.asarray(field.phi), 1)
-    inner = phi[1:-1, 1:-1, 1:-1]
-    best = np.max([np.roll(phi, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0)
-    component = inner > 0
+    log_phi = np.pad(np.asarray(field.log_phi), 1, constant_values=-np.inf)
+    inner = log_phi[1:-1, 1:-1, 1:-1]
+    best = np.max([np.roll(log_phi, step, axis)[1:-1, 1:-1, 1:-1] for axis in range(3) for step in (-1, 1)], axis=0)
+    component = np.isfinite(inner)
     assert component.sum() > 1e5
     lower = component & (best <= inner)
     assert np.argwhere(lower).tolist() == [np.asarray(problem.goal_index).tolist()]
@@ -66,6 +71,7 @@ def test_alone_its_field_is_smoothed_so_that_less_of_it_holds_up_the_ascent(monk
     monkeypatch.setattr(model_module, "_SMOOTHING", 0.0)
     as_it_is = alone()
     assert 0 < smoothed.uncertified < as_it_is.uncertified
-    np.testing.assert_array_equal(smoothed.phi > 0, as_it_is.phi > 0)
-    y, z = (-np.log(np.asarray(field.phi)[np.asarray(field.phi) > 0]) for field in (smoothed, as_it_is))
+    joined = np.isfinite(smoothed.log_phi)
+    np.testing.assert_array_equal(joined, np.isfinite(as_it_is.log_phi))
+    y, z = (-np.asarray(field.log_phi)[joined] for field in (smoothed, as_it_is))
     assert np.abs(y - z).mean() < 0.05 * z.mean()
