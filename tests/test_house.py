@@ -31,7 +31,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
     "methods": ("core", "fields", "solvers", "planning", "maps", "worlds", "sim", "nn"),
 }
 # On top of all of these.
-for room in ("viz", "api", "api_mission", "cli", "__init__", "__main__"):
+for room in ("viz", "api", "api_mission", "view", "cli", "__init__", "__main__"):
     FLOORS[room] = tuple(FLOORS)
 
 

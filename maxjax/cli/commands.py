@@ -20,6 +20,7 @@ from maxjax.cli.options import (
     PlanOptions,
     ScanOptions,
     TrainOptions,
+    ViewOptions,
 )
 
 _UNUSABLE = 2
@@ -31,6 +32,7 @@ _COMMANDS: dict[str, tuple[type, str]] = {
     "map": (MapOptions, "mapping"),
     "scan": (ScanOptions, "scanning"),
     "fly": (FlyOptions, "flying"),
+    "view": (ViewOptions, "viewing"),
     "train": (TrainOptions, "training"),
     "demo": (DemoOptions, "demo"),
     "check": (CheckOptions, "check"),

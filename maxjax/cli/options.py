@@ -235,6 +235,49 @@ class FlyOptions:
 
 
 @dataclasses.dataclass(frozen=True)
+class ViewOptions:
+    """Plan by hand in a map, or play flights, on a page in the browser (extra view).
+
+    Start and goal are dragged, waypoints added by click; the path, its figures and slices of the field follow.
+
+    Attributes:
+        map: A map as for plan, a plan.json, or a folder that fly has written.
+        start: Start of the first plan [m]; by default a free place.
+        goal: Its end [m].
+        spacing: As for plan.
+        bounds: As for plan.
+        center: As for plan.
+        method: As for plan.
+        radius: As for plan.
+        margin: As for plan.
+        ground: As for plan.
+        place: As for plan.
+        trial: Number of the flight to begin with, of a folder.
+        share: One HTML file to write in place of serving a page; it plays in any browser, without network.
+        host: Address to serve the page at; all who can reach it can use the page.
+        port: To serve it at, or the next that is free.
+        dark: A dark page.
+    """
+
+    map: _Map
+    start: _OptionalXyz = None
+    goal: _OptionalXyz = None
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
+    center: _OptionalXyz = None
+    method: _Planner = "solver"
+    radius: _Metres = 1.0
+    margin: _Metres = 8.0
+    ground: _OptionalMetres = None
+    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
+    trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    share: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
+    port: Annotated[int, tyro.conf.arg(metavar="N")] = 8080
+    dark: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
 class TrainOptions:
     """Train networks that predict the potential, on simulated scans of midtown.
 

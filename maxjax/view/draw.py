@@ -1,0 +1,117 @@
+"""From the state of a page to its scene: the map, its ends, and what was planned."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from maxjax.core.grid import Grid, Point3
+from maxjax.core.status import Status
+from maxjax.view.asking import Answer
+from maxjax.view.boxes import merged
+from maxjax.view.city import City
+from maxjax.view.colors import CLEARANCES, EARTH, GOAL, HEIGHTS, RETURN, RIVAL, START, VIA, Rgb, ramp
+from maxjax.view.nodes import Ball, Boxes, Dots, Frame, Lines, Node, Scene, Text, point3
+
+END = 1.6
+"""Radius of the ball at an end [m]."""
+
+_MOST_POINTS = 200_000
+_PATH, _RIVAL = 6.0, 4.0  # widths [px]
+
+
+def city_scene(city: City, opacity: float = 1.0) -> Scene:
+    """The map: its obstacles as boxes coloured by the height of their roofs, its ground, its points."""
+    scene: dict[str, Node] = {"/map/ground": _ground(city)}
+    if len(city_boxes(city).middles):
+        scene["/map/obstacles"] = dataclasses.replace(city_boxes(city), opacity=opacity)
+    if city.points is not None and len(city.points):
+        some = city.points[:: -(-len(city.points) // _MOST_POINTS)]
+        scene["/map/points"] = Dots(city.frame.page(some), RETURN, 0.25)
+    return scene
+
+
+@functools.lru_cache(maxsize=4)
+def city_boxes(city: City) -> Boxes:
+    """The obstacles of a map, opaque."""
+    return solid(city.occupied & ~city.ground, city.grid, city.frame)
+
+
+def solid(volume: Bool[np.ndarray, "nx ny nz"], grid: Grid, frame: Frame, color: Rgb | None = None) -> Boxes:
+    """A volume as boxes, of one colour or of the height of their roofs."""
+    boxes = merged(volume)
+    low, high = boxes[:, ::2].astype(np.float64), boxes[:, 1::2].astype(np.float64)
+    middles = frame.page(np.array(grid.lower) + grid.spacing * 0.5 * (low + high))
+    roofs = high[:, 2]
+    if color is None:
+        colors = ramp(HEIGHTS, (roofs - roofs.min(initial=0)) / max(float(np.ptp(roofs)) if len(roofs) else 1.0, 1.0))
+    else:
+        colors = np.broadcast_to(np.array(color, np.uint8), (len(boxes), 3))
+    return Boxes(middles, grid.spacing * (high - low), colors, 1.0 if color is None else 0.35)
+
+
+def _ground(city: City) -> Boxes:
+    """The ground as boxes one voxel thick, or a plate below the map that has none."""
+    grid, volume = city.grid, city.ground
+    top = volume & ~np.pad(volume, ((0, 0), (0, 0), (0, 1)))[:, :, 1:]
+    boxes = solid(top, grid, city.frame, EARTH)
+    if top.any():
+        return Boxes(boxes.middles, boxes.sizes, boxes.colors)
+    lower, upper = np.array(grid.lower), np.array(grid.upper)
+    size = np.array([*(upper - lower)[:2], 0.25 * grid.spacing])
+    middle = np.array([*(0.5 * (lower + upper))[:2], lower[2] - 0.5 * size[2]])
+    return Boxes(city.frame.page(middle)[None], size[None], np.array([EARTH], np.uint8))
+
+
+def end_name(k: int, count: int) -> str:
+    """What the waypoint k of so many is called."""
+    return "start" if k == 0 else "goal" if k == count - 1 else f"waypoint {k}"
+
+
+def end_scene(root: str, name: str, at: Point3 = (0.0, 0.0, 0.0)) -> Scene:
+    """A waypoint and its name, below a node `root`, at a place in that node's frame [m]."""
+    color = {"start": START, "goal": GOAL}.get(name, VIA)
+    return {f"{root}/ball": Ball(at, END, color), f"{root}/name": Text((at[0], at[1], at[2] + 2 * END), name)}
+
+
+def ends_scene(waypoints: Sequence[Point3], frame: Frame) -> Scene:
+    """Start, places to visit and goal, each with its name."""
+    names = [end_name(k, len(waypoints)) for k in range(len(waypoints))]
+    places = [point3(frame.page(place)) for place in waypoints]
+    return together(
+        *(end_scene(f"/ends/{k}", name, at) for k, (name, at) in enumerate(zip(names, places, strict=True)))
+    )
+
+
+def answer_scene(found: Answer, frame: Frame) -> Scene:
+    """The path, coloured by clearance up to the margin, and that of A*."""
+    scene: dict[str, Node] = {}
+    if found.ok:
+        part = np.minimum(found.clearance, found.question.margin) / max(found.question.margin, 1e-9)
+        scene["/plan/path"] = _line(frame.page(found.dense), ramp(CLEARANCES, part), _PATH)
+    if found.beside is not None and found.beside.status == Status.OK:
+        path = frame.page(found.beside.path)
+        scene["/plan/astar"] = plain_line(path, RIVAL, _RIVAL)
+    return scene
+
+
+def plain_line(points: Float[np.ndarray, "n 3"], color: Rgb, width: float) -> Lines:
+    """A polyline of one colour, in the page's frame."""
+    return _line(points, np.broadcast_to(np.array(color, np.uint8), (len(points), 3)), width)
+
+
+def _line(points: Float[np.ndarray, "n 3"], colors: UInt8[np.ndarray, "n 3"], width: float) -> Lines:
+    pairs = np.stack([points[:-1], points[1:]], axis=1)
+    return Lines(pairs, np.ascontiguousarray(np.stack([colors[:-1], colors[1:]], axis=1)), width)
+
+
+def together(*scenes: Mapping[str, Node]) -> Scene:
+    """Several scenes as one; a later one's node takes the place of an earlier one's of the same name."""
+    whole: dict[str, Node] = {}
+    for scene in scenes:
+        whole |= scene
+    return whole

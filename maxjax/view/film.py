@@ -1,0 +1,76 @@
+"""What plays: scenes that follow each other in time, on a timeline or in a shared page.
+
+A film is a still scene and its cues: from the time of a cue on, its nodes take the place of all others in its part.
+What moves is one node, the vehicle, with a position at every time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.core.grid import Point3
+from maxjax.planning.trajectory import Trajectory
+from maxjax.view.colors import VEHICLE
+from maxjax.view.nodes import Ball, Frame, Scene
+
+VEHICLE_NODE = "/vehicle"
+_SIZE = 1.3  # of the ball that stands for the vehicle [m]; its own radius is 0.5 m
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cue:
+    """What is shown from a time on.
+
+    Attributes:
+        time: [s].
+        part: names that begin with this are replaced.
+        nodes: by these.
+    """
+
+    time: float
+    part: str
+    nodes: Scene
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Film:
+    """A still scene, what is shown when, and where the vehicle is.
+
+    Attributes:
+        still: shown all the time.
+        cues: in order of time.
+        times: of the positions, rising [s].
+        positions: of the vehicle, in the page's frame [m].
+    """
+
+    still: Scene
+    cues: tuple[Cue, ...]
+    times: Float[np.ndarray, " n"]
+    positions: Float[np.ndarray, "n 3"]
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self.times[-1])
+
+    def vehicle(self, time: float) -> Point3:
+        """Where the vehicle is at a time, linear between positions [m]."""
+        x, y, z = (float(np.interp(time, self.times, self.positions[:, k])) for k in range(3))
+        return x, y, z
+
+    def begin(self) -> Scene:
+        """The scene at the start, the vehicle with it."""
+        return {**self.still, VEHICLE_NODE: Ball(self.vehicle(0.0), _SIZE, VEHICLE)}
+
+    def showing(self, time: float) -> dict[str, Scene]:
+        """What is shown of each part at a time."""
+        return {cue.part: cue.nodes for cue in self.cues if cue.time <= time + 1e-9}
+
+
+def flown(trajectory: Trajectory, still: Scene, frame: Frame) -> Film:
+    """The film of a trajectory in a still scene."""
+    motion = trajectory.sampled(0.05)
+    return Film(still, (), np.asarray(motion.time, np.float64), frame.page(np.asarray(motion.position)))

@@ -1,0 +1,232 @@
+"""The page to plan on: ends and waypoints dragged by hand, a new plan at once.
+
+controls and handles → Question → worker → Answer → scene, status in words
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maxjax.core.grid import Point3
+from maxjax.view.asking import Answer, Question, answer, told
+from maxjax.view.city import City, hit
+from maxjax.view.controls import add_controls, legend, reach
+from maxjax.view.draw import answer_scene, city_scene, end_name, end_scene
+from maxjax.view.nodes import point3
+from maxjax.view.server import look
+from maxjax.view.slices import Field, Slice, field_of, picture
+from maxjax.view.stage import Stage
+from maxjax.view.worker import Worker
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+_SLOW = 0.5  # after so long the status says that a plan is being made [s]
+_THROUGH = 0.25  # opacity of see-through buildings
+_HANDLE = 12.0  # length of a handle's arrows [m]
+
+# What is written for the user to take away: a file's name and content, of an ending and an answer.
+Exporter = Callable[[str, Answer], tuple[str, bytes]]
+
+
+class PlanPage:
+    """A page to plan on; it answers as long as its server runs.
+
+    Args:
+        server: with an empty scene.
+        city: the map.
+        question: the first one.
+        export: makes a file of an answer, by its ending, or `.html`; raises ValueError where it cannot.
+        on_earth: whether the map's place on Earth is known.
+        dark: whether the page is dark.
+    """
+
+    # arguments: what a page is made of
+    def __init__(
+        self,
+        server: ViserServer,
+        city: City,
+        question: Question,
+        export: Exporter,
+        *,
+        on_earth: bool = False,
+        dark: bool = False,
+    ) -> None:
+        self._server, self._city, self._export = server, city, export
+        self._stage = Stage(server.scene)
+        self._stage.show("/map", city_scene(city))
+        self._waypoints = list(question.waypoints)
+        self._handles: list[Any] = []
+        self._field: tuple[tuple[Any, ...], Field | None] = (), None
+        self._lock = threading.RLock()
+        self.answer: Answer | None = None
+        """The last one; None before the first."""
+        self.controls = add_controls(server.gui, city, question, on_earth=on_earth, dark=dark)
+        self.worker: Worker[tuple[Question, Slice | None]] = Worker(self._work)
+        self._listen()
+        self._place_handles()
+        self.ask()
+
+    @property
+    def waypoints(self) -> tuple[Point3, ...]:
+        """Start, places to visit and goal [m]."""
+        return tuple(self._waypoints)
+
+    def ask(self) -> None:
+        """Ask what handles and controls say."""
+        with self._lock:
+            self.worker.ask((self.controls.question(self.waypoints), self.controls.wanted(self._city)))
+
+    def move(self, k: int, place: Point3) -> None:
+        """Put the waypoint k elsewhere [m] and plan anew."""
+        with self._lock:
+            self._waypoints[k] = place
+        self.ask()
+
+    def add(self, place: Point3) -> None:
+        """Visit a place [m] before the goal."""
+        with self._lock:
+            self._waypoints.insert(len(self._waypoints) - 1, place)
+            self._place_handles()
+        self.ask()
+
+    def remove(self) -> None:
+        """Leave out the last place to visit."""
+        with self._lock:
+            if len(self._waypoints) > 2:
+                del self._waypoints[-2]
+                self._place_handles()
+        self.ask()
+
+    def _place_handles(self) -> None:
+        """A handle to drag for each waypoint, with its ball and name."""
+        with self._server.atomic():
+            self._stage.show("/ends", {})
+            for handle in self._handles:
+                handle.remove()
+            self._handles = [self._handle(k) for k in range(len(self._waypoints))]
+            nodes: dict[str, Any] = {}
+            for k in range(len(self._waypoints)):
+                nodes |= end_scene(f"/ends/{k}", end_name(k, len(self._waypoints)))
+            self._stage.show("/ends", nodes)
+        self.controls.undo.disabled = len(self._waypoints) < 3
+
+    def _handle(self, k: int) -> Any:
+        at = point3(self._city.frame.page(self._waypoints[k]))
+        handle = self._server.scene.add_transform_controls(
+            f"/ends/{k}", scale=_HANDLE, line_width=4.0, disable_rotations=True, depth_test=False, position=at
+        )
+
+        # Coroutines keep the order of a drag's events; none of them waits.
+        @handle.on_update
+        async def _(event: Any) -> None:
+            place = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
+            self.move(k, place)
+            if event.phase == "end":
+                self._write_ends()
+
+        return handle
+
+    def _write_ends(self) -> None:
+        """Say in the panel where start and goal are."""
+        self.controls.start.value, self.controls.goal.value = self._waypoints[0], self._waypoints[-1]
+
+    def _listen(self) -> None:
+        """Ask anew whenever a control changes."""
+        controls, city = self.controls, self._city
+        for control in (controls.method, controls.radius, controls.margin, controls.beside):
+            control.on_update(lambda _: self.ask())
+        for control in (controls.slice, controls.place):
+            control.on_update(lambda _: self.ask())
+        for k, control in ((0, controls.start), (-1, controls.goal)):
+            control.on_update(lambda event, k=k: self._typed(k, event.target.value))
+
+        controls.axis.on_update(lambda _: self._turned())
+        controls.undo.on_click(lambda _: self.remove())
+        controls.through.on_update(lambda _: self._stage.show("/map", city_scene(city, self._opacity())))
+        controls.dark.on_update(lambda _: look(self._server, dark=controls.dark.value))
+        self._server.scene.on_click()(self._clicked)
+        controls.export.on_click(lambda event: self._download(event, controls.format.value))
+        controls.share.on_click(lambda event: self._download(event, ".html"))
+
+    def _turned(self) -> None:
+        reach(self._city, self.controls)
+        self.ask()
+
+    def _opacity(self) -> float:
+        return _THROUGH if self.controls.through.value else 1.0
+
+    def _clicked(self, event: Any) -> None:
+        """A place to visit above what is clicked, where clicks add some."""
+        if not self.controls.click.value:
+            return
+        origin = point3(self._city.frame.map(np.asarray(event.ray_origin)))
+        met = hit(self._city, origin, event.ray_direction)
+        if met is not None:
+            self.add((met[0], met[1], met[2] + float(self.controls.above.value)))
+
+    def _typed(self, k: int, value: Any) -> None:
+        place = point3(np.asarray(value))
+        if place == tuple(self._waypoints[k]):
+            return  # the panel was told, not the page
+        self._handles[k].position = point3(self._city.frame.page(place))
+        self.move(k, place)
+
+    def _download(self, event: Any, ending: str) -> None:
+        """Send a file to the browser that asked for it, or say why there is none."""
+        try:
+            if self.answer is None or not self.answer.ok:
+                raise ValueError("there is no path to take away; move an end, or lower the radius")
+            name, content = self._export(ending, self.answer)
+        except (ValueError, ImportError) as error:
+            event.client.add_notification("Nothing to download", str(error), color="orange", auto_close_seconds=8.0)
+            return
+        event.client.send_file_download(name, content)
+
+    def _work(self, asked: tuple[Question, Slice | None]) -> None:
+        question, wanted = asked
+        if self.answer is None or question != self.answer.question:
+            slow = threading.Timer(_SLOW, self._say, ["### Planning …\nThe first plan of a size is compiled, once."])
+            slow.start()
+            found = answer(self._city, question)
+            slow.cancel()
+            self._show(found, wanted)
+        else:
+            self._say_legend(question, wanted)
+        if not self.worker.stale:
+            self._slice(question, wanted)
+
+    def _show(self, found: Answer, wanted: Slice | None) -> None:
+        with self._server.atomic():
+            self._stage.show("/plan", answer_scene(found, self._city.frame))
+            self._say(told(found))
+            self._say_legend(found.question, wanted)
+        self.answer = found
+
+    def _say(self, text: str) -> None:
+        self.controls.status.content = text
+
+    def _say_legend(self, question: Question, wanted: Slice | None) -> None:
+        text = legend(question, wanted)
+        if self.controls.legend.content != text:
+            self.controls.legend.content = text
+
+    def _slice(self, question: Question, wanted: Slice | None) -> None:
+        """Show the slice, of a field that is solved where the question's last leg is another one."""
+        if wanted is None:
+            self._stage.show("/slice", {})
+            return
+        key = (*question.waypoints[-2:], question.radius, question.margin)
+        if self._field[0] != key:
+            try:
+                self._field = key, field_of(self._city, question)
+            except ValueError as error:
+                self._say(f"### No slice\n{error}")
+                self._field = key, None
+        field = self._field[1]
+        nodes = {} if field is None else {"/slice/plane": picture(field, wanted, self._city.grid, self._city.frame)}
+        self._stage.show("/slice", nodes)

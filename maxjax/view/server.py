@@ -1,0 +1,109 @@
+"""The server of a page: viser's, without what leads out of this machine.
+
+It serves its own page and the messages of one scene. It opens no tunnel, takes no uploads, reads no file that a browser
+names, and listens on this machine alone unless another address is asked for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import TYPE_CHECKING, Any
+
+from maxjax.view.city import City
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+LOOPBACK = "127.0.0.1"
+PORT = 8080
+
+
+def need_viser() -> None:
+    """Find out whether viser is there.
+
+    Raises:
+        ImportError: if it is missing; names the extra.
+    """
+    try:
+        import viser  # noqa: F401
+    except ImportError as error:
+        raise ImportError("the page needs the extra view: pip install 'maxjax[view]'") from error
+
+
+def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = False) -> ViserServer:
+    """A server with an empty scene, lit and looked at as suits a map; `get_port` tells on which port.
+
+    Args:
+        city: the map.
+        host: address to listen on.
+        port: to listen on; where it is taken, the next free one.
+        dark: whether the page is dark.
+
+    Raises:
+        ImportError: without viser.
+        OSError: if the address cannot be listened on.
+    """
+    need_viser()
+    check_host(host, port)
+    server: ViserServer = _server_class()(host=host, port=port, label=city.name)
+    look(server, dark=dark)
+    scene = server.scene
+    # No image-based light and no shadows: they cost most of a frame where there is no GPU, and tell nothing of a map.
+    scene.configure_environment_map(hdri=None)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 140, 125), intensity=1.9)
+    scene.add_light_directional("/light/sun", intensity=1.7, position=(-0.5, -0.8, 1.2), cast_shadow=False)
+    look_from(server, city)
+    return server
+
+
+def look(server: ViserServer, *, dark: bool) -> None:
+    """The page's colours; nothing on it leads to other machines."""
+    server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="medium")
+
+
+def look_from(server: ViserServer, city: City) -> None:
+    """Look at the middle of the map from the south-west, from above."""
+    grid = city.grid
+    wide = grid.spacing * max(grid.shape[:2])
+    low = city.floor - grid.lower[2]
+    camera = server.initial_camera
+    camera.position = (-0.34 * wide, -0.62 * wide, low + 0.85 * wide)
+    camera.look_at = (0.04 * wide, -0.03 * wide, low)
+    camera.far = 20.0 * wide
+
+
+def check_host(host: str, port: int) -> None:
+    """Find out whether an address can be listened on, which viser's own thread would not tell.
+
+    Raises:
+        OSError, ValueError: if it cannot.
+    """
+    import socket
+
+    if not 0 <= port < 2**16:
+        raise ValueError(f"--port: expected 0 to 65535, given {port}")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.bind(address)
+    except OSError as error:
+        raise OSError(f"--host {host}: cannot be listened on: {error.strerror or error}") from error
+
+
+def _server_class() -> Any:
+    import viser
+
+    class Local(viser.ViserServer):
+        """A server that a browser cannot ask to be reached from the internet, and that prints nothing."""
+
+        def __init__(self, **settings: Any) -> None:
+            with contextlib.redirect_stdout(io.StringIO()):
+                super().__init__(verbose=False, **settings)
+
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """None: the page stays on this machine."""
+            return None
+
+    return Local

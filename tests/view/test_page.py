@@ -1,0 +1,138 @@
+"""From questions to scenes, without a browser: what is drawn is what was planned, in the page's own frame."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import maxjax
+from maxjax.view.asking import Question, answer, told
+from maxjax.view.city import City, first_ends, hit
+from maxjax.view.colors import CLEARANCES, ramp
+from maxjax.view.draw import answer_scene, city_scene, ends_scene
+from maxjax.view.nodes import Boxes, Lines
+from maxjax.view.slices import Field, Slice, picture
+from maxjax.view.worker import Worker
+
+FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates
+
+
+def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
+    """A street of 60 m between two blocks, on a floor of one voxel."""
+    occupied = np.zeros((33, 33, 25), bool)
+    occupied[:, :, 0] = True
+    occupied[8:14, 8:25, 1:14] = True
+    occupied[20:26, 8:25, 1:9] = True
+    ground = np.zeros_like(occupied)
+    ground[:, :, 0] = True
+    return City("town", occupied, ground, maxjax.Grid(occupied.shape, 2.0, origin))
+
+
+def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None:
+    city = town(FAR)
+    ends = tuple((FAR[0] + x, FAR[1] + y, FAR[2] + z) for x, y, z in ((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))
+    found = answer(city, Question(ends))  # type: ignore[arg-type]
+    plan = maxjax.plan(city.occupied, *ends, city.grid, ground=city.ground)
+    assert found.ok
+    assert found.mission is not None
+    np.testing.assert_array_equal(found.mission.path, plan.path)
+    line = answer_scene(found, city.frame)["/plan/path"]
+    assert isinstance(line, Lines)
+    drawn = np.concatenate([line.points[:, 0], line.points[-1:, 1]]) + city.frame.anchor
+    np.testing.assert_allclose(drawn, found.dense, atol=1e-6)
+    assert np.abs(line.points).max() < 100.0  # small numbers, whatever the map's coordinates are
+    step = np.linalg.norm(np.diff(found.dense, axis=0), axis=1)
+    assert step.max() <= 0.5 * city.grid.spacing + 1e-9
+    assert step.sum() == pytest.approx(plan.length)
+    np.testing.assert_array_equal(line.colors[:, 0], ramp(CLEARANCES, found.clearance[:-1] / 8.0))
+    assert "Verified path, certified" in told(found)
+    assert f"{plan.length:.1f} m" in told(found)
+
+
+def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
+    city = town()
+    found = answer(city, Question(((8.0, 10.0, 10.0), (34.0, 40.0, 20.0), (58.0, 50.0, 12.0)), beside=True))
+    assert found.ok
+    assert np.abs(found.dense - (34.0, 40.0, 20.0)).sum(axis=1).min() < 1e-9
+    assert {"/plan/path", "/plan/astar"} == set(answer_scene(found, city.frame))
+    assert "A\\* beside it" in told(found)
+
+
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        (Question(((20.0, 30.0, 10.0), (58.0, 50.0, 12.0))), "START_OCCUPIED"),
+        (Question(((8.0, 10.0, 10.0), (58.0, 50.0, 90.0))), "GOAL_OUTSIDE_MAP"),
+        (Question(((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)), radius=200.0, margin=200.0), "radius: expected at most"),
+    ],
+)
+def test_where_there_is_no_path_nothing_is_drawn_and_words_say_why(question: Question, words: str) -> None:
+    city = town()
+    found = answer(city, question)
+    assert not found.ok
+    assert answer_scene(found, city.frame) == {}
+    assert words in told(found)
+
+
+def test_the_map_drawn_fills_what_is_occupied() -> None:
+    city = town()
+    scene = city_scene(city)
+    obstacles, ground = scene["/map/obstacles"], scene["/map/ground"]
+    assert isinstance(obstacles, Boxes)
+    assert isinstance(ground, Boxes)
+    volume = city.grid.spacing**3
+    assert np.prod(obstacles.sizes, axis=1).sum() == volume * (city.occupied & ~city.ground).sum()
+    assert np.prod(ground.sizes, axis=1).sum() == volume * city.ground.sum()
+    assert len(obstacles.middles) == 2
+    assert len(ends_scene(((0.0, 0.0, 0.0),) * 3, city.frame)) == 6
+
+
+def test_first_ends_are_free_and_a_ray_meets_roofs_and_ground() -> None:
+    city = town()
+    start, goal = first_ends(city)
+    assert maxjax.plan(city.occupied, start, goal, city.grid, ground=city.ground).status == maxjax.Status.OK
+    roof = hit(city, (22.0, 30.0, 200.0), (0.0, 0.0, -1.0))
+    assert roof is not None
+    assert roof[2] == pytest.approx(28.0, abs=0.5)
+    floor = hit(city, (4.0, 4.0, 200.0), (0.0, 0.0, -2.0))
+    assert floor is not None
+    assert floor[2] == pytest.approx(2.0, abs=0.5)
+    assert hit(city, (4.0, 4.0, 200.0), (0.0, 0.0, 1.0)) is None
+
+
+@pytest.mark.parametrize(("axis", "number"), [("x", 0), ("y", 1), ("z", 2)])
+def test_a_slice_stands_where_its_voxels_are(axis: str, number: int) -> None:
+    """Its upper right pixels are those of the highest voxels along both axes."""
+    city = town()
+    cost = np.full(city.grid.shape, np.nan)
+    corner = [-1, -1, -1]
+    corner[number] = 5
+    cost[tuple(corner)] = 3.0
+    plane = picture(Field(cost, np.ones_like(cost)), Slice("cost", axis, 5), city.grid, city.frame)  # type: ignore[arg-type]
+    shown = plane.pixels[..., 3] > 0
+    rows, columns = np.nonzero(shown)
+    assert rows.max() < 10
+    assert columns.min() >= shown.shape[1] - 10
+    assert plane.position[number] == pytest.approx(city.frame.page(city.grid.origin)[number] + 2.0 * 5)
+    assert (plane.width, plane.height) == tuple(2.0 * np.delete(city.grid.shape, number))
+
+
+def test_only_the_latest_question_is_answered() -> None:
+    gate, done = threading.Event(), list[int]()
+
+    def work(question: int) -> None:
+        gate.wait(10.0)
+        done.append(question)
+
+    worker = Worker(work)
+    worker.ask(0)
+    while worker.stale:
+        pass
+    for question in range(1, 50):
+        worker.ask(question)
+    gate.set()
+    assert worker.rest(10.0)
+    assert done == [0, 49]
+    worker.close()
