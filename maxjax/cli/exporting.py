@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
-
-import numpy as np
 
 from maxjax.api import trajectory
 from maxjax.cli.options import PlanOptions
@@ -53,14 +52,10 @@ def write_all(options: PlanOptions, given: MapTask, plan: Plan | Mission, flown:
     Home lies on the ground: at --ground, or where the map's own ground is highest below the start.
     """
     for file in options.export:
-        export(file, plan, flown, given.earth, _ground(options, given))
+        export(file, plan, flown, given.earth, _ground(given))
     return list(options.export)
 
 
-def _ground(options: PlanOptions, given: MapTask) -> float:
-    if options.ground is not None:
-        return options.ground
-    task = given.task
-    index = np.floor(task.index[0, 0] + 0.5).astype(int)
-    below = np.flatnonzero(task.terrain[index[0], index[1], : index[2] + 1])
-    return float(task.grid.lower[2] + task.grid.spacing * (below[-1] + 1)) if below.size else 0.0
+def _ground(given: MapTask) -> float:
+    height = given.terrain.at(*given.task.starts[0, :2].tolist())
+    return 0.0 if math.isnan(height) else height

@@ -24,7 +24,6 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
 from maxjax.maps.earth import Earth
-from maxjax.maps.terrain import Terrain
 from maxjax.methods import METHODS
 from maxjax.planning.judge import verify
 from maxjax.planning.mission import Mission
@@ -91,7 +90,7 @@ def explain(plan: Plan, given: MapTask) -> str:
     for end, (point, status) in enumerate(zip((start, goal), _CLOSED, strict=True)):
         if plan.status in status and given.airspace is not None:
             index = np.floor(given.task.ends[0, end] + 0.5).astype(int).tolist()
-            reasons = given.airspace.reasons_at(tuple(index), Terrain.of(given.task.terrain, grid))
+            reasons = given.airspace.reasons_at(tuple(index), given.terrain)
             sentence += f"; the voxel of {_xyz(point)} is {' and '.join(reasons)}"
     if given.returns:
         counts = given.returns

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.api import in_airspace
 from maxjax.cli.options import PlanOptions
 from maxjax.core.grid import Grid, Point3
 from maxjax.maps import Contents, MapError, Window, map_of, read_map
@@ -49,6 +48,7 @@ class MapTask:
         remarks: sentences on the map that a user should know.
         earth: where the map lies; None where that is unknown.
         airspace: the rules of the air; None where there are none.
+        level: height of flat ground [m]; None where the map tells ground apart.
     """
 
     task: Task
@@ -56,6 +56,13 @@ class MapTask:
     remarks: tuple[str, ...] = ()
     earth: Earth | None = None
     airspace: Airspace | None = None
+    level: float | None = None
+
+    @property
+    def terrain(self) -> Terrain:
+        """How high the ground is."""
+        grid = self.task.grid
+        return Terrain.of(self.task.terrain, grid) if self.level is None else Terrain.flat(self.level, grid)
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -122,7 +129,9 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
     if airspace is None:
         return given
     remarks = (*given.remarks, *airspace.remarks)
-    return dataclasses.replace(given, task=in_airspace(given.task, airspace), remarks=remarks, airspace=airspace)
+    return dataclasses.replace(
+        given, task=given.task.closing(airspace.closed_over(given.terrain)), remarks=remarks, airspace=airspace
+    )
 
 
 def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
@@ -200,8 +209,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     if options.frame != "map":
         if earth is None:
             raise ValueError(f"--frame {options.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
-        around = Grid((1, 1, 1), 2e5)
-        flat = Terrain(np.zeros((1, 1)), around)
+        flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
         ends = [point_at(place, options.frame, earth, flat) for place in ends]
     grid = Grid.centered(_middle(ends, options.center))
     return _task(occupancy(scene.geoms, grid), grid, options, ends, earth)
@@ -222,7 +230,8 @@ def _task(
     if earth is not None:
         earth.geodetic(np.array([grid.lower, grid.upper]))
     distances = Distances.of(options.radius, options.margin)
-    return MapTask(Task.of(obstacle | ground, starts, goals, grid, distances, ground), {}, earth=earth)
+    task = Task.of(obstacle | ground, starts, goals, grid, distances, ground)
+    return MapTask(task, {}, earth=earth, level=options.ground)
 
 
 def _middle(ends: Sequence[Point3], center: Point3 | None) -> Point3:

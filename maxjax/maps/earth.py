@@ -160,6 +160,7 @@ class Degrees:
     def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
         """Latitude, longitude [degrees] and height [m] of points of the map [m]."""
         longitude, latitude = unproject(points[:, :2], np.array([self.longitude, self.latitude])).T
+        longitude = longitude - 360.0 * np.round(longitude / 360.0)
         return np.column_stack([latitude, longitude, points[:, 2] + self.height])
 
     def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
@@ -193,7 +194,7 @@ def _on_earth(places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
 
 def _near(found: Float64[np.ndarray, "n 3"], places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """Points of a map [m]; raises a ValueError where one is too far away for a plane."""
-    far = ~(np.abs(found[:, :2]) <= _FARTHEST).all(axis=1)
+    far = ~(np.abs(found) <= _FARTHEST).all(axis=1)
     if far.any():
         raise ValueError(
             f"place: expected one within {_FARTHEST / 1000:g} km of the map, given latitude and longitude "

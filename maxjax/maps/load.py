@@ -190,7 +190,8 @@ def map_with(
     while True:
         window = dataclasses.replace(window, ends=points)
         found = map_of(contents, window, below, unknown)
-        terrain = Terrain.of(found.ground, found.grid)
+        level = window.ground
+        terrain = Terrain.of(found.ground, found.grid) if level is None else Terrain.flat(level, found.grid)
         points = [point_at(place, frame, earth, terrain) for place in places]
         # Heights above ground are known once there is ground; they may ask for another window, of the same voxels.
         if _grid(contents, known, dataclasses.replace(window, ends=points))[0] == found.grid:

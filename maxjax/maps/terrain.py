@@ -1,6 +1,6 @@
 """How high the ground of a map is: in each column the upper face of its highest ground voxel.
 
-The terrain itself lies up to a voxel below that face.
+The terrain itself lies up to a voxel below that face; flat ground of a stated height is just there.
 """
 
 from __future__ import annotations
@@ -31,6 +31,11 @@ class Terrain:
         """That of ground voxels."""
         below = grid.shape[2] - ground[:, :, ::-1].argmax(axis=2)
         return cls(np.where(ground.any(axis=2), grid.lower[2] + grid.spacing * below, np.nan), grid)
+
+    @classmethod
+    def flat(cls, height: float, grid: Grid) -> Terrain:
+        """That of flat ground [m]."""
+        return cls(np.full(grid.shape[:2], height), grid)
 
     def at(self, x: float, y: float) -> float:
         """Height of the ground at a place [m]; NaN where there is none, or outside the grid."""

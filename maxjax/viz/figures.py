@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
+from maxjax.viz.areas import draw_closed
 from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
-from maxjax.viz.plan_view import View, draw_field, draw_plan, view_around
+from maxjax.viz.plan_view import View, draw_field, draw_plan, level_of, view_around
 from maxjax.viz.section import Section, draw_section, horizontal_distance, section_along
 from maxjax.viz.style import STYLE, load_matplotlib
 
@@ -40,11 +41,13 @@ class Voxels:
         occupied: obstacles and ground, without any safety margin.
         ground: the part that is ground; shown in the section, left out of the plan view.
         grid: where the voxels lie.
+        closed: free voxels that are closed to flight; None: none.
     """
 
     occupied: Bool[np.ndarray, "nx ny nz"]
     ground: Bool[np.ndarray, "nx ny nz"]
     grid: Grid
+    closed: Bool[np.ndarray, "nx ny nz"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,15 +147,18 @@ def figure_plan(
     grid, main = voxels.grid, np.asarray(next(iter(paths.values())), np.float64)
     ends = np.stack([start, goal]).astype(np.float64)
     view = view_around(grid, np.concatenate([*paths.values(), ends]), overlay.around)
-    section = section_along(voxels.occupied, voxels.ground, grid, main)
-    shown = (overlay.log_potential, overlay.points, overlay.nearness)
+    section = section_along(voxels.occupied, voxels.ground, grid, main, voxels.closed)
+    shown = (overlay.log_potential, overlay.points, overlay.nearness, voxels.closed)
     rows = max(len(paths), 3 + sum(part is not None for part in shown))
     page = _Page.of(view, section, rows, bool(overlay.title))
 
     with rc_context(STYLE):
         figure = new_figure(figsize=page.size)
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
-        draw_plan(plan, bar, voxels.occupied & ~voxels.ground, grid, view, float(np.median(main[:, 2])))
+        altitude = float(np.median(main[:, 2]))
+        draw_plan(plan, bar, voxels.occupied & ~voxels.ground, grid, view, altitude)
+        if voxels.closed is not None:
+            draw_closed(plan, voxels.closed[:, :, level_of(grid, altitude)], grid)
         draw_section(side, section, grid)
         draw_ends(plan, ends[:, 0], ends[:, 1], labelled=True)
         draw_ends(side, horizontal_distance(main)[[0, -1]], main[[0, -1], 2], labelled=False)
@@ -198,7 +204,8 @@ def _draw_nearness(plan: Axes, side: Axes, bar: Axes, nearness: Nearness) -> Non
 
 def _check(voxels: Voxels, paths: Mapping[str, np.ndarray], overlay: Overlay) -> None:
     """Raise a ValueError for what does not fit together."""
-    volumes = {"occupied": voxels.occupied, "ground": voxels.ground, "log_potential": overlay.log_potential}
+    volumes = {"occupied": voxels.occupied, "ground": voxels.ground, "closed": voxels.closed}
+    volumes["log_potential"] = overlay.log_potential
     for name, volume in volumes.items():
         if volume is not None:
             voxels.grid.check_volume(name, volume)

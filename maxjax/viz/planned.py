@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.status import Status
+from maxjax.core.status import Closure, Status
 from maxjax.methods import METHODS
 from maxjax.planning.climb import potential_field
 from maxjax.planning.execute import problem_of
@@ -39,8 +39,16 @@ def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: 
         overlay = dataclasses.replace(overlay, log_potential=_log_potential(task))
     if first.status == Status.OK:
         overlay = dataclasses.replace(overlay, nearness=_nearness(task, first))
-    voxels = Voxels(shown.occupied, shown.ground, task.grid)
+    voxels = voxels_of(shown)
     return figure_plan(voxels, paths, task.starts[0], task.goals[0], overlay)
+
+
+def voxels_of(task: Task) -> Voxels:
+    """What a figure shows of the map of a task: what is closed to flight neither stands there nor is it ground."""
+    if task.closed is None:
+        return Voxels(task.occupied, task.ground, task.grid)
+    closed = task.closed != Closure.OPEN
+    return Voxels(task.occupied & ~closed, task.ground & ~closed, task.grid, closed)
 
 
 def _nearness(task: Task, plan: Plan) -> Nearness:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxjax.core.grid import Grid
-from maxjax.viz.style import BESIDE, EARTH, OBSTACLE
+from maxjax.viz.style import BESIDE, CLOSED_AIR, EARTH, OBSTACLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,8 @@ class Section:
     """A map along a path's course.
 
     Attributes:
-        kind: of each voxel, by distance and height: 0 free, 1 obstacle beside the course, 2 obstacle on it, 3 ground.
+        kind: of each voxel, by distance and height: 0 free, 1 obstacle beside the course, 2 obstacle on it, 3 ground,
+            4 closed to flight.
         length: of the course [m].
         low, high: heights worth showing [m].
     """
@@ -42,7 +43,9 @@ class Section:
         return self.high - self.low
 
 
-def section_along(occupied: np.ndarray, ground: np.ndarray, grid: Grid, path: np.ndarray) -> Section:
+def section_along(
+    occupied: np.ndarray, ground: np.ndarray, grid: Grid, path: np.ndarray, closed: np.ndarray | None = None
+) -> Section:
     """The voxels over and under a path (t, 3) [m], four columns a voxel."""
     distance = horizontal_distance(path)
     length = float(distance[-1])
@@ -64,6 +67,8 @@ def section_along(occupied: np.ndarray, ground: np.ndarray, grid: Grid, path: np
         beside |= obstacle[columns(float(offset))]
     below = ground[columns(0.0)]
     kind = np.select([below, on, beside], [3, 2, 1], 0)
+    # Altitudes are chosen without what is closed, which may reach to the sky.
+    shown = kind if closed is None else np.where(closed[columns(0.0)] & (kind != 2), 4, kind)
 
     # Altitudes worth showing: the path, the ground under it, and obstacles unless they tower over it.
     bottom, top = grid.lower[2], grid.upper[2]
@@ -74,7 +79,7 @@ def section_along(occupied: np.ndarray, ground: np.ndarray, grid: Grid, path: np
     tops = tops[tops <= highest + _ABOVE]
     low = float(terrain.min()) - 3 * grid.spacing if len(terrain) else lowest - 10.0
     high = max(highest + 8.0, float(tops.max()) + 4.0 if len(tops) else highest)
-    return Section(kind, length, max(low, bottom), min(high, top))
+    return Section(shown, length, max(low, bottom), min(high, top))
 
 
 def horizontal_distance(path: np.ndarray) -> np.ndarray:
@@ -87,21 +92,26 @@ def draw_section(axes: Axes, section: Section, grid: Grid) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Rectangle
 
-    colors = ("white", BESIDE, OBSTACLE, EARTH)
+    colors = ("white", BESIDE, OBSTACLE, EARTH, CLOSED_AIR)
     axes.imshow(
         section.kind.T,
         origin="lower",
         extent=(0.0, max(section.length, 1.0), grid.lower[2], grid.upper[2]),
         cmap=ListedColormap(colors),
         vmin=-0.5,
-        vmax=3.5,
+        vmax=4.5,
         interpolation="nearest",
         aspect="auto",
     )
     edge = 0.02 * max(section.length, 1.0)
     axes.set(xlim=(-edge, max(section.length, 1.0) + edge), ylim=(section.low, section.high))
     axes.set(xlabel="Horizontal distance along the first path [m]", ylabel="Height, z [m]")
-    labels = {2: "obstacle in the section", 1: f"obstacle within {_ASIDE:.0f} m of it", 3: "ground"}
+    labels = {
+        2: "obstacle in the section",
+        1: f"obstacle within {_ASIDE:.0f} m of it",
+        3: "ground",
+        4: "closed to flight",
+    }
     for kind in (kind for kind in labels if (section.kind == kind).any()):
         # Of no size: for the legend alone.
         axes.add_patch(Rectangle((0.0, section.low), 0.0, 0.0, facecolor=colors[kind], label=labels[kind]))
