@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test results lint clean
+.PHONY: setup demo test docs results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
@@ -23,6 +23,12 @@ demo: setup
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# Warnings are errors; pages with code are executed, and a cell that fails, fails the build.
+docs: setup
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python docs/site/links.py build/docs
 
 results: setup
 	$(BIN)/python -m experiments.report
