@@ -101,9 +101,7 @@ def section(document: Document) -> str:
         "the training map (the paper's validation error: 0.103). `maxjax` learns prices whose\n"
         "height is drawn between 0 and 5, and is judged on such; the paper's networks know none. Curves:\n"
         "results/network_training_NAME.jsonl. `paper` and `paper_difference` shared their GPU with each other and with\n"
-        "flights: their minutes are no measure.\n\n"
-        + table(heads, lines, left=1)
-        + kernels
+        "flights: their minutes are no measure.\n\n" + table(heads, lines, left=1) + kernels
     )
 
 

@@ -6,18 +6,21 @@ height in a column = top of its highest obstacle [m], ground left out
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maxjax.core.grid import Grid
-from maxjax.viz.style import FIELD, HEIGHTS
+from maxjax.viz.style import EARTH, FIELD, HEIGHTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Lower and upper corner (x, y) of what is shown [m].
 View = tuple[np.ndarray, np.ndarray]
+
+# How far a field is continued beyond free space [voxels]: further than the radius around walls mostly reaches.
+_CONTINUED = 4.0
 
 
 def view_around(grid: Grid, points: np.ndarray, around: float) -> View:
@@ -79,26 +82,58 @@ def draw_plan(
 
 
 def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:
-    """Level lines of the log-potential at the path's median altitude, evenly spaced over what is in view."""
+    """Level lines of the log-potential at the path's median altitude, evenly spaced over what is in view.
+
+    Around free space the field is continued as its neighbour has it, since no current flows into a wall: so each line
+    runs up to the wall itself, which is drawn over it.
+    """
     from matplotlib.lines import Line2D
 
     altitude = float(np.median(path[:, 2]))
     level = level_of(grid, altitude)
-    values = np.asarray(log_potential[:, :, level], np.float64)
-    values = np.ma.masked_where(occupied[:, :, level] | ~np.isfinite(values), values)
-    x, y = (grid.origin[axis] + grid.spacing * np.arange(grid.shape[axis]) for axis in (0, 1))
+    solid = occupied[:, :, level]
+    free = np.isfinite(log_potential[:, :, level]) & ~solid
     view = (
         np.array([axes.get_xlim()[0], axes.get_ylim()[0]]),
         np.array([axes.get_xlim()[1], axes.get_ylim()[1]]),
     )
-    inside = [slice(*_index_range(grid, axis, view)) for axis in (0, 1)]
-    seen = values[inside[0], inside[1]].compressed()
+    inside = (slice(*_index_range(grid, 0, view)), slice(*_index_range(grid, 1, view)))
+    seen = np.asarray(log_potential[:, :, level], np.float64)[inside][free[inside]]
     if len(seen) == 0 or seen.min() == seen.max():
         return
+    values = continued(np.asarray(log_potential[:, :, level], np.float64), free)
+    x, y = (grid.origin[axis] + grid.spacing * np.arange(grid.shape[axis]) for axis in (0, 1))
     levels = np.linspace(seen.min(), seen.max(), 24)[1:-1]
-    axes.contour(x, y, values.T, levels=levels, colors=FIELD, linewidths=0.5, linestyles="solid")
+    lines = axes.contour(x, y, np.ma.masked_invalid(values).T, levels=levels, colors=FIELD, linestyles="solid")
+    lines.set(linewidth=0.5, zorder=1.0)
+    _draw_over(axes, solid)
     label = f"log-potential at z = {altitude:.0f} m"
     axes.add_line(Line2D([], [], color=FIELD, linewidth=0.8, label=label))
+
+
+def continued(values: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Values (nx, ny) of free places, and beside these the value of the nearest one; NaN further away."""
+    from scipy.ndimage import distance_transform_edt
+
+    distance, nearest = distance_transform_edt(~free, return_indices=True)
+    return np.where(distance <= _CONTINUED, values[tuple(nearest)], np.nan)
+
+
+def _draw_over(axes: Axes, solid: np.ndarray) -> None:
+    """Draw what stands at the altitude of a field (nx, ny) once more, over its lines: obstacles, else ground."""
+    from matplotlib.colors import ListedColormap
+
+    heights: Any = axes.images[0]
+    tops = np.ma.filled(np.ma.asarray(heights.get_array(), np.float64), np.nan)
+    place: dict[str, Any] = {
+        "origin": "lower",
+        "extent": heights.get_extent(),
+        "interpolation": "nearest",
+        "zorder": 1.1,
+    }
+    axes.imshow(np.where(solid.T, tops, np.nan), cmap=heights.cmap, norm=heights.norm, **place)
+    ground = np.ma.masked_equal(solid.T & np.isnan(tops), False)
+    axes.imshow(ground, cmap=ListedColormap([EARTH]), **place)
 
 
 def level_of(grid: Grid, altitude: float) -> int:

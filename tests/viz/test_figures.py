@@ -118,6 +118,35 @@ def test_outline_is_that_of_the_obstacles_at_the_flights_altitude() -> None:
     assert len(outline.get_segments()) == faces
 
 
+def test_lines_of_the_potential_are_whole() -> None:
+    """Each closes, or ends in a wall that is drawn over it or where the map ends; NaN beside a wall breaks none."""
+    occupied, _ = town()
+    blocked = occupied.copy()
+    for axis, step in itertools.product((0, 1), (-1, 1)):
+        moved = np.roll(occupied, step, axis)
+        blocked[1:-1, 1:-1] |= moved[1:-1, 1:-1]
+    index = np.moveaxis(np.indices(GRID.shape), 0, -1)
+    field = np.where(blocked, -np.inf, -np.linalg.norm(index - (24, 12, 5), axis=-1)).astype(np.float32)
+    plan = figure(log_potential=field).axes[0]
+    (lines,) = (part for part in plan.collections if isinstance(part, matplotlib.contour.QuadContourSet))
+    ends = 0
+    for line in (part for path in lines.get_paths() for part in path.to_polygons(closed_only=False)):
+        if np.array_equal(line[0], line[-1]):
+            continue
+        for point in line[[0, -1]]:
+            index = np.rint((point - np.array(GRID.origin[:2])) / GRID.spacing - 1e-3).astype(int)
+            around = occupied[max(index[0] - 1, 0) : index[0] + 2, max(index[1] - 1, 0) : index[1] + 2, 5]
+            border = (index <= 0) | (index >= np.array(GRID.shape[:2]) - 1)
+            assert around.any() or border.any()
+            ends += 1
+    assert ends > 10
+    # Over them: heights of what stands there, once more.
+    over = np.ma.filled(plan.images[1].get_array().astype(float), np.nan).T
+    tops = np.ma.filled(plan.images[0].get_array().astype(float), np.nan).T
+    np.testing.assert_array_equal(over, np.where(occupied[:, :, 5], tops, np.nan))
+    assert plan.images[1].get_zorder() > lines.get_zorder()
+
+
 @pytest.mark.parametrize("count", [1, 2, 6, 8])
 def test_no_label_overlaps_another_and_nothing_leaves_the_page(count: int) -> None:
     line = np.stack([START, GOAL])
