@@ -19,8 +19,8 @@ from jaxtyping import Float64
 
 # Of |x'|²: where a curve turns back on itself, x' is 0 and a is free.
 _LEAST = 1e-9
-# Steps of a trajectory; more would take gigabytes.
-_MOST = 2_000_000
+# Duration of a trajectory [s]; more would take gigabytes.
+_MOST = 40_000.0
 
 
 def fastest(
@@ -89,21 +89,30 @@ def positions(s: Float64[np.ndarray, " n"], b: Float64[np.ndarray, " n"], step: 
     """The parameter at times `step` apart [s], from rest to rest; the last one is the first at rest.
 
     Raises:
-        ValueError: where it takes more than `_MOST` steps, or b is 0 at two neighbours.
+        ValueError: where it takes longer than `_MOST`, or b is 0 at two neighbours.
     """
     speed = np.sqrt(b)
     mean = 0.5 * (speed[1:] + speed[:-1])
     if not (mean > 0.0).all():
         raise ValueError("positions: expected a speed above 0 between any two samples, given two at rest")
     time = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
-    if time[-1] > _MOST * step:
-        raise ValueError(
-            f"limits: expected ones with which a path takes at most {_MOST * step:g} s, given some with which one of "
-            f"{s[-1]:g} m takes {time[-1]:.3g} s"
-        )
+    check_duration(float(time[-1]), float(s[-1]))
     at = step * np.arange(math.ceil(time[-1] / step) + 1)
     i = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(s) - 2)
     elapsed = np.minimum(at, time[-1]) - time[i]
     gain = (speed[i + 1] - speed[i]) / (time[i + 1] - time[i])
     found: Float64[np.ndarray, " t"] = np.minimum(s[i] + elapsed * (speed[i] + 0.5 * gain * elapsed), s[-1])
     return found
+
+
+def check_duration(seconds: float, length: float) -> None:
+    """Refuse what takes too long.
+
+    Raises:
+        ValueError: beyond `_MOST`.
+    """
+    if seconds > _MOST:
+        raise ValueError(
+            f"limits: expected ones with which a path takes at most {_MOST:g} s, given some with which one of "
+            f"{length:g} m takes {seconds:.3g} s"
+        )

@@ -26,7 +26,7 @@ from maxjax.planning.plan import Plan
 from maxjax.planning.rounding import Curve
 from maxjax.planning.spline import duration, evaluate
 from maxjax.planning.surroundings import Surroundings, project
-from maxjax.planning.timing import STEP, cutting, timed, windows
+from maxjax.planning.timing import STEP, cutting, timed
 from maxjax.planning.trajectory import Trajectory
 
 # What is left of a corner's blend where it is not clear, and the least width of one [m].
@@ -36,7 +36,7 @@ _HOVER = 3600.0
 # Rounds of rounding less before it rests at every corner.
 _TRIES = 60
 # Distance of the places where clearance is measured [m].
-_STATIONS = 0.2
+_STATIONS = 0.1
 
 
 class _Course(NamedTuple):
@@ -175,16 +175,13 @@ def _flown(
     course: _Course, curves: list[Curve]
 ) -> tuple[tuple[Float64[np.ndarray, "n 3"], float], Float64[np.ndarray, " k"]]:
     """Control points of all curves, one after the other, their step [s], and the times at rest in between."""
-    tried, edge = [], 0
+    found, edge = [], 0
     for curve in curves:
-        s, clearance = curve.samples(), _clearance(course, curve)
-        counts = windows(course.limits, float(s[-1]))
-        asked = _asked(curve, s, course.speeds[edge : edge + len(curve.directions)])
+        stations = np.linspace(0.0, curve.arclength[-1], math.ceil(curve.arclength[-1] / _STATIONS) + 1)
+        asked = course.speeds[edge : edge + len(curve.directions)]
         edge += len(curve.directions)
-        caps = [np.minimum(_caps(clearance, curve, s, n, course), asked) for n in counts]
-        tried.append([timed(curve, s, cap, n, course.limits) for n, cap in zip(counts, caps, strict=True)])
-    parts, factor = _together(tried)
-    step = STEP * factor
+        found.append(timed(curve, stations, _caps(course, curve, stations, asked), course.limits))
+    parts, step = [control for control, _ in found], STEP * max(factor for _, factor in found)
     whole, rests, point = parts[0], [], 0
     for curve, part in zip(curves, parts[1:], strict=False):
         rests.append(duration(whole, step))
@@ -195,46 +192,33 @@ def _flown(
     return (whole, step), np.array(rests)
 
 
-def _together(
-    tried: list[list[tuple[Float64[np.ndarray, "_ 3"], float]]],
-) -> tuple[list[Float64[np.ndarray, "_ 3"]], float]:
-    """The fastest choice of control points for each curve, with one factor for all: the largest of theirs."""
-    lowest = max(min(factor for _, factor in ways) for ways in tried)
-    choices = []
-    for most in sorted({max(factor, lowest) for ways in tried for _, factor in ways}):
-        parts = [min((control for control, factor in ways if factor <= most), key=len) for ways in tried]
-        choices.append((parts, most))
-    return min(choices, key=lambda choice: choice[1] * sum(map(len, choice[0])))
+def _caps(
+    course: _Course, curve: Curve, stations: Float64[np.ndarray, " k"], asked: Float64[np.ndarray, " e"]
+) -> Float64[np.ndarray, " k"]:
+    """Greatest speed at evenly spread stations of a curve, from the clearance around each and what is asked [m/s]."""
+    limits, apart = course.limits, float(stations[1])
+    # A place between two stations is at most half their distance from one, and what is flown is off by the cutting.
+    lost = 0.5 * apart + cutting(limits) + course.plan.radius
+    spare = np.maximum(_clearance(course, curve, stations) - lost, 0.0)
+    before, after = (np.searchsorted(curve.arclength[1:-1], stations, side) for side in ("left", "right"))
+    slowest = np.minimum(np.minimum(asked[before], asked[after]), limits.speed)
+    square = np.minimum(limits.near**2 + 2.0 * limits.acceleration * spare, slowest**2)
+    # It takes some way to brake from one edge's speed to the next one's.
+    rise = 2.0 * limits.acceleration * stations
+    reached = np.minimum.accumulate(square - rise) + rise
+    reached = np.minimum.accumulate((reached + rise)[::-1])[::-1] - rise
+    caps: Float64[np.ndarray, " k"] = np.sqrt(np.maximum(reached, square.min()))
+    return caps
 
 
-def _clearance(course: _Course, curve: Curve) -> Float64[np.ndarray, " k"]:
-    """Clearance of evenly spread places of a curve, from its start to its end [m]."""
-    plan, total = course.plan, curve.arclength[-1]
-    points = curve.at(np.linspace(0.0, total, math.ceil(total / _STATIONS) + 1))[0] + plan.path[0]
+def _clearance(course: _Course, curve: Curve, stations: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+    """Clearance of places of a curve [m]."""
+    plan, points = course.plan, curve.at(stations)[0] + course.plan.path[0]
     if course.around is not None:
         return course.around.clearance(points)
     away = np.linalg.norm(points[:, None] - plan.path, axis=2)
     known: Float64[np.ndarray, " k"] = np.maximum((plan.clearance_at - away).max(axis=1), plan.radius)
     return known
-
-
-def _asked(curve: Curve, s: Float64[np.ndarray, " m"], speeds: Float64[np.ndarray, " e"]) -> Float64[np.ndarray, " m"]:
-    """Greatest speed that is asked for at the samples of a curve; at a point of the path, on either edge [m/s]."""
-    before, after = (np.searchsorted(curve.arclength[1:-1], s, side) for side in ("left", "right"))
-    asked: Float64[np.ndarray, " m"] = np.minimum(speeds[before], speeds[after])
-    return asked
-
-
-def _caps(
-    clearance: Float64[np.ndarray, " k"], curve: Curve, s: Float64[np.ndarray, " m"], window: int, course: _Course
-) -> Float64[np.ndarray, " m"]:
-    """Greatest speed at the samples of a curve, from the clearance around each [m/s]."""
-    limits, apart = course.limits, float(curve.arclength[-1]) / (len(clearance) - 1)
-    # A place between two stations is at most half their distance from one, and what is flown is off by the cutting.
-    spare = np.maximum(clearance - 0.5 * apart - cutting(limits, window) - course.plan.radius, 0.0)
-    caps = np.minimum(np.sqrt(limits.near**2 + 2.0 * limits.acceleration * spare), limits.speed)
-    nearest: Float64[np.ndarray, " m"] = caps[np.rint(s / apart).astype(np.int64)]
-    return nearest
 
 
 def _knots(control: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:

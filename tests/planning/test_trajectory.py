@@ -228,10 +228,23 @@ def test_a_low_limit_of_jerk_is_kept() -> None:
     assert norm(motion.jerk).max() <= 0.1 * (1.0 + 1e-6)
 
 
-@pytest.mark.parametrize("name", ["speed", "acceleration", "jerk"])
-def test_limits_that_take_days_are_refused(name: str) -> None:
+@pytest.mark.parametrize(("name", "value"), [("speed", 1e-9), ("acceleration", 1e-9), ("jerk", 1e-12)])
+def test_limits_that_take_days_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match="limits: expected ones with which a path takes at most"):
-        flown([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]], maxjax.FlightLimits(**{name: 1e-9}))
+        flown([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]], maxjax.FlightLimits(**{name: value}))
+
+
+@pytest.mark.parametrize("jerk", [0.01, 0.1, 8.0, 40.0, 1000.0])
+def test_a_straight_line_takes_as_long_as_jerk_demands(jerk: float) -> None:
+    """The shortest time from rest to rest in closed form: jerk up, even, down, and the same to brake."""
+    length, limits = 20.0, maxjax.FlightLimits(jerk=jerk)
+    trajectory = flown([[520.0, 0.0, 5.0], [520.0 + length, 0.0, 5.0]], limits)
+    rise = limits.acceleration / jerk
+    least = (32.0 * length / jerk) ** (1.0 / 3.0)
+    if least > 4.0 * rise:  # the acceleration reaches its limit
+        least = rise + math.sqrt(rise**2 + 4.0 * length / limits.acceleration)
+    assert length < limits.speed**2 / limits.acceleration  # and the speed does not
+    assert least <= trajectory.duration <= 1.02 * least + 0.1
 
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(maxjax.FlightLimits)])
