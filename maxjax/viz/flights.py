@@ -1,4 +1,4 @@
-"""Many flights over their city, from above (extra `viz`).
+"""Many flights over their city, from above and in height (extra `viz`).
 
 Flights that arrived and flights that did not differ in colour, in line style and in a number at their end.
 """
@@ -15,7 +15,8 @@ from jaxtyping import Bool, Float
 from maxjax.core.grid import Grid
 from maxjax.viz.marks import Mark, draw_mark
 from maxjax.viz.plan_view import draw_plan, square_around
-from maxjax.viz.style import ARRIVED, FAILED, GOAL, STYLE, load_matplotlib
+from maxjax.viz.section import horizontal_distance
+from maxjax.viz.style import ARRIVED, FAILED, GOAL, OBSTACLE, STYLE, load_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +52,7 @@ def figure_flights(
     title: str | None = None,
     caption: str | None = None,
 ) -> Figure:
-    """All flights over one city, from above.
+    """All flights over one city, from above, and their heights; of a single one, also what stands below it.
 
     Args:
         obstacle: the city without its ground.
@@ -70,17 +71,26 @@ def figure_flights(
         raise ValueError("flights: expected at least one flight, given none")
     points = np.concatenate([*(flight.line for flight in flights), *(flight.goal[None] for flight in flights)])
     with rc_context(STYLE):
-        figure = new_figure(figsize=(7.2, 7.0))
-        plan, bar = figure.add_axes((0.09, 0.17, 0.76, 0.78)), figure.add_axes((0.875, 0.17, 0.018, 0.4))
+        figure = new_figure(figsize=(7.2, 8.8))
+        plan, bar = figure.add_axes((0.09, 0.345, 0.76, 0.62)), figure.add_axes((0.875, 0.345, 0.018, 0.32))
+        side = figure.add_axes((0.09, 0.15, 0.76, 0.13))
         view = square_around(points, grid, AROUND)
         draw_plan(plan, bar, obstacle, grid, view, float(np.median(points[:, 2])))
         for flight in flights:
             _draw_flight(plan, flight, 1.6 if len(flights) < 5 else 1.0)
+            _draw_height(side, flight, 1.4 if len(flights) < 5 else 0.8)
+        if len(flights) == 1:  # of several, what is below one would seem to stand in the way of another
+            tops = _tops_below(obstacle, grid, flights[0].line)
+            along = horizontal_distance(flights[0].line)
+            side.fill_between(along, 0.0, tops, color=OBSTACLE, linewidth=0.0, label="obstacle below")
+            side.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        side.set(xlabel="Horizontal distance flown [m]", ylabel="Height, z [m]", ylim=(0.0, None))
+        side.spines[["top", "right"]].set_visible(False)
         arrived = sum(flight.arrived for flight in flights)
         figure.legend(
             handles=_legend(arrived, len(flights) - arrived) + plan.get_legend_handles_labels()[0],
             loc="upper center",
-            bbox_to_anchor=(0.5, 0.11),
+            bbox_to_anchor=(0.5, 0.1),
             ncols=3,
         )
         if title:
@@ -110,6 +120,28 @@ def _draw_flight(axes: Axes, flight: Flown, wide: float) -> None:
             zorder=11,
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": FAILED, "linewidth": 0.6},
         )
+
+
+def _tops_below(
+    obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, line: Float[np.ndarray, "t 3"]
+) -> Float[np.ndarray, " t"]:
+    """Top of the highest obstacle below each position [m]; NaN where there is none."""
+    index = np.floor((line - np.array(grid.origin)) / grid.spacing + 0.5).astype(int)
+    inside = ((index >= 0) & (index < np.array(grid.shape)))[:, :2].all(axis=1)
+    x, y, z = np.clip(index, 0, np.array(grid.shape) - 1).T
+    below = obstacle[x, y] & (np.arange(grid.shape[2]) <= z[:, None])
+    top = grid.shape[2] - below[:, ::-1].argmax(axis=1)
+    return np.where(inside & below.any(axis=1), grid.lower[2] + grid.spacing * top, np.nan)
+
+
+def _draw_height(axes: Axes, flight: Flown, wide: float) -> None:
+    """Heights of a flight over the distance that it flew; a cross where it failed."""
+    line = flight.line.astype(np.float64)
+    along, bad = horizontal_distance(line), not flight.arrived
+    color, dashes = (FAILED, _DASHES) if bad else (ARRIVED, "-")
+    axes.plot(along, line[:, 2], color=color, linewidth=wide + 0.3 * bad, linestyle=dashes, zorder=6 + bad)
+    if bad:
+        draw_mark(axes, float(along[-1]), float(line[-1, 2]), Mark("X", 5.5, FAILED))
 
 
 def _legend(arrived: int, failed: int) -> list[Line2D]:

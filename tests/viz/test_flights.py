@@ -45,6 +45,21 @@ def test_flights_are_lines_in_metres_that_failed_ones_differ_from() -> None:
     assert "failed" not in " ".join(text.get_text() for text in figure(unharmed).legends[0].get_texts())
 
 
+def test_heights_are_those_flown_over_what_stands_below() -> None:
+    side = figure().axes[2]
+    assert side.get_ylabel() == "Height, z [m]"
+    shown = [one for one in side.lines if len(one.get_xdata()) > 1]
+    assert len(shown) == len(FLIGHTS)
+    for one, flight in zip(shown, FLIGHTS, strict=True):
+        np.testing.assert_allclose(one.get_ydata(), flight.line[:, 2])
+        gaps = np.linalg.norm(np.diff(flight.line[:, :2], axis=0), axis=1)
+        np.testing.assert_allclose(np.diff(one.get_xdata()), gaps)
+    over = np.array([[-30.0, -30.0, 40.0], [-4.0, -4.0, 40.0], [0.0, 0.0, 40.0], [4.0, 4.0, 40.0], [30.0, 30.0, 40.0]])
+    (roof,) = figure([Flown(1, over, GOAL, True)]).axes[2].collections
+    # The block in the middle is 12 voxels of 2 m high, from z = 0 on.
+    assert {y for path in roof.get_paths() for y in path.vertices[:, 1].tolist()} == {0.0, 24.0}
+
+
 def test_everything_flown_is_in_view_and_nothing_hides_it() -> None:
     drawn = figure()
     canvas = FigureCanvasAgg(drawn)
@@ -58,7 +73,9 @@ def test_everything_flown_is_in_view_and_nothing_hides_it() -> None:
     assert not legend.overlaps(axes.get_window_extent())
     assert not legend.overlaps(drawn.texts[-1].get_window_extent())
     page = drawn.bbox
-    for box in (legend, axes.get_tightbbox(), drawn.axes[1].get_tightbbox()):
+    assert not legend.overlaps(drawn.axes[2].get_tightbbox())
+    assert not axes.get_tightbbox().overlaps(drawn.axes[2].get_tightbbox())
+    for box in (legend, *(one.get_tightbbox() for one in drawn.axes)):
         assert page.x0 <= box.x0
         assert box.x1 <= page.x1
         assert page.y0 <= box.y0
