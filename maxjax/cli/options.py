@@ -244,6 +244,7 @@ class ViewOptions:
         map: A map as for plan, a plan.json, or a folder that fly has written.
         start: Start of the first plan [m]; by default a free place.
         goal: Its end [m].
+        via: As for plan.
         spacing: As for plan.
         bounds: As for plan.
         center: As for plan.
@@ -251,6 +252,8 @@ class ViewOptions:
         radius: As for plan.
         margin: As for plan.
         ground: As for plan.
+        floor: As for plan; with --ceiling.
+        ceiling: As for plan; with --floor.
         place: As for plan.
         trial: Number of the flight to begin with, of a folder.
         share: One HTML file to write in place of serving a page; it plays in any browser, without network.
@@ -262,6 +265,7 @@ class ViewOptions:
     map: _Map
     start: _OptionalXyz = None
     goal: _OptionalXyz = None
+    via: _Via = ()
     spacing: _OptionalMetre = None
     bounds: _Bounds = None
     center: _OptionalXyz = None
@@ -269,6 +273,8 @@ class ViewOptions:
     radius: _Metres = 1.0
     margin: _Metres = 8.0
     ground: _OptionalMetres = None
+    floor: _OptionalMetre = None
+    ceiling: _OptionalMetre = None
     place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
     trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
     share: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None

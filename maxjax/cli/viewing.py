@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from maxjax.cli import report
+from maxjax.cli import report, viewing_flights
 from maxjax.cli.options import PlanOptions, ViewOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, earth_of, load_source, task_in
@@ -26,7 +26,20 @@ from maxjax.worlds.scenes import Scene
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
 _MIDDLE = (0.0, 0.0, 40.0)
 # What a plan.json says of how it was made.
-_TAKEN = ("map", "start", "goal", "spacing", "bounds", "center", "method", "radius", "margin", "ground")
+_TAKEN = (
+    "map",
+    "start",
+    "goal",
+    "spacing",
+    "bounds",
+    "center",
+    "method",
+    "radius",
+    "margin",
+    "ground",
+    "floor",
+    "ceiling",
+)
 
 
 def run(options: ViewOptions) -> int:
@@ -39,7 +52,7 @@ def run(options: ViewOptions) -> int:
     if options.share is not None and not options.share.absolute().parent.is_dir():
         raise ValueError(f"--share {options.share}: expected a folder {options.share.absolute().parent}; make it first")
     if Path(options.map).is_dir():
-        raise ValueError(f"{options.map}: expected a map or a plan.json, given a folder")
+        return viewing_flights.run(options)
     options = _from_plan(options)
     with progress(f"Reading {options.map}"):
         city, question, earth = _city(options)
@@ -111,9 +124,14 @@ def _from_plan(options: ViewOptions) -> ViewOptions:
     beside = path.parent / Path(taken["map"]).name
     if not Path(taken["map"]).exists() and beside.is_file():
         taken["map"] = str(beside)
-    kept = {name: tuple(value) if isinstance(value, list) else value for name, value in taken.items()}
+    kept = {name: _tuples(value) for name, value in taken.items()}
     given: dict[str, Any] = {name: value for name, value in kept.items() if value is not None}
     return dataclasses.replace(options, **given)
+
+
+def _tuples(value: Any) -> Any:
+    """Lists of JSON as tuples, those within them as well."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _city(options: ViewOptions) -> tuple[City, Question, Earth | None]:
@@ -121,9 +139,13 @@ def _city(options: ViewOptions) -> tuple[City, Question, Earth | None]:
     source = load_source(options.map)
     if (options.start is None) != (options.goal is None):
         raise ValueError("--start and --goal: expected both or none, given one")
+    if (options.floor is None) != (options.ceiling is None):
+        raise ValueError("--floor and --ceiling: expected both or none, given one")
     city, earth = _simulated(source, options) if isinstance(source, Scene) else _read(source, options)
     ends = first_ends(city) if options.start is None or options.goal is None else (options.start, options.goal)
-    return city, Question(ends, options.method, options.radius, options.margin), earth
+    band = None if options.floor is None or options.ceiling is None else (options.floor, options.ceiling)
+    waypoints = (ends[0], *options.via, ends[1])
+    return city, Question(waypoints, options.method, options.radius, options.margin, band=band), earth
 
 
 def _simulated(scene: Scene, options: ViewOptions) -> tuple[City, Earth | None]:

@@ -6,18 +6,20 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import time
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
-from maxjax.api_mission import plan_mission
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
+from maxjax.maps.airspace import Airspace
+from maxjax.methods import method_named
 from maxjax.planning.judge import verify
-from maxjax.planning.mission import Mission
+from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.task import Distances, Task
 from maxjax.view.city import City
 
 
@@ -30,6 +32,7 @@ class Question:
         method: by name.
         radius, margin: [m].
         beside: whether A* plans the same.
+        band: least and greatest height above ground [m]; None: any.
     """
 
     waypoints: tuple[Point3, ...]
@@ -37,6 +40,7 @@ class Question:
     radius: float = 1.0
     margin: float = 8.0
     beside: bool = False
+    band: tuple[float, float] | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,9 +87,27 @@ def answer(city: City, question: Question) -> Answer:
     return Answer(question, mission, rival, *along, "", time.perf_counter() - began)
 
 
+def task_of(city: City, question: Question, ends: slice = slice(None)) -> Task:
+    """The task of a question's legs, or of some of them, heights outside its band closed.
+
+    Raises:
+        ValueError: for distances or a band that the map cannot have.
+    """
+    starts, goals = legs_of([Waypoint(place) for place in question.waypoints])
+    distances = Distances.of(question.radius, question.margin)
+    task = Task.of(city.occupied, starts[ends], goals[ends], city.grid, distances, city.ground)
+    return task if question.band is None else task.closing(_closed(city, question.band))
+
+
+@functools.lru_cache(maxsize=8)
+def _closed(city: City, band: tuple[float, float]) -> UInt8[np.ndarray, "nx ny nz"]:
+    return Airspace(*band).closed(city.ground, city.grid)
+
+
 def _planned(city: City, question: Question, method: str) -> Mission:
-    distances: Any = {"radius": question.radius, "margin": question.margin}
-    return plan_mission(city.occupied, question.waypoints, city.grid, ground=city.ground, method=method, **distances)
+    chosen = method_named(method)
+    places = [Waypoint(place) for place in question.waypoints]
+    return plan_mission(task_of(city, question), places, chosen.finder(), chosen.name)
 
 
 def refined(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _SLICES = {"none": None, "cost to the goal, −ℓ log φ": "cost", "price of a metre": "price"}
 _AXES: dict[str, Axis] = {"horizontal": "z", "along y": "x", "along x": "y"}
 _MOST = 30.0  # of radius and margin [m]
+_HIGHEST = 150.0  # of the altitude band [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +36,8 @@ class Controls:
     radius: Any
     margin: Any
     beside: Any
+    keep: Any
+    band: Any
     slice: Any
     axis: Any
     place: Any
@@ -47,8 +50,14 @@ class Controls:
     def question(self, waypoints: tuple[Any, ...]) -> Question:
         """What the controls ask, through these places; the margin is the radius at least."""
         radius = float(self.radius.value)
+        low, high = map(float, self.band.value)
         return Question(
-            waypoints, self.method.value, radius, max(radius, float(self.margin.value)), bool(self.beside.value)
+            waypoints,
+            self.method.value,
+            radius,
+            max(radius, float(self.margin.value)),
+            bool(self.beside.value),
+            (low, max(high, low + 1.0)) if self.keep.value else None,
         )
 
     def wanted(self, city: City) -> Slice | None:
@@ -75,6 +84,9 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
         parts["method"] = gui.add_dropdown("Method", tuple(METHODS), initial_value=question.method)
         parts["radius"] = gui.add_slider("Radius [m]", 0.0, _MOST, step, min(question.radius, _MOST))
         parts["margin"] = gui.add_slider("Margin [m]", 0.0, _MOST, step, min(question.margin, _MOST))
+        parts["keep"] = gui.add_checkbox("Keep an altitude band", question.band is not None)
+        band = (5.0, 60.0) if question.band is None else question.band
+        parts["band"] = gui.add_multi_slider("Above ground [m]", min=0.0, max=_HIGHEST, step=1.0, initial_value=band)
         parts["beside"] = gui.add_checkbox("A* beside it", question.beside)
     with gui.add_folder("Look inside", expand_by_default=False):
         parts["slice"] = gui.add_dropdown("Slice of", tuple(_SLICES), initial_value="none")

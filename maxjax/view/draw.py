@@ -20,6 +20,9 @@ from maxjax.view.nodes import Ball, Boxes, Dots, Frame, Lines, Node, Scene, Text
 END = 1.6
 """Radius of the ball at an end [m]."""
 
+THROUGH = 0.25
+"""Opacity of see-through buildings."""
+
 _MOST_POINTS = 200_000
 _PATH, _RIVAL = 6.0, 4.0  # widths [px]
 
@@ -72,6 +75,11 @@ def end_name(k: int, count: int) -> str:
     return "start" if k == 0 else "goal" if k == count - 1 else f"waypoint {k}"
 
 
+def root_of(name: str) -> str:
+    """The node of a waypoint, by what it is called."""
+    return f"/ends/{name.replace(' ', '_')}"
+
+
 def end_scene(root: str, name: str, at: Point3 = (0.0, 0.0, 0.0)) -> Scene:
     """A waypoint and its name, below a node `root`, at a place in that node's frame [m]."""
     color = {"start": START, "goal": GOAL}.get(name, VIA)
@@ -82,9 +90,7 @@ def ends_scene(waypoints: Sequence[Point3], frame: Frame) -> Scene:
     """Start, places to visit and goal, each with its name."""
     names = [end_name(k, len(waypoints)) for k in range(len(waypoints))]
     places = [point3(frame.page(place)) for place in waypoints]
-    return together(
-        *(end_scene(f"/ends/{k}", name, at) for k, (name, at) in enumerate(zip(names, places, strict=True)))
-    )
+    return together(*(end_scene(root_of(name), name, at) for name, at in zip(names, places, strict=True)))
 
 
 def answer_scene(found: Answer, frame: Frame) -> Scene:

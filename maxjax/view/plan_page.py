@@ -15,9 +15,9 @@ from maxjax.core.grid import Point3
 from maxjax.view.asking import Answer, Question, answer, told
 from maxjax.view.city import City, hit
 from maxjax.view.controls import add_controls, legend, reach
-from maxjax.view.draw import answer_scene, city_scene, end_name, end_scene
+from maxjax.view.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.view.nodes import point3
-from maxjax.view.server import look
+from maxjax.view.server import look, look_at
 from maxjax.view.slices import Field, Slice, field_of, picture
 from maxjax.view.stage import Stage
 from maxjax.view.worker import Worker
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 _SLOW = 0.5  # after so long the status says that a plan is being made [s]
-_THROUGH = 0.25  # opacity of see-through buildings
 _HANDLE = 12.0  # length of a handle's arrows [m]
 
 # What is written for the user to take away: a file's name and content, of an ending and an answer.
@@ -59,8 +58,9 @@ class PlanPage:
         self._server, self._city, self._export = server, city, export
         self._stage = Stage(server.scene)
         self._stage.show("/map", city_scene(city))
+        look_at(server, city, _surroundings(city, question))
         self._waypoints = list(question.waypoints)
-        self._handles: list[Any] = []
+        self._handles: dict[str, Any] = {}
         self._field: tuple[tuple[Any, ...], Field | None] = (), None
         self._lock = threading.RLock()
         self.answer: Answer | None = None
@@ -85,6 +85,7 @@ class PlanPage:
         """Put the waypoint k elsewhere [m] and plan anew."""
         with self._lock:
             self._waypoints[k] = place
+            self._handles[self._name(k)].position = point3(self._city.frame.page(place))
         self.ask()
 
     def add(self, place: Point3) -> None:
@@ -103,33 +104,38 @@ class PlanPage:
         self.ask()
 
     def _place_handles(self) -> None:
-        """A handle to drag for each waypoint, with its ball and name."""
+        """A handle to drag for each waypoint, with its ball and name; those that are there stay."""
+        names = [self._name(k) for k in range(len(self._waypoints))]
         with self._server.atomic():
-            self._stage.show("/ends", {})
-            for handle in self._handles:
-                handle.remove()
-            self._handles = [self._handle(k) for k in range(len(self._waypoints))]
-            nodes: dict[str, Any] = {}
-            for k in range(len(self._waypoints)):
-                nodes |= end_scene(f"/ends/{k}", end_name(k, len(self._waypoints)))
-            self._stage.show("/ends", nodes)
+            for name in [name for name in self._handles if name not in names]:
+                self._stage.show(root_of(name), {})
+                self._handles.pop(name).remove()
+            for name, place in zip(names, self._waypoints, strict=True):
+                if name not in self._handles:
+                    self._handles[name] = self._handle(name, place)
+                    self._stage.show(root_of(name), end_scene(root_of(name), name))
         self.controls.undo.disabled = len(self._waypoints) < 3
 
-    def _handle(self, k: int) -> Any:
-        at = point3(self._city.frame.page(self._waypoints[k]))
+    def _handle(self, name: str, place: Point3) -> Any:
+        at = point3(self._city.frame.page(place))
         handle = self._server.scene.add_transform_controls(
-            f"/ends/{k}", scale=_HANDLE, line_width=4.0, disable_rotations=True, depth_test=False, position=at
+            root_of(name), scale=_HANDLE, line_width=4.0, disable_rotations=True, depth_test=False, position=at
         )
 
         # Coroutines keep the order of a drag's events; none of them waits.
         @handle.on_update
         async def _(event: Any) -> None:
-            place = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
-            self.move(k, place)
+            with self._lock:
+                k = [self._name(k) for k in range(len(self._waypoints))].index(name)
+                self._waypoints[k] = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
+            self.ask()
             if event.phase == "end":
                 self._write_ends()
 
         return handle
+
+    def _name(self, k: int) -> str:
+        return end_name(k, len(self._waypoints))
 
     def _write_ends(self) -> None:
         """Say in the panel where start and goal are."""
@@ -138,7 +144,14 @@ class PlanPage:
     def _listen(self) -> None:
         """Ask anew whenever a control changes."""
         controls, city = self.controls, self._city
-        for control in (controls.method, controls.radius, controls.margin, controls.beside):
+        for control in (
+            controls.method,
+            controls.radius,
+            controls.margin,
+            controls.beside,
+            controls.keep,
+            controls.band,
+        ):
             control.on_update(lambda _: self.ask())
         for control in (controls.slice, controls.place):
             control.on_update(lambda _: self.ask())
@@ -158,7 +171,7 @@ class PlanPage:
         self.ask()
 
     def _opacity(self) -> float:
-        return _THROUGH if self.controls.through.value else 1.0
+        return THROUGH if self.controls.through.value else 1.0
 
     def _clicked(self, event: Any) -> None:
         """A place to visit above what is clicked, where clicks add some."""
@@ -173,8 +186,7 @@ class PlanPage:
         place = point3(np.asarray(value))
         if place == tuple(self._waypoints[k]):
             return  # the panel was told, not the page
-        self._handles[k].position = point3(self._city.frame.page(place))
-        self.move(k, place)
+        self.move(k % len(self._waypoints), place)
 
     def _download(self, event: Any, ending: str) -> None:
         """Send a file to the browser that asked for it, or say why there is none."""
@@ -220,7 +232,7 @@ class PlanPage:
         if wanted is None:
             self._stage.show("/slice", {})
             return
-        key = (*question.waypoints[-2:], question.radius, question.margin)
+        key = (*question.waypoints[-2:], question.radius, question.margin, question.band)
         if self._field[0] != key:
             try:
                 self._field = key, field_of(self._city, question)
@@ -230,3 +242,10 @@ class PlanPage:
         field = self._field[1]
         nodes = {} if field is None else {"/slice/plane": picture(field, wanted, self._city.grid, self._city.frame)}
         self._stage.show("/slice", nodes)
+
+
+def _surroundings(city: City, question: Question) -> np.ndarray:
+    """The ends with some of the map around them, in the page's frame [m]."""
+    ends = city.frame.page(np.array(question.waypoints))
+    room = 0.6 * max(float(np.ptp(ends, axis=0).max()), 40.0)
+    return np.concatenate([ends - room, ends + room])

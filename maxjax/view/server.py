@@ -10,6 +10,9 @@ import contextlib
 import io
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from jaxtyping import Float
+
 from maxjax.view.city import City
 
 if TYPE_CHECKING:
@@ -54,7 +57,7 @@ def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = Fa
     scene.configure_default_lights(enabled=False)
     scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 140, 125), intensity=1.9)
     scene.add_light_directional("/light/sun", intensity=1.7, position=(-0.5, -0.8, 1.2), cast_shadow=False)
-    look_from(server, city)
+    look_at(server, city)
     return server
 
 
@@ -63,14 +66,24 @@ def look(server: ViserServer, *, dark: bool) -> None:
     server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="medium")
 
 
-def look_from(server: ViserServer, city: City) -> None:
-    """Look at the middle of the map from the south-west, from above."""
+def look_at(server: ViserServer, city: City, points: Float[np.ndarray, "n 3"] | None = None) -> None:
+    """Look from the south-west, from above, for browsers that come from now on.
+
+    Args:
+        server: of the page.
+        city: the map.
+        points: what to look at, in the page's frame [m]; None: the middle of the map.
+    """
     grid = city.grid
-    wide = grid.spacing * max(grid.shape[:2])
-    low = city.floor - grid.lower[2]
+    wide, low = grid.spacing * max(grid.shape[:2]), city.floor - grid.lower[2]
+    x, y, z = 0.04 * wide, -0.03 * wide, low
+    away = wide
+    if points is not None:
+        x, y, z = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
+        away = min(wide, max(60.0, 1.5 * float(np.ptp(points, axis=0).max())))
     camera = server.initial_camera
-    camera.position = (-0.34 * wide, -0.62 * wide, low + 0.85 * wide)
-    camera.look_at = (0.04 * wide, -0.03 * wide, low)
+    camera.position = (x - 0.38 * away, y - 0.6 * away, z + 0.85 * away)
+    camera.look_at = (x, y, z)
     camera.far = 20.0 * wide
 
 

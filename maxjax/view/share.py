@@ -13,7 +13,7 @@ import numpy as np
 from maxjax.view.city import City
 from maxjax.view.film import VEHICLE_NODE, Film
 from maxjax.view.nodes import Scene
-from maxjax.view.server import serve
+from maxjax.view.server import look_at, serve
 from maxjax.view.stage import Stage
 
 if TYPE_CHECKING:
@@ -28,16 +28,6 @@ _BOX = (
 )
 
 
-def still_page(city: City, scene: Scene, caption: str, *, dark: bool = False) -> str:
-    """A scene that does not move, as HTML; arguments as `playing_page`."""
-    server = serve(city, port=0, dark=dark)
-    try:
-        Stage(server.scene).show("/", scene)
-        return _captioned(server.scene.as_html(dark), caption, dark)
-    finally:
-        server.stop()
-
-
 def playing_page(city: City, film: Film, caption: str, *, dark: bool = False) -> str:
     """A film as HTML: it plays by itself, with pause, speed and a slider over its time.
 
@@ -49,6 +39,7 @@ def playing_page(city: City, film: Film, caption: str, *, dark: bool = False) ->
     """
     server = serve(city, port=0, dark=dark)
     try:
+        look_at(server, city, film.positions)
         return _captioned(_recorded(server, film, dark), caption, dark)
     finally:
         server.stop()

@@ -18,9 +18,8 @@ from maxjax.core.status import Status
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.planning.climb import potential_field
 from maxjax.planning.execute import problem_of
-from maxjax.planning.task import Distances, Task
 from maxjax.solvers.potential import solve_potential
-from maxjax.view.asking import Question
+from maxjax.view.asking import Question, task_of
 from maxjax.view.city import City
 from maxjax.view.colors import FIELD, PRICE, ramp
 from maxjax.view.nodes import Frame, Picture, Quaternion, point3
@@ -77,9 +76,7 @@ def field_of(city: City, question: Question) -> Field | None:
     """
     if city.occupied.size > LARGEST:
         raise ValueError(f"expected a map of at most {LARGEST} voxels to show the field of, given {city.occupied.size}")
-    start, goal = (np.asarray([place], np.float64) for place in question.waypoints[-2:])
-    task = Task.of(city.occupied, start, goal, city.grid, Distances.of(question.radius, question.margin), city.ground)
-    problem = problem_of(task)
+    problem = problem_of(task_of(city, question, slice(-1, None)))
     if int(problem.status) not in (Status.OK, Status.NO_SAFE_PATH, Status.NO_VALID_PATH):
         return None
     field = potential_field(problem.blocked, problem.price, problem.goal_index, city.grid, solve_potential)

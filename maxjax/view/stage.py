@@ -34,8 +34,8 @@ class Stage:
         self._scene, self._shown = scene, dict[str, tuple[Node, Any]]()
 
     def show(self, part: str, nodes: Scene) -> None:
-        """Show these nodes in place of all whose names begin with `part`; nodes that are the same object stay."""
-        for name in [name for name in self._shown if name.startswith(part) and name not in nodes]:
+        """Show these nodes in place of all below `part`; nodes that are the same object stay."""
+        for name in [name for name in self._shown if _within(name, part) and name not in nodes]:
             self._shown.pop(name)[1].remove()
         for name, node in nodes.items():
             if name not in self._shown or self._shown[name][0] is not node:
@@ -44,6 +44,10 @@ class Stage:
     def move(self, name: str, position: tuple[float, float, float]) -> None:
         """Move a node [m]."""
         self._shown[name][1].position = position
+
+
+def _within(name: str, part: str) -> bool:
+    return part == "/" or name == part or name.startswith(f"{part}/")
 
 
 def _add(scene: SceneApi, name: str, node: Node) -> Any:

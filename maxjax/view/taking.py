@@ -10,7 +10,8 @@ from maxjax.core.status import Status
 from maxjax.maps.earth import Earth
 from maxjax.missions.export import export
 from maxjax.planning.limits import PX4
-from maxjax.view.asking import Answer
+from maxjax.planning.trajectory import Trajectory
+from maxjax.view.asking import Answer, task_of
 from maxjax.view.city import City
 from maxjax.view.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.view.film import flown
@@ -33,7 +34,7 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         return "plan.html", page_of(city, found).encode()
     mission = found.mission
     assert mission is not None
-    flight = trajectory(mission, PX4, city.occupied, city.grid, ground=city.ground)
+    flight = _timed(city, found)
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"
@@ -41,11 +42,18 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         return file.name, file.read_bytes()
 
 
+def _timed(city: City, found: Answer) -> Trajectory:
+    """The trajectory of an answer, which keeps to its band as well."""
+    assert found.mission is not None
+    task = task_of(city, found.question)
+    return trajectory(found.mission, PX4, task.occupied, city.grid, ground=task.ground)
+
+
 def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     """The page of an answer that is OK: map, path, and a vehicle that flies its trajectory."""
     mission = found.mission
     assert mission is not None
-    flight = trajectory(mission, PX4, city.occupied, city.grid, ground=city.ground)
+    flight = _timed(city, found)
     ends = ends_scene(found.question.waypoints, city.frame)
     film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame)), city.frame)
     certified = ", certified" if all(leg.certified for leg in mission.legs) else ""

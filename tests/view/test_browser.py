@@ -17,13 +17,18 @@ import pytest
 pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
 
 from browser import Window, browser, drag, on_screen
+from flown import folder
 from test_page import town
 
+from maxjax.cli.viewing_flights import caption
 from maxjax.view.asking import Question, answer
 from maxjax.view.city import City
+from maxjax.view.flight_page import FlightPage
 from maxjax.view.plan_page import PlanPage
 from maxjax.view.server import serve
+from maxjax.view.share import MOST_BYTES, playing_page
 from maxjax.view.taking import file_of
+from maxjax.view.trials import city_of, film_of, open_folder
 
 START, GOAL = (8.0, 10.0, 10.0), (58.0, 50.0, 12.0)
 
@@ -74,7 +79,7 @@ def until(what: Any, seconds: float = 60.0) -> None:
 
 def test_a_drag_changes_the_path_and_sliders_act(window: Window, page: PlanPage, pages: Path) -> None:
     before = window.points("/plan/path")
-    drag(window, "/ends/0", 1, 8.0)
+    drag(window, "/ends/start", 1, 8.0)
     until(lambda: page.worker.rest(60.0) and page.waypoints[0] != START)
     assert page.waypoints[0][1] > START[1] + 1.0
     window.wait("([n, x]) => Math.abs(window.__viserSceneTree.getState()[n].message.props.points[1] - x) < 1e-3",
@@ -101,11 +106,11 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
 ) -> None:
     page.controls.click.value = True
     time.sleep(0.5)
-    x, y = on_screen(window, "/ends/0", (20.0, -4.0, -8.0))
+    x, y = on_screen(window, "/ends/start", (20.0, -4.0, -8.0))
     window.page.mouse.click(x, y)
     until(lambda: len(page.waypoints) == 3)
     assert page.waypoints[1][2] >= 12.0
-    window.shown("/ends/2/ball")
+    window.shown("/ends/waypoint_1/ball")
     until(lambda: page.worker.rest(60.0) and page.answer.question.waypoints == page.waypoints)
     assert page.answer.ok
     page.remove()
@@ -160,3 +165,42 @@ def test_no_file_of_the_machine_is_served(page: PlanPage) -> None:
         connection.close()
     assert page._server.get_host() == "127.0.0.1"
     assert page._server.request_share_url() is None
+
+
+def test_flights_play_on_a_timeline_and_a_shared_flight_opens_from_disk(
+    chrome: Any, pages: Path, tmp_path: Path
+) -> None:
+    name, ledger = open_folder(folder(tmp_path))
+    server = serve(city_of(name, 0), port=0)
+    page = FlightPage(server, name, ledger, lambda _: (), 0)
+    window = Window(chrome)
+    window.page.goto(f"http://127.0.0.1:{server.get_port()}/")
+    window.shown("/flown/line")
+    place = "() => Array.from(window.__viserMutable.nodePoseData['/vehicle'].position)"
+    first = window.page.evaluate(place)
+    moved = f"a => Math.hypot(...({place})().map((x, k) => x - a[k])) > 3"
+    window.wait(moved, first)
+    window.page.get_by_role("button", name="Pause").click()
+    until(lambda: not page.playing)
+    window.picture(pages / "flight.png")
+    page.list.value = "1: IN_CONTACT, 64 m"
+    window.wait("() => document.body.innerText.includes('Trial 1: IN_CONTACT')")
+    page.list.value = "2: not flown"
+    window.wait("() => window.__viserSceneTree.getState()['/flown/line'] === undefined")
+    assert window.errors == []
+    window.close()
+    page.close()
+    server.stop()
+
+    outcome = ledger.outcomes[0]
+    film = film_of(outcome, ledger.positions()[0], city_of(name, 0))
+    file = tmp_path / "flight.html"
+    file.write_text(playing_page(city_of(name, 0), film, caption(name, outcome), dark=True), encoding="utf-8")
+    assert file.stat().st_size < MOST_BYTES
+    window = Window(chrome, offline=True)
+    window.page.goto(file.as_uri())
+    window.shown("/flown/line")
+    window.wait(moved, window.page.evaluate(place))
+    window.picture(pages / "shared_flight.png")
+    assert window.errors == []
+    window.close()

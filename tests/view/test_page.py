@@ -60,6 +60,19 @@ def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
     assert "A\\* beside it" in told(found)
 
 
+def test_a_path_keeps_the_altitude_band() -> None:
+    city = town()
+    ends = ((8.0, 40.0, 12.0), (58.0, 40.0, 12.0))
+    above = ((8.0, 40.0, 12.0), (22.0, 30.0, 36.0), (58.0, 40.0, 12.0))
+    kept = answer(city, Question(ends, band=(4.0, 14.0)))
+    assert kept.ok
+    assert kept.dense[:, 2].min() >= 2.0 + 4.0
+    assert kept.dense[:, 2].max() <= 2.0 + 14.0
+    assert answer(city, Question(above)).ok
+    assert not answer(city, Question(above, band=(4.0, 14.0))).ok
+    assert "ground" in told(answer(City("bare", city.occupied, ~city.occupied & False, city.grid), kept.question))
+
+
 @pytest.mark.parametrize(
     ("question", "words"),
     [
