@@ -127,6 +127,14 @@ def test_ends_against_the_rules_have_a_status_and_a_sentence(
     assert words in message
 
 
+def test_a_way_that_the_rules_close_says_so(tmp_path: Path, plans: Plans) -> None:
+    wall = areas(tmp_path, [(-20, -990), (0, -990), (0, 990), (-20, 990)])
+    for options, status in ((["--airspace", wall], "NO_VALID_PATH"), (["--floor", 4, "--ceiling", 9], "NO_SAFE_PATH")):
+        code, found, message = plans(*ENDS, "--ground", 0, *options)
+        assert (code, found["status"]) == (1, status)
+        assert "the rules of the air close" in message
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -187,3 +195,33 @@ def test_the_hague_by_its_own_coordinates_and_by_latitudes(data: Path, plans: Pl
     code, again, _ = plans("--start", a, b, 30, "--goal", c, d, 30, "--frame", "amsl", *crs, map=city)
     assert code == 0
     np.testing.assert_allclose(again["path"], here["path"], rtol=0, atol=2e-3)
+
+
+def test_the_command_of_the_page_runs_on_its_sample(plans: Plans) -> None:
+    page = (SAMPLE.parents[1] / "airspace.md").read_text().split("```bash")[1].split("```")[0]
+    map, *options = page.replace("\\\n", " ").split()[2:]
+    options = [str(SAMPLE.parents[2] / word) if word.endswith(".geojson") else word for word in options]
+    code, found, _ = plans(*options[: options.index("--out")], map=SAMPLE.parents[2] / map)
+    assert (code, found["status"]) == (0, "OK")
+    straight = math.dist(found["path"][0], found["path"][-1])
+    assert found["length"] > straight + 5.0
+
+
+def test_a_mission_by_latitudes_names_the_leg_into_an_area(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    school = areas(tmp_path, [(-15.0, -30.0), (20.0, -30.0), (20.0, 40.0), (-15.0, 40.0)])
+    for middle, status in (((0.0, 70.0, 30.0), "OK"), ((0.0, 10.0, 30.0), "GOAL_IN_CLOSED_AREA")):
+        rows = [", ".join(on_earth(point, point[2])) for point in (START, middle, GOAL)]
+        file = tmp_path / "round.toml"
+        file.write_text(
+            f'map = "{SAMPLE}"\nmethod = "astar"\nframe = "agl"\nground = 0\nairspace = "{school.name}"\n'
+            + "".join(f"[[waypoint]]\nat = [{row}]\n" for row in rows)
+        )
+        code = main(["mission", str(file), "--json"])
+        out, err = capsys.readouterr()
+        legs = [leg["status"] for leg in json.loads(out)["legs"]]
+        if status == "OK":
+            assert (code, legs) == (0, ["OK", "OK"])
+            np.testing.assert_allclose(json.loads(out)["path"][0], START, atol=1e-5)
+        else:
+            assert (code, legs) == (1, [status, status.replace("GOAL", "START")])
+            assert "is in the keep-out area 'school'" in err

@@ -87,6 +87,9 @@ def explain(plan: Plan, given: MapTask) -> str:
         sentence += f"; radius {given.task.distances.radius:g} m, and {plan.radius:g} m at most joins the ends"
     if plan.status == Status.NO_VALID_PATH:
         sentence += f", {int(occupied.sum())} of {occupied.size} voxels occupied"
+    if plan.status in (Status.NO_SAFE_PATH, Status.NO_VALID_PATH) and given.task.closed is not None:
+        count = np.count_nonzero(given.task.closed)
+        sentence += f"; the rules of the air close {count} of {occupied.size} voxels, and paths keep a voxel off those"
     for end, (point, status) in enumerate(zip((start, goal), _CLOSED, strict=True)):
         if plan.status in status and given.airspace is not None:
             index = np.floor(given.task.ends[0, end] + 0.5).astype(int).tolist()
@@ -200,10 +203,11 @@ def warn(plan: Plan, task: Task) -> None:
     """Say on stderr where a plan of the task's only problem comes nearer to obstacles than it was asked to."""
     if plan.status != Status.OK:
         return
+    what = "an obstacle" if task.closed is None else "an obstacle or to closed airspace"
     for end, ball, point in zip(("start", "goal"), plan.balls, (task.starts[0], task.goals[0]), strict=True):
         if ball:
             complain(
-                f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to an obstacle than the radius of "
+                f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to {what} than the radius of "
                 f"{plan.radius:g} m; within {ball:g} m of it the path keeps less."
             )
     if plan.cruise_clearance < 0.5 * task.distances.margin:

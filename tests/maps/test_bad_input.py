@@ -16,13 +16,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maxjax import Grid, load_airspace
 from maxjax.maps import MapError, read_map
 from maxjax.maps.contents import facts
+from maxjax.maps.earth import TangentPlane
 from maxjax.maps.footprints import chain
 
 MUTATIONS = int(os.environ.get("MUTATIONS", "2000"))
 BOX = [[x, y, z] for x in (0.0, 9.0) for y in (0.0, 8.0) for z in (0.0, 7.0)]
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+# Where areas are looked at.
+AIR = Grid((60, 60, 20), 4.0, (-118.0, -118.0, 2.0))
+GROUND = np.broadcast_to(np.arange(20) < 1, AIR.shape)
 # Values that numbers in text are replaced by.
 VALUES = [b"NaN", b"Infinity", b"-1", b"1e308", b"1e999", b"0", b"2.5", b"", b'""', b"null", b"[]", b"{}", 500 * b"9"]
 VALUES += [5000 * b"7", b"181", b"-91", b"4294967296", b"'", b"\xff\xfe", b"true"]
@@ -93,6 +98,20 @@ def geojson() -> bytes:
     return json.dumps({"type": "FeatureCollection", "features": [feature]}).encode()
 
 
+def areas() -> bytes:
+    """A prohibited area with a hole, and one to keep in of two parts."""
+    outer = [[4.3, 52.0], [4.301, 52.0], [4.301, 52.001], [4.3, 52.001], [4.3, 52.0]]
+    inner = [[4.3005, 52.0005], [4.3007, 52.0005], [4.3007, 52.0007], [4.3005, 52.0005]]
+    layer = {"lower": 5, "lowerReference": "AGL", "upper": 120, "upperReference": "AMSL", "uom": "m"}
+    school = {"type": "Polygon", "coordinates": [outer, inner], "layer": layer}
+    field = {"type": "MultiPolygon", "coordinates": [[outer], [[[x + 0.002, y] for x, y in outer]]]}
+    features = [
+        {"type": "Feature", "properties": {"type": "PROHIBITED"}, "geometry": school},
+        {"type": "Feature", "properties": {"name": "field", "inclusion": True}, "geometry": field},
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}).encode()
+
+
 def osm() -> bytes:
     nodes = [f'<node id="{i}" lat="{52 + y}" lon="{4 + x}"/>' for i, (x, y) in enumerate(np.ndindex(2, 2))]
     nodes = [node.replace('"53"', '"52.001"').replace('"5"', '"4.001"') for node in nodes]
@@ -123,6 +142,7 @@ SAMPLES: dict[str, Callable[[], bytes]] = {
     "a.json": cityjson,
     "a.geojson": geojson,
     "a.osm": osm,
+    "areas.geojson": areas,
     "voxels.npz": lambda: archive(occupied=np.eye(3, dtype=bool)[None], spacing=2.0, origin=np.zeros(3)),
     "points.npz": lambda: archive(points=np.array(BOX), ground=np.zeros(8, bool)),
     "a.bt": lambda: octree("# Octomap OcTree binary file", struct.pack("<3H", 3, 0b11_10_01, 0b10_01)),
@@ -159,10 +179,20 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:begin] + VALUES[rng.integers(len(VALUES))] + content[end:]
 
 
+def coordinates(path: Path) -> np.ndarray:
+    """Of what a file holds."""
+    if path.name != "areas.geojson":
+        return np.asarray(facts(read_map(path)).extent)
+    here = TangentPlane(52.0005, 4.3005)
+    airspace = load_airspace(path, here, AIR)
+    assert airspace.closed(GROUND, AIR).shape == AIR.shape
+    return np.concatenate([ring for area in airspace.areas for ring in area.rings])
+
+
 def outcome(path: Path) -> str:
     """ "map" or "refused"; anything else raises."""
     try:
-        contents = read_map(path)
+        found = coordinates(path)
     except MapError as error:
         sentence = str(error)
         assert "\n" not in sentence
@@ -171,7 +201,7 @@ def outcome(path: Path) -> str:
         cause = error.__cause__
         assert type(cause).__name__ != "TypeCheckError", cause
         return "refused"
-    assert np.isfinite(facts(contents).extent).all()
+    assert np.isfinite(found).all()
     return "map"
 
 
