@@ -84,5 +84,6 @@ def _draw(found: Map, out: Path) -> Path | None:
         return None
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
-        save_figure(figure_map(found.occupied & ~found.ground, found.grid, title=found.source), picture)
+        obstacle = found.occupied & ~found.ground
+        save_figure(figure_map(obstacle, found.grid, title=found.source, within=found.within), picture)
     return picture

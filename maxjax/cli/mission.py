@@ -167,7 +167,7 @@ def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:
         lengths = [f"{x:.1f}" if ok else "" for x in (leg.length, leg.clearance)]
         arrives = f"{flown.passes[k + 1]:.1f}" if flown is not None and k + 1 < len(flown.passes) else ""
         hover = "" if waypoint.hover is None else f"{waypoint.hover:g}"
-        place = ", ".join(f"{x:.10g}" for x in waypoint.position)
+        place = ", ".join(f"{round(x, 2):.10g}" for x in waypoint.position)
         table.add_row(str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover)
     if mission.status == Status.OK and flown is not None:
         lengths = [f"{x:.1f}" for x in (mission.length, mission.clearance)]
@@ -190,5 +190,5 @@ def _written(
         from maxjax.viz.missions import figure_mission
 
         with progress("Drawing"):
-            figure = figure_mission(mission, flown, task, title)
+            figure = figure_mission(mission, flown, task, title, given.within)
     return report.write_plan(out, content, figure, "mission")

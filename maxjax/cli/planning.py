@@ -51,7 +51,7 @@ def run(options: PlanOptions) -> int:
         with progress("Drawing"):
             if METHODS[options.method].climbs:
                 plans["astar"] = plan_in(given, "astar")
-            overlay = Overlay(title=Path(options.map).name, around=_AROUND)
+            overlay = Overlay(title=Path(options.map).name, around=_AROUND, within=given.within)
             figure = figure_plans(given.task, plans, overlay)
     if options.out is not None:
         files = report.write_plan(options.out, content, figure)

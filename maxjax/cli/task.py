@@ -49,6 +49,7 @@ class MapTask:
         earth: where the map lies; None where that is unknown.
         airspace: the rules of the air; None where there are none.
         level: height of flat ground [m]; None where the map tells ground apart.
+        within: columns that lie within the map's data; None: all do.
     """
 
     task: Task
@@ -57,6 +58,7 @@ class MapTask:
     earth: Earth | None = None
     airspace: Airspace | None = None
     level: float | None = None
+    within: Bool[np.ndarray, "nx ny"] | None = None
 
     @property
     def terrain(self) -> Terrain:
@@ -169,7 +171,7 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
         else:
             found, ends = map_with(source, window, ends, options.frame, earth, options.below, options.unknown)
     given = _task((found.occupied, found.ground), found.grid, options, ends, earth)
-    return dataclasses.replace(given, returns=found.counts, remarks=found.remarks)
+    return dataclasses.replace(given, returns=found.counts, remarks=found.remarks, within=found.within)
 
 
 def earth_of(options: PlanOptions, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:

@@ -15,6 +15,7 @@ from jaxtyping import Bool
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.maps.contents import Below, Contents, Facts, Unknown, facts, voxels
+from maxjax.maps.coverage import within_data
 from maxjax.maps.earth import Degrees, Earth, Projected
 from maxjax.maps.model import VoxelMap
 from maxjax.maps.places import Frame, check_in_map, point_at
@@ -40,6 +41,7 @@ class Map:
         dropped: what of it is not used, by reason.
         remarks: sentences on what a user should know.
         counts: points `inside`, `outside` and `missing`; empty but for points.
+        within: columns that lie within the data; beyond, nothing is known.
     """
 
     occupied: Bool[np.ndarray, "nx ny nz"]
@@ -52,6 +54,7 @@ class Map:
     dropped: Mapping[str, int]
     remarks: tuple[str, ...]
     counts: Mapping[str, int]
+    within: Bool[np.ndarray, "nx ny"]
 
     @property
     def earth(self) -> Earth | None:
@@ -158,6 +161,7 @@ def map_of(
         dropped,
         remarks,
         found.counts,
+        within_data(contents, grid),
     )
 
 

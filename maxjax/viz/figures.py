@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
-from maxjax.viz.areas import draw_closed
+from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.viz.plan_view import View, draw_field, draw_plan, level_of, view_around
 from maxjax.viz.section import Section, draw_section, horizontal_distance, section_along
@@ -76,6 +76,7 @@ class Overlay:
         nearness: what the main path is coloured by; its least place is marked and named.
         title: headline.
         around: width of the map shown around the paths [m].
+        within: columns that lie within the map's data; the others are drawn as unknown. None: all do.
     """
 
     log_potential: Float[np.ndarray, "nx ny nz"] | None = None
@@ -83,6 +84,7 @@ class Overlay:
     nearness: Nearness | None = None
     title: str | None = None
     around: float = 14.0
+    within: Bool[np.ndarray, "nx ny"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,8 +149,8 @@ def figure_plan(
     grid, main = voxels.grid, np.asarray(next(iter(paths.values())), np.float64)
     ends = np.stack([start, goal]).astype(np.float64)
     view = view_around(grid, np.concatenate([*paths.values(), ends]), overlay.around)
-    section = section_along(voxels.occupied, voxels.ground, grid, main, voxels.closed)
-    shown = (overlay.log_potential, overlay.points, overlay.nearness, voxels.closed)
+    section = section_along(voxels.occupied, voxels.ground, grid, main, voxels.closed, overlay.within)
+    shown = (overlay.log_potential, overlay.points, overlay.nearness, voxels.closed, overlay.within)
     rows = max(len(paths), 3 + sum(part is not None for part in shown))
     page = _Page.of(view, section, rows, bool(overlay.title))
 
@@ -157,6 +159,8 @@ def figure_plan(
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
         altitude = float(np.median(main[:, 2]))
         draw_plan(plan, bar, voxels.occupied & ~voxels.ground, grid, view, altitude)
+        if overlay.within is not None:
+            draw_outside(plan, overlay.within, grid)
         if voxels.closed is not None:
             draw_closed(plan, voxels.closed[:, :, level_of(grid, altitude)], grid)
         draw_section(side, section, grid)
@@ -242,13 +246,20 @@ def _from_above(
             figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
 
 
-def figure_map(obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str | None = None) -> Figure:
+def figure_map(
+    obstacle: Bool[np.ndarray, "nx ny nz"],
+    grid: Grid,
+    *,
+    title: str | None = None,
+    within: Bool[np.ndarray, "nx ny"] | None = None,
+) -> Figure:
     """A whole map from above, with the outline of its obstacles at half of their height.
 
     Args:
         obstacle: obstacles, ground left out.
         grid: where the voxels lie.
         title: headline.
+        within: columns that lie within the data; the others are drawn as unknown. None: all do.
 
     Raises:
         ValueError: if the shape does not fit the grid.
@@ -256,8 +267,10 @@ def figure_map(obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str
     """
     levels = np.flatnonzero(obstacle.any(axis=(0, 1)))
     middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
-    with _from_above(obstacle, grid, float(middle), 0.12, title) as (figure, _):
-        figure.legend(loc="lower center")
+    with _from_above(obstacle, grid, float(middle), 0.12, title) as (figure, plan):
+        if within is not None:
+            draw_outside(plan, within, grid)
+        figure.legend(loc="lower center", ncols=2)
     return figure
 
 

@@ -18,7 +18,7 @@ from maxjax.planning.judge import verify
 from maxjax.planning.mission import Mission
 from maxjax.planning.task import Task
 from maxjax.planning.trajectory import Motion, Trajectory
-from maxjax.viz.areas import draw_closed
+from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.marks import draw_colored
 from maxjax.viz.plan_view import draw_plan, level_of, view_around
 from maxjax.viz.style import ARRIVED, EARTH, FAILED, KNOWN, OBSTACLE, STYLE, load_matplotlib
@@ -81,7 +81,13 @@ def _highest(columns: Bool[np.ndarray, "t nz"], grid: Grid) -> Float64[np.ndarra
     return np.where(columns.any(axis=1), grid.lower[2] + grid.spacing * top, np.nan)
 
 
-def figure_mission(mission: Mission, trajectory: Trajectory, task: Task, title: str | None = None) -> Figure:
+def figure_mission(
+    mission: Mission,
+    trajectory: Trajectory,
+    task: Task,
+    title: str | None = None,
+    within: Bool[np.ndarray, "nx ny"] | None = None,
+) -> Figure:
     """A mission from above and over time.
 
     Args:
@@ -89,6 +95,7 @@ def figure_mission(mission: Mission, trajectory: Trajectory, task: Task, title: 
         trajectory: of it.
         task: the map that it was planned on.
         title: headline.
+        within: columns of the map that lie within its data; the others are drawn as unknown. None: all do.
 
     Raises:
         ImportError: if matplotlib is missing; names the extra.
@@ -114,6 +121,8 @@ def figure_mission(mission: Mission, trajectory: Trajectory, task: Task, title: 
         ]
         altitude = float(np.median(course.motion.position[:, 2]))
         draw_plan(plan, bars[0], task.occupied & ~task.ground, task.grid, view, altitude)
+        if within is not None:
+            draw_outside(plan, within, task.grid)
         draw_closed(plan, _closed_columns(task, course), task.grid)
         _draw_way(plan, bars[1], course, trajectory.passes)
         _draw_waypoints(plan, mission)
@@ -125,7 +134,7 @@ def figure_mission(mission: Mission, trajectory: Trajectory, task: Task, title: 
         _draw_passes(over, mission, trajectory)
         if title:
             figure.suptitle(title, x=_LEFT / size[0], y=1 - 0.1 / size[1], ha="left", va="top", fontsize=9)
-        plan.legend(loc="upper left", bbox_to_anchor=(0.0, -0.38 / height), borderaxespad=0.0, ncols=2)
+        plan.legend(loc="upper left", bbox_to_anchor=(0.0, -0.38 / height), borderaxespad=0.0, ncols=3)
     return figure
 
 
@@ -180,8 +189,11 @@ def _draw_height(axes: Axes, course: _Course) -> None:
     floor = 0.0 if known else float(np.nanmin([*roofs, *z])) - 2.0
     axes.fill_between(time, floor, roofs, color=OBSTACLE, linewidth=0.0, step="mid", label="obstacle below")
     axes.plot(time, z - zero, color=ARRIVED, linewidth=1.2)
+    top = float((z - zero).max())
     for limit in (course.floor, course.ceiling):
-        if np.isfinite(limit).any():
+        # A ceiling far above is left out, since it would flatten the rest.
+        if np.isfinite(limit).any() and np.nanmin(limit - zero) < 2.0 * top:
+            top = max(top, float(np.nanmin(limit - zero)))
             axes.plot(
                 time, limit - zero, color=FAILED, linewidth=0.9, linestyle=_ASKED, label=_once(axes, "open airspace")
             )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxjax.core.grid import Grid
-from maxjax.viz.style import BESIDE, CLOSED_AIR, EARTH, OBSTACLE
+from maxjax.viz.style import BESIDE, CLOSED_AIR, EARTH, OBSTACLE, UNKNOWN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ class Section:
 
     Attributes:
         kind: of each voxel, by distance and height: 0 free, 1 obstacle beside the course, 2 obstacle on it, 3 ground,
-            4 closed to flight.
+            4 closed to flight, 5 free but outside the data.
         length: of the course [m].
         low, high: heights worth showing [m].
     """
@@ -44,7 +44,12 @@ class Section:
 
 
 def section_along(
-    occupied: np.ndarray, ground: np.ndarray, grid: Grid, path: np.ndarray, closed: np.ndarray | None = None
+    occupied: np.ndarray,
+    ground: np.ndarray,
+    grid: Grid,
+    path: np.ndarray,
+    closed: np.ndarray | None = None,
+    within: np.ndarray | None = None,
 ) -> Section:
     """The voxels over and under a path (t, 3) [m], four columns a voxel."""
     distance = horizontal_distance(path)
@@ -69,6 +74,8 @@ def section_along(
     kind = np.select([below, on, beside], [3, 2, 1], 0)
     # Altitudes are chosen without what is closed, which may reach to the sky.
     shown = kind if closed is None else np.where(closed[columns(0.0)] & (kind != 2), 4, kind)
+    if within is not None:
+        shown = np.where(~within[columns(0.0)][:, None] & (shown == 0), 5, shown)
 
     # Altitudes worth showing: the path, the ground under it, and obstacles unless they tower over it.
     bottom, top = grid.lower[2], grid.upper[2]
@@ -92,14 +99,14 @@ def draw_section(axes: Axes, section: Section, grid: Grid) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Rectangle
 
-    colors = ("white", BESIDE, OBSTACLE, EARTH, CLOSED_AIR)
+    colors = ("white", BESIDE, OBSTACLE, EARTH, CLOSED_AIR, UNKNOWN)
     axes.imshow(
         section.kind.T,
         origin="lower",
         extent=(0.0, max(section.length, 1.0), grid.lower[2], grid.upper[2]),
         cmap=ListedColormap(colors),
         vmin=-0.5,
-        vmax=4.5,
+        vmax=5.5,
         interpolation="nearest",
         aspect="auto",
     )
@@ -111,6 +118,7 @@ def draw_section(axes: Axes, section: Section, grid: Grid) -> None:
         1: f"obstacle within {_ASIDE:.0f} m of it",
         3: "ground",
         4: "closed to flight",
+        5: "outside the data, unknown",
     }
     for kind in (kind for kind in labels if (section.kind == kind).any()):
         # Of no size: for the legend alone.

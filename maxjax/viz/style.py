@@ -33,6 +33,7 @@ RETURN = "#222222"
 ARRIVED, FAILED, PLANNED, KNOWN, GOAL = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#F0E442"
 CLOSED = "#B03A2E"
 EARTH, BESIDE, OBSTACLE = "#D3BE94", "#E4E4E4", "#8A8A8A"
+UNKNOWN, UNKNOWN_MARKS = "#ECE7F4", "#A79BC0"  # outside the data
 CLOSED_AIR = "#F2B8B0"  # in section
 STYLE: dict[Any, Any] = {
     "font.size": 8.0,

@@ -147,6 +147,25 @@ def test_lines_of_the_potential_are_whole() -> None:
     assert plan.images[1].get_zorder() > lines.get_zorder()
 
 
+def test_what_lies_outside_the_data_is_drawn_as_unknown() -> None:
+    within = np.ones(GRID.shape[:2], bool)
+    within[18:] = False
+    drawn = figure(within=within)
+    assert texts(drawn).count("outside the data, unknown") == 2  # from above, and in section
+    plan, _, side = drawn.axes
+    (hatched,) = (part for part in plan.collections if isinstance(part, matplotlib.contour.QuadContourSet))
+    (area,) = hatched.get_paths()
+    for x, y in itertools.product(range(GRID.shape[0]), range(GRID.shape[1])):
+        centre = np.array(GRID.origin[:2]) + GRID.spacing * np.array([x, y])
+        assert area.contains_point(centre) == (not within[x, y])
+    kinds = side.images[0].get_array().T
+    for row, x in zip(kinds, np.linspace(-20, 20, len(kinds)), strict=True):
+        column = int(np.floor((x + 30) / 2)), 12
+        assert (row == 5).any() == (not within[column])
+        assert not (row == 0).any() or within[column]
+    assert "outside the data, unknown" not in texts(figure())
+
+
 @pytest.mark.parametrize("count", [1, 2, 6, 8])
 def test_no_label_overlaps_another_and_nothing_leaves_the_page(count: int) -> None:
     line = np.stack([START, GOAL])
