@@ -214,7 +214,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
         ends = [point_at(place, options.frame, earth, flat) for place in ends]
     grid = Grid.centered(_middle(ends, options.center))
-    return _task(occupancy(scene.geoms, grid), grid, options, ends, earth)
+    return dataclasses.replace(_task(occupancy(scene.geoms, grid), grid, options, ends, earth), level=0.0)
 
 
 def _ends(options: PlanOptions) -> list[Point3]:

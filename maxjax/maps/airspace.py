@@ -3,8 +3,9 @@
     open   = voxels that lie, whole, in the band and in one keep-in area, if there is any, and touch no keep-out area
     closed = all others
 
-So a path through open voxels keeps all of these rules, whatever it does within them. Above ground means above the
-highest ground voxel of the column (`maps.terrain`).
+So a path through open voxels keeps all of these rules, whatever it does within them. Of the ground only its voxels are
+known: a floor to stay above is counted from the upper face of the highest one in a column, a ceiling to stay below from
+its lower face.
 
 A path keeps off closed voxels as it keeps off the ground, by one voxel, and they have no price: there is nothing to run
 into.
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64, UInt8
@@ -126,10 +126,10 @@ class Airspace:
         grid = terrain.grid
         reasons = np.zeros(grid.shape, np.uint8)
         if (self.floor, self.ceiling, self.highest) != (None, None, None):
-            reasons[~self._band(heights, grid)] = Closure.BAND
-        reasons[self._kept_out(heights, grid)] = Closure.AREA
+            reasons[~self._band(terrain, heights)] = Closure.BAND
+        reasons[self._kept_out(terrain, heights)] = Closure.AREA
         if any(area.keep_in for area in self.areas):
-            reasons[~self._kept_in(heights, grid)] = Closure.AREA
+            reasons[~self._kept_in(terrain, heights)] = Closure.AREA
         return reasons
 
     @property
@@ -142,7 +142,7 @@ class Airspace:
         x, y, _ = index
         corner = np.array(terrain.grid.origin) + terrain.grid.spacing * np.array(index)
         one = Grid((1, 1, 1), terrain.grid.spacing, (float(corner[0]), float(corner[1]), float(corner[2])))
-        here = Terrain(terrain.everywhere[x : x + 1, y : y + 1], one)
+        here = Terrain(terrain.everywhere[x : x + 1, y : y + 1], one, terrain.doubt)
         found = [
             f"{words} {value:g} m{'' if name == 'highest' else ' above ground'}"
             for name, words in (("floor", "below"), ("ceiling", "above"), ("highest", "above z ="))
@@ -157,33 +157,37 @@ class Airspace:
             found.append(f"not in the keep-in area {' or '.join(area.name for area in kept)}")
         return found
 
-    def _band(self, heights: Float[np.ndarray, "nx ny"], grid: Grid) -> Bool[np.ndarray, "nx ny nz"]:
+    def _band(self, terrain: Terrain, heights: Float[np.ndarray, "nx ny"]) -> Bool[np.ndarray, "nx ny nz"]:
         """Voxels that lie, whole, in the altitude band."""
-        nowhere = np.full(heights.shape, math.inf)
+        grid, nowhere = terrain.grid, np.full(heights.shape, math.inf)
         low = -nowhere if self.floor is None else heights + self.floor
-        high = nowhere if self.ceiling is None else heights + self.ceiling
+        high = nowhere if self.ceiling is None else heights - terrain.doubt + self.ceiling
         first, last = _within(low, np.minimum(high, math.inf if self.highest is None else self.highest), grid)
         level = np.arange(grid.shape[2])
         return (level >= first[:, :, None]) & (level <= last[:, :, None])
 
-    def _kept_out(self, heights: Float[np.ndarray, "nx ny"], grid: Grid) -> Volume:
+    def _kept_out(self, terrain: Terrain, heights: Float[np.ndarray, "nx ny"]) -> Volume:
         """Voxels that a keep-out area touches."""
+        grid = terrain.grid
         areas = [area for area in self.areas if not area.keep_in]
         touched, inner = _columns(areas, grid)
         column, owner = (np.concatenate(pair) for pair in zip(touched, inner, strict=True))
-        low, high = _limits(areas, column, owner, heights)
+        below = heights.ravel()[column]
+        low, high = _height(areas, owner, "floor", below - terrain.doubt), _height(areas, owner, "ceiling", below)
         first = _level(np.floor((low - grid.lower[2]) / grid.spacing + _TOUCH), grid)
         last = _level(np.ceil((high - grid.lower[2]) / grid.spacing - _TOUCH) - 1, grid)
         last = np.where(low < high, last, -1)  # hills may reach through a ceiling above sea level
         return fill_columns(column, np.maximum(first, 0), np.minimum(last, grid.shape[2] - 1), grid.shape)
 
-    def _kept_in(self, heights: Float[np.ndarray, "nx ny"], grid: Grid) -> Volume:
+    def _kept_in(self, terrain: Terrain, heights: Float[np.ndarray, "nx ny"]) -> Volume:
         """Voxels that lie, whole, in a keep-in area."""
+        grid = terrain.grid
         areas = [area for area in self.areas if area.keep_in]
         touched, inner = (column * len(areas) + owner for column, owner in _columns(areas, grid))
         whole = np.setdiff1d(inner, touched)
         column, owner = whole // len(areas), whole % len(areas)
-        low, high = _limits(areas, column, owner, heights)
+        below = heights.ravel()[column]
+        low, high = _height(areas, owner, "floor", below), _height(areas, owner, "ceiling", below - terrain.doubt)
         first, last = _within(low, high, grid)
         return fill_columns(column, np.maximum(first, 0), np.minimum(last, grid.shape[2] - 1), grid.shape)
 
@@ -194,18 +198,14 @@ def _columns(areas: list[Area], grid: Grid) -> tuple[Columns, Columns]:
     return columns_of([ring for area in areas for ring in area.rings], owner, grid)
 
 
-def _limits(
-    areas: list[Area],
-    column: Int64[np.ndarray, " n"],
-    owner: Int64[np.ndarray, " n"],
-    heights: Float[np.ndarray, "nx ny"],
-) -> Iterator[Float[np.ndarray, " n"]]:
-    """Heights where areas begin and end in columns, z [m]."""
-    below = heights.ravel()[column]
-    for name in ("floor", "ceiling"):
-        level = np.array([getattr(area, name) for area in areas], np.float64)[owner]
-        above_ground = np.array([getattr(area, f"{name}_above_ground") for area in areas], bool)[owner]
-        yield np.where(above_ground & np.isfinite(level), below, 0.0) + level
+def _height(
+    areas: list[Area], owner: Int64[np.ndarray, " n"], name: str, ground: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """The `floor` or the `ceiling` of areas over ground of these heights, z [m]."""
+    level = np.array([getattr(area, name) for area in areas], np.float64)[owner]
+    above_ground = np.array([getattr(area, f"{name}_above_ground") for area in areas], bool)[owner]
+    found: Float[np.ndarray, " n"] = np.where(above_ground & np.isfinite(level), ground, 0.0) + level
+    return found
 
 
 def _within(

@@ -21,16 +21,19 @@ class Terrain:
     Attributes:
         heights: of each column [m]; NaN where it has no ground.
         grid: that the columns are of.
+        doubt: how far below these heights the ground may be [m].
     """
 
     heights: Float[np.ndarray, "nx ny"]
     grid: Grid
+    doubt: float = 0.0
 
     @classmethod
     def of(cls, ground: Bool[np.ndarray, "nx ny nz"], grid: Grid) -> Terrain:
         """That of ground voxels."""
         below = grid.shape[2] - ground[:, :, ::-1].argmax(axis=2)
-        return cls(np.where(ground.any(axis=2), grid.lower[2] + grid.spacing * below, np.nan), grid)
+        heights = np.where(ground.any(axis=2), grid.lower[2] + grid.spacing * below, np.nan)
+        return cls(heights, grid, doubt=grid.spacing)
 
     @classmethod
     def flat(cls, height: float, grid: Grid) -> Terrain:

@@ -15,6 +15,7 @@ from maxjax import Airspace, Area, Status, load_airspace
 from maxjax.core.status import Closure
 from maxjax.maps.airspace import Reasons
 from maxjax.maps.earth import TangentPlane
+from maxjax.maps.terrain import Terrain
 
 shapely = pytest.importorskip("shapely", reason="needs shapely (extra dev)")
 
@@ -103,8 +104,9 @@ def test_areas_close_what_they_touch_and_open_what_they_hold(seed: int, keep_in:
             meets, inside = boxes[i, j].intersects(shape), shape.contains(boxes[i, j])
 
             def expected(h: float, meets: bool = meets, inside: bool = inside) -> np.ndarray:
-                begin = floor + (h if area.floor_above_ground else 0.0)
-                end = ceiling + (h if area.ceiling_above_ground else 0.0)
+                # The ground is somewhere in its highest voxel.
+                begin = floor + ((h if keep_in else h - 2.0) if area.floor_above_ground else 0.0)
+                end = ceiling + ((h - 2.0 if keep_in else h) if area.ceiling_above_ground else 0.0)
                 if keep_in:
                     return np.asarray(~(inside & (low >= begin) & (high <= end)))
                 return np.asarray(meets & (high > begin) & (low < end) & (begin < end))
@@ -124,7 +126,7 @@ def test_a_band_opens_the_voxels_that_lie_in_it_whole(seed: int) -> None:
         for j in range(12):
 
             def expected(h: float) -> np.ndarray:
-                return np.asarray(~((low >= h + 1.5) & (high <= h + 9.0) & (high <= 15.0)))
+                return np.asarray(~((low >= h + 1.5) & (high <= h - 2.0 + 9.0) & (high <= 15.0)))
 
             assert same_as(closed, i, j, under[i, j], expected)
     assert set(np.unique(closed)) == {Closure.OPEN, Closure.BAND}
@@ -134,7 +136,10 @@ def test_a_band_that_ends_on_faces_opens_all_up_to_them() -> None:
     flat = NOTHING.copy()
     flat[:, :, :2] = True
     closed = Airspace(floor=2.0, ceiling=8.0).closed(flat, GRID)
-    assert (np.flatnonzero(closed[3, 3] == Closure.OPEN) == [3, 4, 5]).all()
+    assert np.flatnonzero(closed[3, 3] == Closure.OPEN).tolist() == [3, 4]
+    # Of flat ground at a stated height there is no doubt.
+    stated = Airspace(floor=2.0, ceiling=8.0).closed_over(Terrain.flat(6.0, GRID))
+    assert np.flatnonzero(stated[3, 3] == Closure.OPEN).tolist() == [3, 4, 5]
 
 
 def test_two_areas_to_keep_in_open_both() -> None:
@@ -223,7 +228,7 @@ KEPT = Area("field", (square(40.0, 24.0, 8.0),), keep_in=True)
         (Airspace(areas=(SCHOOL,)), GOAL, START, Status.GOAL_IN_CLOSED_AREA),
         (Airspace(areas=(KEPT,)), START, GOAL, Status.START_IN_CLOSED_AREA),
         (Airspace(floor=10.0), START, (44.0, 24.0, 15.0), Status.START_OUTSIDE_BAND),
-        (Airspace(ceiling=10.0), START, (44.0, 24.0, 15.0), Status.GOAL_OUTSIDE_BAND),
+        (Airspace(ceiling=12.0), START, (44.0, 24.0, 15.0), Status.GOAL_OUTSIDE_BAND),
         (Airspace(highest=5.0), START, GOAL, Status.START_OUTSIDE_BAND),
         (Airspace(ceiling=10.0), (24.0, 10.0, 9.0), GOAL, Status.START_OCCUPIED),
         (Airspace(ceiling=10.0), (math.nan, 10.0, 9.0), GOAL, Status.NONFINITE_INPUT),
