@@ -377,3 +377,19 @@ def startup(*documents: Document) -> str:
         "First: nothing on disk. Second: with the executables that the first left. CPU: of all threads [s].\n\n"
         + table(["what", "on", "median [s]", "min", "max", "CPU", "processes"], lines, left=2)
     )
+
+
+def page(*documents: Document) -> str:
+    """Of `benchmarks.page`."""
+    lines = []
+    for document in documents:
+        for row in document["rows"]:
+            least, most = (number(row[key]) if key in row else "" for key in ("min", "max"))
+            count = str(row.get("n", row.get("boxes", "")))
+            lines.append([row["what"], device(document), f"{number(row['median'])} {row['unit']}", least, most, count])
+    return (
+        "### The page in the browser\n\n"
+        "Headless Chromium of 1280 x 800 pixels, which computes WebGL on the cores that the server plans on; drags are "
+        "timed in the browser. Half: `?fixedDpr=0.5` in the page's address.\n\n"
+        + table(["what", "on", "median", "min", "max", "drags or boxes"], lines, left=2)
+    )

@@ -69,6 +69,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.cities, ("city_plan",)),
     (tables.lidar, ("lidar", "lidar_h200")),
     (tables.startup, ("startup",)),
+    (tables.page, ("page",)),
 )
 
 _HEAD = """# Results

@@ -78,8 +78,8 @@ def answer(city: City, question: Question) -> Answer:
     try:
         mission = _planned(city, question, question.method)
         rival = _planned(city, question, "astar") if question.beside and question.method != "astar" else None
-    except (ValueError, ImportError) as error:
-        return Answer(question, None, None, *nothing, str(error), time.perf_counter() - began)
+    except (ValueError, ImportError, MemoryError, RuntimeError) as error:
+        return Answer(question, None, None, *nothing, str(error).partition("\n")[0], time.perf_counter() - began)
     along = nothing
     if mission.status == Status.OK:
         dense = refined(mission.path, 0.5 * city.grid.spacing)

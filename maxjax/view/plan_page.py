@@ -156,7 +156,7 @@ class PlanPage:
         for control in (controls.slice, controls.place):
             control.on_update(lambda _: self.ask())
         for k, control in ((0, controls.start), (-1, controls.goal)):
-            control.on_update(lambda event, k=k: self._typed(k, event.target.value))
+            control.on_update(lambda event, k=k: self._typed(k, event))
 
         controls.axis.on_update(lambda _: self._turned())
         controls.undo.on_click(lambda _: self.remove())
@@ -182,9 +182,9 @@ class PlanPage:
         if met is not None:
             self.add((met[0], met[1], met[2] + float(self.controls.above.value)))
 
-    def _typed(self, k: int, value: Any) -> None:
-        place = point3(np.asarray(value))
-        if place == tuple(self._waypoints[k]):
+    def _typed(self, k: int, event: Any) -> None:
+        place = point3(np.asarray(event.target.value))
+        if event.client is None or place == tuple(self._waypoints[k]):
             return  # the panel was told, not the page
         self.move(k % len(self._waypoints), place)
 

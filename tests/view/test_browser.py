@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
+pytest.importorskip("playwright", reason="no playwright: pip install playwright")
 
-from browser import Window, browser, drag, on_screen
 from flown import folder
 from test_page import town
 
+from benchmarks.common.browser import Window, browser, chromium
 from maxjax.cli.viewing_flights import caption
 from maxjax.view.asking import Question, answer
 from maxjax.view.city import City
@@ -43,6 +44,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def chrome() -> Iterator[Any]:
+    if chromium() is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
     with browser() as instance:
         yield instance
 
@@ -79,7 +82,7 @@ def until(what: Any, seconds: float = 60.0) -> None:
 
 def test_a_drag_changes_the_path_and_sliders_act(window: Window, page: PlanPage, pages: Path) -> None:
     before = window.points("/plan/path")
-    drag(window, "/ends/start", 1, 8.0)
+    window.drag("/ends/start", 1, 8.0)
     until(lambda: page.worker.rest(60.0) and page.waypoints[0] != START)
     assert page.waypoints[0][1] > START[1] + 1.0
     window.wait("([n, x]) => Math.abs(window.__viserSceneTree.getState()[n].message.props.points[1] - x) < 1e-3",
@@ -106,7 +109,7 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
 ) -> None:
     page.controls.click.value = True
     time.sleep(0.5)
-    x, y = on_screen(window, "/ends/start", (20.0, -4.0, -8.0))
+    x, y = window.on_screen("/ends/start", (20.0, -4.0, -8.0))
     window.page.mouse.click(x, y)
     until(lambda: len(page.waypoints) == 3)
     assert page.waypoints[1][2] >= 12.0
@@ -128,7 +131,7 @@ def test_slices_are_shown_and_the_page_is_dark(window: Window, page: PlanPage, p
     window.wait("() => document.querySelector('[data-mantine-color-scheme=dark]') !== null")
     page.controls.slice.value = "price of a metre"
     until(lambda: page.worker.rest(60.0))
-    assert window.node("/slice/plane")["type"] == "ImageMessage"
+    assert window.node("/slice/plane") == "ImageMessage"
     window.picture(pages / "slice.png")
     assert window.errors == []
 

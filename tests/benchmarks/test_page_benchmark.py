@@ -1,0 +1,29 @@
+"""The benchmark of the page runs at a small size, where there is a browser."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
+pytest.importorskip("playwright", reason="no playwright: pip install playwright")
+
+from benchmarks import page, tables
+from benchmarks.common.browser import chromium
+
+
+def test_drags_are_timed_and_frames_counted(tmp_path: Path) -> None:
+    if chromium() is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    config = page.Config(drags=2, boxes=4, seconds=0.5, sharpness=(0.5,), out=tmp_path)
+    rows = page.main(config)
+    document = json.loads((tmp_path / "page.json").read_text())
+    assert document["rows"] == rows
+    drags, answers = rows[:2]
+    assert drags["n"] == 2
+    assert drags["median"] > 0  # type: ignore[operator]
+    assert answers["median"] > 0  # type: ignore[operator]
+    assert rows[3]["boxes"] == 4
+    assert "drag to verified path" in tables.page(document)
