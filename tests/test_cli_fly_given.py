@@ -68,6 +68,20 @@ def test_without_a_plan_nothing_is_flown_and_no_file_of_before_stays(
     assert [file.name for file in out.iterdir()] == ["flight.json"]
 
 
+def test_a_missions_file_is_flown(town: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "round.toml"
+    lines = ['map = "town.npz"', 'method = "astar"']
+    for place in ("[6.0, 16.0, 10.0]", "[16.0, 14.0, 11.0]", "[40.0, 14.0, 12.0]"):
+        lines += ["[[waypoint]]", f"at = {place}"]
+    file.write_text("\n".join(lines))
+    assert fly(file, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "OK"
+    assert found["flown_length"] > 30.0
+    assert fly(file, *ENDS) == 2
+    assert "--start: stands in a mission's file" in capsys.readouterr().err
+
+
 def test_a_wind_that_carries_it_away_ends_with_1(town: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert fly(town, *ENDS, "--method", "astar", "--wind", 40) == 1
     assert any(name in capsys.readouterr().err for name in ("OFF_TRAJECTORY", "IN_CONTACT", "NONFINITE_STATE"))

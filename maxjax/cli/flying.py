@@ -31,6 +31,8 @@ def run(options: FlyOptions) -> int:
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
+    if options.map.lower().endswith(".toml"):
+        return tracking.run_mission(options)
     if options.start is not None or options.goal is not None:
         return tracking.run(options)
     tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")

@@ -81,6 +81,25 @@ def run_asked(asked: Asked) -> int:
     return _told(mission, content, asked)
 
 
+def planned(asked: Asked) -> tuple[MapTask, Mission, FlightLimits]:
+    """The map and the mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
+
+    Raises:
+        ValueError, OSError, ImportError: as `run_asked`.
+    """
+    options = asked.options
+    check(options)
+    chosen, limits = method_named(options.method), _limits(asked)
+    with progress(f"Reading {options.map}"):
+        given = task_in(load_source(options.map), options)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    waypoints = _located(asked, given)
+    with progress(f"Planning, method {options.method}"):
+        mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
+    return given, mission, limits
+
+
 def _limits(asked: Asked) -> FlightLimits:
     """Those of the trajectory: the speed is the greatest that is asked for.
 

@@ -179,7 +179,7 @@ class FlyOptions:
     with the same --out, a campaign goes on where it was.
 
     Attributes:
-        map: A map as for plan, with --start and --goal; else midtown, downtown or suburb.
+        map: A map as for plan, with --start and --goal; a mission's TOML file; else midtown, downtown or suburb.
         start: Start of the flight [m].
         goal: End of the flight [m].
         spacing: As for plan.

@@ -1,4 +1,4 @@
-"""`maxjax fly MAP --start … --goal …`: a trajectory flown in MJX with the map given.
+"""`maxjax fly MAP --start … --goal …` and `maxjax fly MISSION.toml`: a trajectory flown in MJX with the map given.
 
 A folder with a flight.json is complete: it is written last and removed first.
 """
@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 
 from maxjax.api import trajectory
-from maxjax.cli import report
-from maxjax.cli.options import FlyOptions, PlanOptions
+from maxjax.cli import mission, report
+from maxjax.cli.mission_file import read_mission
+from maxjax.cli.options import FlyOptions, MissionOptions, PlanOptions
 from maxjax.cli.planning import plan_in
 from maxjax.cli.progress import progress
-from maxjax.cli.task import load_source, task_in
+from maxjax.cli.task import MapTask, load_source, task_in
 from maxjax.core.provenance import device, versions
 from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.planning.limits import PX4
+from maxjax.planning.limits import PX4, FlightLimits
+from maxjax.planning.mission import Mission
+from maxjax.planning.plan import Plan
 from maxjax.planning.trajectory import Trajectory
 from maxjax.sim.tracking import Tracking, fly
 
@@ -73,9 +76,28 @@ def run(options: FlyOptions) -> int:
     if plan.status != Status.OK:
         failure = {"status": plan.status.name, "message": report.explain(plan, given)}
         return _told(options, failure, None)
+    return _flown(options, given, plan, limits)
+
+
+def run_mission(options: FlyOptions) -> int:
+    """Fly the mission of a TOML file; else as `run`.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
+    report.check_output(options.out)
+    given, found, limits = mission.planned(read_mission(MissionOptions(Path(options.map))))
+    if found.status != Status.OK:
+        which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
+        return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)
+    return _flown(options, given, found, limits)
+
+
+def _flown(options: FlyOptions, given: MapTask, planned: Plan | Mission, limits: FlightLimits) -> int:
     task = given.task
     with progress("Flying"):
-        asked = trajectory(plan, limits, task.occupied, task.grid, ground=task.ground)
+        asked = trajectory(planned, limits, task.occupied, task.grid, ground=task.ground)
         flown = fly(asked, task.occupied, task.grid, ground=task.ground, wind=options.wind, seed=options.seed)
     return _told(options, figures(asked, flown), (asked, flown))
 
