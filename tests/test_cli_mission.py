@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -205,18 +206,32 @@ def test_every_option_of_plan_may_stand_in_a_file() -> None:
     assert known == options - {"start", "goal", "via", "out", "json", "export"}
 
 
-def test_three_waypoints_in_venice(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The map of a city block as OpenStreetMap has it, from street to roofs and down to another street."""
+def test_three_waypoints_and_a_keep_out_area_in_venice(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Over city blocks as OpenStreetMap has them, at latitudes and longitudes, around an area in the middle."""
     (source, *_) = sorted((data / "la_venice").glob("*.osm"))
     found = maxjax.load_map(source)
-    top = found.grid.upper[2]
+    assert found.earth is not None
     low, high = np.array(found.grid.lower), np.array(found.grid.upper)
     middle, span = 0.5 * (low + high), high - low
-    places = [(middle + span * np.array([x, y, 0.0]))[:2].tolist() for x, y in ((-0.3, -0.3), (0.3, -0.3), (0.0, 0.3))]
-    tables = "".join(f"[[waypoint]]\nat = [{x}, {y}, {top - 5.0}]\n" for x, y in places)
-    (tmp_path / "venice.toml").write_text(f'map = "{source}"\nreturn_to_start = true\n{tables}')
+    corners = middle + np.array([[-25, -30, 0], [25, -30, 0], [25, 30, 0], [-25, 30, 0], [-25, -30, 0]])
+    ring = found.earth.geodetic(corners)[:, 1::-1].tolist()
+    area = {"type": "Feature", "properties": {"name": "school"}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    (tmp_path / "school.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    # The straight lines between them lead through the area.
+    places = middle + span * np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0]])
+    tables = "".join(
+        f"[[waypoint]]\nat = [{a}, {b}, 25.0]\n" for a, b, _ in found.earth.geodetic(places).round(7).tolist()
+    )
+    head = f'map = "{source}"\nframe = "agl"\nairspace = "school.geojson"\nceiling = 40.0\nreturn_to_start = true\n'
+    (tmp_path / "venice.toml").write_text(head + tables)
     assert main(["mission", str(tmp_path / "venice.toml"), "--json", "--export", str(tmp_path / "v.plan")]) == 0
     content = told(capsys)
     assert [leg["status"] for leg in content["legs"]] == ["OK"] * 3
+    path = np.array(content["path"])
+    along = [np.linspace(a, b, 200) for a, b in itertools.pairwise(path)]
+    aside = np.abs(np.concatenate(along)[:, :2] - middle[:2]) > [25.0, 30.0]
+    assert aside.any(axis=1).all()
     items = json.loads((tmp_path / "v.plan").read_text())["mission"]["items"]
     assert len(items) == len(content["path"]) + 1

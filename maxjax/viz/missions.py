@@ -197,7 +197,6 @@ def _draw_height(axes: Axes, course: _Course) -> None:
             axes.plot(
                 time, limit - zero, color=FAILED, linewidth=0.9, linestyle=_ASKED, label=_once(axes, "open airspace")
             )
-    top = float((z - zero).max())
     axes.set_ylim(-0.06 * top if known else floor, top + 0.15 * max(top - floor, 5.0))
     axes.set_ylabel("Height above\nground [m]" if known else "Height, z [m]")
 
