@@ -16,8 +16,8 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob
 TEXTS = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 # Folders against which a path may be written.
 BASES = [ROOT, ROOT / "maxjax", ROOT / "benchmarks" / "results", ROOT / "experiments" / "results"]
-# What the examples of the command line write and read.
-EXAMPLES = {"scan/scan.npz", "demo/plan.png", "mission.json"}
+# What commands write and read.
+EXAMPLES = {"scan/scan.npz", "demo/plan.png", "mission.json", "build/docs"}
 
 
 def found(pattern: str) -> list[tuple[str, str]]:
