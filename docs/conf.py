@@ -63,7 +63,7 @@ default_role = "code"  # backticks of docstrings
 # Cells: executed once, and again when they or what is named here change.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "notebooks")
-nb_execution_timeout = 240
+nb_execution_timeout = 900  # machines may be busy
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True

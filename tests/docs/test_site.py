@@ -56,9 +56,7 @@ def test_every_page_stands_in_the_contents_once() -> None:
 def test_command_lines_of_pages_parse(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for _, name in commands._COMMANDS.values():
         monkeypatch.setattr(importlib.import_module(f"maxjax.cli.{name}"), "run", lambda *_: 0)
-    shown = re.findall(r"`(maxjax \w+ [^`…]+)`", page.read_text(encoding="utf-8"))
-    lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
-    for line in [*lines, *(" ".join(text.split()) for text in shown)]:
+    for line in "".join(blocks(page, "bash")).replace("\\\n", " ").splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "maxjax" and not any(word.isupper() for word in arguments):
             assert main(arguments) == 0, line
