@@ -98,10 +98,10 @@ def section(document: Document) -> str:
     return (
         "### Training of the networks\n\n"
         "By `maxjax train --config NAME`, AdamW from a rate of 1e-3 down a cosine; errors on 64 validation scenes of\n"
-        "the training map (the paper's validation error: 0.103). `maxjax` learns prices whose\n"
-        "height is drawn between 0 and 5, and is judged on such; the paper's networks know none. Curves:\n"
-        "results/network_training_NAME.jsonl. `paper` and `paper_difference` shared their GPU with each other and with\n"
-        "flights: their minutes are no measure.\n\n" + table(heads, lines, left=1) + kernels
+        "the training map (the paper's validation error: 0.103). `maxjax` learns prices whose height is drawn between\n"
+        "0 and 5, and is judged on such; the paper's networks know none. Curves: results/network_training_NAME.jsonl.\n"
+        "`paper` and `paper_difference` shared their GPU with each other and with flights: their minutes are no\n"
+        "measure.\n\n" + table(heads, lines, left=1) + kernels
     )
 
 

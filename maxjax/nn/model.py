@@ -101,21 +101,21 @@ def predict_potential(
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index)
-    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), max_sweeps, price)
+    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), price, max_sweeps)
 
 
 def certified_from(
     start: LogPotential,
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
+    price: Float[Array, "nx ny nz"] | None,
     max_sweeps: int,
-    price: Float[Array, "nx ny nz"] | None = None,
 ) -> Potential:
     """The potential from any predicted log-potential, of a network or a formula; the rest is `predict_potential`'s.
 
     Args:
         start: the log-potential from which the sweeps start. Static.
-        sigma, goal_index, max_sweeps, price: as of `predict_potential`.
+        sigma, goal_index, price, max_sweeps: as of `predict_potential`.
     """
     medium = medium_of(sigma, goal_index, price)
     component, length = medium.component, jnp.asarray(SCREENING_LENGTH, sigma.dtype)

@@ -22,14 +22,16 @@ def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) 
     (tmp_path / "tiny").mkdir()
     save_model(tmp_path / "tiny" / "tiny.npz", "tiny", init(jax.random.key(0), CONFIGS["tiny"]))
     config = dataclasses.replace(network_accuracy.TINY, models=("maxjax",), trained=(tmp_path / "tiny",), out=tmp_path)
-    analytic, ours, own = network_accuracy.main(config)
-    assert (analytic["network"], ours["network"], own["network"]) == ("analytic", "maxjax", "tiny")
-    assert analytic["scenes"] == ours["scenes"] == config.scenes
-    assert all(float(row[name] or 0) > 0 for row in (analytic, ours) for name in ERRORS)
-    # Of the two networks one is trained.
-    assert float(ours["l2"] or 0) < float(own["l2"] or 0)
-    # Trained on grids of a finer spacing, it is nearer than where it starts from on this one too.
-    assert float(ours["l2"] or 0) < float(analytic["l2"] or 0)
+    rows = network_accuracy.main(config)
+    assert [row["height"] for row in rows] == [3.5] * 3 + [0.0] * 3
+    for analytic, ours, own in (rows[:3], rows[3:]):
+        assert (analytic["network"], ours["network"], own["network"]) == ("analytic", "maxjax", "tiny")
+        assert analytic["scenes"] == ours["scenes"] == config.scenes
+        assert all(float(row[name] or 0) > 0 for row in (analytic, ours) for name in ERRORS)
+        # Of the two networks one is trained.
+        assert float(ours["l2"] or 0) < float(own["l2"] or 0)
+        # Trained on grids of a finer spacing, it is nearer than where it starts from on this one too.
+        assert float(ours["l2"] or 0) < float(analytic["l2"] or 0)
     text = network_accuracy.section(json.loads((tmp_path / "network_accuracy.json").read_text()))
     assert f"{ours['weights']:,}" in text
     assert "0.153" not in text.split("3DMaxConvNet")[0]
