@@ -83,7 +83,7 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     for task in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid, margin=0.0):
         maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
         found = formulated(*maps, jnp.asarray(task.ends[0]), distances=task.distances, grid=grid.local)
-        each.append(labelled(found.blocked, found.goal_index, grid))
+        each.append(labelled((found.blocked, jnp.ones(grid.shape), found.goal_index), grid))
     chosen = jnp.arange(config.scenes) % len(each)
     repeated: Scenes = jax.tree.map(lambda *leaves: jnp.stack(leaves)[chosen], *each)
     return repeated
