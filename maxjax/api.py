@@ -32,11 +32,10 @@ from maxjax.solvers.potential import solve_potential
 
 DISTANCES = Distances()
 
-# `plan`, `plan_batch` and `plan_scan` take ten arguments: they are the public interface, and seven have defaults. They
-# make a `Task` of them at once.
+# Public names take many arguments, most of them with defaults; they make a `Task` of them at once.
 
 
-def _on_one_map(task: Task) -> Task:
+def on_one_map(task: Task) -> Task:
     """The task itself.
 
     Raises:
@@ -115,7 +114,7 @@ def plan(
     method_named(method)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
     task = Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)
-    return _planned(in_airspace(_on_one_map(task), airspace), method, focus)[0]
+    return _planned(in_airspace(on_one_map(task), airspace), method, focus)[0]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,7 +246,7 @@ def plan_fleet(
         ValueError: as `plan`, and for an empty fleet.
     """
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
-    task = _on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground))
+    task = on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground))
     task = in_airspace(task, airspace)
     return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
 
@@ -293,7 +292,7 @@ def plan_scan(
         else:
             occupied = np.asarray(scan.occupied)
             task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
-            (found,) = _planned(in_airspace(_on_one_map(task), airspace), method, focus)
+            (found,) = _planned(in_airspace(on_one_map(task), airspace), method, focus)
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Bool
 
-from maxjax.api import in_airspace
+from maxjax.api import DISTANCES, in_airspace, on_one_map
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.price import Price
 from maxjax.maps.airspace import Airspace
@@ -15,8 +15,6 @@ from maxjax.methods import method_named
 from maxjax.planning import mission
 from maxjax.planning.mission import Mission, Waypoint, legs_of
 from maxjax.planning.task import Distances, Task, points_of
-
-_DISTANCES = Distances()
 
 
 # arguments: a public name; all that has a default is given by keyword
@@ -27,9 +25,9 @@ def plan_mission(
     *,
     return_to_start: bool = False,
     method: str = "solver",
-    radius: float = _DISTANCES.radius,
-    margin: float = _DISTANCES.margin,
-    price: Price = _DISTANCES.price,
+    radius: float = DISTANCES.radius,
+    margin: float = DISTANCES.margin,
+    price: Price = DISTANCES.price,
     ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
     airspace: Airspace | None = None,
 ) -> Mission:
@@ -56,11 +54,7 @@ def plan_mission(
         places.append(Waypoint(places[0].position))
     distances = Distances.of(radius, margin, price)
     task = Task.of(occupied, *legs_of(places), grid, distances, ground)
-    for name, volume in (("occupied", task.occupied), ("ground", task.ground)):
-        if volume.ndim != 3:
-            raise ValueError(f"{name}: expected shape {task.grid.shape}, given {volume.shape}")
-    task = in_airspace(task, airspace)
-    return mission.plan_mission(task, places, chosen.finder(), chosen.name)
+    return mission.plan_mission(in_airspace(on_one_map(task), airspace), places, chosen.finder(), chosen.name)
 
 
 def _place(given: Sequence[float]) -> Point3:
