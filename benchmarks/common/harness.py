@@ -126,8 +126,13 @@ def provenance() -> dict[str, Any]:
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": versions(),
         "device": device(),
-        "cpus": os.cpu_count(),
+        "cpus": _cores(),
     }
+
+
+def _cores() -> int | None:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def save(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) -> Path:
