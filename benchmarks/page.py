@@ -26,7 +26,7 @@ from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Grid, Point3
 from maxjax.view.asking import Answer, Question, answer
 from maxjax.view.city import City, first_ends
-from maxjax.view.draw import city_boxes, city_scene
+from maxjax.view.draw import city_scene, city_surface
 from maxjax.view.plan_page import PlanPage
 from maxjax.view.server import serve
 from maxjax.view.stage import Stage
@@ -181,7 +181,7 @@ def _frames(chrome: Any, city: City, what: str, seconds: float, sharp: float) ->
         "what": f"frames, {what}{_label(sharp)}",
         "unit": "1/s",
         "median": round(rate, 2),
-        "boxes": len(city_boxes(city).middles),
+        "triangles": len(city_surface(city).faces),
     }
 
 
@@ -213,7 +213,7 @@ def _cleared(chrome: Any, seconds: float) -> Row:
     time.sleep(seconds)
     rate: float = window.page.evaluate(_RATE)
     window.close()
-    return {"what": "frames, a canvas that is only cleared", "unit": "1/s", "median": round(rate, 2), "boxes": 0}
+    return {"what": "frames, a canvas that is only cleared", "unit": "1/s", "median": round(rate, 2), "triangles": 0}
 
 
 def _boxes(count: int) -> City:

@@ -385,7 +385,7 @@ def page(*documents: Document) -> str:
     for document in documents:
         for row in document["rows"]:
             least, most = (number(row[key]) if key in row else "" for key in ("min", "max"))
-            count = str(row.get("n", row.get("boxes", "")))
+            count = str(row.get("n", row.get("triangles", row.get("boxes", ""))))
             lines.append([row["what"], device(document), f"{number(row['median'])} {row['unit']}", least, most, count])
     return (
         "### The page in the browser\n\n"

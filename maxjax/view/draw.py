@@ -7,15 +7,15 @@ import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.view.asking import Answer
-from maxjax.view.boxes import merged
 from maxjax.view.city import City
-from maxjax.view.colors import CLEARANCES, EARTH, GOAL, HEIGHTS, RETURN, RIVAL, START, VIA, Rgb, ramp
-from maxjax.view.nodes import Ball, Boxes, Dots, Frame, Lines, Node, Scene, Text, point3
+from maxjax.view.colors import CLEARANCES, EARTH, GOAL, RETURN, RIVAL, START, VIA, Rgb, ramp
+from maxjax.view.nodes import Ball, Dots, Frame, Lines, Node, Scene, Surface, Text, point3
+from maxjax.view.surface import surface
 
 END = 1.6
 """Radius of the ball at an end [m]."""
@@ -28,10 +28,10 @@ _PATH, _RIVAL = 6.0, 4.0  # widths [px]
 
 
 def city_scene(city: City, opacity: float = 1.0) -> Scene:
-    """The map: its obstacles as boxes coloured by the height of their roofs, its ground, its points."""
+    """The map: its obstacles coloured by height, its ground, its points."""
     scene: dict[str, Node] = {"/map/ground": _ground(city)}
-    if len(city_boxes(city).middles):
-        scene["/map/obstacles"] = dataclasses.replace(city_boxes(city), opacity=opacity)
+    if len(city_surface(city).points):
+        scene["/map/obstacles"] = dataclasses.replace(city_surface(city), opacity=opacity)
     if city.points is not None and len(city.points):
         some = city.points[:: -(-len(city.points) // _MOST_POINTS)]
         scene["/map/points"] = Dots(city.frame.page(some), RETURN, 0.25)
@@ -39,35 +39,19 @@ def city_scene(city: City, opacity: float = 1.0) -> Scene:
 
 
 @functools.lru_cache(maxsize=4)
-def city_boxes(city: City) -> Boxes:
+def city_surface(city: City) -> Surface:
     """The obstacles of a map, opaque."""
-    return solid(city.occupied & ~city.ground, city.grid, city.frame)
+    return surface(city.occupied & ~city.ground, city.grid, city.frame, hidden_by=city.occupied)
 
 
-def solid(volume: Bool[np.ndarray, "nx ny nz"], grid: Grid, frame: Frame, color: Rgb | None = None) -> Boxes:
-    """A volume as boxes, of one colour or of the height of their roofs."""
-    boxes = merged(volume)
-    low, high = boxes[:, ::2].astype(np.float64), boxes[:, 1::2].astype(np.float64)
-    middles = frame.page(np.array(grid.lower) + grid.spacing * 0.5 * (low + high))
-    roofs = high[:, 2]
-    if color is None:
-        colors = ramp(HEIGHTS, (roofs - roofs.min(initial=0)) / max(float(np.ptp(roofs)) if len(roofs) else 1.0, 1.0))
-    else:
-        colors = np.broadcast_to(np.array(color, np.uint8), (len(boxes), 3))
-    return Boxes(middles, grid.spacing * (high - low), colors, 1.0 if color is None else 0.35)
-
-
-def _ground(city: City) -> Boxes:
-    """The ground as boxes one voxel thick, or a plate below the map that has none."""
-    grid, volume = city.grid, city.ground
-    top = volume & ~np.pad(volume, ((0, 0), (0, 0), (0, 1)))[:, :, 1:]
-    boxes = solid(top, grid, city.frame, EARTH)
-    if top.any():
-        return Boxes(boxes.middles, boxes.sizes, boxes.colors)
-    lower, upper = np.array(grid.lower), np.array(grid.upper)
-    size = np.array([*(upper - lower)[:2], 0.25 * grid.spacing])
-    middle = np.array([*(0.5 * (lower + upper))[:2], lower[2] - 0.5 * size[2]])
-    return Boxes(city.frame.page(middle)[None], size[None], np.array([EARTH], np.uint8))
+@functools.lru_cache(maxsize=4)
+def _ground(city: City) -> Surface:
+    """The ground, or a plate below the map that has none."""
+    if city.ground.any():
+        return surface(city.ground, city.grid, city.frame, EARTH)
+    (nx, ny, _), spacing, (x, y, z) = city.grid.shape, city.grid.spacing, city.grid.origin
+    plate = Grid((nx, ny, 1), spacing, (x, y, z - spacing))
+    return surface(np.ones(plate.shape, bool), plate, city.frame, EARTH)
 
 
 def end_name(k: int, count: int) -> str:

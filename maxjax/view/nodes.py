@@ -12,7 +12,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt32
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.view.colors import Rgb
@@ -22,17 +22,18 @@ Quaternion = tuple[float, float, float, float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Boxes:
-    """Axis-aligned boxes, drawn as instances of one cube.
+class Surface:
+    """Triangles seen from one side, each point with its colour, which holds the light already.
 
     Attributes:
-        middles, sizes: [m].
-        colors: of each box.
+        points: [m].
+        faces: of three points each, counter-clockwise as seen from outside.
+        colors: at the points.
         opacity: 1: opaque.
     """
 
-    middles: Float[np.ndarray, "n 3"]
-    sizes: Float[np.ndarray, "n 3"]
+    points: Float[np.ndarray, "n 3"]
+    faces: UInt32[np.ndarray, "m 3"]
     colors: UInt8[np.ndarray, "n 3"]
     opacity: float = 1.0
 
@@ -115,7 +116,7 @@ class Text:
     text: str
 
 
-Node = Boxes | Lines | Dots | Picture | Ball | Text
+Node = Surface | Lines | Dots | Picture | Ball | Text
 Scene = Mapping[str, Node]
 
 

@@ -6,20 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxjax.view.nodes import Ball, Boxes, Dots, Lines, Node, Picture, Scene, Text
+from maxjax.view.gltf import glb
+from maxjax.view.nodes import Ball, Dots, Lines, Node, Picture, Scene, Surface, Text
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
-# The cube of edge 1 about the origin, each face two triangles seen from outside.
-_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], np.float32)
-_FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
-    ],
-    np.uint32,
-)
 _PLAIN: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -52,21 +44,8 @@ def _within(name: str, part: str) -> bool:
 
 def _add(scene: SceneApi, name: str, node: Node) -> Any:
     match node:
-        case Boxes():
-            count = len(node.middles)
-            return scene.add_batched_meshes_simple(
-                name,
-                _CORNERS,
-                _FACES,
-                np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1)),
-                node.middles.astype(np.float32),
-                batched_scales=node.sizes.astype(np.float32),
-                batched_colors=np.ascontiguousarray(node.colors),
-                opacity=None if node.opacity == 1.0 else node.opacity,
-                flat_shading=True,
-                lod="off",
-                **_PLAIN,
-            )
+        case Surface():
+            return scene.add_glb(name, glb(node), **_PLAIN)
         case Lines():
             # A browser takes these colours as linear, and all others as sRGB.
             colors = np.round(255.0 * (node.colors / 255.0) ** 2.2).astype(np.uint8)

@@ -25,9 +25,10 @@ from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.reference import evaluate
 from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
-from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, solid, together
+from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together
 from maxjax.view.film import Cue, Film
 from maxjax.view.nodes import Dots, Frame, Node, Scene, point3
+from maxjax.view.surface import surface
 from maxjax.worlds.scenes import make_scene, occupancy
 
 # The cities of all maps, above their ground.
@@ -145,7 +146,7 @@ def _period(flight: Flight, frame: Frame) -> Scene:
     if volume.any():
         corner = known.spacing * np.asarray(known.corner, np.float64)
         grid = Grid((volume.shape[0], volume.shape[1], volume.shape[2]), known.spacing, point3(corner))
-        scene["/period/known"] = solid(volume, grid, frame, KNOWN)
+        scene["/period/known"] = surface(volume, grid, frame, KNOWN, 0.35)
     path = np.asarray(flight.path, np.float64)
     moves = np.flatnonzero(np.any(np.diff(path, axis=0), axis=1))
     if len(moves):

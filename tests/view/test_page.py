@@ -6,13 +6,14 @@ import threading
 
 import numpy as np
 import pytest
+from test_surface import area_vectors
 
 import maxjax
 from maxjax.view.asking import Question, answer, told
 from maxjax.view.city import City, first_ends, hit
 from maxjax.view.colors import CLEARANCES, ramp
 from maxjax.view.draw import answer_scene, city_scene, ends_scene
-from maxjax.view.nodes import Boxes, Lines
+from maxjax.view.nodes import Lines, Surface
 from maxjax.view.slices import Field, Slice, picture
 from maxjax.view.worker import Worker
 
@@ -89,16 +90,16 @@ def test_where_there_is_no_path_nothing_is_drawn_and_words_say_why(question: Que
     assert words in told(found)
 
 
-def test_the_map_drawn_fills_what_is_occupied() -> None:
+def test_the_map_drawn_is_what_is_seen_of_it() -> None:
     city = town()
     scene = city_scene(city)
-    obstacles, ground = scene["/map/obstacles"], scene["/map/ground"]
-    assert isinstance(obstacles, Boxes)
-    assert isinstance(ground, Boxes)
-    volume = city.grid.spacing**3
-    assert np.prod(obstacles.sizes, axis=1).sum() == volume * (city.occupied & ~city.ground).sum()
-    assert np.prod(ground.sizes, axis=1).sum() == volume * city.ground.sum()
-    assert len(obstacles.middles) == 2
+    assert set(scene) == {"/map/ground", "/map/obstacles"}
+    obstacles = scene["/map/obstacles"]
+    assert isinstance(obstacles, Surface)
+    # Two blocks of 6 x 17 voxels, 13 and 8 high, on the ground: four walls and a roof each, a quad of two triangles.
+    assert len(obstacles.faces) == 2 * 5 * 2
+    walls = 2.0 * 2.0 * (2 * 6 * 17 + 2 * (6 + 17) * (13 + 8))
+    assert np.linalg.norm(area_vectors(obstacles), axis=1).sum() == pytest.approx(walls)
     assert len(ends_scene(((0.0, 0.0, 0.0),) * 3, city.frame)) == 6
 
 
