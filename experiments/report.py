@@ -47,6 +47,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("clearance", "clearance"),
         ("clearance_ablation", "clearance"),
         ("trajectories", "trajectories"),
+        ("trajectories_many", "trajectories"),
     ),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),

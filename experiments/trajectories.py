@@ -1,6 +1,7 @@
 """Trajectories of random plans before judges that share no code with them: limits, radius, and time.
 
     python -m experiments.trajectories                     # 334 problems a map, about a thousand in all
+    python -m experiments.trajectories --strangers 0 --oracles 0 --workers 8 --name trajectories_many
 
 Problems are those of `experiments.problem_sets`, planned by the solver. Each plan is given times twice, within PX4's
 limits and within the same with `FREE` for the jerk. Judged is
@@ -257,7 +258,7 @@ def _oracle(judged: Sequence[Judged]) -> Row:
 def section(document: Document) -> str:
     """RESULTS.md: one line a map and limit of jerk."""
     return (
-        f"### Trajectories ({device(document)})\n\n"
+        f"### {sum(row['trajectories'] for row in document['rows']) // 2:,} trajectories ({device(document)})\n\n"
         "PX4's limits (12 m/s, 5 m/s², climb 3 m/s, descent 1.5 m/s, 60 °/s), with its limit of jerk and with one\n"
         "that never binds. Limits every millisecond; the radius by SciPy's distances, ten samples a control interval;\n"
         "times over toppra's on the same curve, which knows no limit of jerk.\n\n"

@@ -61,16 +61,14 @@ class Window:
     shape: Index3
     bound: float
 
-    def cut(self, volume: Bool[np.ndarray, "nx ny nz"], halo: int) -> Bool[np.ndarray, "hx hy hz"]:
-        """What it holds of a map and, so wide, around it; beyond the map nothing."""
-        shown = np.zeros([n + 2 * halo for n in self.shape], bool)
+    def cut(self, volume: Bool[np.ndarray, "nx ny nz"], halo: int, shown: Bool[np.ndarray, "hx hy hz"]) -> None:
+        """Show, in an array of zeros, what it holds of a map and, so wide, around it; beyond the map nothing."""
         of_map, of_cut = [], []
         for corner, n, most in zip(self.corner, self.shape, volume.shape, strict=True):
             low, high = max(corner - halo, 0), min(corner + n + halo, most)
             of_map.append(slice(low, high))
             of_cut.append(slice(low - corner + halo, high - corner + halo))
         shown[tuple(of_cut)] = volume[tuple(of_map)]
-        return shown
 
 
 def straight(ends: Float[np.ndarray, "2 3"]) -> float:
@@ -98,7 +96,7 @@ def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray
     for shape in SHAPES:
         size = np.minimum(shape, limits)
         if (high - low < size).all() and 2 * size.prod() < limits.prod():
-            corner = np.clip((low + high + 1 - size) // 2, 0, limits - size)
+            corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), limits - size)
             corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), limits[2] - size[2])
             return Window(_index(corner), _index(size), _bound(occupied, ends, corner, size))
     return None
@@ -107,7 +105,8 @@ def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray
 def _floor(occupied: Bool[np.ndarray, "nx ny nz"], low: Int64[np.ndarray, " 3"], high: Int64[np.ndarray, " 3"]) -> int:
     """The lowest layer of a box that is not all occupied, as a city is below its ground; the highest if all are."""
     x, y, z = (slice(a, b + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True))
-    solid: Bool[np.ndarray, " layers"] = np.logical_and.reduce(occupied[x, y, z], axis=(0, 1))
+    # Axis by axis: over two at once NumPy reduces voxel by voxel.
+    solid: Bool[np.ndarray, " layers"] = np.logical_and.reduce(np.logical_and.reduce(occupied[x, y, z], axis=0), axis=0)
     return int(low[2]) + (int(np.argmin(solid)) if not solid.all() else len(solid) - 1)
 
 
@@ -125,7 +124,9 @@ def ellipsoid_box(
     # Along each axis: a² u² + b² (1 − u²) with the half axes a² = b² + |chord|²/4 and b, u the chord's direction.
     half = np.sqrt(across + chord**2 / 4)
     low, high = np.floor(middle - half).astype(np.int64), np.ceil(middle + half).astype(np.int64)
-    return np.clip(low, 0, limits - 1), np.clip(high, 0, limits - 1)
+    # Not `clip`, which asks for the limits of integers each time.
+    low, high = (np.minimum(np.maximum(corner, 0), limits - 1) for corner in (low, high))
+    return low, high
 
 
 def _bound(
@@ -191,11 +192,13 @@ class View:
         volumes = {name: volume for name, volume in self._volumes.items() if name not in self.shared}
         if self.windows is None:
             return {name: self.task.some(rows).maps(volume) for name, volume in volumes.items()}
-        which = np.arange(len(self))[rows].tolist()
-        return {
-            name: np.stack([self.windows[k].cut(self.task.map(volume, k), self.halo) for k in which])
-            for name, volume in volumes.items()
-        }
+        which, halo = np.arange(len(self))[rows].tolist(), self.halo
+        seen = [n + 2 * halo for n in self.grid.shape]
+        shown = {name: np.zeros((len(which), *seen), bool) for name in volumes}
+        for name, volume in volumes.items():
+            for row, k in enumerate(which):
+                self.windows[k].cut(self.task.map(volume, k), halo, shown[name][row])
+        return shown
 
     def ends(self, rows: Rows) -> Float[np.ndarray, "b 2 3"]:
         """Starts and goals of some of the problems, in index coordinates of the grid."""
