@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -57,12 +58,16 @@ def load_boxes(path: Path) -> Boxes:
                 f"{path}: expected the columns {', '.join(COLUMNS)} once each, found {', '.join(names[:12])}"
             )
         places = [names.index(name) for name in COLUMNS]
-        found = [[float(row[place]) for place in places] for row in rows if row]
+        found = array("d")
+        for line in filter(None, rows):
+            found.extend([float(line[place]) for place in places])
+            if len(found) > 6 * MAX_BOXES:
+                raise MapError(f"{path}: expected at most {MAX_BOXES} boxes, found more; crop it")
     except (ValueError, IndexError, csv.Error) as error:
         if isinstance(error, MapError):
             raise
         raise MapError(f"{path}: expected a line of numbers a box: {error}") from error
-    corners = np.array(found, np.float64).reshape(-1, 2, 3)
+    corners = np.frombuffer(found).reshape(-1, 2, 3)
     if not len(corners):
         raise MapError(f"{path}: holds no box, expected at least one")
     wrong = ~(np.isfinite(corners).all(axis=(1, 2)) & (corners[:, 0] < corners[:, 1]).all(axis=1))

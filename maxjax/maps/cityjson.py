@@ -70,8 +70,7 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
     if "transform" in document:
         transform = document["transform"]
         scale, translate = (np.asarray(transform[key], float).reshape(3) for key in ("scale", "translate"))
-        with np.errstate(over="ignore", invalid="ignore"):
-            vertices = vertices * scale + translate
+        vertices = vertices * scale + translate
     elif str(document["version"])[:3] in ("1.1", "2.0"):
         raise MapError(f"{path}: expected a transform, which CityJSON {document['version']} requires, found none")
     if not (np.abs(vertices) <= FARTHEST).all():

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from maxjax.maps.mesh import MAX_FACES, Mesh, mesh_of
-from maxjax.maps.model import MAX_POINTS, MapError, parse_json, read_bytes
+from maxjax.maps.model import MAX_POINTS, MAX_TEXT_BYTES, MapError, parse_json, read_bytes
 
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -43,19 +43,21 @@ def load_glb(path: Path) -> Mesh:
         for primitive in document["meshes"][mesh]["primitives"]:
             if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
                 raise MapError(f"{path}: holds compressed meshes; export it without Draco")
-            points = _accessor(document, binary, primitive["attributes"]["POSITION"], "VEC3", path).astype(np.float64)
+            points = _accessor(document, binary, primitive["attributes"]["POSITION"], "VEC3", path)
+            total += len(points)
+            if total > MAX_POINTS:
+                raise MapError(f"{path}: expected at most {MAX_POINTS} vertices, found more; crop or thin it")
             index = np.arange(len(points))
             if "indices" in primitive:
                 index = _accessor(document, binary, primitive["indices"], "SCALAR", path)[:, 0].astype(np.int64)
             found = _corners(index, int(primitive.get("mode", 4)), path)
             if len(found) and (found.min() < 0 or found.max() >= len(points)):
                 raise MapError(f"{path}: a face names vertex {found.max()}, expected 0 to {len(points) - 1}; damaged")
-            total += len(points)
             count += len(found)
-            if count > MAX_FACES or total > MAX_POINTS:
+            if count > MAX_FACES:
                 raise MapError(f"{path}: expected at most {MAX_FACES} triangles, found more; crop or thin it")
             faces.append(found + total - len(points))
-            vertices.append((points @ matrix[:3, :3].T + matrix[:3, 3]) @ _UPRIGHT.T)
+            vertices.append((points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]) @ _UPRIGHT.T)
     if not faces:
         raise MapError(f"{path}: expected a mesh, found none in its scene")
     return mesh_of(np.concatenate(vertices), np.concatenate(faces), path)
@@ -77,6 +79,8 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
             raise MapError(f"{path}: a chunk claims {size} bytes, {len(content) - at - 8} follow; truncated")
         found.setdefault(kind, content[at + 8 : at + 8 + size])
         at += 8 + size
+    if (size := len(found.get(_JSON, b""))) > MAX_TEXT_BYTES:
+        raise MapError(f"{path}: its JSON has {size} bytes, expected at most {MAX_TEXT_BYTES}; crop it")
     document = parse_json(found.get(_JSON, b""), path)
     if not isinstance(document, dict):
         raise MapError(f"{path}: expected a JSON object in its first chunk, found {type(document).__name__}")

@@ -8,6 +8,7 @@ Columns without a height are unknown. The model does not tell buildings from the
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,8 @@ def load_geotiff(path: Path) -> Heights:
     except ImportError as error:
         raise MapError(f"{path}: {_MISSING}") from error
     try:
-        with rasterio.open(path, driver="GTiff") as file:
+        # Without the warning about a file that has no place, which is refused below.
+        with warnings.catch_warnings(action="ignore"), rasterio.open(path, driver="GTiff") as file:
             if file.width * file.height > MAX_CELLS:
                 raise MapError(
                     f"{path}: claims {file.width} x {file.height} cells, expected at most {MAX_CELLS}; crop it"
@@ -96,14 +98,16 @@ def load_geotiff(path: Path) -> Heights:
             crs = None if file.crs is None else f"EPSG:{file.crs.to_epsg()}" if file.crs.to_epsg() else str(file.crs)
             if file.crs is not None and file.crs.is_geographic:
                 raise MapError(f"{path}: expected a projected system in metres, found {crs} in degrees; reproject it")
-            band = file.read(1, masked=True).astype(np.float64)
+            band = file.read(1, masked=True, out_dtype="float32")
     except MapError:
         raise
     except Exception as error:
         raise MapError(f"{path}: expected an intact GeoTIFF: {error}") from error
     numbers = [place.a, place.b, place.c, place.d, place.e, place.f]
     if place.b or place.d or not place.a > 0 > place.e or not np.abs(numbers).max() <= FARTHEST:
-        raise MapError(f"{path}: expected cells along the axes, north up, within {FARTHEST:g} m, found {numbers}")
+        raise MapError(
+            f"{path}: expected a place, and cells along the axes, north up, within {FARTHEST:g} m, found {numbers}"
+        )
     height = np.asarray(band.filled(np.nan)).T[:, ::-1]
     height = np.where(np.abs(height) < 1e4, height, np.nan)  # beyond any height on Earth
     if not np.isfinite(height).any():

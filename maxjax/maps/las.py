@@ -66,7 +66,8 @@ def load_las(path: Path) -> PointCloud:
     axes: list[np.ndarray] = []
     classes: list[np.ndarray] = []
     crs = None
-    claimed = returns = 0
+    returns: list[np.ndarray] = []
+    claimed = np.zeros(0, np.int64)
     try:
         with _silent(), open(path, "rb") as file:
             count, scale, offset = _check_header(path, file)
@@ -77,14 +78,14 @@ def load_las(path: Path) -> PointCloud:
                 crs = _crs(header.vlrs)
                 record = header.point_format.size
                 if header.are_points_compressed:
-                    claimed = int(header.number_of_points_by_return[0])
+                    claimed = np.array(header.number_of_points_by_return, np.int64)
                     packed = reader.point_source.vlr.item_size()
                     if packed != record:
                         raise MapError(f"{path}: records of {record} bytes are packed as {packed}; damaged")
                 found = 0
                 for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
                     found += len(chunk)
-                    returns += int(np.count_nonzero(np.asarray(chunk.return_number) == 1))
+                    returns.append(np.asarray(chunk.return_number))
                     kept = ~np.isin(chunk.classification, _NOISE) & (np.asarray(chunk.withheld) == 0)
                     axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
                     classes.append(np.asarray(chunk.classification)[kept])
@@ -97,17 +98,33 @@ def load_las(path: Path) -> PointCloud:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         raise MapError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
-    # A compressed stream read beyond its end goes on with points like its last ones.
-    if 0 < claimed < returns:
-        raise MapError(f"{path}: claims {claimed} first returns, found {returns} in {count} points; damaged")
+    if found == count and (end := _end_of_returns(np.concatenate(returns), claimed)) is not None:
+        raise MapError(f"{path}: claims {count} points, but counts the returns of its first {end} alone; damaged")
     if found != count:
         raise MapError(f"{path}: claims {count} points, found {found}; the file is truncated")
     labels, stored = np.concatenate(classes), np.concatenate(axes)
     ground, solid = np.isin(labels, _GROUND), np.isin(labels, _SOLID)
-    with np.errstate(over="ignore"):
-        points = stored * scale + offset
-    cloud = local_cloud(points, path, ground=ground, solid=solid)
+    cloud = local_cloud(stored * scale + offset, path, ground=ground, solid=solid)
     return dataclasses.replace(cloud, classes=labels, crs=crs, withdrawn=found - len(labels))
+
+
+def _end_of_returns(returns: np.ndarray, claimed: np.ndarray) -> int | None:
+    """How many points a header counts by return, if these are the first ones of a file that has more; else None.
+
+    A compressed stream read beyond its end goes on with points like its last ones: then the counts end before them.
+    Counts that are those of no beginning of the file are merely wrong, as programs that cut or join files leave them.
+
+    Args:
+        returns: return number of each point.
+        claimed: points with return 1, 2, …
+    """
+    counted = np.flatnonzero((returns > 0) & (returns <= len(claimed)))
+    total = int(claimed.sum())
+    if not 0 < total < len(counted):
+        return None
+    first = counted[:total]
+    same = np.array_equal(np.bincount(returns[first], minlength=len(claimed) + 1)[1:], claimed)
+    return int(first[-1]) + 1 if same else None
 
 
 def _crs(records: Iterable[Any]) -> str | None:

@@ -89,7 +89,6 @@ def mesh_of(vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"],
     if not np.isfinite(vertices).all():
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise MapError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
-    vertices = vertices.astype(np.float64)
     welded, index = _welded(vertices)
     faces = index[faces]
     body, open_bodies = _bodies(faces, len(welded))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
 OVERHEAD = (13, 14, 16, 17, 19, 26)
 
 _FAR = 10_000.0
+_LONGEST_LINE = 2**20
 _ROUND = 100.0
 
 
@@ -144,6 +146,26 @@ def parse_json(content: bytes, path: Path) -> Any:
         return json.loads(content, parse_constant=refused)
     except (RecursionError, ValueError) as error:
         raise MapError(f"{path}: expected JSON: {error}") from error
+
+
+def text_lines(readline: Callable[[int], bytes], count: int, fail: Callable[[str], MapError]) -> Iterator[bytes]:
+    """The next lines of a file, at most so many, of bounded length: a whole file may be one line.
+
+    Args:
+        readline: of the file, which is open at the first of them.
+        count: how many.
+        fail: makes the error of a sentence.
+
+    Raises:
+        MapError: for a line of 1 MiB or more.
+    """
+    for _ in range(count):
+        line = readline(_LONGEST_LINE)
+        if len(line) == _LONGEST_LINE:
+            raise fail(f"expected lines of less than {_LONGEST_LINE} bytes, found a longer one; damaged")
+        if not line:
+            return
+        yield line
 
 
 def read_text(path: Path) -> bytes:

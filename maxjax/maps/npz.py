@@ -66,6 +66,7 @@ def _points(path: Path, arrays: Mapping[str, np.ndarray]) -> PointCloud:
 
 def _flags(path: Path, key: str, array: np.ndarray) -> Bool[np.ndarray, "..."]:
     """An array of flags as bool; probabilities or labels are refused rather than guessed at."""
-    if array.dtype.kind not in "biu" or (array.dtype.kind != "b" and not np.isin(array, (0, 1)).all()):
+    whole = array.dtype.kind in "iu" and (not array.size or (array.min() >= 0 and array.max() <= 1))
+    if array.dtype.kind != "b" and not whole:
         raise MapError(f"{path}: {key}: expected bool, or integers that are 0 or 1, found {array.dtype}")
     return array.astype(bool)

@@ -23,6 +23,7 @@ from maxjax.maps.boxes import MAX_BOXES, Boxes
 from maxjax.maps.model import MapError, read_bytes
 
 _DEPTH = 16
+_MAX_NODES = 20_000_000
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
 _HEADERS = {"# Octomap OcTree binary file": True, "# Octomap OcTree file": False}
 _NODE_BYTES = {"OcTree": 5, "ColorOcTree": 8}
@@ -37,7 +38,7 @@ def load_octomap(path: Path) -> Boxes:
     Raises:
         MapError: if the file cannot be read, is no octree of a known kind, or is truncated.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, max(_NODE_BYTES.values()) * _MAX_NODES)
     first, _, rest = content.partition(b"\n")
     title = first.decode("latin1").strip()
     if title not in _HEADERS:
@@ -50,7 +51,10 @@ def load_octomap(path: Path) -> Boxes:
             f"{path}: expected id {' or '.join(_NODE_BYTES)}, res in metres and a line data, "
             f"found id {kind}, res {fields.get('res')}"
         )
-    nodes = _binary_nodes(data, path) if _HEADERS[title] else _full_nodes(data, _NODE_BYTES[kind], path)
+    width = 2 if _HEADERS[title] else _NODE_BYTES[kind]
+    if len(data) > width * _MAX_NODES:
+        raise MapError(f"{path}: has {len(data) // width} nodes, expected at most {_MAX_NODES}; prune or crop it")
+    nodes = _binary_nodes(data, path) if _HEADERS[title] else _full_nodes(data, width, path)
     found = _leaves(nodes, spacing, path)
     if not sum(map(len, found.values())):
         raise MapError(f"{path}: holds no leaf, expected at least one")

@@ -17,6 +17,7 @@ from maxjax.maps.footprints import Footprint, Footprints, chain
 from maxjax.maps.model import MapError, read_text
 from maxjax.maps.tags import span
 
+_SHARED, _DEEPEST = 10, 16
 _ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii")
 
 
@@ -44,7 +45,7 @@ def load_osm(path: Path) -> Footprints:
     return _footprints(content, path)
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(slots=True)
 class _Element:
     """A way or a relation: its nodes or its ways, and its tags."""
 
@@ -78,6 +79,8 @@ class _Content:
                 raise MapError(
                     f"{self.path}: expected <osm version='0.6'>, found <{name} version={given.get('version')!r}>"
                 )
+        elif self.depth > _DEEPEST:
+            raise MapError(f"{self.path}: expected elements within {_DEEPEST} levels, found more; damaged")
         elif self.depth == 2:
             if name == "node":
                 self.nodes[given["id"]] = (float(given["lon"]), float(given["lat"]))
@@ -99,6 +102,7 @@ class _Content:
 def _footprints(content: _Content, path: Path) -> Footprints:
     nodes = content.nodes
     ways = {way.name: way.members for way in content.found["way"]}
+    left = _SHARED * sum(map(len, ways.values()))
     found: list[Footprint] = []
     skipped = 0
     for element in [*content.found["way"], *content.found["relation"]]:
@@ -108,6 +112,11 @@ def _footprints(content: _Content, path: Path) -> Footprints:
         if element.kind == "relation" and tags.get("type") != "multipolygon":
             continue
         members = [element.name] if element.kind == "way" else element.members
+        left -= sum(len(ways.get(way, [])) for way in members)
+        if left < 0:
+            raise MapError(
+                f"{path}: expected ways in at most {_SHARED} buildings each in the mean, found more; damaged"
+            )
         # A way that the extract cut off has no nodes here, and its outline does not close.
         steps = [step for way in members for step in zip(ways.get(way, []), ways.get(way, [])[1:], strict=False)]
         rings, heights = chain(steps), span(tags)

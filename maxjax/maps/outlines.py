@@ -42,8 +42,15 @@ def check_outline(rings: list[Ring], here: str) -> None:
             raise MapError(
                 f"{here}: expected an outline that does not cross itself, found one that does at {x:.6f}, {y:.6f}"
             )
+    left = _MOST_PAIRS // len(rings[0])
     for hole in rings[1:]:
-        if not any(_inside(point, rings[0]) for point in (*hole, *(0.5 * (hole + np.roll(hole, -1, axis=0))))):
+        for point in (*hole, *(0.5 * (hole + np.roll(hole, -1, axis=0)))):
+            if left == 0:
+                raise MapError(f"{here}: expected a simpler outline, found {len(edges)} edges with holes; simplify it")
+            left -= 1
+            if _inside(point, rings[0]):
+                break
+        else:
             raise MapError(f"{here}: expected holes inside of the outline, found one outside")
 
 

@@ -9,6 +9,7 @@ one byte more back. The sensor's pose (VIEWPOINT) is not applied, as in PCL itse
 
 from __future__ import annotations
 
+import sys
 import warnings
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud, read_bytes
+from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud, read_bytes, text_lines
 
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
@@ -35,10 +36,11 @@ def load_pcd(path: Path) -> PointCloud:
     header, kind, begin = _header(content, path)
     names, row = header["names"], header["row"]
     count = header["points"]
-    data = content[begin:]
     if kind == "ascii":
-        points = _ascii(data, count, [header["place"][axis] for axis in "xyz"], path)
-        return local_cloud(points, path)
+        text = BytesIO(content)
+        text.seek(begin)
+        return local_cloud(_ascii(text, count, [header["place"][axis] for axis in "xyz"], path), path)
+    data = memoryview(content)[begin:]
     whole = count * row.itemsize
     if kind == "binary":
         if len(data) < whole:
@@ -52,7 +54,7 @@ def load_pcd(path: Path) -> PointCloud:
         raise MapError(
             f"{path}: claims {packed} packed bytes for {unpacked}, found {len(data) - 8} for {whole}; damaged"
         )
-    fields = _unpacked(data[8 : 8 + packed], unpacked, path)
+    fields = _unpacked(bytes(data[8 : 8 + packed]), unpacked, path)
     axes, at = {}, 0
     for name, place in zip(names, row.names or (), strict=True):
         code = row[place]
@@ -101,12 +103,15 @@ def _header(content: bytes, path: Path) -> tuple[dict[str, Any], str, int]:
     return {"names": names, "row": row, "points": points, "place": place}, kind, at
 
 
-def _ascii(data: bytes, count: int, columns: list[int], path: Path) -> Shaped[np.ndarray, "n 3"]:
+def _ascii(text: BytesIO, count: int, columns: list[int], path: Path) -> Shaped[np.ndarray, "n 3"]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about blank lines; the count below finds out
-            points = np.loadtxt(BytesIO(data), np.float64, comments=None, usecols=columns, ndmin=2, max_rows=count)
+            lines = text_lines(text.readline, sys.maxsize, lambda message: MapError(f"{path}: {message}"))
+            points = np.loadtxt(lines, np.float64, comments=None, usecols=columns, ndmin=2, max_rows=count)
     except ValueError as error:
+        if isinstance(error, MapError):
+            raise
         raise MapError(f"{path}: expected {count} lines of numbers: {error}") from error
     if len(points) < count:
         raise MapError(f"{path}: claims {count} points, found {len(points)}; truncated")

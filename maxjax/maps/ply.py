@@ -15,7 +15,6 @@ import struct
 import warnings
 from array import array
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,7 +22,7 @@ import numpy as np
 from jaxtyping import Int64, Shaped
 
 from maxjax.maps.mesh import MAX_FACES, Mesh, fans, mesh_of
-from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud
+from maxjax.maps.model import MAX_POINTS, MapError, PointCloud, local_cloud, text_lines
 
 _MAX_HEADER = 65_536
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -151,12 +150,14 @@ def _read_binary(file: BinaryIO, vertex: _Element, order: str, fail: Failure) ->
 def _read_ascii(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
     names = [name for name, _, _ in vertex.properties]
     columns = [names.index(axis) for axis in "xyz"]
-    lines = islice(file, vertex.count)
+    lines = text_lines(file.readline, vertex.count, fail)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about blank lines; the count below finds out
             points = np.loadtxt(lines, np.float64, comments=None, usecols=columns, ndmin=2, encoding="latin1")
     except ValueError as error:
+        if isinstance(error, MapError):
+            raise
         raise fail(f"expected {vertex.count} lines of {len(names)} numbers: {error}") from error
     if len(points) < vertex.count:
         raise fail(f"claims {vertex.count} vertices, found {len(points)}; the file is truncated")
@@ -168,7 +169,7 @@ def _skip(file: BinaryIO, element: _Element, order: str, fail: Failure) -> None:
     if element.count > MAX_POINTS:
         raise fail(f"claims {element.count} of {element.name}, expected at most {MAX_POINTS}; truncated or too large")
     if not order:
-        if sum(1 for _ in islice(file, element.count)) < element.count:
+        if sum(1 for _ in text_lines(file.readline, element.count, fail)) < element.count:
             raise fail(f"ends in element {element.name}; the file is truncated")
     elif any(length for _, _, length in element.properties):
         _find_lists(file, element, order, fail)
@@ -190,6 +191,7 @@ def _read_faces(file: BinaryIO, element: _Element, order: str, fail: Failure) ->
     code = np.dtype(order + lists[0][1])
     if order:
         begin, length, raw = _find_lists(file, element, order, fail)
+        _check_corners(int(length.sum()), fail)
         corners = np.empty(int(length.sum()), np.int64)
         place = np.cumsum(length) - length
         for count in np.unique(length[length > 0]).tolist():
@@ -198,9 +200,13 @@ def _read_faces(file: BinaryIO, element: _Element, order: str, fail: Failure) ->
             corners[place[rows, None] + np.arange(count)] = raw[byte].view(code)
     else:
         corners, length = _face_lines(file, element, fail)
-    if len(corners) > 3 * MAX_FACES:
-        raise fail(f"its faces have {len(corners)} corners, expected at most {3 * MAX_FACES}; crop or thin it")
+        _check_corners(len(corners), fail)
     return fans(corners, length)
+
+
+def _check_corners(count: int, fail: Failure) -> None:
+    if count > 3 * MAX_FACES:
+        raise fail(f"its faces have {count} corners, expected at most {3 * MAX_FACES}; crop or thin it")
 
 
 def _find_lists(
@@ -248,7 +254,7 @@ def _face_lines(
     """Corners of all faces one after the other, and how many each has."""
     corners, lengths = array("q"), array("q")
     count = 0
-    for line in islice(file, element.count):
+    for line in text_lines(file.readline, element.count, fail):
         words, at = line.split(), 0
         try:
             for name, _, length in element.properties:

@@ -11,7 +11,7 @@ buildings, in the nearest one. Buildings reach down to it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int, Int64
@@ -23,6 +23,8 @@ from maxjax.maps.triangles import Volume, fill_columns, spread, touched, whole
 
 # Columns, x · ny + y, and what each belongs to.
 Columns = tuple[Int64[np.ndarray, " _"], Int64[np.ndarray, " _"]]
+
+_MOST = 50_000_000  # pairs of a column and an owner: ten times the columns of the largest map; 2 GB
 
 _TOUCH = 1e-6  # [voxels]; of heights: overlaps thinner than that do not count
 
@@ -72,18 +74,37 @@ def columns_of(
 
     Returns:
         (touched, inner), pairs of a column, x · ny + y, and an owner; a pair may occur twice.
+
+    Raises:
+        ValueError: for outlines that overlap so often that there are more than 50 million pairs.
     """
     lower, shape = np.array(grid.lower)[:2], grid.shape[:2]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     of_edge = np.repeat(owner, [len(edge) for edge in edges]).astype(np.int64)
     ends = (np.concatenate([np.zeros((0, 2, 2)), *edges]) - lower) / grid.spacing
-    return _touched(ends, of_edge, shape), _inner(ends, of_edge, shape)
+    return _collected(_touched(ends, of_edge, shape)), _collected(_inner(ends, of_edge, shape))
 
 
-def _touched(ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]) -> Columns:
+def _collected(parts: Iterator[Columns]) -> Columns:
+    """All parts as one; raises a `ValueError` before they are too many."""
+    found, count = [(np.zeros(0, np.int64), np.zeros(0, np.int64))], 0
+    for part in parts:
+        found.append(part)
+        count += len(part[0])
+        if count > _MOST:
+            raise ValueError(
+                f"outlines: expected at most {_MOST} columns in all of them, found more; they overlap very often: "
+                "crop the map, or give a larger spacing"
+            )
+    columns, owners = zip(*found, strict=True)
+    return np.concatenate(columns), np.concatenate(owners)
+
+
+def _touched(
+    ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]
+) -> Iterator[Columns]:
     """As `columns_of`, of edges [columns] and the owner of each."""
     nx, ny = shape
-    columns, owners = [np.zeros(0, np.int64)], [owner[:0]]
     west, east = ends[:, :, 0].min(axis=1, initial=np.inf), ends[:, :, 0].max(axis=1, initial=-np.inf)
     for edge, row in spread(*whole(west, east, nx)):
         a, b = ends[edge, 0], ends[edge, 1]
@@ -92,24 +113,21 @@ def _touched(ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], s
         at = [np.where(level, t, np.clip((row + t - a[:, 0]) / run, 0.0, 1.0)) for t in (0, 1)]
         y = [a[:, 1] + t * (b[:, 1] - a[:, 1]) for t in at]
         for pair, column in spread(*whole(np.minimum(*y), np.maximum(*y), ny)):
-            columns.append(row[pair] * ny + column)
-            owners.append(owner[edge[pair]])
-    return np.concatenate(columns), np.concatenate(owners)
+            yield row[pair] * ny + column, owner[edge[pair]]
 
 
-def _inner(ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]) -> Columns:
+def _inner(
+    ends: Float[np.ndarray, "e 2 2"], owner: Int64[np.ndarray, " e"], shape: tuple[int, int]
+) -> Iterator[Columns]:
     """As `columns_of`, of edges [columns] and the owner of each."""
     nx, ny = shape
-    columns, owners = [np.zeros(0, np.int64)], [owner[:0]]
     line, place, of = _crossings(ends, owner, nx)
     order = np.lexsort((place, of, line))
     line, place, of = line[order][::2], place[order], of[order][::2]
     first = np.clip(np.ceil(place[::2] - 0.5), 0, ny).astype(np.int64)
     last = np.clip(np.floor(place[1::2] - 0.5), -1, ny - 1).astype(np.int64)
     for pair, column in spread(first, last):
-        columns.append(line[pair] * ny + column)
-        owners.append(of[pair])
-    return np.concatenate(columns), np.concatenate(owners)
+        yield line[pair] * ny + column, of[pair]
 
 
 def _crossings(

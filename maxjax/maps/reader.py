@@ -86,8 +86,10 @@ def read_map(path: str | os.PathLike[str]) -> Contents:
     if size > MAX_FILE_BYTES:
         raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")
     try:
-        contents = reader(path)
-        extent = facts(contents).extent
+        # Numbers too large for their type become infinite or NaN without a warning, and are refused as such.
+        with np.errstate(all="ignore"):
+            contents = reader(path)
+            extent = facts(contents).extent
     except Exception as error:  # see the module
         sentence = " ".join(str(error).split())
         if len(sentence) > _LONGEST:

@@ -128,6 +128,31 @@ def archive(**arrays: object) -> bytes:
     return buffer.getvalue()
 
 
+def las(suffix: str) -> bytes:
+    """Ground, a roof and a tree, in national coordinates."""
+    laspy = pytest.importorskip("laspy", reason="needs the extra las")
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = [0.001] * 3, [85_000.0, 447_000.0, 0.0]
+    points = laspy.LasData(header)
+    points.x, points.y, points.z = np.array(BOX).T + np.array([[85_000.0], [447_000.0], [0.0]])
+    points.classification = np.resize([2, 6, 5], len(BOX))
+    points.return_number[:] = 1
+    buffer = io.BytesIO()
+    points.write(buffer, do_compress=suffix == "laz")
+    return buffer.getvalue()
+
+
+def geotiff() -> bytes:
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra geotiff")
+    height = np.arange(12, dtype=np.float32).reshape(3, 4)
+    place = rasterio.transform.from_origin(85_000, 447_006, 2, 2)
+    options = {"width": 4, "height": 3, "count": 1, "dtype": "float32", "nodata": -9999, "compress": "deflate"}
+    with rasterio.MemoryFile() as memory:
+        with memory.open(driver="GTiff", transform=place, crs="EPSG:28992", **options) as file:
+            file.write(height, 1)
+        return bytes(memory.read())
+
+
 def octree(title: str, body: bytes) -> bytes:
     return lines(title, "id OcTree", "size 1", "res 0.5", "data") + body
 
@@ -152,6 +177,9 @@ SAMPLES: dict[str, Callable[[], bytes]] = {
     "packed.pcd": lambda: (
         PCD + b"DATA binary_compressed\n" + struct.pack("<II", 6, 96) + bytes([1, 0, 0, 7 << 5, 85, 1])
     ),
+    "a.las": lambda: las("las"),
+    "a.laz": lambda: las("laz"),
+    "a.tif": geotiff,
     "a.3dmap": lambda: lines("voxel 5 6 7", "1 2 3", "4 5 6"),
     "a.csv": lambda: lines("x_min,y_min,z_min,x_max,y_max,z_max", "0,0,0,1,2,3", "5,5,5,9.5,7,8"),
 }
@@ -200,6 +228,7 @@ def outcome(path: Path) -> str:
         assert len(sentence) < 1000
         cause = error.__cause__
         assert type(cause).__name__ != "TypeCheckError", cause
+        assert not isinstance(cause, Warning), cause  # which tests raise, and the command line prints
         return "refused"
     assert np.isfinite(found).all()
     return "map"
@@ -232,6 +261,18 @@ def deep_header() -> bytes:
     return buffer.getvalue()
 
 
+def shared_way() -> bytes:
+    """A way that so many buildings name: 60 times as many corners as the file has."""
+    house = '<relation id="{}"><member type="way" ref="7"/><tag k="type" v="multipolygon"/><tag k="building" v="yes"/>'
+    houses = "".join(house.format(k) + '<tag k="height" v="5"/></relation>' for k in range(60))
+    return replaced(osm(), b"</osm>", houses.encode() + b"</osm>")
+
+
+def ascii_stl(number: bytes) -> bytes:
+    facet = b"facet normal 0 0 0 outer loop vertex 0 0 0 vertex %s 0 0 vertex 0 1 0 endloop endfacet " % number
+    return b"solid a\n" + facet + b"endsolid a\n"
+
+
 BOMB = b'<!DOCTYPE osm [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]><osm version="0.6">&b;</osm>'
 ONCE = {
     "deep.npz": deep_header,
@@ -251,6 +292,13 @@ ONCE = {
     "negative.json": lambda: replaced(cityjson(), b"[[0, 2, 4]]", b"[[0, 2, -1]]"),
     "half.json": lambda: replaced(cityjson(), b"[[0, 2, 4]]", b"[[0, 2, 1.5]]"),
     "digits.json": lambda: replaced(cityjson(), b"85000.0", 5000 * b"8"),
+    "far.obj": lambda: replaced(obj(), b"v 9.0", b"v 1e308"),
+    "signalling.ply": lambda: replaced(ply("<"), struct.pack("<f", 9.0), b"\1\0\x80\x7f"),
+    "deep.osm": lambda: b'<osm version="0.6">' + 100 * b"<a>" + 100 * b"</a>" + b"</osm>",
+    "shared.osm": shared_way,
+    "line.ply": lambda: replaced(ply(""), b"end_header\n1 5", b"end_header\n1 5" + bytes(2**20)),
+    "line.pcd": lambda: replaced(SAMPLES["ascii.pcd"](), b"DATA ascii\n", b"DATA ascii\n" + 2**20 * b" "),
+    "long.stl": lambda: ascii_stl(200 * b"1"),
 }
 
 
@@ -258,6 +306,29 @@ ONCE = {
 def test_what_was_once_taken_or_ended_in_a_traceback_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(ONCE[name]())
     assert outcome(tmp_path / name) == "refused"
+
+
+@pytest.mark.parametrize(
+    ("name", "cap", "most", "sentence"),
+    [
+        ("a.csv", "boxes.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
+        ("a.bt", "octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.ot", "octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.glb", "glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),
+        ("a.glb", "glb.MAX_TEXT_BYTES", 99, "its JSON has .* bytes, expected at most 99"),
+        ("binary.ply", "ply.MAX_FACES", 7, "its faces have 24 corners, expected at most 21"),
+        ("areas.geojson", "outlines._MOST_PAIRS", 4, "expected a simpler outline"),
+        ("areas.geojson", "prisms._MOST", 99, "expected at most 99 columns in all of them, found more"),
+    ],
+)
+def test_what_takes_much_memory_or_time_has_a_cap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, cap: str, most: int, sentence: str
+) -> None:
+    (tmp_path / name).write_bytes(SAMPLES[name]())
+    assert outcome(tmp_path / name) == "map"
+    monkeypatch.setattr(f"maxjax.maps.{cap}", most)
+    with pytest.raises(ValueError, match=sentence):
+        coordinates(tmp_path / name)
 
 
 def test_a_corner_of_very_many_edges_is_chained() -> None:

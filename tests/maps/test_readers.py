@@ -184,20 +184,39 @@ def test_altered_las_raises_map_errors_alone(tmp_path: Path, suffix: str, format
         assert 0 < len(cloud.points) <= len(POINTS)
 
 
-@pytest.mark.parametrize("more", [1, 2])
-def test_a_laz_header_that_counts_points_too_many_is_refused(tmp_path: Path, more: int) -> None:
-    path = tmp_path / "a.laz"
+def write_returns(path: Path, returns: list[int]) -> bytearray:
+    """A .laz file whose points have these return numbers, in turn."""
     laspy = pytest.importorskip("laspy")
     write_las(path, POINTS)
     las = laspy.read(path)
-    las.return_number[:] = 1
+    las.return_number[:] = np.resize(returns, len(POINTS))
     las.write(path)
-    altered = bytearray(path.read_bytes())
     assert len(read_map(path).points) == len(POINTS)
+    return bytearray(path.read_bytes())
+
+
+@pytest.mark.parametrize("more", [1, 2])
+@pytest.mark.parametrize("returns", [[1], [1, 2, 1, 3, 1]])
+def test_a_laz_header_that_counts_points_too_many_is_refused(tmp_path: Path, returns: list[int], more: int) -> None:
+    path = tmp_path / "a.laz"
+    altered = write_returns(path, returns)
     struct.pack_into("<I", altered, 107, len(POINTS) + more)
     path.write_bytes(altered)
-    with pytest.raises(MapError, match=r"first returns|damaged"):
+    with pytest.raises(MapError, match=rf"returns of its first {len(POINTS)} alone|damaged"):
         read_map(path)
+
+
+def test_a_laz_header_whose_returns_are_miscounted_is_read(tmp_path: Path) -> None:
+    """Programs that cut, join or write files leave such counts: PDAL issue 470, pylas issue 40."""
+    path = tmp_path / "a.laz"
+    whole = write_returns(path, [1, 2, 1, 3, 1])
+    count = len(POINTS)
+    right = (3 * count // 5, count // 5, count // 5, 0, 0)
+    assert struct.unpack_from("<5I", whole, 111) == right
+    for wrong in ((0, 0, 0, 0, 0), (right[0] - 5, *right[1:]), (0, *right[:4]), (2 * count, 0, 0, 0, 0)):
+        struct.pack_into("<5I", whole, 111, *wrong)
+        path.write_bytes(whole)
+        assert len(read_map(path).points) == count
 
 
 @pytest.mark.parametrize("suffix", ["las", "laz"])
