@@ -104,11 +104,21 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
         headings=headings(control, step, first.limits.yaw_rate),
         step=step,
         radius=mission.radius,
-        balls=(first.balls[0], parts[-1].balls[1]),
+        balls=tuple(_ball(mission, k) for k in range(len(mission.waypoints))),
         clearance=float(np.min([part.clearance for part in parts])),
         rests=np.concatenate(stops[:-1]),
         passes=np.concatenate(passes),
     )
+
+
+def _ball(mission: Mission, k: int) -> float:
+    """Radius of the ball around a waypoint in which the legs to and from it need not keep theirs [m]."""
+    before = mission.legs[k - 1].balls[1] if k > 0 else 0.0
+    if k == len(mission.legs) or mission.legs[k].balls[0] == 0.0:
+        return before
+    # The leg from here may begin aside from where the one before ends.
+    after = mission.legs[k]
+    return max(before, after.balls[0] + math.dist(mission.path[mission.places[k]], after.path[0]))
 
 
 def _passes(mission: Mission, first: int, last: int, part: Trajectory) -> Float64[np.ndarray, " w"]:

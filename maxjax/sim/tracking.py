@@ -205,9 +205,8 @@ def judged(
     any_solid = grid.spacing * distances_at(index, first, solid[None], None)
     clearance = any_solid if ground is None else grid.spacing * distances_at(index, first, solid[None], ground[None])
     keeps = np.full(len(index), min(VEHICLE_RADIUS, trajectory.radius))
-    ends = trajectory.at([0.0, trajectory.duration]).position
-    for end, ball in zip(ends, trajectory.balls, strict=True):
-        keeps[np.linalg.norm(position - end, axis=1) <= ball] = 0.0
+    for place, ball in zip(trajectory.at(trajectory.passes).position, trajectory.balls, strict=True):
+        keeps[np.linalg.norm(position - place, axis=1) < ball] = 0.0
     contact = any_solid <= keeps
     if not finite.all():
         status = Status.NONFINITE_STATE

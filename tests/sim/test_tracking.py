@@ -103,6 +103,27 @@ def test_in_a_ball_only_the_centre_keeps_off() -> None:
     np.testing.assert_array_equal(flown.contact, away > 4.0)
 
 
+def test_a_waypoint_in_between_has_its_ball_too() -> None:
+    """By way of a gap of 2 m, where nothing keeps a radius of 1.5 m, and back out."""
+    walls = free()
+    walls[15:26, [19, 21], :] = True  # x from 5029 to 5051, a gap between y = -1 and 1
+    places = (5010.0, 0.0, 21.0), (5034.0, 0.0, 21.0), (5010.0, -20.0, 21.0)
+    mission = maxjax.plan_mission(walls, places, GRID, radius=1.5, method="astar")
+    assert mission.status == maxjax.Status.OK
+    asked = maxjax.trajectory(mission, occupied=walls, grid=GRID)
+    assert asked.balls[0] == asked.balls[2] == 0.0
+    assert asked.balls[1] == max(mission.legs[0].balls[1], mission.legs[1].balls[0]) > 0.0
+    np.testing.assert_allclose(asked.at(asked.passes).position[1], places[1], atol=1e-6)
+    time = np.arange(0.0, asked.duration, 0.05)
+    aside = asked.at(time).position + np.array([0.0, 0.6, 0.0])  # 0.4 m from a wall
+    flown = judged(asked, time, aside, np.zeros_like(aside), walls, GRID, None)
+    in_ball = np.linalg.norm(aside - np.array(places[1]), axis=1) < asked.balls[1]
+    assert in_ball.any()
+    assert not flown.contact[in_ball].any()
+    bare = dataclasses.replace(asked, balls=(0.0, 0.0, 0.0))
+    assert judged(bare, time, aside, np.zeros_like(aside), walls, GRID, None).contact[in_ball].any()
+
+
 def test_a_vehicle_that_strays_or_is_lost_says_so() -> None:
     asked = ways()[1]
     time = np.array([0.0, 1.0])
