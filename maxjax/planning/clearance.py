@@ -185,10 +185,15 @@ def _around(
     corner = np.minimum(low, shape - size)
     (x, y, z), places = size.tolist(), (shape - size + 1).tolist()
 
-    # Strided views of the map, one a possible corner: indexing them copies a window a piece in one call.
-    strides = occupied.strides + occupied.strides[1:]
-    windows = as_strided(occupied, (len(occupied), *places, x, y, z), strides, writeable=False)
-    seen = np.flatnonzero(windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]])
+    def seen_in(volumes: Bool[np.ndarray, "m nx ny nz"]) -> Bool[np.ndarray, "k x y z"]:
+        # Strided views of the map, one a possible corner: indexing them copies a window a piece in one call.
+        strides = volumes.strides + volumes.strides[1:]
+        windows = as_strided(volumes, (len(volumes), *places, x, y, z), strides, writeable=False)
+        shown: Bool[np.ndarray, "k x y z"] = windows[pieces.map, corner[:, 0], corner[:, 1], corner[:, 2]]
+        return shown
+
+    held = seen_in(occupied)
+    seen = np.flatnonzero(held if ground is None else held & ~seen_in(ground))
 
     # The squared gap is a sum over the axes, of few different numbers: the windows have few columns and layers.
     cells = corner[..., None] + np.arange(max(x, y, z))
@@ -198,11 +203,7 @@ def _around(
     gap = columns[column] + gaps[column // (x * y), 2, seen - z * column]
     near = np.flatnonzero(gap <= reach**2)
     piece, *at = np.unravel_index(seen[near], (len(corner), x, y, z))
-    voxels, gap = corner[piece] + np.array(at).T, gap[near]
-    if ground is None:
-        return piece, voxels, gap
-    counts = ~ground[pieces.map[piece], voxels[:, 0], voxels[:, 1], voxels[:, 2]]
-    return piece[counts], voxels[counts], gap[counts]
+    return piece, corner[piece] + np.array(at).T, gap[near]
 
 
 def _measure_nearest(
