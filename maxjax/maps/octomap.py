@@ -27,6 +27,7 @@ _MAX_NODES = 20_000_000
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
 _HEADERS = {"# Octomap OcTree binary file": True, "# Octomap OcTree file": False}
 _NODE_BYTES = {"OcTree": 5, "ColorOcTree": 8}
+_MAX_BYTES = _NODE_BYTES["ColorOcTree"] * _MAX_NODES
 _CORNER = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
 
 Kinds = UInt8[np.ndarray, "n 8"]
@@ -38,7 +39,7 @@ def load_octomap(path: Path) -> Boxes:
     Raises:
         MapError: if the file cannot be read, is no octree of a known kind, or is truncated.
     """
-    content = read_bytes(path, max(_NODE_BYTES.values()) * _MAX_NODES)
+    content = read_bytes(path, _MAX_BYTES)
     first, _, rest = content.partition(b"\n")
     title = first.decode("latin1").strip()
     if title not in _HEADERS:
