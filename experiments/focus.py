@@ -131,7 +131,8 @@ def section(document: Document) -> str:
     heads = ["set", "problems", "same status", "OK", "certified", "length", "worst", "cost, worst"]
     heads += ["ms", "99th percentile", "whole map, ms", "times"]
     return (
-        f"### Windows beside whole maps ({device(document)})\n\n"
+        f"### Windows beside whole maps, {sum(row['problems'] for row in document['rows']):,} problems "
+        f"({device(document)})\n\n"
         "Plans in the window that provably holds the cheapest way, and of the same problems in whole maps: lengths\n"
         "and costs over those of whole maps, mean and worst, and the median time of a plan.\n\n"
         + table(heads, lines, left=1)

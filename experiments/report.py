@@ -40,6 +40,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
         ("focus", "focus"),
+        ("focus_many", "focus"),
         ("mazes", "mazes"),
         ("warframe_crops", "warframe_crops"),
         ("warframe_full", "warframe_full"),
