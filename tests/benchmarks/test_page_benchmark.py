@@ -25,5 +25,7 @@ def test_drags_are_timed_and_frames_counted(tmp_path: Path) -> None:
     assert drags["n"] == 2
     assert drags["median"] > 0  # type: ignore[operator]
     assert answers["median"] > 0  # type: ignore[operator]
-    assert rows[3]["boxes"] == 4
+    # Four boxes that stand apart on the ground: five sides each are seen, of two triangles.
+    assert "4 boxes" in str(rows[3]["what"])
+    assert rows[3]["triangles"] >= 4 * 5 * 2  # type: ignore[operator]
     assert "drag to verified path" in tables.page(document)
