@@ -391,5 +391,5 @@ def page(*documents: Document) -> str:
         "### The page in the browser\n\n"
         "Headless Chromium of 1280 x 800 pixels, which computes WebGL on the cores that the server plans on; drags are "
         "timed in the browser. Half: `?fixedDpr=0.5` in the page's address.\n\n"
-        + table(["what", "on", "median", "min", "max", "drags or boxes"], lines, left=2)
+        + table(["what", "on", "median", "min", "max", "drags or triangles"], lines, left=2)
     )
