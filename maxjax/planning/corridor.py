@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.focus import SHAPES, PlanViews, View, ellipsoid_box, in_windows, straight
+from maxjax.planning.focus import SHAPES, PlanViews, ellipsoid_box, in_windows, rounded, straight
 from maxjax.planning.plan import Plan, judged, no_plan
 from maxjax.planning.recorder import added
 from maxjax.planning.route import Route
@@ -89,17 +89,22 @@ def _factors(task: Task) -> list[int]:
 
 
 def _guide(task: Task, share: float, factor: int, plan: PlanViews) -> Plan:
-    """The plan in a coarse map, in whose voxels more than this share is occupied."""
+    """The plan in a coarse map (`coarse_task`)."""
+    some = coarse_task(task, share, factor)
+    small = some.occupied.size <= 2 * _COARSE
+    (found,) = in_windows(some, plan, (lambda whole: plan([rounded(whole)])[0]) if small else _nothing)
+    return found
+
+
+def coarse_task(task: Task, share: float, factor: int) -> Task:
+    """A task in voxels of `factor`³ voxels, occupied where more than this share is; the ends stand in free ones."""
     occupied, ground = (coarse(volume, factor, share) for volume in (task.occupied, task.ground))
     fine = task.grid
     x, y, z = (o + fine.spacing * (factor - 1) / 2 for o in fine.origin)
     grid = Grid(occupied.shape, factor * fine.spacing, (x, y, z))
     for end in task.index[0]:
         _open(occupied, np.floor((end + 0.5) / factor).astype(int), task.occupied, factor)
-    some = dataclasses.replace(task, occupied=occupied, ground=ground & occupied, grid=grid)
-    small = occupied.size <= 2 * _COARSE
-    (found,) = in_windows(some, plan, (lambda whole: plan([View(whole)])[0]) if small else _nothing)
-    return found
+    return dataclasses.replace(task, occupied=occupied, ground=ground & occupied, grid=grid)
 
 
 def _nothing(task: Task) -> list[Plan]:

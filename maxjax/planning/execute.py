@@ -112,7 +112,7 @@ def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
 
 def _plan_one(view: View, find: PathFinder, method: str) -> Plan:
     with recording() as recorder:
-        problem = _problem_of(view)
+        problem = problem_in(view)
         status = fetched(problem.status)
         route = failed(status) if status != Status.OK else find(problem, view.grid)
         (plan,) = judged([view.placed(whole_route(problem, route, view.grid), 0)], view.task, method)
@@ -121,10 +121,11 @@ def _plan_one(view: View, find: PathFinder, method: str) -> Plan:
 
 def problem_of(task: Task) -> Problem:
     """The only problem of a task, formulated in its whole map."""
-    return _problem_of(View(task))
+    return problem_in(View(task))
 
 
-def _problem_of(view: View) -> Problem:
+def problem_in(view: View) -> Problem:
+    """The only problem that a device is shown."""
     with timed("transfer"):
         parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(view)))
     problem: Problem = _FORMULATE(parts, distances=view.task.distances, grid=view.grid)

@@ -11,7 +11,9 @@ of cost C ≤ bound, found in the box, proves that the cheapest way of the whole
 box grows, from the ellipsoid of a guess of C to that of the cost that was found, and at last to the whole map. What a
 part of a map cannot show (that nothing joins the ends, or no smaller ball) is left to the whole map as well.
 
-Boxes come in few shapes, for which programs are compiled. Distances to walls are read beyond them, in a *halo*.
+Boxes come in few shapes, for which programs are compiled, and which serve every map: along an axis where the map is
+smaller, the box reaches beyond its *rim*, where nothing is flown. Distances to walls are read beyond the box, in a
+*halo*.
 
 Positions are index coordinates of the map (whole numbers at voxel centres), costs and bounds [voxels].
 """
@@ -24,7 +26,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int64
+from jaxtyping import Bool, Float, Float64, Int32, Int64
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
@@ -35,7 +37,18 @@ from maxjax.planning.route import Route
 from maxjax.planning.task import Rows, Task
 
 # Shapes of windows, flat as cities are [voxels].
-SHAPES: tuple[Index3, ...] = ((32, 32, 24), (48, 48, 24), (64, 64, 32), (80, 80, 40), (128, 128, 64), (192, 192, 64))
+SHAPES: tuple[Index3, ...] = (
+    (32, 32, 24),
+    (48, 48, 24),
+    (64, 64, 32),
+    (80, 80, 40),
+    (128, 128, 32),
+    (128, 128, 64),
+    (192, 192, 32),
+    (192, 192, 64),
+)
+# To multiples of what shapes of whole maps are rounded up, where their programs are to serve others.
+_ROUNDED = 32, 32, 16
 # What the cheapest way is taken to cost, in terms of the straight line, and by what that grows where ends are not
 # joined.
 _GUESS, _GROWTH = 1.25, 1.6
@@ -52,8 +65,8 @@ class Window:
     """A box of a map.
 
     Attributes:
-        corner: its lowest voxel.
-        shape: voxels.
+        corner: its lowest voxel, of the map.
+        shape: voxels; those beyond the map hold nothing.
         bound: least cost of a way between the ends that leaves it [voxels].
     """
 
@@ -94,10 +107,11 @@ def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray
     low, high = ellipsoid_box(ends.astype(np.float64), cost, limits)
     low[2] = _floor(occupied, low, high)
     for shape in SHAPES:
-        size = np.minimum(shape, limits)
+        size = np.array(shape)
         if (high - low < size).all() and 2 * size.prod() < limits.prod():
-            corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), limits - size)
-            corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), limits[2] - size[2])
+            last = np.maximum(limits - size, 0)
+            corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), last)
+            corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), last[2])
             return Window(_index(corner), _index(size), _bound(occupied, ends, corner, size))
     return None
 
@@ -200,6 +214,12 @@ class View:
                 self.windows[k].cut(self.task.map(volume, k), halo, shown[name][row])
         return shown
 
+    def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
+        """How many voxels of the windows of some of the problems belong to the map, along each axis."""
+        left = np.array(self.task.grid.shape) - self._corners[rows].astype(np.int64)
+        filled: Int32[np.ndarray, "b 3"] = np.minimum(left, self.grid.shape).astype(np.int32)
+        return filled
+
     def ends(self, rows: Rows) -> Float[np.ndarray, "b 2 3"]:
         """Starts and goals of some of the problems, in index coordinates of the grid."""
         index = self.task.index[rows]
@@ -220,6 +240,12 @@ class View:
         """Some of the problems."""
         kept: Any = None if self.windows is None else np.arange(len(self))[rows].tolist()
         return View(self.task.some(rows), kept and tuple(self.windows[k] for k in kept))  # type: ignore[index]
+
+
+def rounded(task: Task) -> View:
+    """Whole maps, in windows of a rounded shape, so that their programs serve other maps as well."""
+    x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
+    return View(task, (Window((0, 0, 0), (x, y, z), math.inf),) * len(task))
 
 
 # Views, in each windows of one shape, ↦ the plans of each.

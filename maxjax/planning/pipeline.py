@@ -34,7 +34,8 @@ from maxjax.planning.task import Distances, Rows
 # Routes that a thread judges in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 16, 4
 
-# What a device is sent of a problem, by name: `occupied`, `ground`, and `ends` in index coordinates.
+# What a device is sent of a problem, by name: `occupied`, `ground`, `ends` in index coordinates, and of a window `rim`,
+# how much of it the map fills.
 Parts = dict[str, Any]
 
 
@@ -45,7 +46,8 @@ def parts_of(view: View) -> Parts:
 
 def formulated(parts: Parts, distances: Distances, grid: Grid) -> Problem:
     """The problem of its parts; `distances` and `grid` static."""
-    return formulate(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], distances, grid)
+    occupied, ground = parts["occupied"] | parts["ground"], parts["ground"]
+    return formulate(occupied, ground, parts["ends"], distances, grid, parts.get("rim"))
 
 
 def largest(parts: Parts, distances: Distances, grid: Grid) -> Float[Array, ""]:
@@ -103,13 +105,15 @@ def _judged(answers: Route, view: View, method: str) -> list[Plan]:
 
 def _own(view: View, rows: Rows) -> Parts:
     """What is sent of some problems beside the maps that all problems share."""
-    return view.own(rows) | {"ends": view.ends(rows)}
+    rim = {} if view.windows is None else {"rim": view.rim(rows)}
+    return view.own(rows) | rim | {"ends": view.ends(rows)}
 
 
 def _sent(grid: Grid, halo: int) -> Parts:
     """Shapes and types of the parts of one problem."""
     seen = [n + 2 * halo for n in grid.shape]
-    return {"occupied": _blank(bool, *seen), "ground": _blank(bool, *seen), "ends": _blank(np.float32, 2, 3)}
+    rim = {"rim": _blank(np.int32, 3)} if halo else {}
+    return {"occupied": _blank(bool, *seen), "ground": _blank(bool, *seen), "ends": _blank(np.float32, 2, 3), **rim}
 
 
 def _answered(settings: Ascent) -> Route:

@@ -6,7 +6,8 @@
     price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
 
 Of a part of a map, obstacles are seen beyond the part as well, in a halo as wide as the margin. Its problem is OK only
-where it is what the whole map would make of it: with balls that are no larger than the ends' own voxels ask for.
+where it is what the whole map would make of it: with balls that are no larger than the ends' own voxels ask for. A part
+may reach beyond the *rim* where the map ends: nothing is there to keep a distance from, and no path leads there.
 
 A path runs   exact start, start, …, goal, exact goal,   where start and goal have the room that a path keeps on the
 way: they are the exact ends themselves, or the centres of their voxels.
@@ -17,10 +18,13 @@ Positions are index coordinates (whole numbers at voxel centres); of the grid on
 from __future__ import annotations
 
 import dataclasses
+import functools
+import operator
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
 
 from maxjax.core.grid import Grid
@@ -81,6 +85,14 @@ class Surroundings(NamedTuple):
     hard: Bool[Array, "nx ny nz"]
     price: Float[Array, "nx ny nz"] | None
 
+    def inside(self, rim: Int32[Array, " 3"]) -> Surroundings:
+        """The same, closed from `rim` on."""
+        shape = self.hard.shape
+        beyond = functools.reduce(
+            operator.or_, (lax.broadcasted_iota(jnp.int32, shape, axis) >= rim[axis] for axis in range(3))
+        )
+        return self._replace(occupied=self.occupied | beyond, hard=self.hard | beyond)
+
 
 class Placement(NamedTuple):
     """Where the ends of a problem are, as in `Problem`; batch axes lead."""
@@ -132,6 +144,7 @@ def formulate(
     ends: Float[Array, "2 3"],
     distances: Distances,
     grid: Grid,
+    rim: Int32[Array, " 3"] | None = None,
 ) -> Problem:
     """Measure distances, open balls where they are needed, and judge the inputs; `jit`- and `vmap`-safe.
 
@@ -141,12 +154,14 @@ def formulate(
         ends: start and goal, index coordinates.
         distances: asked for. Static.
         grid: the grid, whose origin does not matter. Static.
+        rim: how many of the grid's voxels along each axis belong to the map, lowest first; None: all.
 
     Returns:
         The problem. With a halo its status is NO_VALID_PATH, too, where only the whole map can tell.
     """
     part = occupied.shape != grid.shape
-    return problem_in(surroundings(occupied, ground, distances, grid), ends, distances, grid, part=part)
+    around = surroundings(occupied, ground, distances, grid)
+    return problem_in(around if rim is None else around.inside(rim), ends, distances, grid, part=part)
 
 
 def surroundings(

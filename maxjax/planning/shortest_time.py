@@ -19,15 +19,17 @@ leaves the spline as it is.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import LinAlgError, solveh_banded
 
 from maxjax.planning.limits import FlightLimits
 from maxjax.planning.rounding import Curve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 _WEIGHTS = {1: (-1.0, 1.0), 2: (1.0, -2.0, 1.0), 3: (-1.0, 3.0, -3.0, 1.0)}  # of differences
 # t over the number of barriers: the first one of a start, and of a refined solution; the last one; the factor between.
@@ -69,6 +71,8 @@ class Way(NamedTuple):
         limits: FlightLimits,
     ) -> Way:
         """Along a rounded polyline, which is a cubic between corners and ends of blends."""
+        from scipy.interpolate import CubicHermiteSpline  # a third of a second that a plan can do without
+
         s, width, total = curve.arclength, curve.widths, curve.arclength[-1]
         ends = np.unique(np.concatenate([s, s - width, s + width]))
         apart = np.diff(ends) > 1e-9 * total

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.core.grid import Index3
 from maxjax.core.status import Closure, Status
 from maxjax.methods import METHODS
 from maxjax.planning.climb import potential_field
-from maxjax.planning.execute import problem_of
+from maxjax.planning.corridor import coarse_task
+from maxjax.planning.execute import problem_in
+from maxjax.planning.focus import View, rounded
 from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
@@ -21,6 +26,10 @@ from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+# Voxels of the largest map whose field is solved as it is, for its level lines.
+_FINE = 2**20
 
 
 def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: Task | None = None) -> Figure:
@@ -62,7 +71,27 @@ def _nearness(task: Task, plan: Plan) -> Nearness:
 
 
 def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
-    """Logarithm of φ of a plan's own problem; -inf where no current flows."""
-    problem = problem_of(task)
-    field = potential_field(problem.blocked, problem.price, problem.goal_index, task.grid, solve_potential)
-    return np.asarray(field.log_phi)
+    """Logarithm of φ of a plan's own problem, −inf where no current flows; of a large map in coarse voxels."""
+    factor = math.ceil((task.occupied.size / _FINE) ** (1 / 3))
+    if factor == 1:
+        return _field_in(View(task))
+    view = rounded(coarse_task(task, 0.5, factor))
+    return refined(_field_in(view)[tuple(map(slice, view.task.grid.shape))], factor, task.grid.shape)
+
+
+def _field_in(view: View) -> Float[np.ndarray, "nx ny nz"]:
+    problem = problem_in(view)
+    return np.asarray(
+        potential_field(problem.blocked, problem.price, problem.goal_index, view.grid, solve_potential).log_phi
+    )
+
+
+def refined(values: Float[np.ndarray, "mx my mz"], factor: int, shape: Index3) -> Float[np.ndarray, "nx ny nz"]:
+    """Values in voxels of `factor`³ voxels, linearly in between; −inf where a voxel lies in or beside none finite."""
+    from scipy import ndimage
+
+    inside = tuple(map(slice, shape))
+    away, nearest = ndimage.distance_transform_edt(~np.isfinite(values), return_indices=True)
+    fine = ndimage.zoom(values[tuple(nearest)], factor, order=1, mode="nearest", grid_mode=True)[inside]
+    near = functools.reduce(lambda volume, axis: volume.repeat(factor, axis), range(3), away <= math.sqrt(3))[inside]
+    return np.where(near, fine, -np.inf)

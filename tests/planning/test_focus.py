@@ -89,6 +89,27 @@ def test_the_bound_is_the_least_cost_over_the_faces_that_a_way_may_cross() -> No
         assert window.bound == pytest.approx(least, abs=0.05)
 
 
+def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
+    rng = np.random.default_rng(7)
+    found = 0
+    for _ in range(60):
+        limits = rng.integers((20, 20, 5), (400, 300, 40))
+        ends = rng.uniform(0, limits - 1, (2, 3))
+        ends[1] = np.clip(ends[0] + rng.uniform(-30, 30, 3), 0, limits - 1)
+        window = focus.window_around(np.zeros(limits, bool), ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
+        if window is None:
+            continue
+        found += 1
+        assert window.shape in focus.SHAPES
+        assert (ends >= window.corner).all()
+        assert (ends <= np.minimum(np.array(window.corner) + window.shape, limits) - 1).all()
+        # Only what is smaller than the window lets it reach beyond.
+        beyond = np.array(window.corner) + window.shape > limits
+        assert (np.array(window.corner)[beyond] == 0).all()
+        assert (limits[beyond] < np.array(window.shape)[beyond]).all()
+    assert found > 20
+
+
 def test_no_window_for_ends_that_are_not_inside_the_map() -> None:
     occupied = np.zeros((101, 101, 101), bool)
     inside = np.array([50.0, 50.0, 50.0])
@@ -138,7 +159,7 @@ def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[
     return occupied, ground, ends + rng.choice([0.0, 0.5, -0.5, 0.3], (2, 3)) * (rng.random((2, 3)) < 0.3)
 
 
-@pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((1, 40, 30), 30)])
+@pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((3, 60, 40), 30), ((40, 36, 7), 30)])
 def test_statuses_and_costs_are_those_of_the_whole_map(
     small_windows: None, shape: tuple[int, int, int], cases: int
 ) -> None:
@@ -150,6 +171,16 @@ def test_statuses_and_costs_are_those_of_the_whole_map(
     occupied, ground = volumes
     plans = check_same(Task.of(occupied, world[:, 0], world[:, 1], grid, Distances(1.5, 4.0), ground))
     assert {Status.OK, Status.NO_VALID_PATH} <= {plan.status for plan in plans}
+
+
+def test_a_way_along_the_rim_of_a_flat_map_stays_inside_it(small_windows: None) -> None:
+    grid = dataclasses.replace(GRID, shape=(40, 36, 7))
+    occupied = np.zeros(grid.shape, bool)
+    occupied[19:22, :, :6] = True  # only the highest layer leads over the wall
+    ends = np.array(grid.origin) + grid.spacing * np.array([[16.0, 18.0, 5.0], [25.0, 18.0, 5.0]])
+    (plan,) = check_same(Task.of(occupied, ends[:1], ends[1:], grid, DISTANCES))
+    assert plan.status == Status.OK
+    assert plan.path[:, 2].max() <= grid.upper[2]
 
 
 def corridor(outer: bool) -> np.ndarray:
