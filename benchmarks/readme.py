@@ -23,6 +23,7 @@ _FILES = {
     "benchmarks/results/plan.json": "python -m benchmarks.plan",
     "benchmarks/results/plan_h200.json": "python -m benchmarks.plan",
     "benchmarks/results/rivals.json": "python -m benchmarks.rivals",
+    "benchmarks/results/rivals_h200.json": "python -m benchmarks.rivals --batch 1024",
     "benchmarks/results/potential.json": "python -m benchmarks.potential",
     "benchmarks/results/potential_h200.json": "python -m benchmarks.potential",
 }
@@ -39,8 +40,12 @@ def block(root: Path = ROOT) -> str:
         if not (root / name).is_file():
             raise FileNotFoundError(f"{name} is missing; run: {command}")
         found[name] = json.loads((root / name).read_text(encoding="utf-8"))
-    plan, plan_gpu, rivals, potential, potential_gpu = found.values()
-    parts = [tables.rivals(rivals), tables.plans(plan, plan_gpu), tables.solves(potential, potential_gpu)]
+    plan, plan_gpu, rivals, rivals_gpu, potential, potential_gpu = found.values()
+    parts = [
+        tables.rivals(rivals, rivals_gpu),
+        tables.plans(plan, plan_gpu),
+        tables.solves(potential, potential_gpu),
+    ]
     return "\n".join([*parts, "### Where these figures come from\n\n" + sources(found)])
 
 

@@ -41,6 +41,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("random_problems", "random_problems"),
         ("focus", "focus"),
         ("focus_many", "focus"),
+        ("focus_many_cities", "focus"),
         ("mazes", "mazes"),
         ("warframe_crops", "warframe_crops"),
         ("warframe_full", "warframe_full"),
