@@ -55,7 +55,7 @@ def run_asked(asked: Asked) -> int:
     exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = _located(asked, given)
+    waypoints = located(asked, given)
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
     mission = dataclasses.replace(mission, timings=added(recorder.report(), mission.timings))
@@ -94,7 +94,7 @@ def planned(asked: Asked) -> tuple[MapTask, Mission, FlightLimits]:
         given = task_in(load_source(options.map), options)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = _located(asked, given)
+    waypoints = located(asked, given)
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
     return given, mission, limits
@@ -110,7 +110,7 @@ def _limits(asked: Asked) -> FlightLimits:
     return dataclasses.replace(limits, speed=max([limits.speed, *(w.speed or 0.0 for w in asked.waypoints)]))
 
 
-def _located(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
+def located(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
     """The waypoints where the task has them, back to the start if asked, each with the speed of the leg to it."""
     task, waypoints = given.task, asked.waypoints
     if asked.options.return_to_start:

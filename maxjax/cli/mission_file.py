@@ -76,10 +76,10 @@ def read_mission(options: MissionOptions) -> Asked:
     """
     content = _content(options.file)
     try:
-        given: dict[str, Any] = {key: _value(key, value) for key, value in content.items() if key != "waypoint"}
+        given: dict[str, Any] = {key: value_of(key, value) for key, value in content.items() if key != "waypoint"}
         if "map" not in given:
             raise ValueError("expected a map, as map = 'town.geojson', given none")
-        waypoints = _waypoints(content.get("waypoint"))
+        waypoints = waypoints_of(content.get("waypoint"))
         first, *via, last = (waypoint.position for waypoint in waypoints)
     except ValueError as error:
         raise ValueError(f"{options.file}: {error}") from error
@@ -102,7 +102,7 @@ def _content(file: Path) -> dict[str, Any]:
         raise ValueError(f"{file}: expected a mission as TOML: {error}") from error
 
 
-def _value(key: str, given: Any) -> Any:
+def value_of(key: str, given: Any) -> Any:
     """The value of an option.
 
     Raises:
@@ -111,7 +111,7 @@ def _value(key: str, given: Any) -> Any:
     if key in NUMBERS:
         return _number(key, given)
     if key in VECTORS:
-        return _numbers(key, given, VECTORS[key])
+        return numbers_of(key, given, VECTORS[key])
     if key in WORDS:
         return _checked(key, given, lambda value: value in WORDS[key], "one of " + ", ".join(WORDS[key]))
     if key in (*TEXTS, *FILES):
@@ -122,7 +122,12 @@ def _value(key: str, given: Any) -> Any:
     raise ValueError(f"{key}: expected one of {known}, or [[waypoint]]")
 
 
-def _waypoints(given: Any) -> tuple[Waypoint, ...]:
+def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
+    """Waypoints of tables, the start first.
+
+    Raises:
+        ValueError: for what is none, with what was expected and what was given.
+    """
     if not isinstance(given, list) or len(given) < 2 or not all(isinstance(table, dict) for table in given):
         raise ValueError("waypoint: expected at least two tables [[waypoint]], the start first, given " + _shown(given))
     found = []
@@ -136,7 +141,7 @@ def _waypoints(given: Any) -> tuple[Waypoint, ...]:
         numbers = {key: _number(f"{name}: {key}", value) for key, value in table.items() if key != "at"}
         if number == 0 and numbers.keys() - {"hover"}:
             raise ValueError(f"{name}: expected no {min(numbers.keys() - {'hover'})}: no leg leads to the start")
-        x, y, z = _numbers(f"{name}: at", table["at"], 3)
+        x, y, z = numbers_of(f"{name}: at", table["at"], 3)
         try:
             found.append(Waypoint((x, y, z), **numbers))
         except ValueError as error:
@@ -157,7 +162,13 @@ def _number(name: str, given: Any) -> float:
     return float(_checked(name, given, _is_number, "a finite number"))
 
 
-def _numbers(name: str, given: Any, count: int) -> tuple[float, ...]:
+def numbers_of(name: str, given: Any, count: int) -> tuple[float, ...]:
+    """So many numbers of a list.
+
+    Raises:
+        ValueError: where these are none.
+    """
+
     def fits(values: Any) -> bool:
         return isinstance(values, list) and len(values) == count and all(map(_is_number, values))
 

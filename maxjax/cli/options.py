@@ -34,8 +34,69 @@ else:  # the choices of the registry
     _Flyer = Literal[tuple(name for name, method in METHODS.items() if method.flies)]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """What a map becomes.
+
+    Attributes:
+        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
+            between start and goal.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
+        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
+        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
+    """
+
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
+    center: _OptionalXyz = None
+    ground: _OptionalMetres = None
+    below: Literal["closed", "open"] | None = None
+    unknown: Literal["occupied", "free"] | None = None
+    crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
+
+
 @dataclasses.dataclass(frozen=True)
-class PlanOptions:
+class RouteOptions:
+    """What is planned in a map, how, and by which rules of the air.
+
+    Attributes:
+        map: A map.
+        start: Start of the path [m].
+        goal: End of the path [m].
+        via: A place to fly through on the way [m]; several in order, each with its own --via.
+        frame: What start, goal and places on the way are. map: x, y, z of the map; agl: latitude, longitude [deg] and
+            height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
+        method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
+        radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
+        margin: Distance where obstacles cost nothing [m].
+        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
+        floor: Least height above ground [m].
+        ceiling: Greatest height above ground [m].
+        ceiling_above_start: Greatest height above the start [m].
+        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
+    """
+
+    map: _Map
+    start: _OptionalXyz = None
+    goal: _OptionalXyz = None
+    via: _Via = ()
+    frame: Literal["map", "agl", "amsl"] = "map"
+    method: _Planner = "solver"
+    radius: _Metres = 1.0
+    margin: _Metres = 8.0
+    airspace: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    floor: _OptionalMetre = None
+    ceiling: _OptionalMetre = None
+    ceiling_above_start: _OptionalMetre = None
+    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanOptions(ReadOptions, RouteOptions):
     """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
@@ -47,58 +108,21 @@ class PlanOptions:
             .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
-        via: A place to fly through on the way [m]; several in order, each with its own --via.
         return_to_start: From the goal back to the start.
-        frame: What start, goal and places on the way are. map: x, y, z of the map; agl: latitude, longitude [deg] and
-            height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
-        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
-        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
-        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
-            between start and goal.
-        method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
-            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
-        radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
-        margin: Distance where obstacles cost nothing [m].
-        ground: Height of flat ground [m], for maps that do not tell ground apart.
-        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
-        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
-        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
-        floor: Least height above ground [m].
-        ceiling: Greatest height above ground [m].
-        ceiling_above_start: Greatest height above the start [m].
         out: Folder for plan.json, path.csv and plan.png; of a mission for mission.json, path.csv and mission.png.
         json: Print the content of plan.json or mission.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
             .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
-        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
-        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
         speed: Greatest speed of what is exported [m/s].
     """
 
-    map: _Map
-    start: _Xyz
-    goal: _Xyz
-    via: _Via = ()
+    # Without the default that the base has.
+    start: _Xyz = dataclasses.field()
+    goal: _Xyz = dataclasses.field()
     return_to_start: _Flag = False
-    frame: Literal["map", "agl", "amsl"] = "map"
-    spacing: _OptionalMetre = None
-    bounds: _Bounds = None
-    center: _OptionalXyz = None
-    method: _Planner = "solver"
-    radius: _Metres = 1.0
-    margin: _Metres = 8.0
-    ground: _OptionalMetres = None
-    below: Literal["closed", "open"] | None = None
-    unknown: Literal["occupied", "free"] | None = None
-    airspace: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    floor: _OptionalMetre = None
-    ceiling: _OptionalMetre = None
-    ceiling_above_start: _OptionalMetre = None
     out: _OptionalFolder = None
     json: _Flag = False
     export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
-    crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
 
@@ -122,30 +146,19 @@ class MissionOptions:
 
 
 @dataclasses.dataclass(frozen=True)
-class MapOptions:
+class MapOptions(ReadOptions):
     """Say what a map file holds, and draw it from above.
 
     Attributes:
         map: A file, as for plan.
-        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
         bounds: Lowest and highest corner of what becomes voxels [m]; by default the whole map, with room.
         center: Middle of 101 x 101 x 101 voxels [m], in place of bounds.
-        ground: Height of flat ground [m], for maps that do not tell ground apart.
-        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
-        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
         crs: Coordinate reference system, as EPSG:28992, in place of the file's.
         out: Folder for map.png.
         json: Print all as JSON, and nothing else, on stdout.
     """
 
     map: _Map
-    spacing: _OptionalMetre = None
-    bounds: _Bounds = None
-    center: _OptionalXyz = None
-    ground: _OptionalMetres = None
-    below: Literal["closed", "open"] | None = None
-    unknown: Literal["occupied", "free"] | None = None
-    crs: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     out: _OptionalFolder = None
     json: _Flag = False
 
@@ -235,26 +248,16 @@ class FlyOptions:
 
 
 @dataclasses.dataclass(frozen=True)
-class ViewOptions:
+class ViewOptions(ReadOptions, RouteOptions):
     """Plan by hand in a map, or play flights, on a page in the browser (extra view).
 
     Start and goal are dragged, waypoints added by click; the path, its figures and slices of the field follow.
 
     Attributes:
-        map: A map as for plan, a plan.json, or a folder that fly has written.
+        map: A map as for plan; a plan.json, a mission.json or the TOML file of a mission, whose options hold but for
+            those given here; or a folder that fly has written.
         start: Start of the first plan [m]; by default a free place.
         goal: Its end [m].
-        via: As for plan.
-        spacing: As for plan.
-        bounds: As for plan.
-        center: As for plan.
-        method: As for plan.
-        radius: As for plan.
-        margin: As for plan.
-        ground: As for plan.
-        floor: As for plan; with --ceiling.
-        ceiling: As for plan; with --floor.
-        place: As for plan.
         trial: Number of the flight to begin with, of a folder.
         share: One HTML file to write in place of serving a page; it plays in any browser, without network.
         host: Address to serve the page at; all who can reach it can use the page.
@@ -262,20 +265,6 @@ class ViewOptions:
         dark: A dark page.
     """
 
-    map: _Map
-    start: _OptionalXyz = None
-    goal: _OptionalXyz = None
-    via: _Via = ()
-    spacing: _OptionalMetre = None
-    bounds: _Bounds = None
-    center: _OptionalXyz = None
-    method: _Planner = "solver"
-    radius: _Metres = 1.0
-    margin: _Metres = 8.0
-    ground: _OptionalMetres = None
-    floor: _OptionalMetre = None
-    ceiling: _OptionalMetre = None
-    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
     trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
     share: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"

@@ -156,10 +156,7 @@ def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
 
 
 def _in_file(source: Contents, options: PlanOptions) -> MapTask:
-    known = facts(source)
-    if options.crs is not None and known.origin is not None:
-        raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
-    earth = earth_of(options, known.crs, known.origin)
+    earth = earth_in(source, options)
     most = MOST_FOCUSED if options.method == "solver" else MOST_VOXELS
     ends = _ends(options)
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
@@ -172,6 +169,14 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
             found, ends = map_with(source, window, ends, options.frame, earth, options.below, options.unknown)
     given = _task((found.occupied, found.ground), found.grid, options, ends, earth)
     return dataclasses.replace(given, returns=found.counts, remarks=found.remarks, within=found.within)
+
+
+def earth_in(source: Contents, options: PlanOptions) -> Earth | None:
+    """Where a file's map lies on Earth, as options or the file say it; raises as `earth_of`."""
+    known = facts(source)
+    if options.crs is not None and known.origin is not None:
+        raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
+    return earth_of(options, known.crs, known.origin)
 
 
 def earth_of(options: PlanOptions, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:

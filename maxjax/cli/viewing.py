@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,19 @@ from typing import Any
 import numpy as np
 
 from maxjax.cli import report, viewing_flights
+from maxjax.cli.mission import located
 from maxjax.cli.options import PlanOptions, ViewOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, earth_of, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, airspace_of, check, earth_in, load_source, task_in
+from maxjax.cli.viewing_source import Opened, opened, shared
 from maxjax.core.serialize import atomic_write
+from maxjax.core.status import Closure
 from maxjax.maps import Contents, Window, map_of
 from maxjax.maps.earth import Earth
 from maxjax.maps.model import PointCloud
+from maxjax.planning.limits import PX4
+from maxjax.planning.mission import Waypoint
+from maxjax.planning.task import Distances, Task
 from maxjax.view.asking import Question, answer, told
 from maxjax.view.city import City, first_ends
 from maxjax.view.server import need_viser
@@ -25,21 +30,6 @@ from maxjax.worlds.scenes import Scene
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
 _MIDDLE = (0.0, 0.0, 40.0)
-# What a plan.json says of how it was made.
-_TAKEN = (
-    "map",
-    "start",
-    "goal",
-    "spacing",
-    "bounds",
-    "center",
-    "method",
-    "radius",
-    "margin",
-    "ground",
-    "floor",
-    "ceiling",
-)
 
 
 def run(options: ViewOptions) -> int:
@@ -53,9 +43,10 @@ def run(options: ViewOptions) -> int:
         raise ValueError(f"--share {options.share}: expected a folder {options.share.absolute().parent}; make it first")
     if Path(options.map).is_dir():
         return viewing_flights.run(options)
-    options = _from_plan(options)
+    shown = opened(options)
+    options = shown.options
     with progress(f"Reading {options.map}"):
-        city, question, earth = _city(options)
+        city, question, earth = first_asked(shown)
     if options.share is not None:
         return _share(options, city, question)
     from maxjax.view.plan_page import PlanPage
@@ -107,70 +98,74 @@ def _share(options: ViewOptions, city: City, question: Question) -> int:
     return 0
 
 
-def _from_plan(options: ViewOptions) -> ViewOptions:
-    """The options of a plan.json, where MAP is one; its map is looked for where it was, then beside the file."""
-    path = Path(options.map)
-    if path.suffix.lower() != ".json" or not path.is_file():
-        return options
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        return options  # the reader of maps says what is wrong
-    if not isinstance(content, dict) or not isinstance(content.get("configuration"), dict):
-        return options
-    taken = {name: content["configuration"].get(name) for name in _TAKEN}
-    if not isinstance(taken["map"], str):
-        raise ValueError(f"{path}: expected the plan of a map, given one without configuration.map")
-    beside = path.parent / Path(taken["map"]).name
-    if not Path(taken["map"]).exists() and beside.is_file():
-        taken["map"] = str(beside)
-    kept = {name: _tuples(value) for name, value in taken.items()}
-    given: dict[str, Any] = {name: value for name, value in kept.items() if value is not None}
-    return dataclasses.replace(options, **given)
-
-
-def _tuples(value: Any) -> Any:
-    """Lists of JSON as tuples, those within them as well."""
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def _city(options: ViewOptions) -> tuple[City, Question, Earth | None]:
+def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
     """The map, the first question, and where the map lies on Earth."""
-    source = load_source(options.map)
+    options = shown.options
     if (options.start is None) != (options.goal is None):
         raise ValueError("--start and --goal: expected both or none, given one")
-    if (options.floor is None) != (options.ceiling is None):
-        raise ValueError("--floor and --ceiling: expected both or none, given one")
-    city, earth = _simulated(source, options) if isinstance(source, Scene) else _read(source, options)
-    ends = first_ends(city) if options.start is None or options.goal is None else (options.start, options.goal)
-    band = None if options.floor is None or options.ceiling is None else (options.floor, options.ceiling)
-    waypoints = (ends[0], *options.via, ends[1])
-    return city, Question(waypoints, options.method, options.radius, options.margin, band=band), earth
+    source = load_source(options.map)
+    waypoints: tuple[Waypoint, ...] = ()
+    speed = PX4.speed
+    if options.start is None:
+        given = _without_ends(source, options)
+    else:
+        asked = shown.asked()
+        check(asked.options)
+        given = task_in(source, asked.options)
+        waypoints, speed = located(asked, given), asked.options.speed
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    city = _city_of(given, source, options)
+    band = (options.floor, options.ceiling)
+    ends = tuple(waypoint.position for waypoint in waypoints) or first_ends(city)
+    question = Question(
+        ends,
+        options.method,
+        options.radius,
+        options.margin,
+        band=None if band == (None, None) else band,
+        details=waypoints if shown.waypoints else (),
+        speed=speed,
+    )
+    return city, question, given.earth
 
 
-def _simulated(scene: Scene, options: ViewOptions) -> tuple[City, Earth | None]:
-    center = options.center if options.center is not None or options.start is not None else _MIDDLE
-    start, goal = (options.start or _MIDDLE), (options.goal or _MIDDLE)
-    given = {name: getattr(options, name) for name in ("spacing", "bounds", "ground")}
-    task = task_in(scene, PlanOptions(options.map, start, goal, center=center, **given)).task
-    return City(options.map, task.occupied, task.ground, task.grid), _earth(options, None, None)
+def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
+    """A map with the rules of the air that do not depend on the ends."""
+    if options.via or options.frame != "map":
+        raise ValueError("--via and --frame: expected with --start and --goal, given without")
+    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **shared(options))
+    check(given)
+    if isinstance(source, Scene):
+        return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))
+    window = Window(options.spacing, options.bounds, options.center, (), options.ground, MOST_VOXELS)
+    found, earth = map_of(source, window, options.below, options.unknown), earth_in(source, given)
+    ends = np.array([found.grid.origin])
+    task = Task.of(found.occupied, ends, ends, found.grid, Distances.of(options.radius, options.margin), found.ground)
+    bare = MapTask(task, {}, found.remarks, earth, level=options.ground, within=found.within)
+    airspace = airspace_of(given, bare)
+    return bare if airspace is None else dataclasses.replace(bare, airspace=airspace)
 
 
-def _read(source: Contents, options: ViewOptions) -> tuple[City, Earth | None]:
-    ends = () if options.start is None or options.goal is None else (options.start, options.goal)
-    window = Window(options.spacing, options.bounds, options.center, ends, options.ground, MOST_VOXELS)
-    found = map_of(source, window)
-    for remark in found.remarks:
-        report.complain(f"Note: {found.source}: {remark}.")
+def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> City:
+    """The map of a page; what its rules of the air close is no obstacle of it."""
+    task, grid = given.task, given.task.grid
+    if task.occupied.size > MOST_VOXELS:
+        raise ValueError(
+            f"expected a map of at most {MOST_VOXELS} voxels to show; give --bounds, or a larger --spacing"
+        )
+    still = np.ones(grid.shape, bool) if task.closed is None else task.closed == Closure.OPEN
     points = None
     if isinstance(source, PointCloud):
         points = np.asarray(source.points, np.float64) + source.offset
-        lower, upper = np.array(found.grid.lower), np.array(found.grid.upper)
-        points = points[((points >= lower) & (points <= upper)).all(axis=1)]
-    city = City(found.source, found.occupied, found.ground, found.grid, points)
-    return city, _earth(options, found.crs, found.origin)
-
-
-def _earth(options: ViewOptions, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:
-    given = PlanOptions(options.map, _MIDDLE, _MIDDLE, place=options.place)
-    return earth_of(given, crs, origin)
+        points = points[((points >= np.array(grid.lower)) & (points <= np.array(grid.upper))).all(axis=1)]
+    return City(
+        Path(options.map).name,
+        task.occupied & still,
+        task.ground & still,
+        grid,
+        points,
+        () if given.airspace is None else given.airspace.areas,
+        options.ceiling_above_start,
+        given.level,
+    )

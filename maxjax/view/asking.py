@@ -11,16 +11,23 @@ import itertools
 import time
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.maps.airspace import Airspace
+from maxjax.maps.airspace import Airspace, Reasons
 from maxjax.methods import method_named
 from maxjax.planning.judge import verify
+from maxjax.planning.limits import PX4
 from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
 from maxjax.planning.task import Distances, Task
-from maxjax.view.city import City
+from maxjax.view.city import Band, City
+
+# Statuses of a start and of a goal that a rule of the air closes.
+CLOSED_ENDS = (
+    (Status.START_IN_CLOSED_AREA, Status.START_OUTSIDE_BAND),
+    (Status.GOAL_IN_CLOSED_AREA, Status.GOAL_OUTSIDE_BAND),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +40,9 @@ class Question:
         radius, margin: [m].
         beside: whether A* plans the same.
         band: least and greatest height above ground [m]; None: any.
+        details: of a mission's file, for each waypoint: how long to hover, and speed, radius and margin of the leg that
+            leads there; empty: none of this is given.
+        speed: greatest on the way [m/s].
     """
 
     waypoints: tuple[Point3, ...]
@@ -40,7 +50,17 @@ class Question:
     radius: float = 1.0
     margin: float = 8.0
     beside: bool = False
-    band: tuple[float, float] | None = None
+    band: Band | None = None
+    details: tuple[Waypoint, ...] = ()
+    speed: float = PX4.speed
+
+    @property
+    def stops(self) -> tuple[Waypoint, ...]:
+        """The waypoints with their details."""
+        details = self.details or tuple(map(Waypoint, self.waypoints))
+        return tuple(
+            dataclasses.replace(detail, position=place) for detail, place in zip(details, self.waypoints, strict=True)
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,7 +73,7 @@ class Answer:
         beside: by A*; None where it was not asked for.
         clearance: at the points of `dense`, to the nearest obstacle [m].
         dense: points along the path, no farther apart than half a voxel [m].
-        refusal: why the question cannot be planned; empty else.
+        refusal: why the question cannot be planned, or which rule of the air closes an end; empty else.
         seconds: from question to answer.
     """
 
@@ -84,30 +104,45 @@ def answer(city: City, question: Question) -> Answer:
     if mission.status == Status.OK:
         dense = refined(mission.path, 0.5 * city.grid.spacing)
         along = dense, verify(dense, None, city.occupied, city.grid, ground=city.ground).clearance_at
-    return Answer(question, mission, rival, *along, "", time.perf_counter() - began)
+    why = _closed_end(city, question, mission)
+    return Answer(question, mission, rival, *along, why, time.perf_counter() - began)
 
 
 def task_of(city: City, question: Question, ends: slice = slice(None)) -> Task:
-    """The task of a question's legs, or of some of them, heights outside its band closed.
+    """The task of a question's legs, or of some of them, with what the rules of the air close.
 
     Raises:
-        ValueError: for distances or a band that the map cannot have.
+        ValueError: for distances or rules that the map cannot have.
     """
-    starts, goals = legs_of([Waypoint(place) for place in question.waypoints])
+    starts, goals = legs_of(question.stops)
     distances = Distances.of(question.radius, question.margin)
     task = Task.of(city.occupied, starts[ends], goals[ends], city.grid, distances, city.ground)
-    return task if question.band is None else task.closing(_closed(city, question.band))
+    highest = city.highest(question.waypoints[0])
+    if question.band is None and highest is None and not city.areas:
+        return task
+    return task.closing(_closed(city, question.band or (None, None), highest))
 
 
 @functools.lru_cache(maxsize=8)
-def _closed(city: City, band: tuple[float, float]) -> UInt8[np.ndarray, "nx ny nz"]:
-    return Airspace(*band).closed(city.ground, city.grid)
+def _closed(city: City, band: Band, highest: float | None) -> Reasons:
+    return Airspace(*band, highest, city.areas).closed_over(city.terrain)
+
+
+def _closed_end(city: City, question: Question, mission: Mission) -> str:
+    """Which rules close the end of a leg that failed for it; empty where none did."""
+    for k in mission.failed[:1]:
+        for end, statuses in enumerate(CLOSED_ENDS):
+            if mission.legs[k].status in statuses:
+                place = np.array(question.waypoints[k + end])
+                x, y, z = np.floor((place - city.grid.lower) / city.grid.spacing).astype(int).tolist()
+                rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
+                return f"It lies {' and '.join(rules.reasons_at((x, y, z), city.terrain))}."
+    return ""
 
 
 def _planned(city: City, question: Question, method: str) -> Mission:
     chosen = method_named(method)
-    places = [Waypoint(place) for place in question.waypoints]
-    return plan_mission(task_of(city, question), places, chosen.finder(), chosen.name)
+    return plan_mission(task_of(city, question), question.stops, chosen.finder(), chosen.name)
 
 
 def refined(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:
@@ -130,6 +165,8 @@ def told(found: Answer) -> str:
         lines = [f"### No path{leg}", f"**{mission.status.name}** {mission.status.advice}"]
         if failed and mission.status == Status.NO_SAFE_PATH:
             lines.append(f"At most a radius of {mission.legs[failed[0]].radius:g} m joins them.")
+        if found.refusal:
+            lines.append(found.refusal)
         return "\n\n".join(lines)
     certified = all(leg.certified for leg in mission.legs)
     rows = [
@@ -138,6 +175,7 @@ def told(found: Answer) -> str:
         f"{mission.clearance:.1f} m at the least; radius {mission.radius:g} m, "
         f"planned in {1e3 * mission.timings['total']:.0f} ms.",
     ]
+    rows += _legs(found)
     if found.beside is not None:
         rival = found.beside
         rows.append(
@@ -146,3 +184,16 @@ def told(found: Answer) -> str:
             else f"A\\* beside it: no path, {rival.status.name}."
         )
     return "\n\n".join(rows)
+
+
+def _legs(found: Answer) -> list[str]:
+    """A line for each leg of a mission with details."""
+    assert found.mission is not None
+    rows = []
+    for k, (leg, stop) in enumerate(zip(found.mission.legs, found.mission.waypoints[1:], strict=True), 1):
+        words = [f"{leg.length:.1f} m"]
+        words += [f"at most {stop.speed:g} m/s"] if stop.speed is not None else []
+        words += [f"hovers {stop.hover:g} s"] if stop.hover is not None else []
+        words += [f"radius {leg.radius:g} m"] if stop.radius is not None else []
+        rows.append(f"{k}. {', '.join(words)}")
+    return ["\n".join(rows)] if found.question.details else []

@@ -9,7 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid, Point3
+from maxjax.maps.airspace import Area
+from maxjax.maps.terrain import Terrain
 from maxjax.view.nodes import Frame, point3
+
+Band = tuple[float | None, float | None]
+"""Least and greatest height above ground [m]; None: any."""
 
 # Around the middle of the map, between which the first start and goal lie [m], and above what is below them.
 _APART, _ABOVE = 60.0, 10.0
@@ -26,6 +31,9 @@ class City:
         ground: those that are ground.
         grid: where they lie.
         points: of the scan or the file it was made of [m]; None: of none.
+        areas: to keep out of, or to keep in.
+        above_start: greatest height above the start [m]; None: any.
+        level: height of flat ground [m]; None: that of the ground's voxels.
     """
 
     name: str
@@ -33,6 +41,18 @@ class City:
     ground: Bool[np.ndarray, "nx ny nz"]
     grid: Grid
     points: Float[np.ndarray, "n 3"] | None = None
+    areas: tuple[Area, ...] = ()
+    above_start: float | None = None
+    level: float | None = None
+
+    @functools.cached_property
+    def terrain(self) -> Terrain:
+        """How high the ground is."""
+        return Terrain.of(self.ground, self.grid) if self.level is None else Terrain.flat(self.level, self.grid)
+
+    def highest(self, start: Point3) -> float | None:
+        """Greatest z above a start [m]; None: any."""
+        return None if self.above_start is None else start[2] + self.above_start
 
     @functools.cached_property
     def frame(self) -> Frame:

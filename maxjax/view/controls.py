@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from maxjax.methods import METHODS
 from maxjax.missions.export import IN_TIME, ON_EARTH
+from maxjax.planning.mission import Waypoint
 from maxjax.view.asking import Question
-from maxjax.view.city import City
+from maxjax.view.city import Band, City
 from maxjax.view.colors import CLEARANCES, FIELD, PRICE
 from maxjax.view.slices import Axis, Slice
 
@@ -23,8 +26,9 @@ _HIGHEST = 150.0  # of the altitude band [m]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Controls:
-    """Handles of the panel, by what they are for; each is viser's."""
+    """Handles of the panel, by what they are for; each is viser's. `first` is the question that it begins with."""
 
+    first: Question
     status: Any
     legend: Any
     start: Any
@@ -47,18 +51,26 @@ class Controls:
     export: Any
     share: Any
 
-    def question(self, waypoints: tuple[Any, ...]) -> Question:
-        """What the controls ask, through these places; the margin is the radius at least."""
+    def question(self, stops: tuple[Waypoint, ...]) -> Question:
+        """What the controls ask, through these waypoints; the margin is the radius at least."""
         radius = float(self.radius.value)
-        low, high = map(float, self.band.value)
         return Question(
-            waypoints,
+            tuple(stop.position for stop in stops),
             self.method.value,
             radius,
             max(radius, float(self.margin.value)),
             bool(self.beside.value),
-            (low, max(high, low + 1.0)) if self.keep.value else None,
+            self._band() if self.keep.value else None,
+            stops if self.first.details else (),
+            self.first.speed,
         )
+
+    def _band(self) -> Band:
+        """The first question's own until the slider is moved; an end of the slider is no limit."""
+        low, high = map(float, self.band.value)
+        if self.first.band is not None and (low, high) == _on_slider(self.first.band):
+            return self.first.band
+        return None if low <= 0.0 else low, None if high >= self.band.max else max(high, low + 1.0)
 
     def wanted(self, city: City) -> Slice | None:
         """The slice to show; None: none."""
@@ -73,7 +85,8 @@ class Controls:
 def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool, dark: bool) -> Controls:
     """Fill the panel."""
     step = 0.25
-    parts: dict[str, Any] = {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
+    parts: dict[str, Any] = {"first": question}
+    parts |= {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
     with gui.add_folder("Where"):
         parts["start"] = gui.add_vector3("Start [m]", question.waypoints[0], step=0.5)
         parts["goal"] = gui.add_vector3("Goal [m]", question.waypoints[-1], step=0.5)
@@ -82,16 +95,20 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
         parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(question.waypoints) < 3)
     with gui.add_folder("How"):
         parts["method"] = gui.add_dropdown("Method", tuple(METHODS), initial_value=question.method)
-        parts["radius"] = gui.add_slider("Radius [m]", 0.0, _MOST, step, min(question.radius, _MOST))
-        parts["margin"] = gui.add_slider("Margin [m]", 0.0, _MOST, step, min(question.margin, _MOST))
+        for name, given in (("radius", question.radius), ("margin", question.margin)):
+            parts[name] = gui.add_slider(f"{name.capitalize()} [m]", 0.0, max(_MOST, given), step, given)
         parts["keep"] = gui.add_checkbox("Keep an altitude band", question.band is not None)
-        band = (5.0, 60.0) if question.band is None else question.band
-        parts["band"] = gui.add_multi_slider("Above ground [m]", min=0.0, max=_HIGHEST, step=1.0, initial_value=band)
+        band = _on_slider((5.0, 60.0) if question.band is None else question.band)
+        parts["band"] = gui.add_multi_slider(
+            "Above ground [m]", min=min(0.0, band[0]), max=max(_HIGHEST, band[1]), step=1.0, initial_value=band
+        )
         parts["beside"] = gui.add_checkbox("A* beside it", question.beside)
     with gui.add_folder("Look inside", expand_by_default=False):
         parts["slice"] = gui.add_dropdown("Slice of", tuple(_SLICES), initial_value="none")
         parts["axis"] = gui.add_dropdown("Plane", tuple(_AXES), initial_value="horizontal")
-        parts["place"] = gui.add_slider("At [m]", *_reach(city, "z"), city.grid.spacing, question.waypoints[-1][2])
+        low, high = _reach(city, "z")
+        height = min(max(question.waypoints[-1][2], low), high)
+        parts["place"] = gui.add_slider("At [m]", low, high, city.grid.spacing, height)
         parts["through"] = gui.add_checkbox("See-through buildings", False)
         parts["dark"] = gui.add_checkbox("Dark page", dark)
     with gui.add_folder("Take away", expand_by_default=False):
@@ -100,6 +117,11 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
         parts["export"] = gui.add_button("Download the plan")
         parts["share"] = gui.add_button("Download this page")
     return Controls(**parts)
+
+
+def _on_slider(band: Band) -> tuple[float, float]:
+    low, high = band
+    return 0.0 if low is None else low, max(_HIGHEST, low or 0.0) if high is None else high
 
 
 def reach(city: City, controls: Controls) -> None:
@@ -115,8 +137,8 @@ def _reach(city: City, axis: Axis) -> tuple[float, float]:
     return low, low + city.grid.spacing * (city.grid.shape[number] - 1)
 
 
-def legend(question: Question, wanted: Slice | None) -> str:
-    """What the colours mean, as HTML."""
+def legend(question: Question, wanted: Slice | None, rules: Sequence[str] = ()) -> str:
+    """What the colours mean, and which rules of the air hold, as HTML."""
     rows = [_bar(CLEARANCES, "path: clearance 0 m", f"{question.margin:g} m and more")]
     if wanted is not None and wanted.of == "cost":
         rows.append(_bar(FIELD, "cost to the goal 0 m, a line every 10 m", "far"))
@@ -124,6 +146,7 @@ def legend(question: Question, wanted: Slice | None) -> str:
         rows.append(_bar(PRICE, "price of a metre 1", "dear"))
     if question.beside:
         rows.append('<div style="margin-top:4px"><b style="color:#0072B2">━━</b> A*</div>')
+    rows += [f'<div style="margin-top:4px">{html.escape(rule)}</div>' for rule in rules]
     return f'<div style="font-size:0.8em;padding:0 0.9em 0.4em">{"".join(rows)}</div>'
 
 

@@ -5,6 +5,7 @@ controls and handles → Question → worker → Answer → scene, status in wor
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maxjax.core.grid import Point3
+from maxjax.planning.mission import Waypoint
+from maxjax.view.air import air_lines, air_scene
 from maxjax.view.asking import Answer, Question, answer, told
 from maxjax.view.city import City, hit
 from maxjax.view.controls import add_controls, legend, reach
@@ -59,7 +62,7 @@ class PlanPage:
         self._stage = Stage(server.scene)
         self._stage.show("/map", city_scene(city))
         look_at(server, city, _surroundings(city, question))
-        self._waypoints = list(question.waypoints)
+        self._stops = list(question.stops)
         self._handles: dict[str, Any] = {}
         self._field: tuple[tuple[Any, ...], Field | None] = (), None
         self._lock = threading.RLock()
@@ -74,47 +77,47 @@ class PlanPage:
     @property
     def waypoints(self) -> tuple[Point3, ...]:
         """Start, places to visit and goal [m]."""
-        return tuple(self._waypoints)
+        return tuple(stop.position for stop in self._stops)
 
     def ask(self) -> None:
         """Ask what handles and controls say."""
         with self._lock:
-            self.worker.ask((self.controls.question(self.waypoints), self.controls.wanted(self._city)))
+            self.worker.ask((self.controls.question(tuple(self._stops)), self.controls.wanted(self._city)))
 
     def move(self, k: int, place: Point3) -> None:
         """Put the waypoint k elsewhere [m] and plan anew."""
         with self._lock:
-            self._waypoints[k] = place
+            self._stops[k] = dataclasses.replace(self._stops[k], position=place)
             self._handles[self._name(k)].position = point3(self._city.frame.page(place))
         self.ask()
 
     def add(self, place: Point3) -> None:
         """Visit a place [m] before the goal."""
         with self._lock:
-            self._waypoints.insert(len(self._waypoints) - 1, place)
+            self._stops.insert(len(self._stops) - 1, Waypoint(place))
             self._place_handles()
         self.ask()
 
     def remove(self) -> None:
         """Leave out the last place to visit."""
         with self._lock:
-            if len(self._waypoints) > 2:
-                del self._waypoints[-2]
+            if len(self._stops) > 2:
+                del self._stops[-2]
                 self._place_handles()
         self.ask()
 
     def _place_handles(self) -> None:
         """A handle to drag for each waypoint, with its ball and name; those that are there stay."""
-        names = [self._name(k) for k in range(len(self._waypoints))]
+        names = [self._name(k) for k in range(len(self._stops))]
         with self._server.atomic():
             for name in [name for name in self._handles if name not in names]:
                 self._stage.show(root_of(name), {})
                 self._handles.pop(name).remove()
-            for name, place in zip(names, self._waypoints, strict=True):
+            for name, place in zip(names, self.waypoints, strict=True):
                 if name not in self._handles:
                     self._handles[name] = self._handle(name, place)
                     self._stage.show(root_of(name), end_scene(root_of(name), name))
-        self.controls.undo.disabled = len(self._waypoints) < 3
+        self.controls.undo.disabled = len(self._stops) < 3
 
     def _handle(self, name: str, place: Point3) -> Any:
         at = point3(self._city.frame.page(place))
@@ -126,8 +129,9 @@ class PlanPage:
         @handle.on_update
         async def _(event: Any) -> None:
             with self._lock:
-                k = [self._name(k) for k in range(len(self._waypoints))].index(name)
-                self._waypoints[k] = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
+                k = [self._name(k) for k in range(len(self._stops))].index(name)
+                place = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
+                self._stops[k] = dataclasses.replace(self._stops[k], position=place)
             self.ask()
             if event.phase == "end":
                 self._write_ends()
@@ -135,11 +139,11 @@ class PlanPage:
         return handle
 
     def _name(self, k: int) -> str:
-        return end_name(k, len(self._waypoints))
+        return end_name(k, len(self._stops))
 
     def _write_ends(self) -> None:
         """Say in the panel where start and goal are."""
-        self.controls.start.value, self.controls.goal.value = self._waypoints[0], self._waypoints[-1]
+        self.controls.start.value, self.controls.goal.value = self.waypoints[0], self.waypoints[-1]
 
     def _listen(self) -> None:
         """Ask anew whenever a control changes."""
@@ -184,9 +188,9 @@ class PlanPage:
 
     def _typed(self, k: int, event: Any) -> None:
         place = point3(np.asarray(event.target.value))
-        if event.client is None or place == tuple(self._waypoints[k]):
+        if event.client is None or place == self.waypoints[k]:
             return  # the panel was told, not the page
-        self.move(k % len(self._waypoints), place)
+        self.move(k % len(self._stops), place)
 
     def _download(self, event: Any, ending: str) -> None:
         """Send a file to the browser that asked for it, or say why there is none."""
@@ -215,6 +219,7 @@ class PlanPage:
     def _show(self, found: Answer, wanted: Slice | None) -> None:
         with self._server.atomic():
             self._stage.show("/plan", answer_scene(found, self._city.frame))
+            self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.question))
             self._say(told(found))
             self._say_legend(found.question, wanted)
         self.answer = found
@@ -223,7 +228,7 @@ class PlanPage:
         self.controls.status.content = text
 
     def _say_legend(self, question: Question, wanted: Slice | None) -> None:
-        text = legend(question, wanted)
+        text = legend(question, wanted, air_lines(self._city, question))
         if self.controls.legend.content != text:
             self.controls.legend.content = text
 
@@ -232,7 +237,8 @@ class PlanPage:
         if wanted is None:
             self._stage.show("/slice", {})
             return
-        key = (*question.waypoints[-2:], question.radius, question.margin, question.band)
+        highest = self._city.highest(question.waypoints[0])
+        key = (*question.stops[-2:], question.radius, question.margin, question.band, highest)
         if self._field[0] != key:
             try:
                 self._field = key, field_of(self._city, question)

@@ -76,7 +76,8 @@ def field_of(city: City, question: Question) -> Field | None:
     """
     if city.occupied.size > LARGEST:
         raise ValueError(f"expected a map of at most {LARGEST} voxels to show the field of, given {city.occupied.size}")
-    problem = problem_of(task_of(city, question, slice(-1, None)))
+    task = task_of(city, question, slice(-1, None))
+    problem = problem_of(dataclasses.replace(task, distances=question.stops[-1].distances(task.distances)))
     if int(problem.status) not in (Status.OK, Status.NO_SAFE_PATH, Status.NO_VALID_PATH):
         return None
     field = potential_field(problem.blocked, problem.price, problem.goal_index, city.grid, solve_potential)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from maxjax.maps.earth import Earth
 from maxjax.missions.export import export
 from maxjax.planning.limits import PX4
 from maxjax.planning.trajectory import Trajectory
+from maxjax.view.air import air_lines, air_scene
 from maxjax.view.asking import Answer, task_of
 from maxjax.view.city import City
 from maxjax.view.draw import answer_scene, city_scene, ends_scene, together
@@ -43,10 +45,13 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
 
 
 def _timed(city: City, found: Answer) -> Trajectory:
-    """The trajectory of an answer, which keeps to its band as well."""
+    """The trajectory of an answer that is OK, which keeps to its rules of the air as well."""
     assert found.mission is not None
     task = task_of(city, found.question)
-    return trajectory(found.mission, PX4, task.occupied, city.grid, ground=task.ground)
+    limits = dataclasses.replace(
+        PX4, speed=max([found.question.speed, *(stop.speed or 0.0 for stop in found.question.stops)])
+    )
+    return trajectory(found.mission, limits, task.occupied, city.grid, ground=task.ground)
 
 
 def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
@@ -55,7 +60,8 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     assert mission is not None
     flight = _timed(city, found)
     ends = ends_scene(found.question.waypoints, city.frame)
-    film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame)), city.frame)
+    air = air_scene(city, found.question)
+    film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame), air), city.frame)
     certified = ", certified" if all(leg.certified for leg in mission.legs) else ""
     lines = [
         city.name,
@@ -65,4 +71,5 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     ]
     if found.beside is not None and found.beside.status == Status.OK:
         lines.append(f"Blue: A*, {found.beside.length:.1f} m, {found.beside.cruise_clearance:.1f} m clear")
+    lines += air_lines(city, found.question)
     return playing_page(city, film, "\n".join(lines), dark=dark)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 
 import numpy as np
@@ -9,12 +10,17 @@ import pytest
 from test_surface import area_vectors
 
 import maxjax
+from maxjax.maps.airspace import Area
+from maxjax.planning.mission import Waypoint
+from maxjax.view.air import air_scene
 from maxjax.view.asking import Question, answer, told
 from maxjax.view.city import City, first_ends, hit
 from maxjax.view.colors import CLEARANCES, ramp
+from maxjax.view.controls import add_controls
 from maxjax.view.draw import answer_scene, city_scene, ends_scene
 from maxjax.view.nodes import Lines, Surface
 from maxjax.view.slices import Field, Slice, picture
+from maxjax.view.taking import page_of
 from maxjax.view.worker import Worker
 
 FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates
@@ -72,6 +78,53 @@ def test_a_path_keeps_the_altitude_band() -> None:
     assert answer(city, Question(above)).ok
     assert not answer(city, Question(above, band=(4.0, 14.0))).ok
     assert "ground" in told(answer(City("bare", city.occupied, ~city.occupied & False, city.grid), kept.question))
+
+
+def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
+    """An area to keep out of as a box, from the ground to its ceiling; sheets that end at the band; all see-through."""
+    square = np.array([(29.0, 3.0), (37.0, 3.0), (37.0, 13.0), (29.0, 13.0)])
+    all_of_it = np.array([(0.0, 0.0), (66.0, 0.0), (66.0, 66.0), (0.0, 66.0)])
+    areas = (Area("'yard'", (square,), ceiling=20.0), Area("town", (all_of_it,), keep_in=True))
+    city = dataclasses.replace(town(), areas=areas, above_start=10.0)
+    assert not (air_scene(town(), Question(((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))))
+    found = answer(city, Question(((8.0, 8.0, 10.0), (58.0, 8.0, 12.0)), "astar", margin=2.0, band=(4.0, None)))
+    assert found.ok
+    scene = air_scene(city, found.question)
+    names = {"/air/area_0/volume", "/air/area_0/name", "/air/area_1/volume", "/air/area_1/name", "/air/floor"}
+    assert set(scene) == {*names, "/air/ceiling"}
+    yard = scene["/air/area_0/volume"]
+    assert isinstance(yard, Surface)
+    low, high = (city.frame.map(edge) for edge in (yard.points.min(axis=0), yard.points.max(axis=0)))
+    # Whole voxels of 2 m that the area touches, above the ground's at z = 2; heights count from its lower face.
+    np.testing.assert_allclose([low, high], [(28.0, 2.0, 2.0), (38.0, 14.0, 22.0)])
+    assert scene["/air/area_0/name"].text == "yard: keep out"
+    assert scene["/air/area_1/name"].text == "town: keep in"
+    for name, level in (("/air/floor", 2.0 + 4.0), ("/air/ceiling", 10.0 + 10.0)):
+        assert scene[name].points[:, 2].max() + city.frame.anchor[2] == level
+    assert all(node.opacity < 0.5 for node in scene.values() if isinstance(node, Surface))
+    inside = ((found.dense > low) & (found.dense < high)).all(axis=1)
+    assert not inside.any()
+    page = page_of(city, found)
+    for words in ("Red: keep out of yard", "Green: keep in town", "from 4 m above ground, to 10 m above the start"):
+        assert words in page
+
+
+def test_the_panel_asks_what_the_first_question_asked_until_it_is_moved() -> None:
+    """Distances and heights beyond the sliders' usual ends stay what they are."""
+    viser = pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
+    stops = (Waypoint((8.0, 10.0, 10.0)), Waypoint((58.0, 50.0, 90.0), hover=2.0, speed=3.0, radius=0.3))
+    ends = tuple(stop.position for stop in stops)
+    first = Question(ends, "astar", 40.1, 55.3, band=(None, 200.5), details=stops, speed=7.0)
+    server = viser.ViserServer(port=0, verbose=False)
+    try:
+        controls = add_controls(server.gui, town(), first, on_earth=False, dark=False)
+        assert controls.question(first.stops) == first
+        controls.band.value = (10.0, controls.band.max)
+        assert controls.question(first.stops).band == (10.0, None)
+        controls.band.value = (0.0, 30.0)
+        assert controls.question(first.stops).band == (None, 30.0)
+    finally:
+        server.stop()
 
 
 @pytest.mark.parametrize(
