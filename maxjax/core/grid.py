@@ -86,6 +86,11 @@ class Grid:
         return Grid(self.shape, self.spacing, (0.0, 0.0, 0.0))
 
     @property
+    def unit(self) -> Grid:
+        """The grid of the same shape in index coordinates: what is compiled where metres do not matter."""
+        return Grid(self.shape, 1.0, (0.0, 0.0, 0.0))
+
+    @property
     def lower(self) -> Point3:
         """Lowest corner of the volume that the voxels cover [m]."""
         x, y, z = self.origin

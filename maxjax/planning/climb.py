@@ -104,8 +104,8 @@ def potential_field(
     grid: Grid,
     potential: PotentialFn,
 ) -> PotentialLike:
-    """`solve` as a program by itself, which is compiled once for all maps of a shape and spacing."""
-    field: PotentialLike = SOLVE(blocked, price, goal_index, grid=grid.local, potential=potential)
+    """`solve` as a program by itself, which is compiled once for all maps of a shape."""
+    field: PotentialLike = SOLVE(blocked, price, goal_index, grid=grid.unit, potential=potential)
     return field
 
 
