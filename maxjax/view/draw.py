@@ -67,7 +67,9 @@ def root_of(name: str) -> str:
 def end_scene(root: str, name: str, at: Point3 = (0.0, 0.0, 0.0)) -> Scene:
     """A waypoint and its name, below a node `root`, at a place in that node's frame [m]."""
     color = {"start": START, "goal": GOAL}.get(name, VIA)
-    return {f"{root}/ball": Ball(at, END, color), f"{root}/name": Text((at[0], at[1], at[2] + 2 * END), name)}
+    below = name == "goal"  # else it would hide the start's name where a mission returns to its start
+    words = Text((at[0], at[1], at[2] + (-2 if below else 2) * END), name, below)
+    return {f"{root}/ball": Ball(at, END, color), f"{root}/name": words}
 
 
 def ends_scene(waypoints: Sequence[Point3], frame: Frame) -> Scene:

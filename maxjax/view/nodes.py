@@ -108,12 +108,14 @@ class Text:
     """A label that faces the camera.
 
     Attributes:
-        position: of its lower edge's middle [m].
+        position: of its lower edge's middle, of its upper one's where it hangs below [m].
         text: a few words.
+        below: whether it hangs below its position; else it stands on it.
     """
 
     position: Point3
     text: str
+    below: bool = False
 
 
 Node = Surface | Lines | Dots | Picture | Ball | Text

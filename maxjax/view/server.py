@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.view.camera import over_map, over_way
 from maxjax.view.city import City
 
 if TYPE_CHECKING:
@@ -67,24 +68,16 @@ def look(server: ViserServer, *, dark: bool) -> None:
 
 
 def look_at(server: ViserServer, city: City, points: Float[np.ndarray, "n 3"] | None = None) -> None:
-    """Look from the south-west, from above, for browsers that come from now on.
+    """Look at the map or at a way in it from above, for browsers that come from now on.
 
     Args:
         server: of the page.
         city: the map.
-        points: what to look at, in the page's frame [m]; None: the middle of the map.
+        points: of the way, in the page's frame [m]; None: the whole map.
     """
-    grid = city.grid
-    wide, low = grid.spacing * max(grid.shape[:2]), city.floor - grid.lower[2]
-    x, y, z = 0.04 * wide, -0.03 * wide, low
-    away = wide
-    if points is not None:
-        x, y, z = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
-        away = min(wide, max(60.0, 1.5 * float(np.ptp(points, axis=0).max())))
     camera = server.initial_camera
-    camera.position = (x - 0.38 * away, y - 0.6 * away, z + 0.85 * away)
-    camera.look_at = (x, y, z)
-    camera.far = 20.0 * wide
+    camera.position, camera.look_at = over_map(city) if points is None else over_way(city, points)
+    camera.far = 20.0 * city.grid.spacing * max(city.grid.shape[:2])
 
 
 def check_host(host: str, port: int) -> None:

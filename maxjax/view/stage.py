@@ -62,4 +62,5 @@ def _add(scene: SceneApi, name: str, node: Node) -> Any:
             look: dict[str, Any] = {"opacity": None if node.opacity == 1.0 else node.opacity, "subdivisions": 2}
             return scene.add_icosphere(name, node.radius, node.color, position=node.position, **look, **_PLAIN)
         case Text():
-            return scene.add_label(name, node.text, position=node.position, anchor="bottom-center")
+            anchor: Any = "top-center" if node.below else "bottom-center"
+            return scene.add_label(name, node.text, position=node.position, anchor=anchor)

@@ -1,0 +1,68 @@
+"""Where a page is first looked at from: the side from which most of a way is seen, as low as that allows.
+
+Towers beside a street hide what flies in it from most sides; from above they hide nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.core.grid import Point3
+from maxjax.view.city import City
+from maxjax.view.nodes import point3
+
+# Turns from the south-south-west, where the sun is, and heights above the horizon [degrees]; the first are preferred.
+_SOUTH_WEST, _TURNS = 237.7, (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+_HEIGHTS = (50.0, 65.0, 80.0)
+# What a further turn or height must show more of a way to be taken.
+_TURN_WORTH, _HEIGHT_WORTH = 0.01, 0.1
+_DISTANCE = 1.1  # of the camera, in widths of what is looked at
+_LEAST, _WIDTHS = 60.0, 1.5  # width of what is looked at: at least [m], and in extents of the way
+_MOST_POINTS = 64
+
+
+def over_map(city: City) -> tuple[Point3, Point3]:
+    """Position and point looked at, in the page's frame [m], for a whole map."""
+    wide, low = city.grid.spacing * max(city.grid.shape[:2]), city.floor - city.grid.lower[2]
+    middle = np.array([0.04 * wide, -0.03 * wide, low])
+    return point3(middle + _DISTANCE * wide * _direction(0.0, _HEIGHTS[0])), point3(middle)
+
+
+def over_way(city: City, points: Float[np.ndarray, "n 3"]) -> tuple[Point3, Point3]:
+    """Position and point looked at, in the page's frame [m], for a way.
+
+    Args:
+        city: the map.
+        points: of the way, in the page's frame [m].
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    wide = city.grid.spacing * max(city.grid.shape[:2])
+    away = _DISTANCE * min(wide, max(_LEAST, _WIDTHS * float(np.ptp(points, axis=0).max())))
+    some = points[:: max(1, len(points) // _MOST_POINTS)]
+    places, costs = [], []
+    for higher, height in enumerate(_HEIGHTS):
+        for further, turn in enumerate(_TURNS):
+            place = middle + away * _direction(turn, height)
+            places.append(place)
+            costs.append(1.0 - seen(city, place, some) + _HEIGHT_WORTH * higher + _TURN_WORTH * further)
+    return point3(places[int(np.argmin(costs))]), point3(middle)
+
+
+def seen(city: City, position: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> float:
+    """Share of the points, in the page's frame [m], that no occupied voxel hides from a position."""
+    grid = city.grid
+    steps = int(np.ceil(2.0 * np.linalg.norm(points - position, axis=1).max() / grid.spacing)) + 1
+    along = np.linspace(0.0, 1.0, steps)[:, None, None]
+    rays = position + along * (points - position) + city.frame.anchor
+    index = np.floor((rays - np.array(grid.lower)) / grid.spacing).astype(np.int64)
+    inside = ((index >= 0) & (index < np.array(grid.shape))).all(axis=2)
+    solid = np.zeros(inside.shape, bool)
+    solid[inside] = city.occupied[tuple(index[inside].T)]
+    return float(1.0 - solid.any(axis=0).mean())
+
+
+def _direction(turn: float, height: float) -> Float[np.ndarray, "3"]:
+    """From what is looked at to the camera."""
+    around, above = np.radians([_SOUTH_WEST + turn, height])
+    return np.array([np.cos(around) * np.cos(above), np.sin(around) * np.cos(above), np.sin(above)])

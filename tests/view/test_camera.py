@@ -1,0 +1,64 @@
+"""The first view of a way: not hidden by what stands around it, low where nothing does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+import maxjax
+from maxjax.view.camera import over_map, over_way, seen
+from maxjax.view.city import City
+
+WAY = np.linspace([60.0, 100.0, 11.0], [140.0, 100.0, 11.0], 33)  # from the map's lower corner
+
+
+def city_of(towers: list[tuple[slice, slice]], lower: float = 0.0) -> City:
+    """Towers of 120 m on 200 m of plain ground."""
+    occupied = np.zeros((100, 100, 65), bool)
+    occupied[:, :, 0] = True
+    ground = occupied.copy()
+    for i, j in towers:
+        occupied[i, j, :60] = True
+    return City("town", occupied, ground, maxjax.Grid(occupied.shape, 2.0, (lower + 1.0, lower + 1.0, 1.0)))
+
+
+def hidden(city: City, position: np.ndarray) -> float:
+    """Share of the way that is hidden from a position in the page's frame, by SciPy's interpolation at 0.1 m."""
+    found = []
+    position = city.frame.map(position) - np.array(city.grid.lower)
+    for point in WAY:
+        along = np.linspace(0.0, 1.0, int(np.linalg.norm(point - position) / 0.1))[:, None]
+        places = ((position + along * (point - position)) / 2.0 - 0.5).T
+        found.append(map_coordinates(city.occupied.astype(float), places, order=0).any())
+    return float(np.mean(found))
+
+
+@pytest.mark.parametrize("lower", [0.0, 233_000.0])
+def test_a_way_between_towers_is_seen(lower: float) -> None:
+    street = [(slice(25, 75), slice(36, 46)), (slice(25, 75), slice(54, 64))]
+    city = city_of(street, lower)
+    way = city.frame.page(WAY + np.array(city.grid.lower))
+    position, target = map(np.array, over_way(city, way))
+    np.testing.assert_allclose(target, way.mean(axis=0))
+    low = target + np.linalg.norm(position - target) * np.array([-0.343, -0.543, 0.766])
+    assert hidden(city, low) > 0.9  # from where an open way is looked at
+    assert hidden(city, position) < 0.1
+    for place in (low, position):
+        assert seen(city, place, way) == pytest.approx(1.0 - hidden(city, place), abs=0.1)
+
+
+def test_an_open_way_is_seen_from_the_south_west_and_low() -> None:
+    city = city_of([])
+    position, target = map(np.array, over_way(city, city.frame.page(WAY)))
+    away = position - target
+    assert away[0] < 0.0
+    assert away[1] < 0.0
+    assert np.degrees(np.arcsin(away[2] / np.linalg.norm(away))) == pytest.approx(50.0)
+    assert hidden(city, position) == 0.0
+
+
+def test_a_whole_map_is_looked_at_in_its_middle() -> None:
+    position, target = over_map(city_of([]))
+    assert np.linalg.norm(target[:2]) < 20.0
+    assert position[2] > 120.0
