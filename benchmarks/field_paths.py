@@ -25,8 +25,8 @@ from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import climb
-from maxjax.planning.execute import whole_route
+from maxjax.planning.execution import whole_route
+from maxjax.planning.field_planner import climb
 from maxjax.planning.plan import judged
 from maxjax.planning.route import Route, failed, found
 from maxjax.planning.string_pulling import tighten

@@ -24,10 +24,10 @@ from benchmarks.common.browser import HEIGHT, WIDTH, Window, browser
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Grid, Point3
-from maxjax.view.asking import Answer, Question, answer
 from maxjax.view.city import City, first_ends
 from maxjax.view.draw import city_scene, city_surface
 from maxjax.view.plan_page import PlanPage
+from maxjax.view.question import Answer, Question, answer
 from maxjax.view.server import serve
 from maxjax.view.stage import Stage
 

@@ -29,8 +29,8 @@ import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.methods import METHODS
-from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_one, staged
+from maxjax.planning.execution import plan_one, staged
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 

@@ -42,7 +42,7 @@ from benchmarks import city_scale
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.problems import joined, problems
 from maxjax.fields.conductivity import conductivity
-from maxjax.planning.climb import Climb
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.route import Route
 from maxjax.planning.task import Distances

@@ -33,12 +33,12 @@ import tyro
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, left_out, package, save
 from benchmarks.common.problems import joined, problems, voxels_of
+from maxjax.baselines import astar, astar_compiled
+from maxjax.baselines.astar_compiled import Queries, Query, Search
+from maxjax.baselines.astar_finder import voxel_of
 from maxjax.fields.price import Price
-from maxjax.planning.baselines import astar, astar_compiled
-from maxjax.planning.baselines.astar_compiled import Queries, Query, Search
-from maxjax.planning.baselines.astar_finder import voxel_of
-from maxjax.planning.climb import potential_field
-from maxjax.planning.execute import problem_of
+from maxjax.planning.execution import problem_of
+from maxjax.planning.field_planner import potential_field
 from maxjax.planning.fleet import formulate_fleet
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential

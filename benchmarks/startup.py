@@ -1,4 +1,4 @@
-"""How long a command takes in a process of its own, with and without executables on disk (`core.executable`).
+"""How long a command takes in a process of its own, with and without executables on disk (`programs.executable`).
 
     python -m benchmarks.startup     # two CPU cores: 10 minutes
 
@@ -24,7 +24,7 @@ from pathlib import Path
 import tyro
 
 from benchmarks.common.harness import RESULTS, Row, save
-from maxjax.core.cache import VARIABLE
+from maxjax.programs.cache import VARIABLE
 
 _MODULE = ("-m", "maxjax")
 # What the processes must not take over from this one: caches of JAX's, and the level of its logs.

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maxjax.core.serialize import atomic_write
+from maxjax.core.files import atomic_write
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.footprints import Footprint, Footprints
-from maxjax.maps.osm import load_osm
+from maxjax.maps.readers.cityjson import load_cityjson
+from maxjax.maps.readers.osm import load_osm
 from maxjax.worlds.real_city import crop, footprint_rows, inside, inside_boxes
 
 # Files of each city, below the folder of public inputs.

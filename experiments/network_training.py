@@ -18,7 +18,7 @@ import tyro
 
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, table
-from maxjax.core.serialize import atomic_write
+from maxjax.core.files import atomic_write
 
 RESULTS = Path(__file__).parent / "results"
 

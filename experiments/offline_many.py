@@ -6,7 +6,7 @@ r"""Offline by the thousand: how many problems end in a verified path, and on a 
 
 Both unseen maps, offline protocol (`experiments.random_problems`), ten problems a city, margin 8 m or the largest that
 joins the ends. Methods are those of `experiments.offline_methods` that climb a field; each plans the same problems in
-batches (`planning.execute`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
+batches (`planning.execution`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
 Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared with the
 eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths.
 
@@ -35,8 +35,8 @@ from benchmarks.common.paper import dilated
 from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
 from experiments.offline_methods import network
 from experiments.offline_table import failures
-from maxjax.planning.climb import Climb, PotentialFn
-from maxjax.planning.execute import plan_task
+from maxjax.planning.execution import plan_task
+from maxjax.planning.field_planner import Climb, PotentialFn
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential

@@ -11,11 +11,11 @@ from maxjax.methods import METHODS
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import ASCEND, TIGHTEN, Climb, PotentialFn
-from maxjax.planning.execute import staged, with_longer_ascents
+from maxjax.planning.execution import staged, with_longer_ascents
+from maxjax.planning.field_planner import ASCEND, TIGHTEN, Climb, PotentialFn
 from maxjax.planning.problem import Problem
-from maxjax.planning.recorder import timed
 from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.programs.stage_timer import timed
 
 
 def finder(method: str) -> PathFinder | str:

@@ -37,7 +37,7 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER, Dilated, dilated
 from benchmarks.common.problems import problems, solvable
 from experiments.offline_methods import finder
-from maxjax.planning.execute import plan_one
+from maxjax.planning.execution import plan_one
 from maxjax.planning.route import PathFinder
 from maxjax.planning.task import Task
 

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int
 
 import maxjax
 from benchmarks.common.harness import Row, save
-from maxjax.maps.moving_ai import load_3dmap
+from maxjax.maps.readers.moving_ai import load_3dmap
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -4,26 +4,26 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from maxjax.airspace.airspace import Airspace, Area
+    from maxjax.airspace.geojson import load_airspace
     from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan, trajectory
     from maxjax.api_mission import plan_mission
+    from maxjax.core.earth import Projected, TangentPlane
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
-    from maxjax.maps.airspace import Airspace, Area
-    from maxjax.maps.areas import load_airspace
-    from maxjax.maps.earth import Projected, TangentPlane
     from maxjax.maps.load import Map, load_map
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
-    from maxjax.planning.judge import Verification, verify
-    from maxjax.planning.limits import FlightLimits
     from maxjax.planning.mission import Mission, Waypoint
     from maxjax.planning.plan import Plan
-    from maxjax.planning.trajectory import Trajectory
     from maxjax.sim.tracking import Tracking, fly
     from maxjax.solvers.potential import Potential, solve_potential
+    from maxjax.trajectories.limits import FlightLimits
+    from maxjax.trajectories.trajectory import Trajectory
+    from maxjax.verification.verifier import Verification, verify
 
 __all__ = [
     "Airspace",
@@ -73,16 +73,16 @@ _MODULES = {
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
     "maxjax.maps.load": ("Map", "load_map"),
-    "maxjax.maps.airspace": ("Airspace", "Area"),
-    "maxjax.maps.areas": ("load_airspace",),
-    "maxjax.maps.earth": ("Projected", "TangentPlane"),
+    "maxjax.airspace.airspace": ("Airspace", "Area"),
+    "maxjax.airspace.geojson": ("load_airspace",),
+    "maxjax.core.earth": ("Projected", "TangentPlane"),
     "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),
-    "maxjax.planning.judge": ("Verification", "verify"),
-    "maxjax.planning.limits": ("FlightLimits",),
+    "maxjax.verification.verifier": ("Verification", "verify"),
+    "maxjax.trajectories.limits": ("FlightLimits",),
     "maxjax.planning.mission": ("Mission", "Waypoint"),
     "maxjax.planning.plan": ("Plan",),
-    "maxjax.planning.trajectory": ("Trajectory",),
+    "maxjax.trajectories.trajectory": ("Trajectory",),
     "maxjax.sim.tracking": ("Tracking", "fly"),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
 }

@@ -10,25 +10,25 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Real
 
+from maxjax.airspace.airspace import Airspace
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
 from maxjax.fields.price import Price
-from maxjax.maps.airspace import Airspace
 from maxjax.methods import METHODS, method_named
-from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_task
+from maxjax.planning.execution import plan_task
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.fleet import plan_fleet as plan_starts
-from maxjax.planning.limits import PX4, FlightLimits
 from maxjax.planning.mission import Mission
-from maxjax.planning.mission_schedule import scheduled_mission
 from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.recorder import added, recording, timed
-from maxjax.planning.schedule import scheduled
-from maxjax.planning.surroundings import Surroundings
 from maxjax.planning.task import Distances, Task, checked_grid, points_of
-from maxjax.planning.trajectory import Trajectory
+from maxjax.programs.stage_timer import added, recording, timed
 from maxjax.solvers.potential import solve_potential
+from maxjax.trajectories.clear_curve import Surroundings
+from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.trajectories.mission_schedule import scheduled_mission
+from maxjax.trajectories.schedule import scheduled
+from maxjax.trajectories.trajectory import Trajectory
 
 DISTANCES = Distances()
 
@@ -311,7 +311,7 @@ def trajectory(
 
     Corners are rounded as far as the map allows: what leaves the plan's path is judged against its radius. Where no
     rounding is clear it rests at the corner. The waypoints of a mission are flown through but where they say how long
-    to hover, where the path turns back, and where radius or ball ask for a rest (`planning.mission_schedule`).
+    to hover, where the path turns back, and where radius or ball ask for a rest (`trajectories.mission_schedule`).
 
     Args:
         plan: one that is OK, or a mission that is.

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Bool
 
+from maxjax.airspace.airspace import Airspace
 from maxjax.api import DISTANCES, in_airspace, on_one_map
 from maxjax.core.grid import Grid, Point3
 from maxjax.fields.price import Price
-from maxjax.maps.airspace import Airspace
 from maxjax.methods import method_named
 from maxjax.planning import mission
 from maxjax.planning.mission import Mission, Waypoint, legs_of

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def _solver() -> PathFinder:
-    from maxjax.planning.climb import Climb
+    from maxjax.planning.field_planner import Climb
     from maxjax.solvers.potential import solve_potential
 
     return Climb(solve_potential)
@@ -29,31 +29,31 @@ def _solver() -> PathFinder:
 
 def _network() -> PathFinder:
     from maxjax.nn.model import network_potential
-    from maxjax.planning.climb import Climb
+    from maxjax.planning.field_planner import Climb
 
     return Climb(network_potential(), focused=False)  # trained on whole maps
 
 
 def _astar() -> PathFinder:
-    from maxjax.planning.baselines.astar_finder import search
+    from maxjax.baselines.astar_finder import search
 
     return search
 
 
 def _astar_in_flight() -> PathFinder:
-    from maxjax.planning.baselines.astar_finder import search_in_flight
+    from maxjax.baselines.astar_finder import search_in_flight
 
     return search_in_flight
 
 
 def _rrtstar() -> PathFinder:
-    from maxjax.planning.baselines.rrt_star import rrt_star
+    from maxjax.baselines.rrt_star import rrt_star
 
     return rrt_star()
 
 
 def _apf() -> PathFinder:
-    from maxjax.planning.baselines.apf import apf
+    from maxjax.baselines.apf import apf
 
     return apf
 

@@ -46,7 +46,7 @@ def data() -> Path:
 @pytest.fixture(scope="module")
 def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
-    from maxjax.planning.baselines import astar_compiled
+    from maxjax.baselines import astar_compiled
 
     folder = tmp_path_factory.mktemp("astar")
     with pytest.MonkeyPatch.context() as patch:
@@ -81,7 +81,7 @@ def resident() -> int:
 
 def forget_programs() -> None:
     """Drop all compiled programs, and give their memory back."""
-    from maxjax.core.executable import Stored
+    from maxjax.programs.executable import Stored
 
     for program in [one for one in gc.get_objects() if isinstance(one, Stored)]:
         program._ready.clear()

@@ -1,15 +1,15 @@
 """Programs as tests compile them: the same values, with less to trace and to compile (tests/conftest.py).
 
-Turns of a loop are compiled once instead of several times over, and of what `core.lowering` has in two forms only that
-of a CPU is traced, which would otherwise be chosen behind both. Forms of accelerators have tests of their own.
+Turns of a loop are compiled once instead of several times over, and of what `programs.lowering` has in two forms only
+that of a CPU is traced, which would otherwise be chosen behind both. Forms of accelerators have tests of their own.
 """
 
 from __future__ import annotations
 
 import jax
 
-from maxjax.core import lowering
 from maxjax.planning import ascent
+from maxjax.programs import lowering
 from maxjax.worlds import raycast
 
 _WHOLE = ascent._UNROLLED, raycast._UNROLL, lowering._TARGET

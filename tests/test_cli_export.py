@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maxjax.cli import main
-from maxjax.maps.earth import TangentPlane
+from maxjax.core.earth import TangentPlane
 
 SHAPE = (24, 16, 12)
 PLACE = ("52.07", "4.3", "10")

@@ -176,7 +176,7 @@ def test_files_being_written_are_finished_or_removed(tmp_path: Path) -> None:
         "import os, sys, time\n"
         "from pathlib import Path\n"
         "from maxjax.core.interruption import end_on_interrupt\n"
-        "from maxjax.core.serialize import atomic_write\n"
+        "from maxjax.core.serialization import atomic_write\n"
         "sync = os.fsync\n"
         "def slow(descriptor):\n"
         "    print('writing ...', file=sys.stderr, flush=True)\n"

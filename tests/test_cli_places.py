@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from maxjax.cli import main
-from maxjax.maps.degrees import project
+from maxjax.core.earth import project
 
 SAMPLE = Path(__file__).parents[1] / "docs" / "samples" / "quarter.geojson"
 ORIGIN = np.array([8.0, 47.0])

@@ -17,8 +17,8 @@ from maxjax.cli import main
 from maxjax.cli.options import ViewOptions
 from maxjax.cli.viewing import first_asked
 from maxjax.cli.viewing_source import opened
-from maxjax.view.asking import Answer, answer, told
-from maxjax.view.taking import file_of
+from maxjax.view.download import file_of
+from maxjax.view.question import Answer, answer, told
 
 town = test_cli_mission.town
 SQUARE = [(-15.0, -30.0), (20.0, -30.0), (20.0, 30.0), (-15.0, 30.0)]

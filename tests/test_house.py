@@ -19,16 +19,21 @@ FUNCTION_LINES, FILE_LINES = 60, 350
 # What each room of maxjax/ may import, the lowest first; whatever a row names stands above it in the table.
 FLOORS: dict[str, tuple[str, ...]] = {
     "core": (),
-    "fields": ("core",),
-    "solvers": ("core", "fields"),
-    "planning": ("core", "fields"),
-    "maps": ("core", "fields"),
-    "worlds": ("core", "fields", "maps"),
-    "sim": ("core", "fields", "planning", "maps", "worlds"),
-    "nn": ("core", "fields", "solvers"),
-    "campaigns": ("core", "fields", "planning", "maps", "worlds", "sim"),
-    "missions": ("core", "fields", "planning", "maps"),
-    "methods": ("core", "fields", "solvers", "planning", "maps", "worlds", "sim", "nn"),
+    "programs": ("core",),
+    "verification": ("core",),
+    "airspace": ("core",),
+    "fields": ("core", "programs"),
+    "solvers": ("core", "programs", "fields"),
+    "planning": ("core", "programs", "fields", "verification"),
+    "baselines": ("core", "programs", "fields", "planning"),
+    "trajectories": ("core", "programs", "fields", "verification", "planning"),
+    "maps": ("core", "fields", "airspace"),
+    "missions": ("core", "maps", "airspace", "planning", "trajectories"),
+    "worlds": ("core", "programs", "fields", "maps"),
+    "nn": ("core", "programs", "fields", "solvers", "worlds"),
+    "sim": ("core", "programs", "fields", "verification", "planning", "trajectories", "worlds"),
+    "campaigns": ("core", "programs", "fields", "planning", "maps", "worlds", "sim"),
+    "methods": ("core", "fields", "solvers", "planning", "baselines", "nn"),
 }
 # On top of all of these.
 for room in ("viz", "api", "api_mission", "view", "cli", "__init__", "__main__"):

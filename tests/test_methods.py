@@ -9,7 +9,7 @@ import pytest
 
 from maxjax.cli.options import FlyOptions, PlanOptions
 from maxjax.methods import METHODS, method_named
-from maxjax.planning.climb import Climb
+from maxjax.planning.field_planner import Climb
 
 
 def test_what_it_says_of_each_is_true() -> None:

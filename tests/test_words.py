@@ -27,8 +27,8 @@ COMPOUNDS = ("colour-blind", "colorblind")  # the established term for readers o
 
 # The neighbours along an axis: nothing else is called so, and only these files name them.
 NEIGHBOURS = {"ahead", "behind"}
-NEIGHBOUR_ROOMS = {"maxjax/fields/stencil.py", "maxjax/core/lowering.py", "maxjax/planning/sight.py"}
-NEIGHBOUR_ROOMS |= {"tests/core/test_lowering.py"}
+NEIGHBOUR_ROOMS = {"maxjax/fields/stencil.py", "maxjax/programs/lowering.py", "maxjax/planning/line_of_sight.py"}
+NEIGHBOUR_ROOMS |= {"tests/programs/test_lowering.py"}
 # Where comments may speak of them.
 NEIGHBOUR_PROSE = NEIGHBOUR_ROOMS | {
     "maxjax/fields/gradient.py",

@@ -27,8 +27,8 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
+from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
-from maxjax.core.serialize import atomic_write
 
 RESULTS = Path(__file__).parents[1] / "results"
 # Columns that a terminal still shows side by side.

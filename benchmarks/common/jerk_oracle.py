@@ -1,12 +1,14 @@
 """The least time along a curve under a limit of jerk: a nonlinear program, stated with CasADi and solved by IPOPT.
 
-States s, ṡ, s̈ along the arc length of a curve x(s) and the control s⃛, constant in each of N equal parts of the time T:
+States s, ṡ, s̈ along the arc length of a curve x(s) and the control s⃛, constant in each of N equal parts of the time
+T:
 
-    minimise T   where   |x' s⃛ + 3 x″ ṡ s̈ + x‴ ṡ³| ≤ J,   |x' s̈ + x″ ṡ²| ≤ A,   ṡ ≤ c(s),   −descent ≤ x'_z ṡ ≤ ascent
+    minimise T   where   |x' s⃛ + 3 x″ ṡ s̈ + x‴ ṡ³| ≤ J,   |x' s̈ + x″ ṡ²| ≤ A,   ṡ ≤ c(s),   −descent ≤ x'_z ṡ ≤
+    ascent
 
 at both ends of each part; x', x″, x‴ from a spline of degree five. It shares neither formulation nor code with
-`maxjax.planning.shortest_time`. The program is not convex: what IPOPT finds is a local minimum, started from the flight
-that is to be judged.
+`maxjax.trajectories.time_optimal`. The program is not convex: what IPOPT finds is a local minimum, started from the
+flight that is to be judged.
 """
 
 from __future__ import annotations

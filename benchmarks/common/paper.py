@@ -20,9 +20,9 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.oracle import blocked_at, distance
 from maxjax.methods import method_named
-from maxjax.planning.execute import plan_task
-from maxjax.planning.judge import verify_batch
+from maxjax.planning.execution import plan_task
 from maxjax.planning.task import Distances, Task
+from maxjax.verification.verifier import verify_batch
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,8 +32,8 @@ from maxjax.fields.conductivity import SIGMA_FREE
 from maxjax.methods import METHODS
 from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import climb
-from maxjax.planning.execute import problem_of, whole_route
+from maxjax.planning.execution import problem_of, whole_route
+from maxjax.planning.field_planner import climb
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem as Formulated
 from maxjax.planning.route import Route, failed, found

@@ -22,7 +22,7 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common import markdown
-from maxjax.core.serialize import atomic_write
+from maxjax.core.files import atomic_write
 from maxjax.solvers.derivative import TIGHT_TOLERANCE
 from maxjax.viz import marks, plan_view, style
 from maxjax.worlds.scenes import make_scene, occupancy

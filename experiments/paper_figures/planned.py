@@ -14,7 +14,7 @@ import maxjax
 from benchmarks.common.paper import dilated
 from benchmarks.common.paper import planned as plan_of
 from benchmarks.common.problems import problems
-from maxjax.planning.climb import potential_field
+from maxjax.planning.field_planner import potential_field
 from maxjax.planning.task import Task
 from maxjax.viz import plan_view
 

@@ -21,8 +21,8 @@ from jaxtyping import PRNGKeyArray
 
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, Table
+from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
-from maxjax.core.streams import named
 from maxjax.planning.method import Method
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig

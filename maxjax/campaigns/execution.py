@@ -6,8 +6,8 @@ after the other by the programs of `watch`, the same for any size and for the fi
 outcomes of each batch are in its ledger before the next one flies, and a campaign that was killed is resumed from
 there.
 
-Device work runs in daemon threads (`core.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two writes
-of the ledger, while a device program that runs goes on; it does not keep the process alive.
+Device work runs in daemon threads (`programs.threads`): KeyboardInterrupt leaves `fly_trials` at once, between two
+writes of the ledger, while a device program that runs goes on; it does not keep the process alive.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
-from maxjax.core.executable import stored
-from maxjax.core.threads import concurrently, interruptible
+from maxjax.programs.executable import stored
+from maxjax.programs.threads import concurrently, interruptible
 from maxjax.sim.flight import FlightConfig, FlightLog, World, fly, watch
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import make_scene

@@ -21,8 +21,9 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.campaigns.outcomes import Outcome
+from maxjax.core.files import atomic_write
 from maxjax.core.interruption import finishing
-from maxjax.core.serialize import atomic_write, read_npz
+from maxjax.core.serialization import read_npz
 
 CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
 

@@ -24,12 +24,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
-from maxjax.core.executable import stored
 from maxjax.core.grid import Grid
-from maxjax.core.streams import named
-from maxjax.core.threads import concurrently
+from maxjax.core.rng_streams import named
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import dilate
+from maxjax.programs.executable import stored
+from maxjax.programs.threads import concurrently
 from maxjax.worlds.distance import distances, horizontal_distance
 from maxjax.worlds.geoms import PLANE, Geoms
 from maxjax.worlds.layouts import MAPS

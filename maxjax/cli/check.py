@@ -19,10 +19,10 @@ from maxjax.cli import report
 from maxjax.cli.options import CheckOptions
 from maxjax.cli.progress import progress
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import target
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
+from maxjax.programs.lowering import target
 from maxjax.solvers.potential import solve_potential
 
 _GRID = Grid((21, 21, 21), 2.0, (0.0, 0.0, 0.0))

@@ -18,11 +18,11 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
 from maxjax.methods import METHODS
-from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
-from maxjax.planning.recorder import recording
 from maxjax.planning.task import Task
+from maxjax.programs.stage_timer import recording
 from maxjax.sim.level_scan import Returns, measure
+from maxjax.verification.verifier import verify
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 from maxjax.worlds.corners import Corner, corners

@@ -10,10 +10,10 @@ from maxjax.api import trajectory
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.task import MapTask
 from maxjax.missions.export import ON_EARTH, check_export, export
-from maxjax.planning.limits import PX4
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
-from maxjax.planning.trajectory import Trajectory
+from maxjax.trajectories.limits import PX4
+from maxjax.trajectories.trajectory import Trajectory
 
 
 def check(options: PlanOptions) -> None:

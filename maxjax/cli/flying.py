@@ -18,8 +18,8 @@ from maxjax.campaigns.replay import replay
 from maxjax.cli import report, tracking
 from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress, tally
+from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
-from maxjax.core.serialize import atomic_write
 from maxjax.methods import METHODS
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig

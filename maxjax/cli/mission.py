@@ -21,10 +21,10 @@ from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import method_named
-from maxjax.planning.limits import PX4, FlightLimits
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
-from maxjax.planning.recorder import added, recording
-from maxjax.planning.trajectory import Trajectory
+from maxjax.programs.stage_timer import added, recording
+from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.trajectories.trajectory import Trajectory
 
 # What is in a plan's JSON and stands only once in that of a mission.
 _ONCE = ("configuration", "versions", "device", "timings")

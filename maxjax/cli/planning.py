@@ -13,9 +13,9 @@ from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import METHODS, method_named
-from maxjax.planning.execute import plan_task
+from maxjax.planning.execution import plan_task
 from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.recorder import Recorder, added, recording
+from maxjax.programs.stage_timer import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 

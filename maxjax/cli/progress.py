@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from maxjax.cli.report import console
-from maxjax.core.compilation import told
+from maxjax.programs.compilation import told
 
 # Lines of progress in a file of them are this far apart [s].
 _QUIET = 5.0

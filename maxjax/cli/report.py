@@ -19,16 +19,16 @@ from rich.console import Console
 from rich.table import Table
 
 from maxjax.cli.task import MOST_VOXELS, MapTask
+from maxjax.core.earth import Earth
+from maxjax.core.files import atomic_write
 from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
-from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.maps.earth import Earth
 from maxjax.methods import METHODS
-from maxjax.planning.judge import verify
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
+from maxjax.verification.verifier import verify
 
 # Decimals of latitude and longitude [degrees], to a tenth of a millimetre, and height [m]; and their columns.
 _DIGITS = 9

@@ -12,8 +12,8 @@ from maxjax.cli import report
 from maxjax.cli.options import ScanOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import city_task, load_scene
+from maxjax.core.files import atomic_write
 from maxjax.core.grid import Point3
-from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
 from maxjax.sim.level_scan import LIDAR, Returns, measure
 from maxjax.worlds.scenes import Scene

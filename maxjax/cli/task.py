@@ -13,21 +13,22 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
+from maxjax.airspace.airspace import Airspace
+from maxjax.airspace.geojson import load_airspace
 from maxjax.cli.options import PlanOptions
+from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
-from maxjax.maps import Contents, MapError, Window, map_of, read_map
-from maxjax.maps.airspace import Airspace
-from maxjax.maps.areas import load_airspace
+from maxjax.core.terrain import Terrain
+from maxjax.maps import Contents, Window, map_of, read_map
 from maxjax.maps.contents import facts
-from maxjax.maps.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.places import point_at
-from maxjax.maps.terrain import Terrain
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.missions.export import ON_EARTH
-from maxjax.planning.recorder import timed
 from maxjax.planning.task import Distances, Task
+from maxjax.programs.stage_timer import timed
 from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
 
 Source = Scene | Contents
@@ -83,7 +84,7 @@ def load_source(text: str) -> Source:
     if match and match[1] in MAPS:
         return make_scene(match[1], int(match[2]))
     if not Path(text).exists() and (":" in text or text in MAPS):
-        raise MapError(f"{text}: expected a file, or one of {_CITIES} with a whole number for SEED")
+        raise FileError(f"{text}: expected a file, or one of {_CITIES} with a whole number for SEED")
     return read_map(text)
 
 
@@ -95,7 +96,7 @@ def load_scene(text: str) -> Scene:
     """
     source = load_source(text)
     if not isinstance(source, Scene):
-        raise MapError(f"{text}: expected a simulated city ({_CITIES}), given a file")
+        raise FileError(f"{text}: expected a simulated city ({_CITIES}), given a file")
     return source
 
 
@@ -113,7 +114,7 @@ def check(options: PlanOptions) -> None:
 
 
 def task_in(source: Source, options: PlanOptions) -> MapTask:
-    """Start, goal and distances of some options in a map; making voxels from points is timed (`planning.recorder`).
+    """Start, goal and distances of some options in a map; making voxels from points is timed (`programs.stage_timer`).
 
     Args:
         source: from `load_source`.

@@ -21,14 +21,14 @@ from maxjax.cli.options import FlyOptions, MissionOptions, PlanOptions
 from maxjax.cli.planning import plan_in
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MapTask, load_source, task_in
+from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
-from maxjax.core.serialize import atomic_write
 from maxjax.core.status import Status
-from maxjax.planning.limits import PX4, FlightLimits
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
-from maxjax.planning.trajectory import Trajectory
 from maxjax.sim.tracking import Tracking, fly
+from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.trajectories.trajectory import Trajectory
 
 Flight = tuple[Trajectory, Tracking]
 

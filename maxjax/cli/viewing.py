@@ -15,16 +15,16 @@ from maxjax.cli.options import PlanOptions, ViewOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, airspace_of, check, earth_in, load_source, task_in
 from maxjax.cli.viewing_source import Opened, opened, shared
-from maxjax.core.serialize import atomic_write
+from maxjax.core.earth import Earth
+from maxjax.core.files import atomic_write
 from maxjax.core.status import Closure
 from maxjax.maps import Contents, Window, map_of
-from maxjax.maps.earth import Earth
 from maxjax.maps.model import PointCloud
-from maxjax.planning.limits import PX4
 from maxjax.planning.mission import Waypoint
 from maxjax.planning.task import Distances, Task
-from maxjax.view.asking import Question, answer, told
+from maxjax.trajectories.limits import PX4
 from maxjax.view.city import City, first_ends
+from maxjax.view.question import Question, answer, told
 from maxjax.view.server import need_viser
 from maxjax.worlds.scenes import Scene
 
@@ -49,9 +49,9 @@ def run(options: ViewOptions) -> int:
         city, question, earth = first_asked(shown)
     if options.share is not None:
         return _share(options, city, question)
+    from maxjax.view.download import file_of
     from maxjax.view.plan_page import PlanPage
     from maxjax.view.server import serve
-    from maxjax.view.taking import file_of
 
     server = serve(city, host=options.host, port=options.port, dark=options.dark)
     page = PlanPage(
@@ -85,7 +85,7 @@ def write_page(options: ViewOptions, page: str) -> None:
 
 
 def _share(options: ViewOptions, city: City, question: Question) -> int:
-    from maxjax.view.taking import page_of
+    from maxjax.view.download import page_of
 
     with progress("Planning"):
         found = answer(city, question)

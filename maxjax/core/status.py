@@ -47,7 +47,7 @@ class Status(enum.IntEnum):
 
 
 class Closure(enum.IntEnum):
-    """Why a voxel of the airspace is closed (`maps.airspace`)."""
+    """Why a voxel of the airspace is closed (`airspace.airspace`)."""
 
     OPEN = 0
     BAND = 1

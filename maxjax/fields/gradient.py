@@ -21,7 +21,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.interpolate import CORNERS, corner_weights
+from maxjax.core.interpolation import CORNERS, corner_weights
 from maxjax.fields import stencil
 
 # Explicit time step [voxel²]: stable below 1/6, and above 1/12 the highest modes only change sign while they decay.

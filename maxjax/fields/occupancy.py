@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import materialise, shifted
+from maxjax.programs.lowering import materialise, shifted
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
 _INCLUSIVE = 1e-4

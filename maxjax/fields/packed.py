@@ -14,8 +14,8 @@ import operator
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
-from maxjax.core.lowering import shifted
 from maxjax.fields.stencil import cell
+from maxjax.programs.lowering import shifted
 
 WORD = 32
 

@@ -4,17 +4,17 @@ from maxjax.maps.airborne import ground_mask, solidify
 from maxjax.maps.contents import Contents
 from maxjax.maps.load import Map, load_map, map_of
 from maxjax.maps.mesh import Mesh
-from maxjax.maps.model import MapError, PointCloud, VoxelMap
+from maxjax.maps.model import PointCloud, StoredVoxels
 from maxjax.maps.reader import read_map
 from maxjax.maps.window import Window
 
 __all__ = [
     "Contents",
+    "FileError",
     "Map",
-    "MapError",
     "Mesh",
     "PointCloud",
-    "VoxelMap",
+    "StoredVoxels",
     "Window",
     "ground_mask",
     "load_map",

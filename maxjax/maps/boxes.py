@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maxjax.core.files import FileError, read_text
 from maxjax.core.grid import Grid, Point3
-from maxjax.maps.model import MapError, read_text
 
 COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
 MAX_BOXES = 20_000_000
@@ -47,14 +47,14 @@ def load_boxes(path: Path) -> Boxes:
     """The boxes of a CSV file.
 
     Raises:
-        MapError: if the file cannot be read, lacks a column, or a box is not finite or has no volume.
+        FileError: if the file cannot be read, lacks a column, or a box is not finite or has no volume.
     """
     try:
         rows = csv.reader(io.StringIO(read_text(path).decode("utf-8-sig")))
         names = [name.strip().lower() for name in next(rows, [])]
         missing = [name for name in COLUMNS if names.count(name) != 1]
         if missing:
-            raise MapError(
+            raise FileError(
                 f"{path}: expected the columns {', '.join(COLUMNS)} once each, found {', '.join(names[:12])}"
             )
         places = [names.index(name) for name in COLUMNS]
@@ -62,18 +62,20 @@ def load_boxes(path: Path) -> Boxes:
         for line in filter(None, rows):
             found.extend([float(line[place]) for place in places])
             if len(found) > 6 * MAX_BOXES:
-                raise MapError(f"{path}: expected at most {MAX_BOXES} boxes, found more; crop it")
+                raise FileError(f"{path}: expected at most {MAX_BOXES} boxes, found more; crop it")
     except (ValueError, IndexError, csv.Error) as error:
-        if isinstance(error, MapError):
+        if isinstance(error, FileError):
             raise
-        raise MapError(f"{path}: expected a line of numbers a box: {error}") from error
+        raise FileError(f"{path}: expected a line of numbers a box: {error}") from error
     corners = np.frombuffer(found).reshape(-1, 2, 3)
     if not len(corners):
-        raise MapError(f"{path}: holds no box, expected at least one")
+        raise FileError(f"{path}: holds no box, expected at least one")
     wrong = ~(np.isfinite(corners).all(axis=(1, 2)) & (corners[:, 0] < corners[:, 1]).all(axis=1))
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        raise MapError(f"{path}: box {row + 1}: expected finite minima below the maxima, found {corners[row].tolist()}")
+        raise FileError(
+            f"{path}: box {row + 1}: expected finite minima below the maxima, found {corners[row].tolist()}"
+        )
     return Boxes(corners, path.name)
 
 

@@ -12,16 +12,17 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 from maxjax.maps.airborne import ground_mask, solidify
 from maxjax.maps.boxes import Boxes, filled
 from maxjax.maps.footprints import Footprints
 from maxjax.maps.heights import Heights
 from maxjax.maps.mesh import Mesh
-from maxjax.maps.model import MapError, PointCloud, VoxelMap
+from maxjax.maps.model import PointCloud, StoredVoxels
 from maxjax.maps.prisms import prism_voxels
 
-Contents = PointCloud | VoxelMap | Mesh | Footprints | Boxes | Heights
+Contents = PointCloud | StoredVoxels | Mesh | Footprints | Boxes | Heights
 Volume = Bool[np.ndarray, "nx ny nz"]
 Below = Literal["closed", "open"]
 Unknown = Literal["occupied", "free"]
@@ -72,12 +73,12 @@ def facts(contents: Contents) -> Facts:
     """What is known of a file's contents.
 
     Raises:
-        MapError: if nothing in it has a place.
+        FileError: if nothing in it has a place.
     """
     match contents:
         case PointCloud():
             return _of_points(contents)
-        case VoxelMap():
+        case StoredVoxels():
             corners = np.array([contents.grid.lower, contents.grid.upper])
             read = {"voxels": contents.occupied.size, "occupied": int(contents.occupied.sum())}
             return Facts(corners, read, spacing=contents.spacing, lattice=contents.origin)
@@ -152,7 +153,7 @@ def voxels(contents: Contents, grid: Grid, below: Below | None = None, unknown: 
     match contents:
         case PointCloud():
             return _points(contents, grid, below)
-        case VoxelMap():
+        case StoredVoxels():
             return _cut(contents, grid)
         case Mesh():
             return Voxels(contents.voxels(grid), none)
@@ -191,12 +192,12 @@ def _points(cloud: PointCloud, grid: Grid, below: Below | None) -> Voxels:
     return Voxels(occupied | ground, ground, counts)
 
 
-def _cut(source: VoxelMap, grid: Grid) -> Voxels:
+def _cut(source: StoredVoxels, grid: Grid) -> Voxels:
     """The voxels of a map on a grid of the same lattice, which may reach beyond it."""
     shift = np.round((np.array(grid.origin) - np.array(source.origin)) / grid.spacing).astype(np.int64)
     low, high = np.maximum(shift, 0), np.minimum(shift + grid.shape, source.occupied.shape)
     if (low >= high).any():
-        raise MapError(
+        raise FileError(
             f"{source.source}: expected bounds that meet the map, {source.grid.lower} to {source.grid.upper}"
         )
     found = []

@@ -15,7 +15,7 @@ from maxjax.maps.contents import Contents
 from maxjax.maps.footprints import Footprints
 from maxjax.maps.heights import Heights
 from maxjax.maps.mesh import Mesh
-from maxjax.maps.model import PointCloud, VoxelMap
+from maxjax.maps.model import PointCloud, StoredVoxels
 
 _CHUNK = 2**20  # points at a time
 _REACH = 0.5 - 1e-6  # half a column; one that only shares a face with the data lies outside
@@ -30,7 +30,7 @@ def within_data(contents: Contents, grid: Grid) -> Bool[np.ndarray, "nx ny"]:
     return _inside(_outline(_places(contents)), grid)
 
 
-def _places(contents: PointCloud | VoxelMap | Mesh | Footprints | Boxes) -> Places:
+def _places(contents: PointCloud | StoredVoxels | Mesh | Footprints | Boxes) -> Places:
     """Of everything in a file [m]; of points the outlines of all parts."""
     match contents:
         case PointCloud():
@@ -43,7 +43,7 @@ def _places(contents: PointCloud | VoxelMap | Mesh | Footprints | Boxes) -> Plac
                     valid &= (points != 0).any(axis=1)  # a missed beam
                 parts.append(_outline(points[valid, :2]) + shift)
             return np.concatenate(parts) if parts else np.zeros((0, 2))
-        case VoxelMap():
+        case StoredVoxels():
             (x0, y0, _), (x1, y1, _) = contents.grid.lower, contents.grid.upper
             return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
         case Mesh():

@@ -10,34 +10,32 @@ the nearest to that of the first corner, so that a town across the antimeridian 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.core.earth import project
+from maxjax.core.files import FileError
 from maxjax.maps.footprints import Footprint, Footprints, checked_heights
-from maxjax.maps.model import MapError
 
 _WIDEST = 1.0  # [degrees]; some 100 km, where the plane is off by hundreds of metres already
 _NORTHERNMOST = 85.0  # [degrees]; farther on, a degree of longitude is hardly a length
-# WGS 84: equatorial radius [m], first eccentricity squared.
-_RADIUS, _ECCENTRICITY = 6_378_137.0, 6.694379990141317e-3
 
 
 def on_a_plane(buildings: Sequence[Footprint], skipped: int, path: Path) -> Footprints:
     """Footprints of rings in degrees (longitude, latitude), heights in metres.
 
     Raises:
-        MapError: if there is none, or coordinates are not on Earth, too far north or south, or too far apart.
+        FileError: if there is none, or coordinates are not on Earth, too far north or south, or too far apart.
     """
     checked_heights(buildings, skipped, path)
     corners = np.concatenate([ring for building in buildings for ring in building.rings])
     off = ~((np.abs(corners[:, 0]) <= 180.0) & (np.abs(corners[:, 1]) <= _NORTHERNMOST))
     if off.any():
         longitude, latitude = corners[off][0]
-        raise MapError(
+        raise FileError(
             f"{path}: expected longitudes within 180 and latitudes within {_NORTHERNMOST:g} degrees, "
             f"found {longitude}, {latitude}; swapped, or no degrees?"
         )
@@ -49,7 +47,7 @@ def on_a_plane(buildings: Sequence[Footprint], skipped: int, path: Path) -> Foot
     corners = unwrapped(corners)
     low, high = corners.min(axis=0), corners.max(axis=0)
     if (high - low).max() > _WIDEST:
-        raise MapError(
+        raise FileError(
             f"{path}: expected buildings within {_WIDEST:g} degree of each other, found longitudes {low[0]} to "
             f"{high[0]} and latitudes {low[1]} to {high[1]}; crop it"
         )
@@ -59,19 +57,3 @@ def on_a_plane(buildings: Sequence[Footprint], skipped: int, path: Path) -> Foot
     )
     origin = np.array([*middle, 0.0])
     return Footprints(moved, np.zeros((0, 3, 3)), origin, skipped, path.name, "EPSG:4326", geographic=True)
-
-
-def project(degrees: Float[np.ndarray, "n 2"], origin: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
-    """Longitude and latitude [degrees] to east and north of the origin [m]."""
-    latitude = math.radians(origin[1])
-    root = math.sqrt(1.0 - _ECCENTRICITY * math.sin(latitude) ** 2)
-    across, along = _RADIUS / root, _RADIUS * (1.0 - _ECCENTRICITY) / root**3
-    metres: np.ndarray = np.radians(degrees - origin) * np.array([across * math.cos(latitude), along])
-    return metres
-
-
-def unproject(metres: Float[np.ndarray, "n 2"], origin: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
-    """Longitude and latitude [degrees] of points east and north of the origin [m]: what `project` undoes."""
-    metres_a_degree = project(origin[None] + 1.0, origin)
-    degrees: np.ndarray = origin + metres / metres_a_degree
-    return degrees

@@ -14,9 +14,10 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.model import FARTHEST, MapError
+from maxjax.core.files import FileError
+from maxjax.core.geometry.columns import Ring
+from maxjax.maps.model import FARTHEST
 
-Ring = Float[np.ndarray, "_ 2"]
 T = TypeVar("T", bound=Hashable)
 
 _HIGHEST, _TALLEST = 10_000.0, 2_000.0  # [m]
@@ -70,14 +71,14 @@ class Footprints:
 
 
 def checked_heights(buildings: Sequence[Footprint], skipped: int, path: Path) -> None:
-    """Raise a `MapError` if there is no building, or one is not of finite coordinates and of this world."""
+    """Raise a `FileError` if there is no building, or one is not of finite coordinates and of this world."""
     if not buildings:
-        raise MapError(f"{path}: expected a building with an outline and a height, found none ({skipped} without)")
+        raise FileError(f"{path}: expected a building with an outline and a height, found none ({skipped} without)")
     for building in buildings:
         if not all(np.isfinite(ring).all() for ring in building.rings):
-            raise MapError(f"{path}: {building.name}: expected finite coordinates; damaged")
+            raise FileError(f"{path}: {building.name}: expected finite coordinates; damaged")
         if not (abs(building.base) <= _HIGHEST and 0 < building.top - building.base <= _TALLEST):
-            raise MapError(
+            raise FileError(
                 f"{path}: {building.name}: expected a floor within {_HIGHEST:g} m of 0 and a height of up to "
                 f"{_TALLEST:g} m, found {building.base:g} to {building.top:g}; other units?"
             )
@@ -93,13 +94,13 @@ def localised(
     """The same around the middle of the buildings, to the metre.
 
     Raises:
-        MapError: if there is no building; if coordinates are not finite, or are no metres.
+        FileError: if there is no building; if coordinates are not finite, or are no metres.
     """
     checked_heights(buildings, skipped, path)
     corners = np.concatenate([ring for building in buildings for ring in building.rings])
     if max(np.abs(corners).max(), np.abs(terrain).max(initial=0.0)) > FARTHEST or np.ptp(corners, axis=0).max() < 1.0:
         low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-        raise MapError(f"{path}: expected metres, found buildings from {low} to {high}; degrees or other units?")
+        raise FileError(f"{path}: expected metres, found buildings from {low} to {high}; degrees or other units?")
     middle = np.round(0.5 * (corners.min(0) + corners.max(0)))
     moved = [dataclasses.replace(b, rings=tuple(ring - middle for ring in b.rings)) for b in buildings]
     origin = np.array([*middle, 0.0])

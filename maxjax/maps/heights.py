@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.maps.model import FARTHEST, MapError
+from maxjax.maps.model import FARTHEST
 
 MAX_CELLS = 2**27
 _MISSING = "reading GeoTIFF needs the extra geotiff: pip install 'maxjax[geotiff]'"
@@ -81,36 +82,36 @@ def load_geotiff(path: Path) -> Heights:
     """The first band of a GeoTIFF.
 
     Raises:
-        MapError: if the extra is missing, or the file is unreadable, too large, turned, or without heights in metres.
+        FileError: if the extra is missing, or the file is unreadable, too large, turned, or without heights in metres.
     """
     try:
         import rasterio
     except ImportError as error:
-        raise MapError(f"{path}: {_MISSING}") from error
+        raise FileError(f"{path}: {_MISSING}") from error
     try:
         # Without the warning about a file that has no place, which is refused below.
         with warnings.catch_warnings(action="ignore"), rasterio.open(path, driver="GTiff") as file:
             if file.width * file.height > MAX_CELLS:
-                raise MapError(
+                raise FileError(
                     f"{path}: claims {file.width} x {file.height} cells, expected at most {MAX_CELLS}; crop it"
                 )
             place = file.transform
             crs = None if file.crs is None else f"EPSG:{file.crs.to_epsg()}" if file.crs.to_epsg() else str(file.crs)
             if file.crs is not None and file.crs.is_geographic:
-                raise MapError(f"{path}: expected a projected system in metres, found {crs} in degrees; reproject it")
+                raise FileError(f"{path}: expected a projected system in metres, found {crs} in degrees; reproject it")
             band = file.read(1, masked=True, out_dtype="float32")
-    except MapError:
+    except FileError:
         raise
     except Exception as error:
-        raise MapError(f"{path}: expected an intact GeoTIFF: {error}") from error
+        raise FileError(f"{path}: expected an intact GeoTIFF: {error}") from error
     numbers = [place.a, place.b, place.c, place.d, place.e, place.f]
     if place.b or place.d or not place.a > 0 > place.e or not np.abs(numbers).max() <= FARTHEST:
-        raise MapError(
+        raise FileError(
             f"{path}: expected a place, and cells along the axes, north up, within {FARTHEST:g} m, found {numbers}"
         )
     height = np.asarray(band.filled(np.nan)).T[:, ::-1]
     height = np.where(np.abs(height) < 1e4, height, np.nan)  # beyond any height on Earth
     if not np.isfinite(height).any():
-        raise MapError(f"{path}: holds no height, expected at least one")
+        raise FileError(f"{path}: holds no height, expected at least one")
     south = place.f + place.e * height.shape[1]
     return Heights(height, place.c, south, (place.a, -place.e), path.name, crs)

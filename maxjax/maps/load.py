@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from maxjax.core.earth import Degrees, Earth, Projected
 from maxjax.core.grid import Grid, Point3
+from maxjax.core.terrain import Terrain
 from maxjax.maps.contents import Below, Contents, Facts, Unknown, facts, voxels
 from maxjax.maps.coverage import within_data
-from maxjax.maps.earth import Degrees, Earth, Projected
-from maxjax.maps.model import VoxelMap
+from maxjax.maps.model import StoredVoxels
 from maxjax.maps.places import Frame, check_in_map, point_at
 from maxjax.maps.reader import read_map
-from maxjax.maps.terrain import Terrain
 from maxjax.maps.window import Window
 
 _TOUCH = 1e-9  # [m]
@@ -115,7 +115,7 @@ def load_map(
         crs: coordinate reference system, in place of the file's.
 
     Raises:
-        MapError: if the file cannot be used (a ValueError: it says what was found and expected).
+        FileError: if the file cannot be used (a ValueError: it says what was found and expected).
         ValueError: for a window that is none, or takes more than 134 million voxels.
     """
     corners = None if bounds is None else tuple(np.asarray(bounds, np.float64).ravel().tolist())
@@ -204,7 +204,7 @@ def map_with(
 
 def _grid(contents: Contents, known: Facts, window: Window) -> tuple[Grid, str]:
     """The grid of a window; a map of voxels keeps its own, but for bounds."""
-    if not isinstance(contents, VoxelMap):
+    if not isinstance(contents, StoredVoxels):
         return window.grid(known.extent, known.spacing, known.lattice)
     if window.center is not None:
         raise ValueError("center: a voxel map brings its own grid; leave it out, or give bounds")

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Int64
 
+from maxjax.core.files import FileError
+from maxjax.core.geometry.triangles import Triangles, Volume, enclosed, touched
 from maxjax.core.grid import Grid
-from maxjax.maps.model import MapError
-from maxjax.maps.triangles import Triangles, Volume, enclosed, touched
 
 MAX_FACES = 10_000_000
 _WELD = 1e-6  # [m]
@@ -77,18 +77,18 @@ def mesh_of(vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"],
         path: for messages.
 
     Raises:
-        MapError: for no face at all, too many, an index without a vertex, or a coordinate that is not finite.
+        FileError: for no face at all, too many, an index without a vertex, or a coordinate that is not finite.
     """
     if not len(faces):
-        raise MapError(f"{path}: expected a mesh, found no face")
+        raise FileError(f"{path}: expected a mesh, found no face")
     if len(faces) > MAX_FACES:
-        raise MapError(f"{path}: holds {len(faces)} triangles, expected at most {MAX_FACES}; crop or thin it")
+        raise FileError(f"{path}: holds {len(faces)} triangles, expected at most {MAX_FACES}; crop or thin it")
     if faces.min() < 0 or faces.max() >= len(vertices):
         wrong = int(faces.min() if faces.min() < 0 else faces.max())
-        raise MapError(f"{path}: a face names vertex {wrong}, expected 0 to {len(vertices) - 1}; damaged")
+        raise FileError(f"{path}: a face names vertex {wrong}, expected 0 to {len(vertices) - 1}; damaged")
     if not np.isfinite(vertices).all():
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
-        raise MapError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
+        raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
     welded, index = _welded(vertices)
     faces = index[faces]
     body, open_bodies = _bodies(faces, len(welded))

@@ -10,18 +10,14 @@ coordinates stay.
 from __future__ import annotations
 
 import dataclasses
-import json
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped, UInt8
 
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 
-MAX_FILE_BYTES = 2**31
-MAX_TEXT_BYTES = 2**28  # of JSON, XML and other text, which takes ten times as much memory while it is read
 MAX_POINTS = 50_000_000
 
 FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
@@ -29,12 +25,7 @@ FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
 OVERHEAD = (13, 14, 16, 17, 19, 26)
 
 _FAR = 10_000.0
-_LONGEST_LINE = 2**20
 _ROUND = 100.0
-
-
-class MapError(ValueError):
-    """A map file that cannot be used: the message names the file, what was found and what was expected."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +62,7 @@ class PointCloud:
 
 
 @dataclasses.dataclass(frozen=True)
-class VoxelMap:
+class StoredVoxels:
     """A map that is already voxels, on the host.
 
     Attributes:
@@ -105,11 +96,11 @@ def local_cloud(
     """A cloud from coordinates as a file gives them (any integer or float type) [m]; flags default to False.
 
     Raises:
-        MapError: if there is no point.
+        FileError: if there is no point.
     """
     count = len(points)
     if count == 0:
-        raise MapError(f"{path}: holds no point, expected at least one")
+        raise FileError(f"{path}: holds no point, expected at least one")
     offset = np.array([_round_middle(points[:, axis]) for axis in range(3)])
     local = np.empty((count, 3), np.float32)
     # Axis by axis, so that a large cloud is never in memory twice in float64. What is farther out than anything on
@@ -130,60 +121,3 @@ def _round_middle(coordinates: Shaped[np.ndarray, " n"]) -> float:
     if max(abs(low), abs(high)) < _FAR:
         return 0.0
     return _ROUND * round((0.5 * low + 0.5 * high) / _ROUND)
-
-
-def parse_json(content: bytes, path: Path) -> Any:
-    """What a JSON text holds, in UTF-8.
-
-    Raises:
-        MapError: if it is none, nests too deep, or holds numbers that JSON has not (NaN, Infinity).
-    """
-
-    def refused(name: str) -> float:
-        raise ValueError(f"{name} is no JSON number")
-
-    try:
-        return json.loads(content, parse_constant=refused)
-    except (RecursionError, ValueError) as error:
-        raise MapError(f"{path}: expected JSON: {error}") from error
-
-
-def text_lines(readline: Callable[[int], bytes], count: int, fail: Callable[[str], MapError]) -> Iterator[bytes]:
-    """The next lines of a file, at most so many, of bounded length: a whole file may be one line.
-
-    Args:
-        readline: of the file, which is open at the first of them.
-        count: how many.
-        fail: makes the error of a sentence.
-
-    Raises:
-        MapError: for a line of 1 MiB or more.
-    """
-    for _ in range(count):
-        line = readline(_LONGEST_LINE)
-        if len(line) == _LONGEST_LINE:
-            raise fail(f"expected lines of less than {_LONGEST_LINE} bytes, found a longer one; damaged")
-        if not line:
-            return
-        yield line
-
-
-def read_text(path: Path) -> bytes:
-    """A text file whole; raises as `read_bytes`, from fewer bytes on."""
-    return read_bytes(path, MAX_TEXT_BYTES)
-
-
-def read_bytes(path: Path, most: int = MAX_FILE_BYTES) -> bytes:
-    """A file whole.
-
-    Raises:
-        MapError: if it cannot be read or is too large.
-    """
-    try:
-        if (size := path.stat().st_size) > most:
-            raise MapError(f"{path}: {size} bytes, expected at most {most}; crop it")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        if isinstance(error, MapError):
-            raise
-        raise MapError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error

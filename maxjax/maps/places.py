@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.core.earth import Earth
 from maxjax.core.grid import Point3
-from maxjax.maps.earth import Earth
-from maxjax.maps.terrain import Terrain
+from maxjax.core.terrain import Terrain
 
 # What a point's three numbers are.
 Frame = Literal["map", "agl", "amsl"]

@@ -1,7 +1,7 @@
 """One door for all map formats, and one gate behind it.
 
 The suffix chooses the reader; what a `.json` is, its content says. Whatever a reader meets in a damaged file leaves as
-a `MapError`: readers check sizes before they take memory, and this gate is for what they did not foresee.
+a `FileError`: readers check sizes before they take memory, and this gate is for what they did not foresee.
 """
 
 from __future__ import annotations
@@ -12,22 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
+from maxjax.core.files import MAX_FILE_BYTES, FileError
 from maxjax.maps.boxes import load_boxes
-from maxjax.maps.cityjson import load_cityjson
 from maxjax.maps.contents import Contents, facts
-from maxjax.maps.geojson import load_geojson
-from maxjax.maps.glb import load_glb
 from maxjax.maps.heights import load_geotiff
-from maxjax.maps.las import load_las
-from maxjax.maps.model import FARTHEST, MAX_FILE_BYTES, MapError
-from maxjax.maps.moving_ai import load_3dmap
-from maxjax.maps.npz import load_npz
-from maxjax.maps.obj import load_obj
-from maxjax.maps.octomap import load_octomap
-from maxjax.maps.osm import load_osm
-from maxjax.maps.pcd import load_pcd
-from maxjax.maps.ply import load_ply
-from maxjax.maps.stl import load_stl
+from maxjax.maps.model import FARTHEST
+from maxjax.maps.readers.cityjson import load_cityjson
+from maxjax.maps.readers.geojson import load_geojson
+from maxjax.maps.readers.glb import load_glb
+from maxjax.maps.readers.las import load_las
+from maxjax.maps.readers.moving_ai import load_3dmap
+from maxjax.maps.readers.npz import load_npz
+from maxjax.maps.readers.obj import load_obj
+from maxjax.maps.readers.octomap import load_octomap
+from maxjax.maps.readers.osm import load_osm
+from maxjax.maps.readers.pcd import load_pcd
+from maxjax.maps.readers.ply import load_ply
+from maxjax.maps.readers.stl import load_stl
 
 _PEEK = 65_536
 _LONGEST = 500  # characters of a message: files may hold texts of any length
@@ -67,24 +68,24 @@ def read_map(path: str | os.PathLike[str]) -> Contents:
     """Read a map file as what it holds: points, voxels, a mesh, buildings, boxes or heights.
 
     Raises:
-        MapError: if the file is missing, of another suffix, unreadable, truncated, empty or too large, or holds what is
-            not finite. Sizes are checked before memory is taken, and no pickle is ever opened.
+        FileError: if the file is missing, of another suffix, unreadable, truncated, empty or too large, or holds what
+            is not finite. Sizes are checked before memory is taken, and no pickle is ever opened.
     """
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise MapError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
+        raise FileError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
     try:
         size = path.stat().st_size
         regular = path.is_file()
     except (OSError, ValueError) as error:
-        raise MapError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise FileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not regular:
-        raise MapError(f"{path}: expected a file, found a folder or a device")
+        raise FileError(f"{path}: expected a file, found a folder or a device")
     if size == 0:
-        raise MapError(f"{path}: the file is empty")
+        raise FileError(f"{path}: the file is empty")
     if size > MAX_FILE_BYTES:
-        raise MapError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")
+        raise FileError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")
     try:
         # Numbers too large for their type become infinite or NaN without a warning, and are refused as such.
         with np.errstate(all="ignore"):
@@ -94,9 +95,9 @@ def read_map(path: str | os.PathLike[str]) -> Contents:
         sentence = " ".join(str(error).split())
         if len(sentence) > _LONGEST:
             sentence = sentence[:_LONGEST] + " …"
-        if isinstance(error, MapError):
-            raise MapError(sentence) from error.__cause__
-        raise MapError(f"{path}: damaged: {type(error).__name__}: {sentence}") from error
+        if isinstance(error, FileError):
+            raise FileError(sentence) from error.__cause__
+        raise FileError(f"{path}: damaged: {type(error).__name__}: {sentence}") from error
     if not (np.abs(extent) <= FARTHEST).all():
-        raise MapError(f"{path}: expected coordinates within {FARTHEST:.0e} m of 0, found {extent.tolist()}; damaged?")
+        raise FileError(f"{path}: expected coordinates within {FARTHEST:.0e} m of 0, found {extent.tolist()}; damaged?")
     return contents

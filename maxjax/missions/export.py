@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from maxjax.core.serialize import atomic_write
+from maxjax.core.earth import Earth
+from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
-from maxjax.maps.earth import Earth
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.items import items_of
 from maxjax.missions.qgroundcontrol import plan_text
@@ -26,7 +26,7 @@ from maxjax.missions.setpoints import setpoint_text, tum_text
 from maxjax.missions.waypoint_list import waypoint_text
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
-from maxjax.planning.trajectory import Trajectory
+from maxjax.trajectories.trajectory import Trajectory
 
 ON_EARTH = (".plan", ".waypoints", ".geojson", ".kml")
 IN_TIME = (".csv", ".tum", ".rosbag")
@@ -79,7 +79,7 @@ def export(
         plan: one that is OK, or a mission that is.
         trajectory: of this, for formats with times, and for the speed of missions.
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
-            `maps.earth.Degrees`.
+            `core.earth.Degrees`.
         ground: height of the ground at home [m], in the map's coordinates.
 
     Raises:

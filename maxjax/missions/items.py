@@ -14,7 +14,7 @@ import dataclasses
 
 import numpy as np
 
-from maxjax.maps.earth import Earth
+from maxjax.core.earth import Earth
 from maxjax.planning.mission import Mission
 
 # MAVLink's numbers.

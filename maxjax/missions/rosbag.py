@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maxjax.planning.trajectory import Motion
+from maxjax.trajectories.trajectory import Motion
 
 _TOPIC, _FRAME = "/path", "map"
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.planning.trajectory import Motion
+from maxjax.trajectories.trajectory import Motion
 
 _COLUMNS = "t,x,y,z,vx,vy,vz,ax,ay,az,yaw"
 

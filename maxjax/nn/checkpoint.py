@@ -1,6 +1,7 @@
 """Checkpoints: a pytree in several files, and a manifest that names them.
 
-    checkpoint.json   { files: [ { name, sha256 } ], metadata }        state-STEP-PART.npz   leaves (`core.serialize`)
+    checkpoint.json   { files: [ { name, sha256 } ], metadata }        state-STEP-PART.npz   leaves
+    (`core.serialization`)
 
 The manifest is written last, atomically, and the files of the checkpoint before it are removed after that: whatever
 happens in between, a full disk or a kill, the manifest on the disk names a whole checkpoint. Several files, because a
@@ -20,7 +21,8 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from maxjax.core.serialize import atomic_write, load_pytree, save_pytree
+from maxjax.core.files import atomic_write
+from maxjax.core.serialization import load_pytree, save_pytree
 
 T = TypeVar("T")
 

@@ -5,7 +5,7 @@
 A scene is a pure function of its key: the same in any batch. The caller's `draw` makes cities, scans and goals; this
 module labels them with the solver's field and stores them.
 
-On disk, optionally: one checked file a chunk of scenes (`core.serialize`), named by its first scene. A run that was
+On disk, optionally: one checked file a chunk of scenes (`core.serialization`), named by its first scene. A run that was
 killed resumes with the missing chunks.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray, UInt16
 
 from maxjax.core.grid import Grid
-from maxjax.core.serialize import load_pytree, save_pytree
+from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.nn.encoding import Known

@@ -3,7 +3,7 @@
     (sigma, goal_index) ↦ Potential        the slot that `solve_potential` fills as well
 
 A file holds the weights in float16, and the architecture and the recipe that they were trained with as metadata, all
-under one hash (`core.serialize`); nothing in it is executed.
+under one hash (`core.serialization`); nothing in it is executed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
-from maxjax.core import lowering
-from maxjax.core.serialize import load_metadata, load_pytree, save_pytree
+from maxjax.core.serialization import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
@@ -31,6 +30,7 @@ from maxjax.nn.architecture import CONFIGS, Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
 from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
+from maxjax.programs import lowering
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential

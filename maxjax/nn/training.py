@@ -28,8 +28,8 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from maxjax.core.files import atomic_write
 from maxjax.core.grid import Grid
-from maxjax.core.serialize import atomic_write
 from maxjax.fields import stencil
 from maxjax.nn import optimizer
 from maxjax.nn.architecture import Autoencoder

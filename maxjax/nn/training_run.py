@@ -15,14 +15,14 @@ from typing import Any
 import jax
 from jaxtyping import PRNGKeyArray
 
+from maxjax.core.files import atomic_write
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import target
 from maxjax.core.provenance import device, versions
-from maxjax.core.serialize import atomic_write
 from maxjax.nn.dataset import Chunks, Draw, Scenes, generate, usable
 from maxjax.nn.model import save_model
 from maxjax.nn.recipes import RECIPES, Training
 from maxjax.nn.training import LOG, Run, train
+from maxjax.programs.lowering import target
 
 
 @dataclasses.dataclass(frozen=True)

@@ -28,9 +28,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
-from maxjax.core.lowering import first_maximum, once
 from maxjax.fields import gradient as slope
-from maxjax.planning.sight import Sight, clear
+from maxjax.planning.line_of_sight import Sight, clear
+from maxjax.programs.lowering import first_maximum, once
 
 # Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
 _PATIENCE = 12

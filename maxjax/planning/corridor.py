@@ -4,9 +4,9 @@
 
 A coarse voxel is occupied if any of its f³ voxels is, so that a coarse path has room; where that joins nothing, if more
 than half of them are. Its plan only says which way to go. Legs are planned, certified and judged on the map itself,
-each in a window of its own (`planning.focus`). A hand-over that was put on the coarse path costs a detour, so the legs
-are planned again from middle to middle, which pulls the route taut across it. The judge then passes or refuses the
-whole path, on the whole map.
+each in a window of its own (`planning.focus_window`). A hand-over that was put on the coarse path costs a detour, so
+the legs are planned again from middle to middle, which pulls the route taut across it. The judge then passes or refuses
+the whole path, on the whole map.
 
 What is proved for a leg holds for its window; that no way along other streets is cheaper is not proved.
 """
@@ -24,11 +24,11 @@ from jaxtyping import Bool, Float64, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.focus import SHAPES, PlanViews, ellipsoid_box, in_windows, rounded, straight
+from maxjax.planning.focus_window import SHAPES, PlanViews, ellipsoid_box, in_windows, rounded, straight
 from maxjax.planning.plan import Plan, judged, no_plan
-from maxjax.planning.recorder import added
 from maxjax.planning.route import Route
 from maxjax.planning.task import Task
+from maxjax.programs.stage_timer import added
 
 # Voxels of a coarse map that is solved as a whole, and the length of a leg [voxels].
 _COARSE, _LEG = 2**21, 36

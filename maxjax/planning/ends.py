@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Index3
-from maxjax.planning.sight import TOUCH, stands_free
+from maxjax.planning.line_of_sight import TOUCH, stands_free
 
 
 @jax.tree_util.register_dataclass

@@ -21,23 +21,23 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Int64, UInt
 
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import target
 from maxjax.core.status import Status
-from maxjax.core.threads import concurrently
 from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.balls import Opened
-from maxjax.planning.climb import Climb, potential_field
 from maxjax.planning.ends import locate
-from maxjax.planning.execute import with_largest_radii, with_longer_ascents
+from maxjax.planning.execution import with_largest_radii, with_longer_ascents
+from maxjax.planning.exemptions import Opened
+from maxjax.planning.field_planner import Climb, potential_field
+from maxjax.planning.line_of_sight import Sight, sight_of
 from maxjax.planning.plan import Plan, judged, with_closures
 from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
-from maxjax.planning.program import Program
-from maxjax.planning.recorder import recording, timed
 from maxjax.planning.route import Route, failed, found, whole
-from maxjax.planning.sight import Sight, sight_of
 from maxjax.planning.string_pulling import tighten
 from maxjax.planning.task import Distances, Task
+from maxjax.programs.lowering import target
+from maxjax.programs.program import Program
+from maxjax.programs.stage_timer import recording, timed
+from maxjax.programs.threads import concurrently
 
 # Starts that climb at a time. Fewer of them are filled up to one of two sizes, so that fleets of all sizes share two
 # programs. On a CPU paths are pulled taut one by one: together they would leave its cache.

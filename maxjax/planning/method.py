@@ -18,7 +18,7 @@ class Method:
     Attributes:
         name: as users write it.
         label: as tables and figures show it.
-        finder: makes its path finder: a `planning.climb.Climb`, or a search that runs on the host.
+        finder: makes its path finder: a `planning.field_planner.Climb`, or a search that runs on the host.
         climbs: whether it climbs a field, so that its plans can be certified.
         in_flight: makes the path finder that runs inside a compiled flight, a pure function of arrays; None: it has
             none.

@@ -19,14 +19,14 @@ from jaxtyping import Float64, Int64
 
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_task
+from maxjax.planning.execution import plan_task
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.fleet import plan_fleet
-from maxjax.planning.judge import verify
 from maxjax.planning.plan import Plan
-from maxjax.planning.recorder import added, recording, timed
 from maxjax.planning.route import NO_PATH, PathFinder
 from maxjax.planning.task import Distances, Task, points_of
+from maxjax.programs.stage_timer import added, recording, timed
+from maxjax.verification.verifier import verify
 
 LONGEST_HOVER = 3600.0  # [s]
 # Voxels of the largest map in which legs of one goal share a field, which is one of the whole map.

@@ -1,4 +1,4 @@
-"""Whole programs: maps and ends in, routes out, each as one message (`core.wire`).
+"""Whole programs: maps and ends in, routes out, each as one message (`programs.message`).
 
     device   formulate → solve → ascend → tighten, under `vmap`      chunk k
     host     judge, route by route; pack, and send                   chunks k − 1 and k + 1
@@ -18,18 +18,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int64, Shaped, UInt8
 
-from maxjax.core import wire
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import in_host_memory
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import Climb
-from maxjax.planning.focus import View
+from maxjax.planning.field_planner import Climb
+from maxjax.planning.focus_window import View
 from maxjax.planning.plan import Plan, judged
 from maxjax.planning.problem import Problem, formulate, largest_joining
-from maxjax.planning.program import Program
-from maxjax.planning.recorder import timed
 from maxjax.planning.route import Route, completed
 from maxjax.planning.task import Distances, Rows
+from maxjax.programs import message as wire
+from maxjax.programs.lowering import in_host_memory
+from maxjax.programs.program import Program
+from maxjax.programs.stage_timer import timed
 
 # Routes that a thread judges in one go, and threads: more of them would only wait for the interpreter.
 _TOGETHER, _THREADS = 16, 4

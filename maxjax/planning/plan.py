@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from maxjax.core.status import Closure, Status
-from maxjax.planning.judge import Verification, verify_batch
-from maxjax.planning.recorder import timed
 from maxjax.planning.route import NO_PATH, Route
 from maxjax.planning.task import Distances, Task
+from maxjax.programs.stage_timer import timed
+from maxjax.verification.verifier import Verification, verify_batch
 
 # Paths that are verified in one go: most of what one costs is the same for several.
 _TOGETHER = 16

@@ -2,7 +2,7 @@
 
     (maps, ends, distances) ↦ Problem        `formulate`, on the device
 
-    blocked = hard set (`planning.hard_set`), with a ball opened around an end that needs one (`planning.balls`)
+    blocked = hard set (`planning.inflation`), with a ball opened around an end that needs one (`planning.exemptions`)
     price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
 
 Of a part of a map, obstacles are seen beyond the part as well, in a halo as wide as the margin. Its problem is OK only
@@ -28,15 +28,15 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
 
 from maxjax.core.grid import Grid
-from maxjax.core.lowering import materialise
 from maxjax.core.status import Status
 from maxjax.fields.distance import cube_distance, farthest, metres
 from maxjax.fields.occupancy import squared_distance
-from maxjax.planning.balls import Opened, ball_radius, largest_radius, opened
 from maxjax.planning.ends import inward, locate, placed
-from maxjax.planning.hard_set import hard_set, least_quarters
-from maxjax.planning.sight import stands_free, touched
+from maxjax.planning.exemptions import Opened, ball_radius, largest_radius, opened
+from maxjax.planning.inflation import hard_set, least_quarters
+from maxjax.planning.line_of_sight import stands_free, touched
 from maxjax.planning.task import Distances
+from maxjax.programs.lowering import materialise
 
 
 @jax.tree_util.register_dataclass
@@ -51,10 +51,11 @@ class Problem:
         ends: the exact start and goal; where one lies on the face of an occupied voxel, it is moved off that face by
             less than a thousandth of a voxel.
         balls: radii of the balls around the exact ends [m], outside of which a path keeps the radius.
-        levels: of these balls (`planning.balls`).
+        levels: of these balls (`planning.exemptions`).
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
-        room: half the width of the box around each point of a path that meets free voxels only (`planning.sight`)
+        room: half the width of the box around each point of a path that meets free voxels only
+        (`planning.line_of_sight`)
             [voxels]. Static.
     """
 

@@ -19,8 +19,8 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
+from maxjax.planning.line_of_sight import paid
 from maxjax.planning.problem import Problem
-from maxjax.planning.sight import paid
 
 
 @jax.tree_util.register_dataclass

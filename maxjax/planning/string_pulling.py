@@ -19,8 +19,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
-from maxjax.core.lowering import repeat
-from maxjax.planning.sight import Sight, clear_and_paid, visibility
+from maxjax.planning.line_of_sight import Sight, clear_and_paid, visibility
+from maxjax.programs.lowering import repeat
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64

@@ -28,9 +28,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maxjax.sim.reference import Setpoint
+from maxjax.programs.lowering import matmul
 from maxjax.sim.vehicle import GRAVITY, State, Vehicle
-from maxjax.worlds.geoms import matmul
+from maxjax.trajectories.online import Setpoint
 
 # Least collective thrust as a share of the weight: enough moment for attitude control in the fastest descent.
 _FLOOR = 0.3

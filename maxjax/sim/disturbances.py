@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.streams import Stream, stream
+from maxjax.core.rng_streams import Stream, stream
 from maxjax.sim.lidar import Lidar, Scan
 
 # Mean wind speed that the intensities of `vehicle.Gusts` are stated for [m/s]; gusts scale with the mean wind.

@@ -27,12 +27,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.batching import settle
-from maxjax.core.executable import Stored
+from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
-from maxjax.core.streams import ITERATIONS, Stream, stream
-from maxjax.core.threads import concurrently
 from maxjax.planning.ascent import Ascent
+from maxjax.programs.batching import settle
+from maxjax.programs.executable import Stored
+from maxjax.programs.threads import concurrently
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
@@ -40,8 +40,8 @@ from maxjax.sim.disturbances import GUST_REFERENCE_WIND, degrade, mean_wind, out
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, estimated_position
 from maxjax.sim.lidar import Scan, scan
 from maxjax.sim.reactive import push
-from maxjax.sim.reference import evaluate, profile, sample
 from maxjax.sim.replan import plan
+from maxjax.trajectories.online import evaluate, profile, sample
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene

@@ -22,7 +22,7 @@ from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
 from maxjax.sim.lidar import Lidar, Scan
-from maxjax.sim.reference import Limits, Reference
+from maxjax.trajectories.online import Limits, Reference
 from maxjax.worlds.geoms import Geoms
 
 Path = Float[Array, "n 3"]

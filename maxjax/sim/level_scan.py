@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.executable import stored
 from maxjax.core.grid import Grid, Point3
+from maxjax.programs.executable import stored
 from maxjax.sim.lidar import Lidar, Scan, scan
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene, occupancy

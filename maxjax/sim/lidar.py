@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.worlds.geoms import Geoms, matmul
+from maxjax.programs.lowering import matmul
+from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.raycast import cast_rays
 
 

@@ -23,18 +23,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
-from maxjax.core.lowering import materialise
+from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.core.streams import Stream, stream
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
+from maxjax.planning.line_of_sight import clear, sight_of
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.route import whole
-from maxjax.planning.sight import clear, sight_of
+from maxjax.programs.lowering import materialise
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
-from maxjax.sim.reference import Course, Reference, evaluate, profile, sample
 from maxjax.sim.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
+from maxjax.trajectories.online import Course, Reference, evaluate, profile, sample
 
 # Consecutive failed plans after which the flight ends.
 _FAILURES = 20

@@ -34,8 +34,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, UInt8
 
 from maxjax.core.grid import Index3
+from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Lidar, Scan, directions
-from maxjax.worlds.geoms import matmul
 
 # Evidence of one return, and its maximum. A single false return is removed by 2 scans that see the voxel free, a
 # maximum by 6.

@@ -23,16 +23,16 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Float64, Int32, PRNGKeyArray
 
-from maxjax.core.executable import Stored
 from maxjax.core.grid import Grid
+from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.core.streams import Stream, stream
-from maxjax.planning.clearance import distances_at
-from maxjax.planning.trajectory import Trajectory
+from maxjax.programs.executable import Stored
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, Disturbances, mean_wind
-from maxjax.sim.reference import Setpoint
+from maxjax.trajectories.online import Setpoint
+from maxjax.trajectories.trajectory import Trajectory
+from maxjax.verification.clearance import distances_at
 
 BEFORE, AFTER = 2.0, 2.0  # seconds in hover at both ends
 # Radius of the sphere around the vehicle that must not touch anything, where the trajectory's is not smaller [m].

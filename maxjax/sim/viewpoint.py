@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.fields.stencil import cell
-from maxjax.planning.sight import clear, sight_of, stands_free
+from maxjax.planning.line_of_sight import clear, sight_of, stands_free
 from maxjax.sim.lidar import Lidar
 
 # Candidates are at most this many voxels away along each axis.

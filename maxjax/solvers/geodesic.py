@@ -18,9 +18,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.lowering import in_this_turn, neighbours
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.price import decay
+from maxjax.programs.lowering import in_this_turn, neighbours
 from maxjax.solvers.medium import Medium, Progress
 
 # Of r, where there is none.

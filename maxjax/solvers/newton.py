@@ -31,9 +31,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.batching import settle
-from maxjax.core.lowering import maximum, repeat
 from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
+from maxjax.programs.batching import settle
+from maxjax.programs.lowering import maximum, repeat
 from maxjax.solvers.aggregation import Level, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
 

@@ -25,8 +25,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.lowering import maximum
 from maxjax.core.status import Status
+from maxjax.programs.lowering import maximum
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.derivative import differentiable
 from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, run, untouched

@@ -22,12 +22,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.batching import settle
-from maxjax.core.lowering import head_start, in_this_turn
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.price import SCREENING_LENGTH, decay
+from maxjax.programs.batching import settle
+from maxjax.programs.lowering import head_start, in_this_turn
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients

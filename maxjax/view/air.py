@@ -1,7 +1,7 @@
 """The rules of the air on a page: areas by the voxels that they hold, see-through and named, the band as two sheets.
 
-A path keeps rules voxel by voxel (`maps.airspace`), so voxels are what is drawn: an area to keep out of with all that
-it touches, one to keep in with what lies in it, whole. The sheets end where the band does.
+A path keeps rules voxel by voxel (`airspace.airspace`), so voxels are what is drawn: an area to keep out of with all
+that it touches, one to keep in with what lies in it, whole. The sheets end where the band does.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import functools
 
 import numpy as np
 
+from maxjax.airspace.airspace import Airspace, Area
 from maxjax.core.status import Closure
-from maxjax.maps.airspace import Airspace, Area
-from maxjax.view.asking import Question
 from maxjax.view.city import Band, City
 from maxjax.view.colors import BAND, KEEP_IN, KEEP_OUT
 from maxjax.view.nodes import Node, Scene, Text, point3
+from maxjax.view.question import Question
 from maxjax.view.surface import surface
 
 _OUT, _IN, _SHEET = 0.3, 0.15, 0.12  # opacities

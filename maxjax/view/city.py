@@ -8,9 +8,9 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float
 
+from maxjax.airspace.airspace import Area
 from maxjax.core.grid import Grid, Point3
-from maxjax.maps.airspace import Area
-from maxjax.maps.terrain import Terrain
+from maxjax.core.terrain import Terrain
 from maxjax.view.nodes import Frame, point3
 
 Band = tuple[float | None, float | None]

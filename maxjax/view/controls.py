@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from maxjax.methods import METHODS
 from maxjax.missions.export import IN_TIME, ON_EARTH
 from maxjax.planning.mission import Waypoint
-from maxjax.view.asking import Question
 from maxjax.view.city import Band, City
 from maxjax.view.colors import CLEARANCES, FIELD, PRICE
+from maxjax.view.question import Question
 from maxjax.view.slices import Axis, Slice
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from jaxtyping import Float, UInt8
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
-from maxjax.view.asking import Answer
 from maxjax.view.city import City
 from maxjax.view.colors import CLEARANCES, EARTH, GOAL, RETURN, RIVAL, START, VIA, Rgb, ramp
 from maxjax.view.nodes import Ball, Dots, Frame, Lines, Node, Scene, Surface, Text, point3
+from maxjax.view.question import Answer
 from maxjax.view.surface import surface
 
 END = 1.6

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.grid import Point3
-from maxjax.planning.trajectory import Trajectory
+from maxjax.trajectories.trajectory import Trajectory
 from maxjax.view.colors import VEHICLE
 from maxjax.view.nodes import Ball, Frame, Scene
 

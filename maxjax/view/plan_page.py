@@ -15,11 +15,11 @@ import numpy as np
 from maxjax.core.grid import Point3
 from maxjax.planning.mission import Waypoint
 from maxjax.view.air import air_lines, air_scene
-from maxjax.view.asking import Answer, Question, answer, told
 from maxjax.view.city import City, hit
 from maxjax.view.controls import add_controls, legend, reach
 from maxjax.view.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.view.nodes import point3
+from maxjax.view.question import Answer, Question, answer, told
 from maxjax.view.server import look, look_at
 from maxjax.view.slices import Field, Slice, field_of, picture
 from maxjax.view.stage import Stage

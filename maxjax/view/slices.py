@@ -16,13 +16,13 @@ from jaxtyping import Bool, Float, UInt8
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.price import SCREENING_LENGTH
-from maxjax.planning.climb import potential_field
-from maxjax.planning.execute import problem_of
+from maxjax.planning.execution import problem_of
+from maxjax.planning.field_planner import potential_field
 from maxjax.solvers.potential import solve_potential
-from maxjax.view.asking import Question, task_of
 from maxjax.view.city import City
 from maxjax.view.colors import FIELD, PRICE, ramp
 from maxjax.view.nodes import Frame, Picture, Quaternion, point3
+from maxjax.view.question import Question, task_of
 
 Axis = Literal["x", "y", "z"]
 LARGEST = 2**22

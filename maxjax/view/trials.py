@@ -22,7 +22,7 @@ from maxjax.core.status import Status
 from maxjax.sim import rolling_map
 from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.sim.reference import evaluate
+from maxjax.trajectories.online import evaluate
 from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together

@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
-from maxjax.planning.judge import verify
 from maxjax.planning.mission import Mission
 from maxjax.planning.task import Task
-from maxjax.planning.trajectory import Motion, Trajectory
+from maxjax.trajectories.trajectory import Motion, Trajectory
+from maxjax.verification.verifier import verify
 from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.marks import draw_colored
 from maxjax.viz.plan_view import draw_plan, level_of, view_around

@@ -14,14 +14,14 @@ from jaxtyping import Float
 from maxjax.core.grid import Index3
 from maxjax.core.status import Closure, Status
 from maxjax.methods import METHODS
-from maxjax.planning.climb import potential_field
 from maxjax.planning.corridor import coarse_task
-from maxjax.planning.execute import problem_in
-from maxjax.planning.focus import View, rounded
-from maxjax.planning.judge import verify
+from maxjax.planning.execution import problem_in
+from maxjax.planning.field_planner import potential_field
+from maxjax.planning.focus_window import View, rounded
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
+from maxjax.verification.verifier import verify
 from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
 
 if TYPE_CHECKING:

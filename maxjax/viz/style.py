@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maxjax.core.serialize import atomic_write
+from maxjax.core.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

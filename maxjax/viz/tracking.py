@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxjax.planning.trajectory import Trajectory
 from maxjax.sim.tracking import VEHICLE_RADIUS, Tracking
+from maxjax.trajectories.trajectory import Trajectory
 from maxjax.viz.style import ARRIVED, FAILED, KNOWN, PLANNED, STYLE, load_matplotlib
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ import math
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from maxjax.worlds.geoms import Geoms, matmul, rotation_z
+from maxjax.programs.lowering import matmul
+from maxjax.worlds.geoms import Geoms, rotation_z
 
 HALF_CITY = 120.0  # half extent before the rotation [m]
 MAX_TURN = 0.35  # greatest angle of the rotation [rad]

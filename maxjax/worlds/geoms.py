@@ -14,7 +14,6 @@ coordinates (4·10⁶ to 8·10⁶ m). A real city is centred before its geoms ar
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 
 import jax
@@ -24,9 +23,6 @@ from jaxtyping import Array, Bool, Float
 
 # Numbers of `mujoco.mjtGeom`, written out so that a city can be made without importing MuJoCo.
 PLANE, SPHERE, CAPSULE, ELLIPSOID, BOX = 0, 2, 3, 4, 6
-
-# Matrix products in full float32. On GPU the default rounds their factors to ten bits (TF32): decimetres at 100 m.
-matmul = functools.partial(jnp.matmul, precision="highest")
 
 # Padding lies below all rays above the ground and below all grids around the city.
 _HIDDEN_POSITION = (0.0, 0.0, -1000.0)

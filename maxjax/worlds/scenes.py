@@ -19,8 +19,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, UInt32
 
-from maxjax.core.executable import stored
-from maxjax.core.streams import named
+from maxjax.core.rng_streams import named
+from maxjax.programs.executable import stored
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
 from maxjax.worlds.layouts import MAPS, layout
 from maxjax.worlds.rasterize import occupancy

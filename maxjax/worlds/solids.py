@@ -9,7 +9,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, matmul, rotation_z
+from maxjax.programs.lowering import matmul
+from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, Geoms, concatenate, hide, rotation_z
 
 Rows = Float[Array, "n 7"]
 

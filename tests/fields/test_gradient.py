@@ -12,7 +12,7 @@ from references import conduction_matrix
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.sparse.linalg import expm_multiply
 
-from maxjax.core.interpolate import trilinear
+from maxjax.core.interpolation import trilinear
 from maxjax.fields.gradient import gradient, gradient_at, log_potential, smooth
 
 SHAPE = (12, 11, 13)

@@ -1,4 +1,4 @@
-"""Mutated files of every format end in a finite map or in one `MapError`; so does what once ended otherwise.
+"""Mutated files of every format end in a finite map or in one `FileError`; so does what once ended otherwise.
 
 MUTATIONS=100000 python -m pytest tests/maps/test_bad_input.py      # at length
 """
@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, load_airspace
-from maxjax.maps import MapError, read_map
+from maxjax.core.earth import TangentPlane
+from maxjax.core.files import FileError
+from maxjax.maps import read_map
 from maxjax.maps.contents import facts
-from maxjax.maps.earth import TangentPlane
 from maxjax.maps.footprints import chain
 
 MUTATIONS = int(os.environ.get("MUTATIONS", "2000"))
@@ -221,7 +222,7 @@ def outcome(path: Path) -> str:
     """ "map" or "refused"; anything else raises."""
     try:
         found = coordinates(path)
-    except MapError as error:
+    except FileError as error:
         sentence = str(error)
         assert "\n" not in sentence
         assert path.name in sentence
@@ -311,14 +312,14 @@ def test_what_was_once_taken_or_ended_in_a_traceback_is_refused(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "cap", "most", "sentence"),
     [
-        ("a.csv", "boxes.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
-        ("a.bt", "octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
-        ("a.ot", "octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
-        ("a.glb", "glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),
-        ("a.glb", "glb.MAX_TEXT_BYTES", 99, "its JSON has .* bytes, expected at most 99"),
-        ("binary.ply", "ply.MAX_FACES", 7, "its faces have 24 corners, expected at most 21"),
-        ("areas.geojson", "outlines._MOST_PAIRS", 4, "expected a simpler outline"),
-        ("areas.geojson", "prisms._MOST", 99, "expected at most 99 columns in all of them, found more"),
+        ("a.csv", "maps.boxes.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
+        ("a.bt", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.ot", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.glb", "maps.readers.glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),
+        ("a.glb", "maps.readers.glb.MAX_TEXT_BYTES", 99, "its JSON has .* bytes, expected at most 99"),
+        ("binary.ply", "maps.readers.ply.MAX_FACES", 7, "its faces have 24 corners, expected at most 21"),
+        ("areas.geojson", "airspace.outlines._MOST_PAIRS", 4, "expected a simpler outline"),
+        ("areas.geojson", "core.geometry.columns._MOST", 99, "expected at most 99 columns in all of them, found more"),
     ],
 )
 def test_what_takes_much_memory_or_time_has_a_cap(
@@ -326,7 +327,7 @@ def test_what_takes_much_memory_or_time_has_a_cap(
 ) -> None:
     (tmp_path / name).write_bytes(SAMPLES[name]())
     assert outcome(tmp_path / name) == "map"
-    monkeypatch.setattr(f"maxjax.maps.{cap}", most)
+    monkeypatch.setattr(f"maxjax.{cap}", most)
     with pytest.raises(ValueError, match=sentence):
         coordinates(tmp_path / name)
 

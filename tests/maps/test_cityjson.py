@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
-from maxjax.maps import MapError
-from maxjax.maps.cityjson import load_cityjson
+from maxjax.core.files import FileError
 from maxjax.maps.footprints import Footprint, chain
+from maxjax.maps.readers.cityjson import load_cityjson
 
 # An L of 12 m², and a square hole in a square of 16.
 L = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
@@ -211,10 +211,10 @@ def broken(**change: Any) -> dict[str, Any]:
     ],
 )
 def test_an_error_names_what_is_wrong(save: Callable[[object], Path], content: object, message: str) -> None:
-    with pytest.raises(MapError, match=message):
+    with pytest.raises(FileError, match=message):
         load_cityjson(save(content))
 
 
 def test_an_error_names_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(MapError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         load_cityjson(tmp_path / "none.json")

@@ -14,7 +14,7 @@ import maxjax
 from maxjax.core.grid import Grid
 from maxjax.maps.coverage import within_data
 from maxjax.maps.mesh import Mesh
-from maxjax.maps.model import PointCloud, VoxelMap
+from maxjax.maps.model import PointCloud, StoredVoxels
 
 GRID = Grid((40, 30, 6), 2.0, (-39.0, -29.0, 1.0))
 
@@ -62,7 +62,7 @@ def test_a_mesh_and_voxels_cover_what_they_span() -> None:
     x, y = (centres(GRID)[..., axis] for axis in (0, 1))
     assert found[(x > 0.0) & (y > 0.0) & (x + y < 20.0)].all()
     assert not found[(x < -1.0) | (y < -1.0) | (x + y > 23.0)].any()
-    part = VoxelMap(np.zeros((10, 8, 6), bool), 2.0, (-9.0, -5.0, 1.0), "part.npz")
+    part = StoredVoxels(np.zeros((10, 8, 6), bool), 2.0, (-9.0, -5.0, 1.0), "part.npz")
     found = within_data(part, GRID)
     assert found.sum() == 10 * 8
     assert found[15:25, 12:20].all()

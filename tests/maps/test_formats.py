@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maxjax.core.earth import project
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.maps import MapError, VoxelMap, load_map, read_map
+from maxjax.maps import StoredVoxels, load_map, read_map
 from maxjax.maps.boxes import Boxes, filled
-from maxjax.maps.degrees import project
 from maxjax.maps.footprints import Footprints
 from maxjax.maps.heights import Heights
 from maxjax.maps.model import PointCloud
@@ -90,10 +91,10 @@ def test_truncated_octrees_are_refused(tmp_path: Path, suffix: str) -> None:
     whole = path.read_bytes()
     for cut in range(1, len(whole), 5):
         path.write_bytes(whole[:cut])
-        with pytest.raises(MapError):
+        with pytest.raises(FileError):
             read_map(path)
     path.write_bytes(whole + whole[-10:])
-    with pytest.raises(MapError):
+    with pytest.raises(FileError):
         read_map(path)
 
 
@@ -141,34 +142,34 @@ def test_pcd_of_every_kind(tmp_path: Path, kind: str) -> None:
     np.testing.assert_array_equal(cloud.points, np.stack([rows["x"], rows["y"], rows["z"]], 1).astype(np.float32))
     for cut in range(1, len(path.read_bytes()) - 30, 97):
         path.write_bytes(pcd(kind, body)[:cut])
-        with pytest.raises(MapError):
+        with pytest.raises(FileError):
             read_map(path)
 
 
 def test_lzf_repeats_what_was_there() -> None:
-    from maxjax.maps.pcd import _unpacked
+    from maxjax.maps.readers.pcd import _unpacked
 
     # "ab" as it is, then 8 bytes from 2 back, then 200 from 1 back.
     packed = b"\1ab" + bytes([6 << 5, 1]) + bytes([7 << 5, 200 - 2 - 7, 0])
     assert _unpacked(packed, 210, Path("a")) == b"ab" * 5 + b"b" * 200
     for size in (209, 211):
-        with pytest.raises(MapError, match="another size"):
+        with pytest.raises(FileError, match="another size"):
             _unpacked(packed, size, Path("a"))
-    with pytest.raises(MapError, match="damaged"):
+    with pytest.raises(FileError, match="damaged"):
         _unpacked(b"\1ab" + bytes([1 << 5, 7]), 5, Path("a"))
 
 
 def test_a_pcd_that_lies_takes_no_memory(tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
     path.write_bytes(pcd("binary_compressed", struct.pack("<II", 100, 2**32 - 1) + bytes(100), 2**31))
-    with pytest.raises(MapError, match="claims 2147483648 points"):
+    with pytest.raises(FileError, match="claims 2147483648 points"):
         read_map(path)
 
 
 def test_voxel_lists(tmp_path: Path, data: Path) -> None:
     (tmp_path / "a.3dmap").write_text("voxel 4 5 6\n0 0 0\n3 4 5\n")
     found = read_map(tmp_path / "a.3dmap")
-    assert isinstance(found, VoxelMap)
+    assert isinstance(found, StoredVoxels)
     assert np.argwhere(found.occupied).tolist() == [[0, 0, 0], [3, 4, 5]]
     for text in (
         "octile 4 5 6\n",
@@ -178,10 +179,10 @@ def test_voxel_lists(tmp_path: Path, data: Path) -> None:
         "voxel 4 5 6\n1 1\n",
     ):
         (tmp_path / "a.3dmap").write_text(text)
-        with pytest.raises(MapError, match=r"a\.3dmap: "):
+        with pytest.raises(FileError, match=r"a\.3dmap: "):
             read_map(tmp_path / "a.3dmap")
     (tmp_path / "a.3dmap").write_text("voxel 99999 99999 99999\n")
-    with pytest.raises(MapError, match="in all"):
+    with pytest.raises(FileError, match="in all"):
         read_map(tmp_path / "a.3dmap")
     lines = (data / "warframe" / "Simple.3dmap").read_text().splitlines()[1:]
     whole = load_map(data / "warframe" / "Simple.3dmap")
@@ -219,7 +220,7 @@ def test_boxes_fill_the_voxels_that_they_share_volume_with(tmp_path: Path) -> No
 )
 def test_boxes_that_are_none(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(MapError, match=message):
+    with pytest.raises(FileError, match=message):
         read_map(tmp_path / "a.csv")
 
 
@@ -277,7 +278,7 @@ def test_geojson_in_degrees_and_in_metres(tmp_path: Path) -> None:
 )
 def test_geojson_that_is_none(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "a.geojson").write_text(text)
-    with pytest.raises(MapError, match=message):
+    with pytest.raises(FileError, match=message):
         read_map(tmp_path / "a.geojson")
 
 
@@ -321,5 +322,5 @@ def test_geotiff(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.height, [[8, 4, np.nan], [9, 5, 1], [10, 6, 2], [11, 7, 3]])
     whole = (tmp_path / "a.tif").read_bytes()
     (tmp_path / "a.tif").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(MapError):
+    with pytest.raises(FileError):
         read_map(tmp_path / "a.tif")

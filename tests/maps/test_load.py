@@ -11,8 +11,9 @@ from cityjson import column_heights
 from matplotlib.path import Path as Outline
 
 import maxjax
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.maps import MapError, PointCloud, Window, map_of
+from maxjax.maps import PointCloud, Window, map_of
 from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.prisms import prism_voxels
 
@@ -161,7 +162,7 @@ def test_a_voxel_map_keeps_its_grid_but_for_bounds(tmp_path: Path) -> None:
     part = maxjax.load_map(tmp_path / "a.npz", bounds=((1.75, 2.75, 3.75), (3.25, 4.25, 5.25)))
     np.testing.assert_array_equal(part.occupied, occupied[2:5, 2:5, 2:5])
     assert part.grid.origin == (2.0, 3.0, 4.0)
-    with pytest.raises(MapError, match="meet the map"):
+    with pytest.raises(FileError, match="meet the map"):
         maxjax.load_map(tmp_path / "a.npz", bounds=(50, 50, 50, 60, 60, 60))
     with pytest.raises(ValueError, match="brings its own"):
         maxjax.load_map(tmp_path / "a.npz", spacing=1.0)

@@ -12,8 +12,9 @@ import pytest
 import trimesh
 
 from maxjax.cli import main
+from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.maps import MapError, Mesh, read_map
+from maxjax.maps import Mesh, read_map
 from maxjax.maps.mesh import fans, mesh_of
 
 GRID = Grid((40, 40, 30), 2.0, (-40.0, -40.0, -10.0))
@@ -172,7 +173,7 @@ BROKEN = {
 def test_damaged_meshes_are_refused(tmp_path: Path, name: str) -> None:
     content, message = BROKEN[name]
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(MapError, match=rf"{name}: .*{message}"):
+    with pytest.raises(FileError, match=rf"{name}: .*{message}"):
         read_map(tmp_path / name)
 
 
@@ -182,5 +183,5 @@ def test_a_truncated_mesh_is_never_read_as_less(tmp_path: Path, name: str) -> No
     whole = path.read_bytes()
     for cut in range(1, len(whole) - 2, 7):
         path.write_bytes(whole[:cut])
-        with pytest.raises(MapError):
+        with pytest.raises(FileError):
             read_map(path)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maxjax.maps import MapError
-from maxjax.maps.degrees import project
-from maxjax.maps.osm import load_osm
+from maxjax.core.earth import project
+from maxjax.core.files import FileError
+from maxjax.maps.readers.osm import load_osm
 
 LATITUDE, LONGITUDE = 34.0, -118.45
 STEP = 1e-4  # [degrees], some 10 m
@@ -118,12 +118,12 @@ def test_what_has_no_height_or_outline_is_counted(path: Path) -> None:
 )
 def test_an_error_names_what_is_wrong(path: Path, content: str, message: str) -> None:
     path.write_text(content)
-    with pytest.raises(MapError, match=message):
+    with pytest.raises(FileError, match=message):
         load_osm(path)
 
 
 def test_an_error_names_a_missing_file(path: Path) -> None:
-    with pytest.raises(MapError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         load_osm(path)
 
 

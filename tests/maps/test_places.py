@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import maxjax
+from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.core.terrain import Terrain
 from maxjax.maps import Window, map_of, read_map
-from maxjax.maps.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.maps.load import map_with
 from maxjax.maps.places import check_in_map, point_at
-from maxjax.maps.terrain import Terrain
 
 SAMPLE = Path(__file__).parents[2] / "docs" / "samples" / "quarter.geojson"
 PLANE = TangentPlane(52.0, 4.3, 7.0)

@@ -1,4 +1,4 @@
-"""Every reader gives the file's points back, and answers any damaged file with a MapError alone."""
+"""Every reader gives the file's points back, and answers any damaged file with a FileError alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxjax.maps import MapError, Mesh, PointCloud, VoxelMap, read_map
+from maxjax.core.files import FileError
+from maxjax.maps import Mesh, PointCloud, StoredVoxels, read_map
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
 TYPES |= {"double": "f8", "int16": "i2", "float32": "f4", "float64": "f8"}
@@ -117,7 +118,7 @@ def test_ply_with_windows_line_ends_and_not_a_number(tmp_path: Path) -> None:
 def test_ply_headers_that_lie(tmp_path: Path, header: str, message: str) -> None:
     path = tmp_path / "a.ply"
     path.write_text(f"ply\nformat ascii 1.0\n{header}end_header\n" + 20 * "\xff")
-    with pytest.raises(MapError, match=rf"a\.ply: .*{message}"):
+    with pytest.raises(FileError, match=rf"a\.ply: .*{message}"):
         read_map(path)
 
 
@@ -132,7 +133,7 @@ def test_truncated_ply_is_refused_or_lacks_no_point(tmp_path: Path, order: str) 
         path.write_bytes(whole[:cut])
         try:
             given = read_map(path).points
-        except MapError:
+        except FileError:
             refused += 1
         else:  # digits of the very last number are missing
             assert given.shape == expected.shape
@@ -164,7 +165,7 @@ def test_truncated_las_is_refused(tmp_path: Path, suffix: str, format: int) -> N
     whole = path.read_bytes()
     for cut in range(0, len(whole), 13):
         path.write_bytes(whole[:cut])
-        with pytest.raises(MapError, match=rf"a\.{suffix}"):
+        with pytest.raises(FileError, match=rf"a\.{suffix}"):
             read_map(path)
 
 
@@ -179,7 +180,7 @@ def test_altered_las_raises_map_errors_alone(tmp_path: Path, suffix: str, format
         path.write_bytes(altered)
         try:
             cloud = read_map(path)
-        except MapError:
+        except FileError:
             continue
         assert 0 < len(cloud.points) <= len(POINTS)
 
@@ -202,7 +203,7 @@ def test_a_laz_header_that_counts_points_too_many_is_refused(tmp_path: Path, ret
     altered = write_returns(path, returns)
     struct.pack_into("<I", altered, 107, len(POINTS) + more)
     path.write_bytes(altered)
-    with pytest.raises(MapError, match=rf"returns of its first {len(POINTS)} alone|damaged"):
+    with pytest.raises(FileError, match=rf"returns of its first {len(POINTS)} alone|damaged"):
         read_map(path)
 
 
@@ -236,7 +237,7 @@ def test_las_headers_that_lie(tmp_path: Path, suffix: str) -> None:
         altered = bytearray(whole)
         struct.pack_into(code, altered, place, value)
         path.write_bytes(altered)
-        with pytest.raises(MapError, match=message):
+        with pytest.raises(FileError, match=message):
             read_map(path)
 
 
@@ -246,7 +247,7 @@ def test_npz_voxels(tmp_path: Path, key: str, kind: type) -> None:
     occupied = np.random.default_rng(1).random((3, 4, 5)) < 0.5
     np.savez_compressed(tmp_path / "a.npz", **{key: occupied.astype(kind)})
     plain = read_map(tmp_path / "a.npz")
-    assert isinstance(plain, VoxelMap)
+    assert isinstance(plain, StoredVoxels)
     np.testing.assert_array_equal(plain.occupied, occupied)
     assert (plain.grid.shape, plain.grid.spacing, plain.grid.origin) == ((3, 4, 5), 1.0, (0.0, 0.0, 0.0))
     np.savez(tmp_path / "b.npz", **{key: occupied.astype(kind)}, spacing=2, origin=np.array([1, 2, 3]))
@@ -283,7 +284,7 @@ def test_npz_points(tmp_path: Path) -> None:
 )
 def test_npz_with_other_contents(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
     np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(MapError, match=rf"a\.npz: .*{message}"):
+    with pytest.raises(FileError, match=rf"a\.npz: .*{message}"):
         read_map(tmp_path / "a.npz")
 
 
@@ -298,7 +299,7 @@ def test_truncated_and_altered_npz_is_refused_or_equal(
     whole = path.read_bytes()
     if data.draw(st.booleans()):
         path.write_bytes(whole[: data.draw(st.integers(0, len(whole) - 1))])
-        with pytest.raises(MapError):
+        with pytest.raises(FileError):
             read_map(path)
     else:
         altered = bytearray(whole)
@@ -307,16 +308,16 @@ def test_truncated_and_altered_npz_is_refused_or_equal(
         path.write_bytes(altered)
         try:
             voxels = read_map(path)
-        except MapError:
+        except FileError:
             return
         np.testing.assert_array_equal(voxels.occupied, occupied)
 
 
 def test_npz_that_unpacks_beyond_the_cap_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maxjax.maps.npz.MAX_FILE_BYTES", 2**20)
+    monkeypatch.setattr("maxjax.maps.readers.npz.MAX_FILE_BYTES", 2**20)
     np.savez_compressed(tmp_path / "bomb.npz", occupied=np.zeros((128, 128, 128), bool))
     assert (tmp_path / "bomb.npz").stat().st_size < 10_000
-    with pytest.raises(MapError, match="unpacks to 2097"):
+    with pytest.raises(FileError, match="unpacks to 2097"):
         read_map(tmp_path / "bomb.npz")
 
 
@@ -336,20 +337,20 @@ def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
     cases |= {f"empty.{suffix}": "empty" for suffix in ("ply", "npz", "las", "laz")}
     cases |= {f"text.{suffix}": "expected" for suffix in ("ply", "npz", "las", "laz")}
     for name, message in cases.items():
-        with pytest.raises(MapError, match=message):
+        with pytest.raises(FileError, match=message):
             read_map(tmp_path / name)
-    with pytest.raises(MapError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         read_map(tmp_path / ("x" * 300 + ".ply"))
 
 
 def test_more_points_than_the_cap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for reader in ("ply", "npz", "las"):
-        monkeypatch.setattr(f"maxjax.maps.{reader}.MAX_POINTS", 199)
+        monkeypatch.setattr(f"maxjax.maps.readers.{reader}.MAX_POINTS", 199)
     write_ply(tmp_path / "a.ply", POINTS)
     write_las(tmp_path / "a.las", POINTS)
     np.savez(tmp_path / "a.npz", points=POINTS)
     for suffix in ("ply", "las", "npz"):
-        with pytest.raises(MapError, match=r"200 .*at most 199"):
+        with pytest.raises(FileError, match=r"200 .*at most 199"):
             read_map(tmp_path / f"a.{suffix}")
 
 
@@ -363,7 +364,7 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         return importer(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MapError, match=r"pip install 'maxjax\[las\]'"):
+    with pytest.raises(FileError, match=r"pip install 'maxjax\[las\]'"):
         read_map(tmp_path / "a.las")
 
 

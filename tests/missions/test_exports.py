@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import maxjax
-from maxjax.maps.earth import TangentPlane
+from maxjax.core.earth import TangentPlane
 from maxjax.missions.export import export
 from maxjax.planning.plan import Plan, no_plan
 from maxjax.planning.task import Distances

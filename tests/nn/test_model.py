@@ -21,7 +21,7 @@ from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
-from maxjax.planning.climb import PotentialLike
+from maxjax.planning.field_planner import PotentialLike
 
 
 @pytest.fixture(autouse=True)

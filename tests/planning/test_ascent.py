@@ -14,7 +14,7 @@ from references import component_of, direct_potential, keeps, random_blocks, ran
 
 from maxjax import Grid, verify
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.sight import sight_of
+from maxjax.planning.line_of_sight import sight_of
 
 SHAPE = (16, 18, 20)
 SETTINGS = {

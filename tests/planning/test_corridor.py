@@ -8,10 +8,12 @@ import pytest
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
-from maxjax.planning import corridor, execute, focus
-from maxjax.planning.judge import verify
+from maxjax.planning import corridor
+from maxjax.planning import execution as execute
+from maxjax.planning import focus_window as focus
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Distances, Task
+from maxjax.verification.verifier import verify
 
 GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))
 FIND = METHODS["solver"].finder()

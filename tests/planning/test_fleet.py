@@ -13,7 +13,7 @@ from references import random_blocks, random_free, serpentine
 from maxjax import Grid, PlanBatch, Potential, Status, dilate, plan, plan_fleet, solve_potential, verify
 from maxjax.planning import fleet as fleet_module
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import Climb
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.task import Distances, Task
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))

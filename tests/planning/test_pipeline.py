@@ -8,8 +8,8 @@ from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, solve_potential, verify
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_one, plan_task, staged
+from maxjax.planning.execution import plan_one, plan_task, staged
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.task import Distances, Task
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))

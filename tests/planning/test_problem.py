@@ -11,8 +11,8 @@ import pytest
 from references import component_of, random_blocks, random_free
 
 from maxjax import Grid, Price, Status
+from maxjax.planning.line_of_sight import stands_free
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.sight import stands_free
 from maxjax.planning.task import Distances
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))

@@ -14,8 +14,8 @@ import numpy as np
 
 import maxjax
 from maxjax.fields.geodesic import geodesic
-from maxjax.planning.climb import Climb
-from maxjax.planning.execute import plan_task
+from maxjax.planning.execution import plan_task
+from maxjax.planning.field_planner import Climb
 from maxjax.planning.task import Distances, Task
 
 GRID = maxjax.Grid((49, 49, 33), 2.0, (-48.0, -48.0, 0.0))

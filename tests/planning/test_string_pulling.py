@@ -13,8 +13,8 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from maxjax import Grid, Status, verify
-from maxjax.planning.baselines.astar import astar
-from maxjax.planning.sight import clear_and_paid, sight_of
+from maxjax.baselines.astar import astar
+from maxjax.planning.line_of_sight import clear_and_paid, sight_of
 from maxjax.planning.string_pulling import WINDOW, tighten
 
 SHAPE = (16, 18, 20)

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from maxjax.sim import controller as control
 from maxjax.sim.controller import Controller, Observer, mix
-from maxjax.sim.reference import Limits, Setpoint, evaluate, profile, sample
 from maxjax.sim.vehicle import Gusts, State, Vehicle, gust, hover, step
+from maxjax.trajectories.online import Limits, Setpoint, evaluate, profile, sample
 
 VEHICLE = Vehicle()
 CONTROLLER = Controller()

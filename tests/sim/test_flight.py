@@ -11,13 +11,13 @@ import pytest
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.methods import METHODS
-from maxjax.planning.judge import verify
 from maxjax.planning.task import Distances
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, World, watch
 from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.lidar import Lidar
+from maxjax.verification.verifier import verify
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.scenes import scene_xml
 from maxjax.worlds.solids import upright_boxes

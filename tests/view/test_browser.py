@@ -22,13 +22,13 @@ from test_page import town
 
 from benchmarks.common.browser import Window, browser, chromium
 from maxjax.cli.viewing_flights import caption
-from maxjax.view.asking import Question, answer
 from maxjax.view.city import City
+from maxjax.view.download import file_of
 from maxjax.view.flight_page import FlightPage
 from maxjax.view.plan_page import PlanPage
+from maxjax.view.question import Question, answer
 from maxjax.view.server import serve
 from maxjax.view.share import MOST_BYTES, playing_page
-from maxjax.view.taking import file_of
 from maxjax.view.trials import city_of, film_of, open_folder
 
 START, GOAL = (8.0, 10.0, 10.0), (58.0, 50.0, 12.0)

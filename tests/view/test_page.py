@@ -10,17 +10,17 @@ import pytest
 from test_surface import area_vectors
 
 import maxjax
-from maxjax.maps.airspace import Area
+from maxjax.airspace.airspace import Area
 from maxjax.planning.mission import Waypoint
 from maxjax.view.air import air_scene
-from maxjax.view.asking import Question, answer, told
 from maxjax.view.city import City, first_ends, hit
 from maxjax.view.colors import CLEARANCES, ramp
 from maxjax.view.controls import add_controls
+from maxjax.view.download import page_of
 from maxjax.view.draw import answer_scene, city_scene, ends_scene
 from maxjax.view.nodes import Lines, Surface
+from maxjax.view.question import Question, answer, told
 from maxjax.view.slices import Field, Slice, picture
-from maxjax.view.taking import page_of
 from maxjax.view.worker import Worker
 
 FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates

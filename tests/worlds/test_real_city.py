@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
 from maxjax.core.grid import Grid
-from maxjax.maps.osm import load_osm
+from maxjax.maps.readers.osm import load_osm
 from maxjax.worlds import real_city
 from maxjax.worlds.scenes import occupancy
 

@@ -1,0 +1,1 @@
+"""The rules of the air: altitude band and areas, and their GeoJSON."""

@@ -1,0 +1,1 @@
+"""Triangles and outlines on a grid of voxels."""

@@ -1,0 +1,198 @@
+"""Points of airborne surveys: LAS and, compressed, LAZ (extra `las`: laspy with lazrs).
+
+    x = X · scale + offset, X stored as int32
+
+Classes follow the ASPRS LAS specification, whose 2 (ground), 9 (water) and 11 (road surface) are ground here:
+what lies below them cannot be flown through. 6 (building) is solid, and so is, by default, what a tree or anything
+unclassified hides (`airborne`). A bridge deck (17, or 26 in the Dutch AHN) and wires are neither: one may fly under
+them. Noise (7, 18) and points flagged as withheld are dropped, since the survey itself disowns them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from maxjax.core.files import FileError
+from maxjax.maps.model import MAX_POINTS, PointCloud, local_cloud
+
+_GROUND, _SOLID, _NOISE = (2, 9, 11), (6,), (7, 18)
+_MISSING = "reading LAS needs the extra las: pip install 'maxjax[las]'"
+_CHUNK_BYTES = 2**26
+_MAX_RECORD = 1024
+
+# The part of the public header block that every version shares, and what LAS 1.4 appends.
+_HEADER = np.dtype(
+    {
+        "names": [
+            "signature",
+            "minor",
+            "data",
+            "vlrs",
+            "format",
+            "record",
+            "count",
+            "scale",
+            "offset",
+        ],
+        "formats": ["S4", "u1", "<u4", "<u4", "u1", "<u2", "<u4", ("<f8", 3), ("<f8", 3)],
+        "offsets": [0, 25, 96, 100, 104, 105, 107, 131, 155],
+        "itemsize": 227,
+    }
+)
+_COUNT_14 = 247
+
+
+def load_las(path: Path) -> PointCloud:
+    """The points of a .las or .laz file, in chunks, with ground and solid from their classes.
+
+    Raises:
+        FileError: if the extra is missing, or the file is unreadable, truncated, too large or contradicts its
+            header.
+    """
+    try:
+        import laspy
+    except ImportError as error:
+        raise FileError(f"{path}: {_MISSING}") from error
+    if not (backend := laspy.LazBackend.Lazrs).is_available():
+        raise FileError(f"{path}: {_MISSING}")
+    axes: list[np.ndarray] = []
+    classes: list[np.ndarray] = []
+    crs = None
+    returns: list[np.ndarray] = []
+    claimed = np.zeros(0, np.int64)
+    try:
+        with _silent(), open(path, "rb") as file:
+            count, scale, offset = _check_header(path, file)
+            file.seek(0)
+            # One thread reads the stream as it comes; the parallel one would trust the chunk table.
+            with laspy.open(file, laz_backend=backend, read_evlrs=False, closefd=False) as reader:
+                header = reader.header
+                crs = _crs(header.vlrs)
+                record = header.point_format.size
+                if header.are_points_compressed:
+                    claimed = np.array(header.number_of_points_by_return, np.int64)
+                    packed = reader.point_source.vlr.item_size()
+                    if packed != record:
+                        raise FileError(f"{path}: records of {record} bytes are packed as {packed}; damaged")
+                found = 0
+                for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
+                    found += len(chunk)
+                    returns.append(np.asarray(chunk.return_number))
+                    kept = ~np.isin(chunk.classification, _NOISE) & (np.asarray(chunk.withheld) == 0)
+                    axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
+                    classes.append(np.asarray(chunk.classification)[kept])
+    except FileError:
+        raise
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except BaseException as error:
+        # lazrs is Rust: on damaged data it may panic, which arrives as a BaseException of a private type.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        raise FileError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
+    if found == count and (end := _end_of_returns(np.concatenate(returns), claimed)) is not None:
+        raise FileError(f"{path}: claims {count} points, but counts the returns of its first {end} alone; damaged")
+    if found != count:
+        raise FileError(f"{path}: claims {count} points, found {found}; the file is truncated")
+    labels, stored = np.concatenate(classes), np.concatenate(axes)
+    ground, solid = np.isin(labels, _GROUND), np.isin(labels, _SOLID)
+    cloud = local_cloud(stored * scale + offset, path, ground=ground, solid=solid)
+    return dataclasses.replace(cloud, classes=labels, crs=crs, withdrawn=found - len(labels))
+
+
+def _end_of_returns(returns: np.ndarray, claimed: np.ndarray) -> int | None:
+    """How many points a header counts by return, if these are the first ones of a file that has more; else None.
+
+    A compressed stream read beyond its end goes on with points like its last ones: then the counts end before them.
+    Counts that are those of no beginning of the file are merely wrong, as programs that cut or join files leave them.
+
+    Args:
+        returns: return number of each point.
+        claimed: points with return 1, 2, …
+    """
+    counted = np.flatnonzero((returns > 0) & (returns <= len(claimed)))
+    total = int(claimed.sum())
+    if not 0 < total < len(counted):
+        return None
+    first = counted[:total]
+    same = np.array_equal(np.bincount(returns[first], minlength=len(claimed) + 1)[1:], claimed)
+    return int(first[-1]) + 1 if same else None
+
+
+def _crs(records: Iterable[Any]) -> str | None:
+    """EPSG code in the variable records: WKT, or else the key of a projected (3072) or geographic (2048) system."""
+    for record in records:
+        if codes := re.findall(
+            r'AUTHORITY\["EPSG",\s*"?(\d+)"?\]\s*\]?\s*$', str(getattr(record, "string", "")).strip("\0")
+        ):
+            return f"EPSG:{codes[-1]}"
+        keys = {key.id: int(key.value_offset) for key in getattr(record, "geo_keys", ())}
+        if code := keys.get(3072) or keys.get(2048):
+            return f"EPSG:{code}"
+    return None
+
+
+def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarray]:
+    """Number of points, scale and offset; refuses claims that the file cannot hold."""
+    size = os.fstat(file.fileno()).st_size
+    raw = file.read(_COUNT_14 + 8)
+    if not raw.startswith(b"LASF") or len(raw) < _HEADER.itemsize:
+        raise FileError(f"{path}: expected a LAS file, which starts with LASF and a header of 227 bytes")
+    header = np.frombuffer(raw, _HEADER, 1)[0]
+    count, record, data = int(header["count"]), int(header["record"]), int(header["data"])
+    if header["minor"] >= 4 and len(raw) == _COUNT_14 + 8:
+        count = int.from_bytes(raw[_COUNT_14:], "little")
+    if count == 0:
+        raise FileError(f"{path}: holds no point, expected at least one")
+    if count > MAX_POINTS:
+        raise FileError(f"{path}: claims {count} points, expected at most {MAX_POINTS}; crop or thin it")
+    if not 0 < record <= _MAX_RECORD:
+        raise FileError(f"{path}: claims {record} bytes a point, expected 1 to {_MAX_RECORD}; damaged")
+    compressed = bool(header["format"] & 0x80)
+    needed = data if compressed else data + count * record
+    if needed > size:
+        raise FileError(f"{path}: claims {count} points up to byte {needed}, has {size} bytes; truncated")
+    if int(header["vlrs"]) * 54 > data:
+        raise FileError(f"{path}: claims {header['vlrs']} variable records in {data} bytes; damaged")
+    if compressed:
+        _check_chunk_table(path, file, data, size)
+    scale, offset = np.array(header["scale"]), np.array(header["offset"])
+    if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
+        raise FileError(f"{path}: expected finite scales and offsets, found {scale} and {offset}; damaged")
+    return count, scale, offset
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """No log of laspy: it also prints what it raises, and the user needs one sentence."""
+    logger = logging.getLogger("laspy")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _check_chunk_table(path: Path, file: BinaryIO, data: int, size: int) -> None:
+    """LAZ ends with a table of its chunks, whose claimed length would otherwise be allocated unseen."""
+    file.seek(data)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    if table == -1:  # written by a stream, which could not go back: the place stands at the very end
+        file.seek(max(data, size - 8))
+        table = int.from_bytes(file.read(8), "little", signed=True)
+    if not data + 8 <= table <= size - 8:
+        raise FileError(f"{path}: expected its chunk table before byte {size}, found {table}; truncated")
+    file.seek(table + 4)
+    chunks = int.from_bytes(file.read(4), "little")
+    if chunks > table - data:
+        raise FileError(f"{path}: claims {chunks} chunks in {table - data} bytes; damaged")

@@ -1,0 +1,118 @@
+"""What is told of a compilation: its program and how long it took last time; and one false alarm that is not.
+
+    with told(print):
+        ...                  # "compiling solve, 9 s last time", and "" when nothing compiles any more
+
+Times are remembered by the program's name in the cache folder; where none is known, none is given.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from maxjax.core.files import atomic_write
+from maxjax.programs.cache import cache_folder
+
+Tell = Callable[[str], None]
+
+_listening: list[Tell] = []
+# Programs that compile now, in one thread or several, and how long each took last time.
+_running: dict[object, tuple[str, float | None]] = {}
+_lock = threading.Lock()
+_STDERR = 2
+
+
+@contextlib.contextmanager
+def told(tell: Tell) -> Iterator[None]:
+    """Call `tell` with what compiles, in any thread, whenever that changes; with "" when nothing does."""
+    _listening.append(tell)
+    try:
+        yield
+    finally:
+        _listening.remove(tell)
+
+
+@contextlib.contextmanager
+def compiling(name: str) -> Iterator[None]:
+    """Tell of a compilation, and remember how long it took; one that raises is not remembered."""
+    this, started = object(), time.perf_counter()
+    _running[this] = name, _remembered().get(name)
+    _tell()
+    try:
+        yield
+    finally:
+        del _running[this]
+        _tell()
+    with _lock, contextlib.suppress(OSError):
+        file = _file()
+        if file is not None:
+            content = _remembered() | {name: round(time.perf_counter() - started, 2)}
+            atomic_write(file, json.dumps(content, indent=1, sort_keys=True) + "\n")
+
+
+def _tell() -> None:
+    now = list(_running.values())
+    sentence = f"compiling {', '.join(name for name, _ in now)}" if now else ""
+    known = [seconds for _, seconds in now if seconds is not None]
+    if now and len(known) == len(now):
+        sentence += f", {max(*known, 1):.0f} s last time"
+    for tell in list(_listening):
+        tell(sentence)
+
+
+def _file() -> Path | None:
+    folder = cache_folder()
+    return None if folder is None else folder / "seconds.json"
+
+
+def _remembered() -> dict[str, float]:
+    """Seconds by name; nothing where the file is not readable."""
+    file = _file()
+    if file is None:
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(content, dict):
+        return {}
+    return {str(name): float(value) for name, value in content.items() if isinstance(value, int | float)}
+
+
+# With AVX-512, XLA compiles for two features more than it finds in the machine when it loads what it compiled. They are
+# preferences of its cost model that no machine has: nothing is wrong (jax-ml/jax issue 38445).
+_FALSE = (b"Target machine feature +prefer-no-gather is not", b"Target machine feature +prefer-no-scatter is not")
+
+
+@contextlib.contextmanager
+def without_false_alarm() -> Iterator[None]:
+    """Keep XLA's false alarm about what it loads from stderr; all else that is written there comes afterwards.
+
+    XLA writes past Python, and decides at import what it writes.
+    """
+    with _lock, contextlib.ExitStack() as stack:
+        try:
+            heard = stack.enter_context(tempfile.TemporaryFile())
+            sys.stderr.flush()
+            stderr = os.dup(_STDERR)
+        except (OSError, ValueError, AttributeError):  # a process without stderr, or without room for files
+            yield
+            return
+        os.dup2(heard.fileno(), _STDERR)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, _STDERR)
+            os.close(stderr)
+            heard.seek(0)
+            for line in heard:
+                if not any(part in line for part in _FALSE):
+                    os.write(_STDERR, line)

@@ -1,0 +1,127 @@
+"""What is clear of a trajectory: where it leaves its plan's verified path, the judge is asked again.
+
+A smooth curve lies within `bulge` of the polyline through its samples. It is clear where this polyline touches nothing
+and keeps the plan's radius and `bulge` to obstacles outside the plan's balls (`verification.verifier`). Doubt counts
+against it: the tolerance that the judge allows a path is added to the distance that is asked for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from maxjax.core.grid import Grid
+from maxjax.verification.clearance import distances_at
+from maxjax.verification.verifier import Verification, verify_batch
+
+# A sample this close to the path lies on it [m].
+_ON = 1e-7
+# Of the radius, as the judge allows it [voxels].
+_TOLERANCE = 1.1e-3
+# Samples within this distance of the centre of a voxel that is touched answer for it [voxels].
+_BESIDE = 3.0
+_CHUNK = 2048
+
+
+@dataclasses.dataclass(frozen=True)
+class Surroundings:
+    """The map around a plan's path.
+
+    Attributes:
+        occupied: occupied voxels.
+        ground: those that are ground. None: none.
+        grid: of both.
+        path: (n, 3) of the plan [m], world frame.
+        radius: that it keeps [m].
+        balls: radii of the balls around its ends in which it does not [m].
+    """
+
+    occupied: Bool[np.ndarray, "nx ny nz"]
+    ground: Bool[np.ndarray, "nx ny nz"] | None
+    grid: Grid
+    path: Float64[np.ndarray, "n 3"]
+    radius: float
+    balls: tuple[float, float]
+
+    def clearance(self, points: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:
+        """Distance of points to the cube of an occupied voxel [m], ground left out."""
+        index = (points - np.array(self.grid.origin)) / self.grid.spacing + 0.5
+        ground = None if self.ground is None else self.ground[None]
+        return self.grid.spacing * distances_at(index, np.zeros(len(points), np.int64), self.occupied[None], ground)
+
+    def unclear(self, samples: Float64[np.ndarray, "m 3"], bulge: float) -> Bool[np.ndarray, " m"]:
+        """Samples of a curve from the path's start to its goal, where it is not clear; none on the path itself."""
+        runs = self._runs(project(samples, self.path)[0] > _ON, samples)
+        found = np.zeros(len(samples), bool)
+        for (first, last), verdict in zip(runs, self._judged(samples, runs, bulge), strict=True):
+            if not verdict.ok:
+                found[first:last] |= self._blamed(samples[first:last], verdict, bulge)
+        return found
+
+    def least_clearance(self, samples: Float64[np.ndarray, "m 3"]) -> float:
+        """Least clearance of the polyline through some samples [m]."""
+        return self._judged(samples, [(0, len(samples))], 0.0)[0].clearance
+
+    def _runs(self, off: Bool[np.ndarray, " m"], samples: Float64[np.ndarray, "m 3"]) -> list[tuple[int, int]]:
+        """Runs of samples off the path, with one more at both ends; from the start or to the goal if in its ball."""
+        edges = np.flatnonzero(np.diff(off, prepend=False, append=False))
+        runs = []
+        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            from_start, to_goal = (
+                bool((np.linalg.norm(samples[first:last] - end, axis=1) < ball).any())
+                for end, ball in zip(self.path[[0, -1]], self.balls, strict=True)
+            )
+            runs.append((0 if from_start else max(first - 1, 0), len(off) if to_goal else min(last + 1, len(off))))
+        return runs
+
+    def _judged(
+        self, samples: Float64[np.ndarray, "m 3"], runs: list[tuple[int, int]], bulge: float
+    ) -> list[Verification]:
+        """Verdicts on runs. At radius 0 the ground counts as any obstacle does, as the bulge must not enter it."""
+        keeps_off = self.radius > 0 and self.ground is not None
+        balls = [[self.balls[0] * (first == 0), self.balls[1] * (last == len(samples))] for first, last in runs]
+        return verify_batch(
+            [samples[first:last] - np.array(self.grid.origin) for first, last in runs],
+            np.zeros(len(runs), np.int64),
+            None,
+            self.occupied[None],
+            self.grid.local,
+            ground=self.ground[None] if keeps_off and self.ground is not None else None,
+            radius=self.radius + bulge + _TOLERANCE * self.grid.spacing if bulge else 0.0,
+            balls=np.array(balls).reshape(-1, 2),
+        )
+
+    def _blamed(
+        self, samples: Float64[np.ndarray, "m 3"], verdict: Verification, bulge: float
+    ) -> Bool[np.ndarray, " m"]:
+        """The samples of a run that are too near, or beside the voxel that it touches; all where none is."""
+        grid = self.grid
+        found = self.clearance(samples) < self.radius + 2.0 * (bulge + _TOLERANCE * grid.spacing)
+        for end, ball in zip(self.path[[0, -1]], self.balls, strict=True):
+            found &= np.linalg.norm(samples - end, axis=1) >= ball
+        if verdict.first_hit is not None:
+            centre = np.array(grid.origin) + grid.spacing * np.array(verdict.first_hit)
+            found |= np.linalg.norm(samples - centre, axis=1) < _BESIDE * grid.spacing
+        return found if found.any() else ~found
+
+
+def project(
+    points: Float64[np.ndarray, "m 3"], path: Float64[np.ndarray, "n 3"]
+) -> tuple[Float64[np.ndarray, " m"], Float64[np.ndarray, " m"]]:
+    """Distance of points to a polyline [m], and the arc length of its point that has it [m]."""
+    edges = np.diff(path, axis=0)
+    square = np.einsum("ei,ei->e", edges, edges)
+    length = np.sqrt(square)
+    before = np.concatenate([[0.0], np.cumsum(length)])[:-1]
+    distance, arclength = np.empty(len(points)), np.empty(len(points))
+    for k in range(0, len(points), _CHUNK):
+        away = points[k : k + _CHUNK, None] - path[:-1]
+        t = np.clip(np.einsum("pei,ei->pe", away, edges) / square, 0.0, 1.0)
+        gap = np.linalg.norm(away - t[..., None] * edges, axis=-1)
+        best = gap.argmin(axis=1)
+        row = np.arange(len(best))
+        distance[k : k + _CHUNK] = gap[row, best]
+        arclength[k : k + _CHUNK] = before[best] + t[row, best] * length[best]
+    return distance, arclength

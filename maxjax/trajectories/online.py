@@ -1,0 +1,296 @@
+"""From a path to a time-parameterised reference: round the corners, find the speed, integrate the time.
+
+The path is a polyline x(s) over its arc length s, with unit directions u and a turn Δu_i at the corner s_i. Each
+corner is blended over a width b_i on both of its sides,
+
+    x̃(s) = x(s) + Σ_i Δu_i G_i(s),    G_i(s) = b_i/6 (1 − |s − s_i| / b_i)³₊,
+
+which for equal widths is x smoothed by a triangular kernel: straight where nothing turns, and its second derivative,
+a sum of hats Δu_i/b_i (1 − |s − s_i|/b_i)₊, is continuous. The deviation is bounded by
+
+    |x̃ − x| ≤ Σ_i |Δu_i| G_i ≤ D    if  b_i T_i(b_i) ≤ 6 D,    T_i(b) = sum of |Δu_j| over |s_j − s_i| ≤ 2 b.
+
+(G_i is convex on either side of s_i, so the sum is greatest at a corner s_j. The widest of the corners that reach s_j
+has all the others within twice its width; hence the sum is at most b T / 6 of that corner.) Turns mirrored at the
+start with the opposite sign keep x̃(0) = x(0), and widths that end before the path does keep its last point.
+
+Speed ṡ = v along s, in three limits: v ≤ caps and limits.speed; |x̃''| v² ≤ lateral; |v̇| ≤ acceleration. With v² for
+the unknown, the last is a bound of the slope: the backward pass is the lower envelope min_j (v_j² + 2 a |s − s_j|) over
+later points, the forward pass that over earlier points, each one cumulative minimum. v̇ is constant between samples. As
+|x̃'| ≤ 1 up to the interplay of unequal widths (which is divided out), no acceleration exceeds acceleration +
+lateral.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from maxjax.programs.lowering import matmul
+
+# Edges shorter than this [m] count as repeated points.
+_SHORTEST = 1e-3
+# Candidate blending widths [m]: with 4 m every corner that 0.3 m of deviation allows at 5 m/s is flown at 5 m/s.
+_WIDTHS = tuple(4.0 * 2.0 ** (-k / 2) for k in range(10))
+# Represents "never" among times [s]; finite, so that no difference is inf - inf.
+_NEVER = 1e6
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """Limits of a reference; static.
+
+    Attributes:
+        speed: greatest speed [m/s].
+        acceleration: along the path, speeding up and braking [m/s²].
+        lateral: across the path, in curves [m/s²].
+        braking: deceleration where the start speed is too high for `acceleration` to meet a cap [m/s²].
+        deviation: greatest distance of rounded corners from the path [m].
+        spacing: of the samples, arc length of the path [m].
+        samples: their number; the reference ends after spacing * (samples - 1) metres of path.
+
+    Raises:
+        ValueError: for values outside these meanings.
+    """
+
+    speed: float = 5.0
+    acceleration: float = 3.0
+    lateral: float = 3.0
+    braking: float = 6.0
+    deviation: float = 0.3
+    spacing: float = 0.25
+    samples: int = 256
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "acceleration", "lateral", "deviation", "spacing"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"Limits.{name}: expected a positive number, given {getattr(self, name)}")
+        if not self.braking >= self.acceleration:
+            raise ValueError(f"Limits.braking: expected at least {self.acceleration} m/s², given {self.braking}")
+        if self.samples < 2:
+            raise ValueError(f"Limits.samples: expected at least 2, given {self.samples}")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """A rounded path, sampled; batch axes lead. Samples beyond the end of the path repeat it.
+
+    Attributes:
+        points: x̃ [m].
+        tangent: dx̃/ds; of unit length on straights, shorter in corners.
+        arclength: s of each sample, along the polyline [m].
+        bend: bound of |d²x̃/ds²| within half a spacing of each sample [1/m].
+    """
+
+    points: Float[Array, "*batch m 3"]
+    tangent: Float[Array, "*batch m 3"]
+    arclength: Float[Array, "*batch m"]
+    bend: Float[Array, "*batch m"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """A course with its times; batch axes lead.
+
+    Attributes:
+        course: the curve.
+        speed: ds/dt at the samples [m/s].
+        time: at which each sample is reached, from the start of the reference [s]; 1e6 and more for "never".
+        duration: time at which it comes to rest [s].
+        excess: greatest speed beyond a cap [m/s]: 0, unless the start speed is too high even for `limits.braking`.
+    """
+
+    course: Course
+    speed: Float[Array, "*batch m"]
+    time: Float[Array, "*batch m"]
+    duration: Float[Array, "*batch"]
+    excess: Float[Array, "*batch"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Setpoint:
+    """Desired state at one time, which the controller tracks; batch axes lead.
+
+    Attributes:
+        position: [m].
+        velocity: [m/s].
+        acceleration: [m/s²].
+        yaw: heading of body x [rad].
+    """
+
+    position: Float[Array, "*batch 3"]
+    velocity: Float[Array, "*batch 3"]
+    acceleration: Float[Array, "*batch 3"]
+    yaw: Float[Array, "*batch"]
+
+
+def _norm(x: Float[Array, "*n 3"]) -> Float[Array, "*n"]:
+    """Length with derivative 0 at 0."""
+    return _sqrt(jnp.sum(x * x, -1))
+
+
+def _sqrt(y: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Root of what is positive, else 0, with derivative 0 there."""
+    return jnp.where(y > 0.0, jnp.sqrt(jnp.where(y > 0.0, y, 1.0)), 0.0)
+
+
+def _directions(path: Float[Array, "n 3"]) -> tuple[Float[Array, "e 3"], Float[Array, " e"]]:
+    """Unit direction and length of each edge; repeated points take the direction of the edge before them, or after."""
+    edges = jnp.diff(path, axis=0)
+    length = _norm(edges)
+    real = length > _SHORTEST
+    length = jnp.where(real, length, 0.0)
+    before = lax.cummax(jnp.where(real, jnp.arange(length.size), -1))
+    source = jnp.where(before >= 0, before, jnp.argmax(real))
+    unit = jnp.where(real[:, None], edges / jnp.where(real, length, 1.0)[:, None], 0.0)
+    return unit[source], length
+
+
+def sample(path: Float[Array, "n 3"], limits: Limits) -> Course:
+    """Round the corners of a path and sample it evenly.
+
+    Args:
+        path: polyline [m]; the last point is repeated to the end of the array, a path of one point is allowed.
+        limits: static.
+
+    Returns:
+        `limits.samples` samples, `limits.spacing` apart along the path, the first one its start. No point of the
+        curve through them is further than `limits.deviation` from the path. Longer paths are cut off.
+
+    Raises:
+        ValueError: for wrong shapes.
+    """
+    if path.ndim != 2 or path.shape[1] != 3 or path.shape[0] < 2:
+        raise ValueError(f"sample: expected a path (n, 3) of at least two points, given {path.shape}; use vmap")
+    unit, length = _directions(path)
+    corner = jnp.concatenate([jnp.zeros(1), jnp.cumsum(length)])
+    total = corner[-1]
+    turn = jnp.pad(jnp.diff(unit, axis=0), ((1, 1), (0, 0)))
+    angle = _norm(turn)
+
+    # T_i for each width of the list; b = min(width, 6 D / T) is valid for each, as T only falls with b.
+    turned = jnp.concatenate([jnp.zeros(1), jnp.cumsum(angle)])
+    reach = 2.0 * jnp.asarray(_WIDTHS)[:, None]
+    up_to = jnp.searchsorted(corner, corner + reach, side="right")
+    below = jnp.searchsorted(corner, corner - reach, side="left")
+    around = jnp.maximum(turned[up_to] - turned[below], angle)
+    widest = jnp.where(around > 0.0, 6.0 * limits.deviation / jnp.where(around > 0.0, around, 1.0), jnp.inf)
+    width = jnp.max(jnp.minimum(jnp.asarray(_WIDTHS)[:, None], widest), axis=0)
+    width = jnp.maximum(jnp.minimum(width, total - corner), _SHORTEST)
+
+    s = jnp.minimum(limits.spacing * jnp.arange(limits.samples, dtype=path.dtype), total)
+    edge = jnp.clip(jnp.searchsorted(corner, s, side="right") - 1, 0, length.size - 1)
+    away = s[:, None] - corner
+    near = jnp.maximum(1.0 - jnp.abs(away) / width, 0.0)
+    mirrored = jnp.maximum(1.0 - (s[:, None] + corner) / width, 0.0)
+    shift = matmul((near**3 - mirrored**3) * width / 6.0, turn)
+    # At a corner itself `edge` is the edge after it; the sign here agrees with that.
+    lean = matmul(0.5 * (jnp.where(away < 0.0, near**2, -(near**2)) + mirrored**2), turn)
+    nearest = jnp.maximum(1.0 - jnp.maximum(jnp.abs(away) - 0.5 * limits.spacing, 0.0) / width, 0.0)
+    image = jnp.maximum(1.0 - (s[:, None] + corner + 0.5 * limits.spacing) / width, 0.0)
+    bend = matmul((nearest - image) / width, angle)
+    along = (s - corner[edge])[:, None] * unit[edge]
+    return Course(path[edge] + along + shift, unit[edge] + lean, s, bend)
+
+
+def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, ""], limits: Limits) -> Reference:
+    """The fastest speeds within caps and limits, and the times that follow.
+
+    Args:
+        course: from `sample`.
+        caps: greatest speed at each sample [m/s]. The reference comes to rest at the first sample whose cap is not
+            above 0 (NaN included), and stays.
+        start_speed: along the path, at its start [m/s].
+        limits: static, those of `sample`.
+
+    Returns:
+        The reference. It begins with `start_speed` whatever the caps are: where `limits.acceleration` cannot meet
+        them it brakes with the least sufficient deceleration up to `limits.braking`; `excess` remains above the caps.
+
+    Raises:
+        ValueError: for wrong shapes.
+    """
+    s = course.arclength
+    if s.shape != (limits.samples,) or caps.shape != s.shape or start_speed.shape != ():
+        raise ValueError(
+            f"profile: expected {limits.samples} samples and caps and one start speed, given {s.shape}, {caps.shape} "
+            f"and {start_speed.shape}; use vmap for batches"
+        )
+    moving = lax.cummin(((caps > 0.0) & (s < s[-1])).astype(jnp.int32)).astype(bool)
+    # The three limits as squares; without bend or length there is no limit.
+    allowed = jnp.minimum(
+        jnp.square(limits.speed / jnp.maximum(_norm(course.tangent), 1.0)),
+        limits.lateral / jnp.maximum(course.bend, 1e-6),
+    )
+    allowed = jnp.where(moving, jnp.minimum(allowed, jnp.square(jnp.where(moving, caps, 0.0))), 0.0)
+
+    start = jnp.square(jnp.maximum(start_speed, 0.0))
+    rise = 2.0 * limits.acceleration * s
+    backward = lax.cummin(allowed + rise, reverse=True) - rise
+    # The least deceleration that meets every cap, then the speed that remains with it.
+    later = s > 0.0
+    needed = jnp.max(jnp.where(later, (start - allowed) / jnp.where(later, 2.0 * s, 1.0), 0.0))
+    unavoidable = start - 2.0 * jnp.clip(needed, limits.acceleration, limits.braking) * s
+    forward = jnp.maximum(backward, unavoidable).at[0].set(start)
+    square = jnp.maximum(lax.cummin(forward - rise) + rise, 0.0)
+    speed = _sqrt(square)
+
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    moves = mean > 0.0
+    takes = jnp.where(moves, jnp.diff(s) / jnp.where(moves, mean, 1.0), _NEVER)
+    # Between samples without motion no time passes for `duration`.
+    time = jnp.concatenate([jnp.zeros(1), jnp.cumsum(takes)])
+    duration = jnp.sum(jnp.where(moves, takes, 0.0))
+    excess = jnp.max(jnp.where(later, speed - _sqrt(allowed), 0.0))
+    return Reference(course, speed, time, duration, jnp.where(excess > 1e-2, excess, 0.0))
+
+
+def evaluate(
+    reference: Reference, time: Float[Array, ""], yaw: Float[Array, ""] | float = 0.0, lead: float = 0.0
+) -> Setpoint:
+    """Position, velocity and acceleration of the reference; `vmap` over times.
+
+    Args:
+        reference: from `profile`.
+        time: since its start [s]; before 0 it rests at its start, after `duration` at its end.
+        yaw: heading of the setpoint [rad].
+        lead: the acceleration is that `lead` seconds later, which compensates the lag of the thrust [s].
+    """
+    position, velocity, acceleration = _at(reference, time)
+    if lead:
+        acceleration = _at(reference, time + lead)[2]
+    return Setpoint(position, velocity, acceleration, jnp.asarray(yaw, position.dtype))
+
+
+def _at(reference: Reference, time: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    """Position, velocity, acceleration at a time."""
+    course, s = reference.course, reference.course.arclength
+    passed = jnp.sum(reference.time <= time) - 1
+    i = jnp.clip(passed, 0, s.size - 2)
+    step = s[i + 1] - s[i]
+    width = jnp.where(step > 0.0, step, 1.0)
+    v, w = reference.speed[i], reference.speed[i + 1]
+    gain = jnp.where(step > 0.0, (w * w - v * v) / (2.0 * width), 0.0)
+    done = passed > s.size - 2
+    rests = done | (time < 0.0) | (v + w <= 0.0) | (step <= 0.0)
+    elapsed = jnp.where(rests, 0.0, time - reference.time[i])
+    speed = jnp.where(rests, 0.0, v + gain * elapsed)
+    # Cubic in s: exact between samples, except where a blend begins, ends or has its maximum between them.
+    h = jnp.clip((v * elapsed + 0.5 * gain * elapsed * elapsed) / width, 0.0, 1.0)
+    a, b = course.points[i], course.points[i + 1]
+    ta, tb = course.tangent[i] * width, course.tangent[i + 1] * width
+    c2, c3 = 3.0 * (b - a) - 2.0 * ta - tb, 2.0 * (a - b) + ta + tb
+    slope = (ta + h * (2.0 * c2 + 3.0 * h * c3)) / width
+    bend = (2.0 * c2 + 6.0 * h * c3) / width**2
+    position = a + h * (ta + h * (c2 + h * c3))
+    velocity = jnp.where(rests, 0.0, slope * speed)
+    acceleration = jnp.where(rests, 0.0, bend * speed**2 + slope * gain)
+    return jnp.where(rests, jnp.where(done, b, a), position), velocity, acceleration

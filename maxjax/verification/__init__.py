@@ -1,0 +1,1 @@
+"""The verifier of every path: exact, in float64 NumPy, on `core` alone."""

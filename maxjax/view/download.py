@@ -1,0 +1,75 @@
+"""What a page gives away: the plan as other programs' files, and the page itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+from maxjax.api import trajectory
+from maxjax.core.earth import Earth
+from maxjax.core.status import Status
+from maxjax.missions.export import export
+from maxjax.trajectories.limits import PX4
+from maxjax.trajectories.trajectory import Trajectory
+from maxjax.view.air import air_lines, air_scene
+from maxjax.view.city import City
+from maxjax.view.draw import answer_scene, city_scene, ends_scene, together
+from maxjax.view.film import flown
+from maxjax.view.question import Answer, task_of
+from maxjax.view.share import playing_page
+
+
+def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tuple[str, bytes]:
+    """A file of an answer that is OK: its name and content.
+
+    Args:
+        city: the map.
+        earth: where it lies; None: unknown.
+        ending: one of `missions.export`, or `.html`.
+        found: the answer.
+
+    Raises:
+        ValueError: for a format that needs what is not there.
+    """
+    if ending == ".html":
+        return "plan.html", page_of(city, found).encode()
+    mission = found.mission
+    assert mission is not None
+    flight = _timed(city, found)
+    # The folder is made for this file alone; nothing that a browser says becomes part of its path.
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"plan{ending}"
+        export(file, mission, flight, earth, city.floor)
+        return file.name, file.read_bytes()
+
+
+def _timed(city: City, found: Answer) -> Trajectory:
+    """The trajectory of an answer that is OK, which keeps to its rules of the air as well."""
+    assert found.mission is not None
+    task = task_of(city, found.question)
+    limits = dataclasses.replace(
+        PX4, speed=max([found.question.speed, *(stop.speed or 0.0 for stop in found.question.stops)])
+    )
+    return trajectory(found.mission, limits, task.occupied, city.grid, ground=task.ground)
+
+
+def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
+    """The page of an answer that is OK: map, path, and a vehicle that flies its trajectory."""
+    mission = found.mission
+    assert mission is not None
+    flight = _timed(city, found)
+    ends = ends_scene(found.question.waypoints, city.frame)
+    air = air_scene(city, found.question)
+    film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame), air), city.frame)
+    certified = ", certified" if all(leg.certified for leg in mission.legs) else ""
+    lines = [
+        city.name,
+        f"Verified path{certified}: {mission.length:.1f} m, flown in {flight.duration:.1f} s",
+        f"Clearance {mission.cruise_clearance:.1f} m away from the ends, {mission.clearance:.1f} m at the least",
+        f"Path coloured by clearance: red 0 m, green {found.question.margin:g} m and more",
+    ]
+    if found.beside is not None and found.beside.status == Status.OK:
+        lines.append(f"Blue: A*, {found.beside.length:.1f} m, {found.beside.cruise_clearance:.1f} m clear")
+    lines += air_lines(city, found.question)
+    return playing_page(city, film, "\n".join(lines), dark=dark)

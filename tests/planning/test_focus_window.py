@@ -1,0 +1,239 @@
+"""Windows hold every way of a cost; plans in windows are those of the whole map."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+import maxjax
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.methods import METHODS
+from maxjax.planning import execution as execute
+from maxjax.planning import focus_window as focus
+from maxjax.planning.execution import plan_task
+from maxjax.planning.plan import Plan
+from maxjax.planning.task import Distances, Task
+
+SMALL = ((10, 10, 8), (16, 16, 12))
+# One grid for most tests, so that they share programs.
+GRID = Grid((34, 30, 20), 2.0, (3.0, -7.0, 1.0))
+DISTANCES = Distances(1.0, 4.0)
+
+
+@pytest.fixture
+def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows of few voxels, so that small maps have some."""
+    monkeypatch.setattr(focus, "SHAPES", SMALL)
+
+
+def with_and_without(task: Task) -> tuple[list[Plan], list[Plan]]:
+    """Plans of a task in windows, and in whole maps."""
+    find = METHODS["solver"].finder()
+    return plan_task(task, find, "solver"), plan_task(task, dataclasses.replace(find, focused=False), "solver")  # type: ignore[type-var]
+
+
+def check_same(task: Task) -> list[Plan]:
+    """Plans in windows, after a comparison with those in whole maps."""
+    windowed, whole = with_and_without(task)
+    for one, other in zip(windowed, whole, strict=True):
+        assert one.status == other.status
+        assert one.certified == other.certified
+        if one.status == Status.OK:
+            assert one.balls == pytest.approx(other.balls, abs=1e-4)
+    ratios = [a.cost / b.cost for a, b in zip(windowed, whole, strict=True) if a.status == Status.OK]
+    assert np.mean(ratios or [1]) <= 1.002
+    return windowed
+
+
+def test_a_window_holds_every_point_of_the_ellipsoid_of_its_cost() -> None:
+    rng = np.random.default_rng(0)
+    open_map = np.zeros((101, 101, 101), bool)
+    for _ in range(50):
+        ends = rng.uniform(0, 100, (2, 3))
+        ends[1] = np.clip(ends[0] + rng.uniform(-25, 25, 3), 0, 100)
+        cost = np.linalg.norm(ends[1] - ends[0]) * rng.uniform(1, 1.3)
+        window = focus.window_around(open_map, ends, cost)
+        if window is None:
+            continue
+        points = rng.uniform(-0.5, 100.5, (20000, 3))
+        within = np.linalg.norm(points - ends[0], axis=1) + np.linalg.norm(points - ends[1], axis=1) <= cost
+        low, high = np.array(window.corner), np.array(window.corner) + window.shape - 1
+        rim = (points[within] < 0) | (points[within] > 100)
+        assert (((points[within] >= low) & (points[within] <= high)) | rim).all()
+        assert window.bound >= cost
+
+
+def test_the_bound_is_the_least_cost_over_the_faces_that_a_way_may_cross() -> None:
+    rng = np.random.default_rng(1)
+    occupied = np.zeros((60, 60, 60), bool)
+    occupied[:, :, :20] = True
+    for _ in range(20):
+        ends = rng.uniform((15, 15, 20), (45, 45, 35), (2, 3))
+        window = focus.window_around(occupied, ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
+        assert window is not None
+        assert window.corner[2] >= 20
+        low, high = np.array(window.corner), np.array(window.corner) + window.shape - 1
+        least = np.inf
+        for axis, face in itertools.product(range(3), (0, 1)):
+            at = (low, high)[face][axis]
+            if (face == 0 and at == (20 if axis == 2 else 0)) or (face == 1 and at == 59):
+                continue
+            # The nearest points are reflections: points of the whole plane, finely.
+            others = [k for k in range(3) if k != axis]
+            points = np.full((300 * 300, 3), float(at))
+            points[:, others] = np.stack(np.meshgrid(*[np.linspace(-40, 100, 300)] * 2), axis=-1).reshape(-1, 2)
+            sums = np.linalg.norm(points - ends[0], axis=1) + np.linalg.norm(points - ends[1], axis=1)
+            least = min(least, float(sums.min()))
+        assert window.bound <= least + 1e-9
+        assert window.bound == pytest.approx(least, abs=0.05)
+
+
+def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
+    rng = np.random.default_rng(7)
+    found = 0
+    for _ in range(60):
+        limits = rng.integers((20, 20, 5), (400, 300, 40))
+        ends = rng.uniform(0, limits - 1, (2, 3))
+        ends[1] = np.clip(ends[0] + rng.uniform(-30, 30, 3), 0, limits - 1)
+        window = focus.window_around(np.zeros(limits, bool), ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
+        if window is None:
+            continue
+        found += 1
+        assert window.shape in focus.SHAPES
+        assert (ends >= window.corner).all()
+        assert (ends <= np.minimum(np.array(window.corner) + window.shape, limits) - 1).all()
+        # Only what is smaller than the window lets it reach beyond.
+        beyond = np.array(window.corner) + window.shape > limits
+        assert (np.array(window.corner)[beyond] == 0).all()
+        assert (limits[beyond] < np.array(window.shape)[beyond]).all()
+    assert found > 20
+
+
+def test_no_window_for_ends_that_are_not_inside_the_map() -> None:
+    occupied = np.zeros((101, 101, 101), bool)
+    inside = np.array([50.0, 50.0, 50.0])
+    for other in ([-0.6, 50, 50], [50, 100.6, 50], [np.nan, 50, 50], inside):
+        assert focus.window_around(occupied, np.array([inside, other]), 50.0) is None
+        assert focus.window_around(occupied, np.array([other, inside]), 50.0) is None
+
+
+def test_what_a_window_is_shown_is_the_map_with_a_halo_and_nothing_beyond() -> None:
+    rng = np.random.default_rng(2)
+    occupied = rng.random((20, 21, 22)) < 0.5
+    window = focus.Window((0, 5, 14), (8, 8, 8), 10.0)
+    shown = np.zeros((14, 14, 14), bool)
+    window.cut(occupied, 3, shown)
+    padded = np.pad(occupied, 3)
+    assert np.array_equal(shown, padded[0:14, 5:19, 14:28])
+
+
+def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A map with walls, doors, noise and a ground, and two ends, many of them on faces, at the rim or in obstacles."""
+    occupied = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.35])
+    for _ in range(rng.integers(0, 3)):
+        axis = int(rng.integers(0, 2))
+        at = int(rng.integers(0, shape[axis]))
+        wall: list[slice | int] = [slice(None)] * 3
+        wall[axis] = at
+        occupied[tuple(wall)] = True
+        door = [int(rng.integers(0, n)) for n in shape]
+        door[axis] = at
+        if rng.random() < 0.7:
+            occupied[tuple(door)] = False
+    ground = np.zeros(shape, bool)
+    if rng.random() < 0.5:
+        ground[:, :, : rng.integers(1, max(2, shape[2] // 3))] = True
+    occupied |= ground
+    free = np.argwhere(~occupied)
+    ends = np.empty((2, 3))
+    for k in range(2):
+        if len(free) and rng.random() < 0.9:
+            ends[k] = free[rng.integers(0, len(free))]
+        else:
+            ends[k] = rng.uniform(-1, np.array(shape))
+    if rng.random() < 0.7:  # near each other, so that a window is small
+        near = free[np.abs(free - ends[0]).max(axis=1) < 8] if len(free) else free
+        if len(near):
+            ends[1] = near[rng.integers(0, len(near))]
+    return occupied, ground, ends + rng.choice([0.0, 0.5, -0.5, 0.3], (2, 3)) * (rng.random((2, 3)) < 0.3)
+
+
+@pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((3, 60, 40), 30), ((40, 36, 7), 30)])
+def test_statuses_and_costs_are_those_of_the_whole_map(
+    small_windows: None, shape: tuple[int, int, int], cases: int
+) -> None:
+    rng = np.random.default_rng(sum(shape))
+    grid = dataclasses.replace(GRID, shape=shape)
+    maps = [random_case(rng, shape) for _ in range(cases)]
+    world = np.array([np.array(grid.origin) + 2.0 * ends for _, _, ends in maps])
+    volumes = (np.stack([m[k] for m in maps]) for k in (0, 1))
+    occupied, ground = volumes
+    plans = check_same(Task.of(occupied, world[:, 0], world[:, 1], grid, Distances(1.5, 4.0), ground))
+    assert {Status.OK, Status.NO_VALID_PATH} <= {plan.status for plan in plans}
+
+
+def test_a_way_along_the_rim_of_a_flat_map_stays_inside_it(small_windows: None) -> None:
+    grid = dataclasses.replace(GRID, shape=(40, 36, 7))
+    occupied = np.zeros(grid.shape, bool)
+    occupied[19:22, :, :6] = True  # only the highest layer leads over the wall
+    ends = np.array(grid.origin) + grid.spacing * np.array([[16.0, 18.0, 5.0], [25.0, 18.0, 5.0]])
+    (plan,) = check_same(Task.of(occupied, ends[:1], ends[1:], grid, DISTANCES))
+    assert plan.status == Status.OK
+    assert plan.path[:, 2].max() <= grid.upper[2]
+
+
+def corridor(outer: bool) -> np.ndarray:
+    """Two cells whose only way from one to the other leads far around, or nowhere."""
+    occupied = np.ones(GRID.shape, bool)
+    occupied[15:20, 14, 2:4] = False
+    occupied[15:20, 16, 2:4] = False
+    if outer:
+        occupied[2:16, 14, 2:4] = False
+        occupied[2, 14:28, 2:4] = False
+        occupied[2:32, 27, 2:4] = False
+        occupied[31, 16:28, 2:4] = False
+        occupied[19:32, 16, 2:4] = False
+    return occupied
+
+
+@pytest.mark.parametrize("outer", [True, False])
+def test_a_way_that_leaves_the_window_and_comes_back_is_found(small_windows: None, outer: bool) -> None:
+    ends = np.array(GRID.origin) + GRID.spacing * np.array([[17.0, 14.0, 2.5], [17.0, 16.0, 2.5]])
+    (plan,) = check_same(Task.of(corridor(outer), ends[:1], ends[1:], GRID, DISTANCES))
+    assert plan.status == (Status.OK if outer else Status.NO_VALID_PATH)
+    if outer:
+        # From the window in the middle to all four sides of the map.
+        assert plan.length > 2 * (12 + 13 + 28 + 11 + 11)
+
+
+def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(focus, "SHAPES", SMALL[1:])
+    rng = np.random.default_rng(5)
+    occupied = np.zeros((6, *GRID.shape), bool)
+    occupied[:, 16:18, 13:17, :16] = True
+    starts = np.array(GRID.origin) + 2.0 * rng.uniform((12, 12, 8), (14, 16, 12), (6, 3))
+    goals = np.array(GRID.origin) + 2.0 * rng.uniform((20, 12, 8), (22, 16, 12), (6, 3))
+    task = Task.of(occupied, starts, goals, GRID, DISTANCES)
+    find = METHODS["solver"].finder()
+    in_chunks, alone = plan_task(task, find, "solver", chunk=4), plan_task(task, find, "solver")
+    for one, other in zip(in_chunks, alone, strict=True):
+        assert one.status == other.status == Status.OK
+        assert one.length == pytest.approx(other.length, rel=1e-3)
+
+
+def test_the_public_argument_chooses_the_whole_map(small_windows: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned: list[bool] = []
+    real = focus.in_windows
+    monkeypatch.setattr(execute, "in_windows", lambda *given: planned.append(True) or real(*given))
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[16:18, 12:16, :18] = True
+    ends = np.array(GRID.origin) + GRID.spacing * np.array([[13.0, 13.5, 9.0], [21.0, 13.5, 9.0]])
+    distances = {"radius": DISTANCES.radius, "margin": DISTANCES.margin}
+    whole = maxjax.plan(occupied, *ends, GRID, focus=False, **distances)
+    assert not planned
+    windowed = maxjax.plan(occupied, *ends, GRID, focus=True, **distances)
+    assert planned
+    assert windowed.status == whole.status == Status.OK
+    assert windowed.cost == pytest.approx(whole.cost, rel=2e-3)
