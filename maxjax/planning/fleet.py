@@ -24,16 +24,17 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.distances import Distances
 from maxjax.planning.ends import locate
-from maxjax.planning.execution import with_largest_radii, with_longer_ascents
+from maxjax.planning.execution import plans_of, with_longer_ascents
 from maxjax.planning.exemptions import Opened
-from maxjax.planning.field_planner import Climb, potential_field
+from maxjax.planning.field_planner import FieldPlanner, potential_field
 from maxjax.planning.line_of_sight import Sight, sight_of
-from maxjax.planning.plan import Plan, judged, with_closures
+from maxjax.planning.plan import Plans
 from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
-from maxjax.planning.route import Route, failed, found, whole
+from maxjax.planning.route import Route, Routes, whole
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
 from maxjax.programs.lowering import target
 from maxjax.programs.program import Program
 from maxjax.programs.stage_timer import recording, timed
@@ -136,25 +137,26 @@ _ASCENTS = Program("ascend", _ascents, static=("settings", "room"))
 _TIGHTENED = Program("tighten", _tightened, static=("room",))
 
 
-def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
-    """`execute.plan_task` for a task of one map and one goal, with as few solves as balls allow."""
+def plan_fleet(task: Task, planner: FieldPlanner) -> Plans:
+    """`execution.plan_task` for a task of one map and one goal, with as few solves as balls allow."""
     with recording() as recorder:
         ends = jnp.asarray(task.ends)
-        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
         fleet = _FORMULATE(*maps, ends, distances=task.distances, grid=task.grid.local)
+        if task.price is not None:
+            fleet = dataclasses.replace(fleet, around=fleet.around._replace(price=jnp.asarray(task.price)))
         status, joined = np.array(fleet.status), np.asarray(fleet.joined)
         alone: dict[int, Problem] = {}
         for k in np.flatnonzero((status == Status.OK) & ~joined).tolist():
             alone[k] = _OPEN(fleet.around, ends[k], distances=task.distances, grid=task.grid.local)
             status[k] = int(alone[k].status)
-        routes = [failed(one) for one in status.tolist()]
+        routes = Routes.blank(len(task))
+        routes = Routes(dataclasses.replace(routes.route, status=status))
         for group in _groups(fleet, status, alone):
-            for k, route in zip(group.members.tolist(), _routes(group, fleet, climb, task), strict=True):
-                routes[k] = route
-        plans = judged(routes, task, method)
-    timings = recorder.report(len(task))
-    timed_plans = [dataclasses.replace(plan, timings=timings) for plan in plans]
-    return with_closures(with_largest_radii(timed_plans, task), task)
+            routes = routes.put(group.members, _routes(group, fleet, planner, task))
+    share = np.arange(len(task))
+    spent = {name: np.full(len(task), s) for name, s in recorder.report(len(task)).items()}
+    return plans_of(routes.spending(share, spent), task, planner.name)
 
 
 def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Problem]) -> Iterator[Group]:
@@ -173,32 +175,29 @@ def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Prob
         yield Group(np.array(together), alone[together[0]].blocked, stacked)
 
 
-def _routes(group: Group, fleet: Fleet, climb: Climb, task: Task) -> list[Route]:
+def _routes(group: Group, fleet: Fleet, planner: FieldPlanner, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
-    price, room = fleet.around.price, task.distances.room
-    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, climb.potential)
-    certified, geodesic = bool(field.certified), bool(field.geodesic)
+    price, room, count = fleet.around.price, task.distances.room, len(group.members)
+    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)
+    certified, geodesic = np.full(count, bool(field.certified)), np.full(count, bool(field.geodesic))
     if field.status != Status.OK:
-        return [failed(field.status, certified)] * len(group.members)
+        nothing = Routes.blank(count, int(field.status))
+        return Routes(dataclasses.replace(nothing.route, certified=certified))
     codes, place = _CODES(group.blocked, room=room), jax.tree.map(np.asarray, group.place)
     inner, at_a_time = np.stack([place.start, place.goal], axis=1), 1 if target() == "cpu" else _BATCH
 
-    def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> list[Route]:
+    def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> Routes:
         batches = _filled(which, _SMALL_BATCH if len(which) <= _SMALL_BATCH else _BATCH)
         climbs = [(field.log_phi, codes, group.blocked, inner[some]) for some in batches]
         paths, arrived = _together(_ASCENTS, climbs, len(which), settings=settings, room=room)
         rows = _filled(np.arange(len(which)), at_a_time)
         pulls = [(codes, price, paths[some], place.ends[which[some]]) for some in rows]
         paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
-        routes: list[Route] = []
-        for k, start in enumerate(which.tolist()):
-            route = found(paths[k], certified, geodesic)
-            cost = np.asarray(task.grid.spacing * costs[k])
-            route = dataclasses.replace(route, balls=place.balls[start], cost=cost)
-            routes.append(route if arrived[k] else failed(Status.PATH_STALLED, certified))
-        return routes
+        status = np.where(arrived, Status.OK, Status.PATH_STALLED).astype(np.int32)
+        costs = (task.grid.spacing * costs).astype(np.float32)
+        return Routes(Route(paths, status, certified[which], place.balls[which], geodesic[which], costs))
 
-    return with_longer_ascents(attempt, len(group.members), climb.settings)
+    return with_longer_ascents(attempt, count, planner.ascent)
 
 
 def _filled(which: Int64[np.ndarray, " m"], size: int) -> list[Int64[np.ndarray, " size"]]:

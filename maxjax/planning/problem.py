@@ -31,11 +31,11 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.distance import cube_distance, farthest, metres
 from maxjax.fields.occupancy import squared_distance
+from maxjax.planning.distances import Distances
 from maxjax.planning.ends import inward, locate, placed
 from maxjax.planning.exemptions import Opened, ball_radius, largest_radius, opened
 from maxjax.planning.inflation import hard_set, least_quarters
 from maxjax.planning.line_of_sight import stands_free, touched
-from maxjax.planning.task import Distances
 from maxjax.programs.lowering import materialise
 
 
@@ -175,8 +175,8 @@ def surroundings(
     beside = _inside(squared_distance(ground, 1), halo)
     hard = hard_set(quarters, beside, least_quarters(distances.radius / grid.spacing))
     price = None
-    if distances.margin > 0 and distances.price.height > 0:
-        price = materialise(distances.price.price_at(metres(quarters, grid.spacing), distances.margin))
+    if distances.priced:
+        price = materialise(distances.price_at(metres(quarters, grid.spacing)))
     return Surroundings(_inside(occupied, halo), quarters, materialise(hard), price)
 
 

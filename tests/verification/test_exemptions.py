@@ -11,7 +11,7 @@ import pytest
 from references import to_world
 from scipy.ndimage import binary_dilation
 
-from maxjax import Grid
+from maxjax import Grid, VoxelMap
 from maxjax.verification.exemptions import cut
 from maxjax.verification.verifier import CRUISE, Verification, verify, verify_batch
 
@@ -113,7 +113,7 @@ def test_a_ball_excuses_what_lies_inside_it_and_nothing_else(at: int, end: int) 
     def judged(ball: float, other: float = 0.0) -> Verification:
         balls = (SPACING * ball, SPACING * other)
         world = to_world(path, LONG)
-        return verify(world, None, WALL, LONG, radius=1.0, balls=balls if end == 0 else balls[::-1])
+        return verify(world, VoxelMap.on(LONG, WALL), radius=1.0, balls=balls if end == 0 else balls[::-1])
 
     assert judged(0.0, other=2.0).too_near
     # The dip is nearer than half a voxel along less than 3 voxels of the path.
@@ -123,22 +123,22 @@ def test_a_ball_excuses_what_lies_inside_it_and_nothing_else(at: int, end: int) 
     assert judged(reach).clearance == pytest.approx(SPACING * 0.3)
     assert judged(12.0, other=12.0).ok  # they overlap
     assert judged(reach).cruise_clearance > 1.1
-    cruise = verify(to_world(path, LONG), None, WALL, LONG).cruise_clearance
+    cruise = verify(to_world(path, LONG), VoxelMap.on(LONG, WALL)).cruise_clearance
     assert cruise == pytest.approx(SPACING * 0.3) if at == 9 else cruise > 1.1
     through = path.copy()
     through[1 if at else end, 1] = 0.9
-    assert not verify(to_world(through, LONG), None, WALL, LONG, radius=1.0, balls=(99.0, 99.0)).ok
+    assert not verify(to_world(through, LONG), VoxelMap.on(LONG, WALL), radius=1.0, balls=(99.0, 99.0)).ok
 
 
 def test_half_a_voxel_is_kept_to_a_thousandth() -> None:
     """Planning keeps half a voxel less 2.5e-4; what is a hundredth short of it is refused."""
     for short, ok in ((0.0, True), (2.5e-4, True), (9e-4, True), (1.1e-3, False), (1e-2, False)):
         path = to_world(np.array([[1.0, 1.5 - short, 3.0], [19.0, 1.5 - short, 3.0]]), LONG)
-        assert verify(path, None, WALL, LONG, radius=1.0).ok == ok
-        assert verify(path, None, WALL, LONG, radius=1.0, ground=WALL).first_hit is not None
-        assert verify(path, None, WALL, LONG, ground=WALL).ok
+        assert verify(path, VoxelMap.on(LONG, WALL), radius=1.0).ok == ok
+        assert verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0).first_hit is not None
+        assert verify(path, VoxelMap.on(LONG, WALL, WALL)).ok
     above = to_world(np.array([[1.0, 2.01, 3.0], [19.0, 2.01, 3.0]]), LONG)
-    assert verify(above, None, WALL, LONG, radius=9.0, ground=WALL).ok
+    assert verify(above, VoxelMap.on(LONG, WALL, WALL), radius=9.0).ok
 
 
 def test_parts_of_segments_lie_inside_or_outside_as_a_whole() -> None:
