@@ -86,8 +86,7 @@ class Map:
         return point_at((latitude, longitude, height), frame, earth, Terrain.of(self.ground, self.grid))
 
 
-# arguments: a public name; all but the first is given by keyword and has a default
-def load_map(
+def load_map(  # noqa: PLR0913 (a public name; all but the first is given by keyword and has a default)
     path: str | os.PathLike[str],
     *,
     spacing: float | None = None,
@@ -165,8 +164,7 @@ def map_of(
     )
 
 
-# arguments: those of `map_of`, and points with what they are
-def map_with(
+def map_with(  # noqa: PLR0913 (those of `map_of`, and points with what they are)
     contents: Contents,
     window: Window,
     places: Sequence[Point3],

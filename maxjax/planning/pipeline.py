@@ -147,8 +147,7 @@ def _plan_one(
     return in_host_memory(jnp.asarray(wire.pack(answer))[None])
 
 
-# arguments: two arrays, and what the program is compiled for
-def _plan_many(
+def _plan_many(  # noqa: PLR0913 (two arrays, and what the program is compiled for)
     common: UInt8[Array, " bytes"],
     own: UInt8[Array, "b sent"],
     shared: tuple[str, ...],

@@ -88,7 +88,6 @@ class _Flown(NamedTuple):
     velocity: Float[Array, "*batch t 3"]
 
 
-# arguments: a public name; all that has a default may be left out
 def fly(
     trajectory: Trajectory,
     occupied: Bool[Array | np.ndarray, "nx ny nz"],
@@ -186,8 +185,7 @@ def follow(
     return found
 
 
-# arguments: what was flown, and the map that judges it
-def judged(
+def judged(  # noqa: PLR0913 (what was flown, and the map that judges it)
     trajectory: Trajectory,
     time: Float64[np.ndarray, " t"],
     position: Float64[np.ndarray, "t 3"],

@@ -71,8 +71,7 @@ class Verification:
     clearance_at: Float64[np.ndarray, " t"] = dataclasses.field(compare=False)  # arrays have no single truth
 
 
-# arguments: a public name; all that has a default is given by keyword
-def verify(
+def verify(  # noqa: PLR0913 (a public name; all that has a default is given by keyword)
     path: Float[np.ndarray, "t 3"],
     blocked: Bool[np.ndarray, "nx ny nz"] | None,
     occupied: Bool[np.ndarray, "nx ny nz"],
@@ -105,8 +104,7 @@ def verify(
     return verify_batch([path], which, one[0], occupied[None], grid, ground=one[1], radius=radius, balls=ends)[0]
 
 
-# arguments: those of `verify`, and the map of each path
-def verify_batch(
+def verify_batch(  # noqa: PLR0913 (those of `verify`, and the map of each path)
     paths: Sequence[Float[np.ndarray, "_ 3"]],
     which: Integer[np.ndarray, " p"],
     blocked: Bool[np.ndarray, "m nx ny nz"] | None,
