@@ -94,6 +94,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     jaxtyping.config.update("jaxtyping_disable", of(item, UNCHECKED))
     small = item.get_closest_marker("full_speed") is None
     jax.config.update("jax_disable_most_optimizations", small)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(small))  # of child processes
     shorten(small)
 
 
