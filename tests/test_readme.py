@@ -31,8 +31,7 @@ def test_the_example_runs_word_for_word() -> None:
         capture_output=True,
         text=True,
         cwd=readme.ROOT,
-        env=os.environ
-        | {"XLA_FLAGS": "", "JAX_DISABLE_MOST_OPTIMIZATIONS": "0", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"},
+        env=os.environ | as_a_user,
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
