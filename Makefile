@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup demo test docs results lint clean
+.PHONY: setup demo check test docs results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
@@ -21,8 +21,13 @@ $(READY): pyproject.toml
 demo: setup
 	$(BIN)/maxjax demo --out demo
 
+# After each step: lint, and what needs no large program (tests/conftest.py).
+check: lint
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not large'
+
+# Before a change is proposed: everything.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # Warnings are errors; pages with code are executed, and a cell that fails, fails the build.
 docs: setup
@@ -37,6 +42,7 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 clean:
 	rm -rf $(VENV) demo build dist

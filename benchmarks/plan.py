@@ -28,6 +28,7 @@ import tyro
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
 from benchmarks.common.problems import joined, planned, problems
+from maxjax.core.grid import Index3
 from maxjax.methods import planner_named
 from maxjax.planning.execution import one_by_one, plans_of
 from maxjax.planning.focus_window import View
@@ -35,10 +36,13 @@ from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 
 _PROBE = """
-import resource, numpy as np, maxjax
-occupied = np.zeros((101, 101, 101), bool)
-occupied[40:60, 40:60, :80] = True
-assert maxjax.plan(occupied, (-60, 0, 9), (60, 0, 9)).status == maxjax.Status.OK
+import resource, sys, numpy as np, maxjax
+grid = maxjax.Grid.centered((0.0, 0.0, 0.0), tuple(map(int, sys.argv[1:])), 2.0)
+nx, ny, nz = grid.shape
+occupied = np.zeros(grid.shape, bool)
+occupied[2 * nx // 5 : 3 * nx // 5, 2 * ny // 5 : 3 * ny // 5, : 4 * nz // 5] = True
+end = 0.6 * grid.upper[0]
+assert maxjax.plan(occupied, (-end, 0, 9), (end, 0, 9), grid).status == maxjax.Status.OK
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
@@ -50,6 +54,7 @@ class Config:
     Attributes:
         maps: maps to take problems from.
         problems: problems a map for the `plan` rows.
+        shape: of the maps; voxels of 2 m around the origin.
         batches: plans a call of the `batch` rows.
         repeats: timed calls of a batch.
         margin: [m].
@@ -59,6 +64,7 @@ class Config:
 
     maps: tuple[str, ...] = MAPS
     problems: int = 10
+    shape: Index3 = (101, 101, 101)
     batches: tuple[int, ...] = ()
     repeats: int = 5
     margin: float = 8.0
@@ -68,11 +74,13 @@ class Config:
 
 def main(config: Config) -> list[Row]:
     """Time plans; save and return the rows."""
-    grid = maxjax.Grid()
+    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     rows = _plan_rows(_drawn(config.problems, config, grid))
     for size in config.batches:
         rows += _batch_rows(joined(_drawn(-(-size // len(config.maps)), config, grid)[:size]), config.repeats)
-    rows.append({"what": "peak memory of a process that plans once", "unit": "MB", "median": _peak_memory()})
+    rows.append(
+        {"what": "peak memory of a process that plans once", "unit": "MB", "median": _peak_memory(config.shape)}
+    )
     save("plan", config, rows, config.out)
     return rows
 
@@ -134,10 +142,11 @@ def _batch_rows(task: Task, repeats: int) -> list[Row]:
     return [*stages, total | {"solved": int(sum(plans[-1].status == maxjax.Status.OK)), "plans_per_second": rate}]
 
 
-def _peak_memory() -> float:
+def _peak_memory(shape: Index3) -> float:
     """Largest resident set of a fresh process that plans once, imports and compilation included [MB]."""
     here = {**os.environ, "JAX_PLATFORMS": os.environ.get("JAX_PLATFORMS", "cpu")}
-    done = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, check=True, env=here)
+    command = [sys.executable, "-c", _PROBE, *map(str, shape)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=here)
     return round(int(done.stdout.split()[-1]) / 1024, 1)
 
 

@@ -37,6 +37,7 @@ class Config:
     Attributes:
         maps: of the random problems.
         problems: of each map.
+        half: half extent of their maps [m]; voxels of 2 m.
         every: plan every n-th scenario of a crop; 0: none.
         data: folder of public inputs.
         out: where the JSON goes.
@@ -44,6 +45,7 @@ class Config:
 
     maps: tuple[str, ...] = MAPS
     problems: int = 1000
+    half: float = 100.0
     every: int = 1
     data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
     out: Path = RESULTS
@@ -59,15 +61,15 @@ class Pair(NamedTuple):
 
 def main(config: Config) -> list[Row]:
     """Plan everything twice; save and return one row a set."""
-    rows = [_row(name, _pairs(_random(name, config.problems))) for name in config.maps]
+    rows = [_row(name, _pairs(_random(name, config.problems, config.half))) for name in config.maps]
     for name in ("Complex", "Simple") if config.every and (config.data / "warframe").exists() else ():
         rows.append(_row(f"Warframe {name}", _pairs(_scenarios(config.data, name, config.every))))
     save("focus", config, rows, config.out)
     return rows
 
 
-def _random(name: str, count: int) -> Iterator[dict[str, Any]]:
-    for one in problem_set(name, count):
+def _random(name: str, count: int, half: float) -> Iterator[dict[str, Any]]:
+    for one in problem_set(name, count, half=half):
         yield {"where": one.map, "start": one.start, "goal": one.goal}
 
 

@@ -1,7 +1,7 @@
 """Random problems on the three maps: does the field planner solve each solvable one, and how long are its paths?
 
     python -m experiments.random_problems                  # 1,000 problems a map; 4 minutes on an H200 with 16 cores
-    python -m experiments.random_problems --problems 50    # the set of the tests
+    python -m experiments.random_problems --problems 50
     python -m experiments.random_problems --origin 84888 447501 0    # the same in national coordinates
 
 Problems follow the offline protocol: start and goal 20 to 50 voxels apart, 3 to 15 m above ground, in free voxels, on
@@ -28,6 +28,7 @@ from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import Verdict, judge
 from benchmarks.common.paper import planned
 from benchmarks.common.problems import case_of, moved, problems, seal
+from maxjax.core.grid import Index3
 from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 
@@ -43,6 +44,7 @@ class Config:
         sealed: sealed problems in all, half of them with a sealed start.
         margin: [m].
         measured: every so many problems the length is judged by fast marching, which takes longest.
+        shape: of the maps; voxels of 2 m.
         origin: where the middle of each map lies [m], for problems in national coordinates.
         seed: of everything.
         workers: processes that judge.
@@ -53,10 +55,14 @@ class Config:
     sealed: int = 200
     margin: float = 8.0
     measured: int = 1
+    shape: Index3 = (101, 101, 101)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     seed: int = 0
     workers: int = 2
     out: Path = RESULTS
+
+
+TINY = Config(problems=20, sealed=6, measured=2, shape=(51, 51, 33), workers=1)
 
 
 def row_of(
@@ -108,7 +114,7 @@ def row_of(
 
 def main(config: Config) -> list[Row]:
     """Plan, judge, save; one row a map and one for the sealed problems."""
-    grid = maxjax.Grid()
+    grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     rows: list[Row] = []
 
     def drawn(name: str, count: int) -> list[Task]:

@@ -1,19 +1,28 @@
-"""Run-time checks of every jaxtyping annotation in maxjax, and where the real inputs lie."""
+"""Where compiled programs are kept, which tests are large, which check shapes, and where the real inputs lie."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
 import sys
+import time
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
-# Compiling is most of what the tests cost: a program is compiled once for all workers, child processes and later runs.
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
+# Compiling is most of what the tests cost: a program is compiled once a machine, for all workers, child processes,
+# clones and later runs.
+os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR",
+    str(
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "maxjax-tests", f"jaxlib-{version('jaxlib')}")
+    ),
+)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-# Executables that maxjax keeps itself would not be traced again, and tracing is where shapes and dtypes are checked.
+# Executables that maxjax keeps itself would not be traced again, and tracing is where shapes and dtypes are checked;
+# they also know all sources of maxjax, and a line that is changed anywhere would compile everything again.
 os.environ.setdefault("MAXJAX_CACHE", "off")
 # XLA's older code generator takes a third less time for it, and the kernels do the same; the README's example runs as a
 # user runs it. An XLA that does not know a flag ends the process, hence the version.
@@ -23,11 +32,17 @@ if version("jaxlib").startswith("0.10."):
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 import jax
+import jaxtyping
 import pytest
-from jaxtyping import install_import_hook
 
-# Shapes and dtypes of all public signatures are checked in tests, and only there.
-install_import_hook("maxjax", "beartype.beartype")
+# Shapes and dtypes of all signatures are checked in tests, and only there.
+jaxtyping.install_import_hook("maxjax", "beartype.beartype")
+# A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
+UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "test_cli", "test_readme", "test_origins")
+
+COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
+KEPT = 14 * 86400.0
+"""How long a compiled program is kept that no test asks for [s]."""
 
 # Memory of a test process beyond which it forgets the programs that it compiled [bytes].
 ENOUGH = 2e9
@@ -58,12 +73,28 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     astar_compiled._outcome.cache_clear()
 
 
+def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
+    """Whether a test stands in one of some folders or files, given by how their names begin."""
+    return str(item.path.relative_to(Path(__file__).parent)).startswith(places)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """What no test has asked for in a while is forgotten, that of earlier versions of jaxlib too."""
+    if not hasattr(session.config, "workerinput"):
+        for path in COMPILED.parent.glob("jaxlib-*/*"):
+            with contextlib.suppress(OSError):  # another run may have removed it
+                if max(path.stat().st_atime, path.stat().st_mtime) < time.time() - KEPT:
+                    path.unlink()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Small grids are compiled without LLVM's optimisations, in a seventh of the time; `full_speed` asks for them."""
     from short_programs import shorten  # here, since maxjax is imported behind its hook
 
+    jaxtyping.config.update("jaxtyping_disable", of(item, UNCHECKED))
     small = item.get_closest_marker("full_speed") is None
     jax.config.update("jax_disable_most_optimizations", small)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(small))  # of child processes
     shorten(small)
 
 

@@ -146,10 +146,11 @@ def test_a_map_far_from_the_origin_gives_the_same_path_there(terminal: Terminal,
 
 def test_national_coordinates_are_kept_to_the_millimetre(terminal: Terminal, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    # The README's tower: 60 x 60 m wide, 80 m high, across the straight line; the second time in Dutch coordinates.
-    tower = np.zeros((101, 101, 51), bool)
-    tower[35:65, 35:65, :40] = True
-    start, goal = np.array([40.0, 101.0, 10.0]), np.array([160.0, 101.0, 10.0])
+    # The README's tower at half its size: 30 x 30 m wide, 40 m high, across the straight line; the second time in Dutch
+    # coordinates.
+    tower = np.zeros((51, 51, 26), bool)
+    tower[18:33, 18:33, :20] = True
+    start, goal = np.array([20.0, 51.0, 10.0]), np.array([80.0, 51.0, 10.0])
     found = []
     for number, corner in enumerate([np.zeros(3), np.array([84_900.125, 447_501.123, 0.0])]):
         out = tmp_path / str(number)

@@ -27,7 +27,6 @@ _SPACING = 0.1  # of the samples of the curve [m]
 _OPTIONS: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-4, "acceptable_tol": 1e-3}
 
 
-# arguments: times for a start, the curve and its limits
 def fastest_time_with_jerk(
     time: Float64[np.ndarray, " n"],
     points: Float64[np.ndarray, "n 3"],

@@ -35,7 +35,6 @@ _LONGEST = 0.01  # edge [degrees], so that a straight line in degrees is one in 
 _HIGHEST = 1e5  # [m]
 
 
-# arguments: a public name; the band is given by keyword
 def load_airspace(
     path: str | os.PathLike[str],
     earth: Earth,

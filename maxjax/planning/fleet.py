@@ -101,7 +101,6 @@ def formulate_fleet(
     )
 
 
-# arguments: the field and the map are data, `settings` and `room` are static
 def _ascents(
     log_phi: Float[Array, "nx ny nz"],
     codes: UInt[Array, "nx ny nz"],

@@ -77,8 +77,7 @@ class Potential:
         return jnp.exp(self.log_phi)
 
 
-# arguments: a public name; sigma and the goal are data, the others are settings, by keyword
-def solve_potential(
+def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are data, the others are settings, by keyword)
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
     price: Float[Array, "..."] | None = None,

@@ -161,7 +161,7 @@ def verify(
     )[0]
 
 
-def verify_paths(
+def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
     points: Float[np.ndarray, "p t 3"],
     counts: Int64[np.ndarray, " p"],
     where: VoxelMap,

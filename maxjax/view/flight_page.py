@@ -51,7 +51,6 @@ class FlightPage:
         dark: whether the page is dark.
     """
 
-    # arguments: what a page is made of
     def __init__(
         self, server: ViserServer, name: str, ledger: Ledger, again: Again, trial: int, *, dark: bool = False
     ) -> None:

@@ -47,7 +47,6 @@ class PlanPage:
         dark: whether the page is dark.
     """
 
-    # arguments: what a page is made of
     def __init__(
         self,
         server: ViserServer,

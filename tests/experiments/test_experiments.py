@@ -10,11 +10,9 @@ import pytest
 
 from experiments import focus, mazes, warframe_crops
 
-pytestmark = pytest.mark.full_speed
-
 
 def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Path) -> None:
-    rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(warframe_crops.Config(data, 20, tmp_path))}
+    rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(warframe_crops.Config(data, 60, tmp_path))}
     for crop in ("Complex", "Simple"):
         ours, rival = rows[crop, "solver"], rows[crop, "astar"]
         assert ours["ok"] == ours["certified"] == ours["verified"] == ours["scenarios"]
@@ -28,7 +26,7 @@ def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
     from experiments import random_problems
 
-    *maps, sealed = random_problems.main(random_problems.Config(problems=50, sealed=20, measured=3, out=tmp_path))
+    *maps, sealed = random_problems.main(dataclasses.replace(random_problems.TINY, out=tmp_path))
     assert [row["map"] for row in maps] == ["midtown", "downtown", "suburb"]
     for row in maps:
         assert row["solved"] == row["certified"] == row["largest_margin"] == row["solvable"]
@@ -44,7 +42,7 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
     from experiments import random_problems
 
-    tiny = random_problems.Config(problems=3, sealed=3, workers=1, out=tmp_path)
+    tiny = dataclasses.replace(random_problems.TINY, problems=3, sealed=3, out=tmp_path)
     here, away = (
         [
             {key: value for key, value in row.items() if not key.endswith("_ms_median")}
@@ -56,7 +54,7 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
 
 
 def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
-    (row,) = focus.main(focus.Config(maps=("suburb",), problems=3, every=0, out=tmp_path))
+    (row,) = focus.main(focus.Config(maps=("suburb",), problems=3, half=50.0, every=0, out=tmp_path))
     assert row["same_status"] == row["ok"] == row["certified"] == 3
     assert row["length_worst"] <= 1.02
 

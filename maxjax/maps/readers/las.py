@@ -51,7 +51,7 @@ _HEADER = np.dtype(
 _COUNT_14 = 247
 
 
-def load_las(path: Path) -> PointCloud:
+def load_las(path: Path) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
     """The points of a .las or .laz file, in chunks, with ground and solid from their classes.
 
     Raises:
