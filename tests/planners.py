@@ -33,7 +33,7 @@ def bare_plan(where: VoxelMap, path: np.ndarray, distances: Distances = Distance
     """A plan of a path, as if it had been found and verified."""
     points = np.asarray(path, np.float64)
     ends = (points[:1], points[-1:]) if len(points) else (np.zeros((1, 3)), np.ones((1, 3)))
-    (nothing,) = no_plans(Task.of(VoxelMap.on(distances, where), *ends), Status.OK, "field")
+    (nothing,) = no_plans(Task.of(where, *ends, distances), Status.OK, "field")
     return dataclasses.replace(nothing, **{"path": points, **changes})
 
 
