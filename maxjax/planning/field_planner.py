@@ -66,7 +66,7 @@ def solve(
     grid: Grid,
     potential: PotentialFn,
 ) -> PotentialLike:
-    """The potential of a hard set and a price."""
+    """The potential of what is blocked and a price."""
     sigma = materialise(conductivity(blocked, goal_index, grid))
     return potential(sigma, goal_index, None if price is None else materialise(lattice_price(price, SCREENING_LENGTH)))
 

@@ -1,18 +1,20 @@
-"""The judge of every path: exact, in float64 NumPy, and independent of every planner and solver.
+"""The verifier of every path: exact, in float64 NumPy, and independent of every planner and solver.
 
 A path is the closed polyline through its points. It passes if it is finite, lies inside the map, and
 
-    everywhere            touches no occupied voxel (`verification.contacts`)
-    outside its balls     keeps `radius` to the cubes of occupied voxels, ground left out: a true distance
-                          (`verification.clearance`); and touches no voxel within one voxel, between centres, of the
-                          ground, unless the radius is 0
+    everywhere                touches no occupied voxel (`verification.contacts`)
+    outside its exemptions    keeps `radius` to the cubes of occupied voxels, ground left out: a true distance
+                              (`verification.clearance`); and touches no voxel within one voxel, between centres, of the
+                              ground, unless the radius is 0
+    inside one                keeps the end's own such distance where that is less (`verification.own_distance`); and
+                              touches voxels beside the ground only if the end does
 
-Its balls are the two around its first and its last point in which an end that stands nearer than `radius` may be left
-(`verification.exemptions`): the path is cut where it enters and leaves them.
+Its exemptions are balls around its first and its last point (`verification.exemptions`): the path is cut where it
+enters and leaves them. The own distance of an end is measured here, whatever its planner took it to be.
 
 **Tolerance.** Of a contact, doubt counts against the path: cubes are grown by the rounding that it may carry, which
 `verification.contacts` states. Of the radius it counts for the path: a thousandth of a voxel and that rounding, by
-which balls are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
+which exemptions are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
 `planning.line_of_sight.TOUCH`, 2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is half a
 voxel. Length and clearance have no tolerance.
 """
@@ -30,6 +32,7 @@ from maxjax.core.grid import Grid, Index3, Point3
 from maxjax.verification.clearance import clearances, distances_at
 from maxjax.verification.contacts import contacts, tolerance_of
 from maxjax.verification.exemptions import ZONES, Parts, cut
+from maxjax.verification.own_distance import beside_ground, exempt_shortfall
 
 # Radius of the balls around both ends [m] outside which a path cruises.
 CRUISE = 10.0
@@ -47,7 +50,8 @@ class Verification:
         finite: no coordinate is NaN or infinite.
         first_hit: index of the first forbidden voxel that the path touches; None if there is none, or if the
             path is not inside.
-        too_near: whether the path comes nearer than `radius` to an occupied voxel outside its balls, ground left out.
+        too_near: whether the path comes nearer to an occupied voxel, ground left out, than `radius`, or inside an
+            exemption than the end's own distance if that is less.
         length: length of the path [m]; NaN unless finite.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out: 0 on contact,
             infinite if no voxel is occupied, NaN unless inside.
@@ -82,7 +86,7 @@ def verify(
     radius: float = 0.0,
     balls: tuple[float, float] = (0.0, 0.0),
 ) -> Verification:
-    """Judge a path against the voxels that it must not touch, and measure its length and clearance.
+    """Check a path against the voxels that it must not touch, and measure its length and clearance.
 
     Args:
         path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
@@ -91,8 +95,8 @@ def verify(
         grid: where the voxels lie in the world.
         ground: voxels that are ground, whether `occupied` has them or not; clearance is not measured from them. None:
             there are none.
-        radius: distance to keep outside the balls [m].
-        balls: radii of the balls around the path's first and last point [m].
+        radius: distance to keep outside the exemptions, and in one around an end that itself keeps it [m].
+        balls: radii of the exemptions around the path's first and last point [m]; 0: none.
 
     Raises:
         ValueError: for a path that is not (t, 3) with t ≥ 1, for volumes that are not bool of the grid's
@@ -122,33 +126,33 @@ def verify_batch(
     Args:
         paths: points in the world frame [m], ENU.
         which: map of each path.
-        blocked, occupied, grid, ground: as in `verify`, for each map.
-        radius: as in `verify`.
+        blocked, occupied, grid, ground, radius: as in `verify`; volumes for each map.
         balls: as in `verify`, for each path. None: there are none.
 
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
     _check(paths, grid, 4, blocked=blocked, occupied=occupied, ground=ground)
-    balls = np.zeros((len(paths), 2)) if balls is None else balls.astype(np.float64)
-    _check_distances(radius, balls, len(paths))
+    balls = _checked_balls(radius, balls, len(paths))
     if which.shape != (len(paths),) or (which.size and not 0 <= which.min() <= which.max() < len(occupied)):
         raise ValueError(f"which: expected the map, 0 to {len(occupied) - 1}, of {len(paths)} paths, given {which}")
-
     tolerance = _tolerances(paths, grid)
     if len(paths) == 0:
         return []
     lines = _Polylines.of(paths, grid, tolerance)
     own = np.where(balls > 0, balls / grid.spacing + (_SLACK + tolerance)[:, None], 0.0)
     parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
-    first_hit = _first_hits(parts, path_of, tolerance, which, (_Maps(occupied, ground, blocked), radius > 0))
+    maps, kept, allowed = _Maps(occupied, ground, blocked), radius / grid.spacing, _SLACK + tolerance
+    beside = beside_ground(lines.points[lines.ends], own > 0, allowed, which, (occupied, ground))
+    apart = (kept > 0) & ~(parts.exempt & beside[path_of]).any(axis=1)
+    first_hit = _first_hits(parts, path_of, tolerance, which, (maps, apart))
     least, places = clearances(parts, path_of, which, occupied, ground)
-    too_near = least[:, 1] < radius / grid.spacing - _SLACK - tolerance
-    at = grid.spacing * _at_points(lines, which, occupied, ground)
+    at = _at_points(lines, which, occupied, ground)
+    short = exempt_shortfall(parts, path_of, which, (occupied, ground), np.fmin(at[lines.ends], kept))
+    too_near, at = np.maximum(short, kept - least[:, 1]) > allowed, grid.spacing * at
     least = np.where(lines.inside[:, None], grid.spacing * least, math.nan)
     places = np.array(grid.origin) + grid.spacing * (places - 0.5)
-    cruise = np.zeros(len(paths), np.int64)
-    cruise[path_of[parts.zone == ZONES - 1]] = ZONES - 1
+    cruise = (ZONES - 1) * np.isin(np.arange(len(paths)), path_of[parts.zone == ZONES - 1])
     return [
         Verification(
             ok=bool(lines.inside[k]) and k not in first_hit and not too_near[k],
@@ -191,13 +195,13 @@ def _first_hits(
     path_of: Int64[np.ndarray, " k"],
     tolerance: Float64[np.ndarray, " p"],
     which: Integer[np.ndarray, " p"],
-    kept: tuple[_Maps, bool],
+    kept: tuple[_Maps, Bool[np.ndarray, " k"]],
 ) -> dict[int, Index3]:
-    """The first forbidden voxel of each path that touches one; `kept`: of which maps, and whether beside the ground."""
-    (maps, beside), outer = kept, parts.zone > 0
+    """The first forbidden voxel of each path that touches one; `kept`: maps, and which parts keep off the ground."""
+    maps, apart = kept
 
     def forbidden(part: Int64[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]) -> Bool[np.ndarray, " c"]:
-        return maps.forbidden(which[path_of[part]], voxels, outer[part] & beside)
+        return maps.forbidden(which[path_of[part]], voxels, apart[part])
 
     part, voxels = contacts(parts.start, parts.step, tolerance[path_of], maps.occupied.shape[1:], forbidden)
     backwards = zip(path_of[part[::-1]].tolist(), voxels[::-1].tolist(), strict=True)  # so that the first remains
@@ -216,7 +220,7 @@ class _Polylines:
     Attributes:
         points: of all paths, one path after the other.
         path_of: path of each point.
-        first, last: which points each path begins and ends with.
+        first, last: as `ends`.
         steps: from each point to the next of its path; nothing from the last.
         finite, inside: as in `Verification`.
         lengths: [m], NaN unless finite.
@@ -230,6 +234,11 @@ class _Polylines:
     finite: Bool[np.ndarray, " p"]
     inside: Bool[np.ndarray, " p"]
     lengths: Float64[np.ndarray, " p"]
+
+    @property
+    def ends(self) -> Int64[np.ndarray, "p 2"]:
+        """Which points each path begins and ends with."""
+        return np.stack([self.first, self.last], axis=1)
 
     @classmethod
     def of(cls, paths: Sequence[np.ndarray], grid: Grid, tolerance: Float64[np.ndarray, " p"]) -> _Polylines:
@@ -259,7 +268,7 @@ class _Polylines:
         moves[self.first] |= ~np.logical_or.reduceat(moves, self.first)  # a path that stays where it is: one segment
         moves &= self.inside[self.path_of]
         path_of = self.path_of[moves]
-        centres = self.points[np.stack([self.first, self.last], axis=1)][path_of]
+        centres = self.points[self.ends][path_of]
         parts = cut(self.points[moves], self.steps[moves], centres, radii[path_of])
         return parts, path_of[parts.segment]
 
@@ -317,12 +326,14 @@ def _beside(
     return beside
 
 
-def _check_distances(radius: float, balls: Float64[np.ndarray, "p 2"], count: int) -> None:
-    """Raise a `ValueError` unless these are distances [m], two balls for each path."""
+def _checked_balls(radius: float, balls: Float[np.ndarray, "p 2"] | None, count: int) -> Float64[np.ndarray, "p 2"]:
+    """The balls, or none; a `ValueError` unless they and the radius are distances [m], two balls for each path."""
+    balls = np.zeros((count, 2)) if balls is None else balls.astype(np.float64)
     if not 0 <= radius < math.inf:
         raise ValueError(f"radius: expected a distance [m] of at least 0, given {radius}")
     if balls.shape != (count, 2) or not ((balls >= 0) & np.isfinite(balls)).all():
         raise ValueError(f"balls: expected two radii [m] of at least 0 for each of {count} paths, given {balls}")
+    return balls
 
 
 def _check(paths: Sequence[np.ndarray], grid: Grid, axes: int, **volumes: np.ndarray | None) -> None:
