@@ -92,8 +92,9 @@ def plan(
         start, goal: [m], ENU.
         grid: the grid of `occupied`.
         method: `solver`, `network`, `astar`, `rrtstar` (extra `bench`) or `apf`.
-        radius: nothing on the path is nearer than this to the cube of an occupied voxel [m], but in the smallest ball
-            around an end that joins it, where the end itself stands nearer (`Plan.balls`). At 0 the path may graze.
+        radius: nothing on the path is nearer than this to the cube of an occupied voxel [m], but
+            around an end that itself stands nearer, where its own distance is kept, until it is left (`Plan.balls`). At
+            0 the path may graze.
         margin: from where on a metre costs no more than its length [m].
         price: what a metre costs below the margin.
         ground: the voxels of `occupied` that are ground; with a radius, paths keep off voxels beside them. None: no
@@ -228,7 +229,7 @@ def plan_fleet(
 ) -> PlanBatch:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
-    There is one solve for all starts that keep the radius, and one for each that needs a ball: a start beside a wall
+    There is one solve for all starts that keep the radius, and one for each that stands too near: a start beside a wall
     opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart in
     time.
 
@@ -311,7 +312,7 @@ def trajectory(
 
     Corners are rounded as far as the map allows: what leaves the plan's path is judged against its radius. Where no
     rounding is clear it rests at the corner. The waypoints of a mission are flown through but where they say how long
-    to hover, where the path turns back, and where radius or ball ask for a rest (`trajectories.mission_schedule`).
+    to hover, where the path turns back, and where radius or exemption ask for a rest (`trajectories.mission_schedule`).
 
     Args:
         plan: one that is OK, or a mission that is.

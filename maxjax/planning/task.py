@@ -38,8 +38,8 @@ class Distances:
     """How far a path keeps from obstacles, true distances to their cubes; static under `jit`.
 
     Attributes:
-        radius: nothing on the path is nearer than this [m], but in a ball around an end that itself stands nearer; at 0
-            the path may graze obstacles, and the ground, too.
+        radius: nothing on the path is nearer than this [m], but around an end that itself stands nearer, where it keeps
+            that end's distance; at 0 the path may graze obstacles, and the ground, too.
         margin: from where on a metre costs no more than its length [m].
         price: what it costs below the margin.
 
