@@ -178,7 +178,7 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:
-    """A fleet whose starts need no ball, and what A* is asked of each; the goal lies near the middle."""
+    """A fleet whose starts open no voxel, and what A* is asked of each; the goal lies near the middle."""
     occupied, ground = occupancy(make_scene(*config.city).geoms, grid)
     rng = np.random.default_rng(config.seed)
     low, high = np.array([*np.array(grid.lower)[:2] + 2, 3.0]), np.array([*np.array(grid.upper)[:2] - 2, 15.0])
@@ -195,9 +195,9 @@ def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tup
     distances = problems(config.maps[0], 1, config.seed, grid, config.margin)[0].distances
     task = Task.of(VoxelMap.on(grid, occupied, ground), starts, goal, distances)
     fleet = formulate_fleet(jnp.asarray(occupied), jnp.asarray(ground), jnp.asarray(task.ends), distances, grid.local)
-    sound = np.flatnonzero(np.asarray(fleet.joined) & (np.asarray(fleet.status) == maxjax.Status.OK))[: config.starts]
-    blocked, price = np.asarray(fleet.around.hard), np.asarray(fleet.around.price)
-    inner, last = np.asarray(fleet.place.start)[sound], voxel_of(np.asarray(fleet.place.goal)[0])
+    sound = np.flatnonzero(~np.asarray(fleet.opens) & (np.asarray(fleet.status) == maxjax.Status.OK))[: config.starts]
+    blocked, price = np.asarray(fleet.blocked), np.asarray(fleet.around.price)
+    inner, last = np.asarray(fleet.places.inner)[sound, 0], voxel_of(np.asarray(fleet.places.inner)[0, 1])
     return task.some(sound), [Query(blocked, voxel_of(start), last, price) for start in inner]
 
 

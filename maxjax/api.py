@@ -135,9 +135,9 @@ def plan_fleet(
 ) -> Plans:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
-    There is one solve for all starts that keep the radius, and one for each that needs an exemption: a start beside a
-    wall opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart
-    in time.
+    There is one solve for all starts that keep the radius, and one for each that stands too near: a start beside a wall
+    opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart in
+    time.
 
     Args:
         where: one map.

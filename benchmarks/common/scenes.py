@@ -1,6 +1,6 @@
 """Scenes that solvers are compared on: a city or a window of a Warframe maze, one goal, several starts.
 
-scene = (occupied, ground, goal, starts) ↦ hard set ↦ sigma
+scene = (occupied, ground, goal, starts) ↦ inflated obstacles ↦ sigma
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Instance:
     Attributes:
         name: map or crop.
         task: its map, its goal and some starts.
-        problems: one a start, all with the same hard set, which is the system.
+        problems: one a start, all with the same voxels blocked, which is the system.
     """
 
     name: str
@@ -100,7 +100,7 @@ def scenes_of(selection: Selection) -> list[Instance]:
 
 
 def _scene(name: str, task: Task, count: int) -> Instance:
-    """The first `count` starts of a task that are joined to its goal without balls, and their problems."""
+    """The first `count` starts of a task that are joined to its goal and open no voxel, and their problems."""
     maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
     found: dict[int, Problem] = {}
     for k, ends in enumerate(task.ends):

@@ -208,7 +208,7 @@ def warn(plan: Plan, task: Task) -> None:
         if ball:
             complain(
                 f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to {what} than the radius of "
-                f"{plan.radius:g} m; within {ball:g} m of it the path keeps less."
+                f"{plan.radius:g} m; within {ball:g} m of it the path keeps no more than that."
             )
     if plan.cruise_clearance < 0.5 * task.distances.margin:
         found = verify(plan.path, plan.map, balls=plan.balls)

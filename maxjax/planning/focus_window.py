@@ -9,7 +9,7 @@ as no metre costs less than 1. So a way that leaves a box around both ends cross
 A face beyond which the map ends, or holds nothing but occupied voxels, is crossed by no way and does not count. A path
 of cost C ≤ bound, found in the box, proves that the cheapest way of the whole map lies in it. Until there is one the
 box grows, from the ellipsoid of a guess of C to that of the cost that was found, and at last to the whole map. What a
-part of a map cannot show (that nothing joins the ends, or no smaller ball) is left to the whole map as well.
+part of a map cannot show (that nothing joins the ends, or no smaller exemption) is left to the whole map as well.
 
 Boxes come in few shapes, for which programs are compiled, and which serve every map: along an axis where the map is
 smaller, the box reaches beyond its *rim*, where nothing is flown. Distances to walls are read beyond the box, in a
@@ -29,8 +29,8 @@ from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
-from maxjax.planning.problem import halo_of
 from maxjax.planning.route import Route, Routes
+from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
 
 # Shapes of windows, flat as cities are [voxels].

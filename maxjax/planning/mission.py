@@ -219,9 +219,9 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
 
 
 def _keeps(whole: Mission, k: int, task: Task) -> bool:
-    """Whether a leg keeps its radius on the joined path, outside its balls."""
+    """Whether a leg keeps its radius on the joined path, outside its exemptions."""
     leg, path = whole.legs[k], whole.leg_path(k)
-    # Where two legs' ends differ by what they were moved, the ball covers both.
+    # Where two legs' ends differ by what they were moved, the exemption covers both.
     joint = math.dist(path[0], leg.path[0])
     start, goal = (ball + joint if ball else 0.0 for ball in leg.balls)
     return verify(path, task.map, radius=leg.radius, balls=(start, goal)).ok

@@ -34,11 +34,12 @@ class Plan:
             occupied voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
-        cruise_clearance: the least such distance outside balls of 10 m around the ends, and outside `balls`;
+        cruise_clearance: the least such distance more than 10 m from the ends, and outside `balls`;
             `clearance` where the path does not leave them; NaN unless OK.
         clearance_at: (t,) float64 [m], such a distance at each point of the path.
-        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH the largest one that joins the ends.
-        balls: radii [m] of the balls around start and goal in which it does not, since they stand nearer; 0: none.
+        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH one that joins the ends.
+        balls: radii [m] of the exemptions around start and goal in which it keeps their own distances, since they stand
+            nearer, or beside the ground; 0: none.
         cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,

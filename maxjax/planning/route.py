@@ -32,7 +32,7 @@ class Route:
         path: index coordinates, start first, goal last, which may be repeated to the end of the array.
         status: `Status` as int32; unless it is OK, the path means nothing.
         certified: whether the field that was climbed had no local maximum but the goal.
-        balls: radii [m] of the balls around start and goal that were opened; 0 where none was needed.
+        balls: radii [m] of the exemptions around start and goal; 0 where none is needed.
         geodesic: whether the potential was the flood's own distance.
         cost: the price paid, ∫ n ds [m]; 0: nothing was priced.
     """
@@ -62,7 +62,7 @@ def failed(status: int | Array | np.ndarray, certified: bool = False) -> Route:
 
 
 def completed(problem: Problem, route: Route, grid: Grid) -> Route:
-    """A route from exact start to exact goal, with its cost and the problem's balls; `jit`- and `vmap`-safe."""
+    """A route from exact start to exact goal, with its cost and the problem's exemptions; `jit`- and `vmap`-safe."""
     path, cost = whole(problem.ends, problem.price, jnp.asarray(route.path))
     return dataclasses.replace(route, path=path, balls=problem.balls, cost=grid.spacing * cost)
 

@@ -23,6 +23,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Float64, Int32, PRNGKeyArray
 
+from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, checked_map
@@ -55,7 +56,8 @@ class Tracking:
         clearance: (t,) distance from the vehicle's centre to the cube of an occupied voxel [m], ground left out;
             infinite where there is none.
         contact: (t,) whether an occupied voxel, ground included, is within the vehicle's radius, 0.5 m or the
-            trajectory's if smaller; in the balls around a trajectory's ends, whether its centre is in one.
+            trajectory's if smaller. In the exemption of a waypoint that radius is less by what the waypoint itself is
+            short of the trajectory's, and 0 if it is short of more: then contact is a voxel that holds the centre.
     """
 
     status: Status
@@ -172,14 +174,17 @@ def tracked(
     """How any vehicle kept to a trajectory, by what it flew, and what it came near to in a map."""
     grid, finite = where.grid, np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
     error = np.where(finite, np.linalg.norm(position - trajectory.at(time).position, axis=1), np.inf)
-    index = (np.where(finite[:, None], position, trajectory.origin) - np.array(grid.origin)) / grid.spacing + 0.5
+    index = _index(np.where(finite[:, None], position, trajectory.origin), grid)
     first, solid = np.zeros(len(index), np.int64), np.asarray(where.occupied)[None]
     any_solid = grid.spacing * distances_at(index, first, solid, None)
     clearance = grid.spacing * distances_at(index, first, solid, np.asarray(where.ground)[None])
-    keeps = np.full(len(index), min(VEHICLE_RADIUS, trajectory.radius))
-    for place, ball in zip(trajectory.at(trajectory.passes).position, trajectory.balls, strict=True):
-        keeps[np.linalg.norm(position - place, axis=1) < ball] = 0.0
-    contact = any_solid <= keeps
+    places = trajectory.at(trajectory.passes).position
+    own = grid.spacing * distances_at(_index(places, grid), np.zeros(len(places), np.int64), solid, None)
+    short = np.zeros(len(index))  # of the radius, where a waypoint is
+    for place, distance, ball in zip(places, own, trajectory.balls, strict=True):
+        exempt = np.linalg.norm(position - place, axis=1) < ball
+        short[exempt] = np.maximum(short[exempt], trajectory.radius - distance)
+    contact = any_solid <= np.maximum(min(VEHICLE_RADIUS, trajectory.radius) - short, 0.0)
     if not finite.all():
         status = Status.NONFINITE_STATE
     elif contact.any():
@@ -187,6 +192,12 @@ def tracked(
     else:
         status = Status.OFF_TRAJECTORY if error.max() > ASTRAY else Status.OK
     return Tracking(status, time, position, velocity, error, clearance, contact)
+
+
+def _index(points: Float64[np.ndarray, "n 3"], grid: Grid) -> Float64[np.ndarray, "n 3"]:
+    """Index coordinates of points in the world, voxel i being [i, i + 1]."""
+    index: Float64[np.ndarray, "n 3"] = (points - np.array(grid.origin)) / grid.spacing + 0.5
+    return index
 
 
 def _air(wind: Float[Array, ""], key: PRNGKeyArray) -> _Air:

@@ -1,8 +1,9 @@
-"""What is clear of a trajectory: where it leaves its plan's verified path, the judge is asked again.
+"""What is clear of a trajectory: where it leaves its plan's verified path, the verifier is asked again.
 
 A smooth curve lies within `bulge` of the polyline through its samples. It is clear where this polyline touches nothing
-and keeps the plan's radius and `bulge` to obstacles outside the plan's balls (`verification.verifier`). Doubt counts
-against it: the tolerance that the judge allows a path is added to the distance that is asked for.
+and keeps the plan's radius and `bulge` to obstacles, or inside an exemption the own distance of its end if that is less
+(`verification.verifier`). Doubt counts against it: the tolerance that the verifier allows a path is added to the
+distance that is asked for. An end's own distance has nothing to add to it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from maxjax.verification.verifier import Verdicts, Verification, stacked, verify
 
 # A sample this close to the path lies on it [m].
 _ON = 1e-7
-# Of the radius, as the judge allows it [voxels].
+# Of the radius, as the verifier allows it [voxels].
 _TOLERANCE = 1.1e-3
 # Samples within this distance of the centre of a voxel that is touched answer for it [voxels].
 _BESIDE = 3.0
@@ -35,7 +36,7 @@ class ClearCurve:
         map: that the plan was verified in.
         path: (n, 3) of the plan [m], world frame.
         radius: that it keeps [m].
-        balls: radii of the balls around its ends in which it does not [m].
+        balls: radii of the exemptions around its ends, in which it keeps their own distances if these are less [m].
     """
 
     map: VoxelMap
@@ -79,7 +80,7 @@ class ClearCurve:
         return VoxelMap(occupied, ground if keeps_off else np.zeros_like(ground), None, self.map.grid.local)
 
     def _runs(self, off: Bool[np.ndarray, " m"], samples: Float64[np.ndarray, "m 3"]) -> list[tuple[int, int]]:
-        """Runs of samples off the path, with one more at both ends; from the start or to the goal if in its ball."""
+        """Runs of samples off the path, with one more at both ends; from the start or to the goal if exempt there."""
         edges = np.flatnonzero(np.diff(off, prepend=False, append=False))
         runs = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -106,9 +107,10 @@ class ClearCurve:
     ) -> Bool[np.ndarray, " m"]:
         """The samples of a run that are too near, or beside the voxel that it touches; all where none is."""
         grid = self.map.grid
-        found = self.clearance(samples) < self.radius + 2.0 * (bulge + _TOLERANCE * grid.spacing)
-        for end, ball in zip(self.path[[0, -1]], self.balls, strict=True):
-            found &= np.linalg.norm(samples - end, axis=1) >= ball
+        kept = np.full(len(samples), self.radius)
+        for end, own, ball in zip(self.path[[0, -1]], self.clearance(self.path[[0, -1]]), self.balls, strict=True):
+            kept = np.where(np.linalg.norm(samples - end, axis=1) < ball, np.minimum(kept, own), kept)
+        found = self.clearance(samples) < kept + 2.0 * (bulge + _TOLERANCE * grid.spacing)
         if verdict.first_hit is not None:
             centre = np.array(grid.origin) + grid.spacing * np.array(verdict.first_hit)
             found |= np.linalg.norm(samples - centre, axis=1) < _BESIDE * grid.spacing

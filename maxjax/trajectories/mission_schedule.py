@@ -3,8 +3,8 @@
     mission → stretches → trajectory of each (`trajectories.schedule`) → pauses between them → Trajectory
 
 It rests at a waypoint where that is asked for, where the path turns back by more than 120 degrees, where the waypoint
-stands in a ball, and where the radius changes: on both sides of a rest the judge is asked about one radius. All other
-waypoints are flown through, within `FlightLimits.deviation` of them.
+has an exemption, and where the radius changes: on both sides of a rest the verifier is asked about one radius. All
+other waypoints are flown through, within `FlightLimits.deviation` of them.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
 
 
 def _ball(mission: Mission, k: int) -> float:
-    """Radius of the ball around a waypoint in which the legs to and from it need not keep theirs [m]."""
+    """Radius of the exemption around a waypoint, in which the legs to and from it need not keep theirs [m]."""
     before = mission.legs[k - 1].balls[1] if k > 0 else 0.0
     if k == len(mission.legs) or mission.legs[k].balls[0] == 0.0:
         return before

@@ -1,18 +1,20 @@
-"""The judge of every path: exact, in float64 NumPy, and independent of every planner and solver.
+"""The verifier of every path: exact, in float64 NumPy, and independent of every planner and solver.
 
 A path is the closed polyline through its points. It passes if it is finite, lies inside the map, and
 
-    everywhere            touches no occupied voxel (`verification.contacts`)
-    outside its balls     keeps `radius` to the cubes of occupied voxels, ground left out: a true distance
-                          (`verification.clearance`); and touches no voxel within one voxel, between centres, of the
-                          ground, unless the radius is 0
+    everywhere                touches no occupied voxel (`verification.contacts`)
+    outside its exemptions    keeps `radius` to the cubes of occupied voxels, ground left out: a true distance
+                              (`verification.clearance`); and touches no voxel within one voxel, between centres, of the
+                              ground, unless the radius is 0
+    inside one                keeps the end's own such distance where that is less (`verification.own_distance`); and
+                              touches voxels beside the ground only if the end does
 
-Its balls are the two around its first and its last point in which an end that stands nearer than `radius` may be left
-(`verification.exemptions`): the path is cut where it enters and leaves them.
+Its exemptions are balls around its first and its last point (`verification.exemptions`): the path is cut where it
+enters and leaves them. The own distance of an end is measured here, whatever its planner took it to be.
 
 **Tolerance.** Of a contact, doubt counts against the path: cubes are grown by the rounding that it may carry, which
 `verification.contacts` states. Of the radius it counts for the path: a thousandth of a voxel and that rounding, by
-which balls are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
+which exemptions are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
 `planning.line_of_sight.TOUCH`, 2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is half a
 voxel. Length and clearance have no tolerance.
 """
@@ -31,6 +33,7 @@ from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.verification.clearance import clearances, distances_at
 from maxjax.verification.contacts import contacts, tolerance_of
 from maxjax.verification.exemptions import ZONES, Parts, cut
+from maxjax.verification.own_distance import beside_ground, exempt_shortfall
 
 # Radius of the balls around both ends [m] outside which a path cruises.
 CRUISE = 10.0
@@ -48,7 +51,8 @@ class Verification:
         finite: no coordinate is NaN or infinite.
         first_hit: index of the first forbidden voxel that the path touches; None if there is none, or if the
             path is not inside.
-        too_near: whether the path comes nearer than `radius` to an occupied voxel outside its balls, ground left out.
+        too_near: whether the path comes nearer to an occupied voxel, ground left out, than `radius`, or inside an
+            exemption than the end's own distance if that is less.
         length: length of the path [m]; NaN unless finite.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out: 0 on contact,
             infinite if no voxel is occupied, NaN unless inside.
@@ -140,8 +144,8 @@ def verify(
     Args:
         path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
         where: the map. Clearance is not measured from its ground, nor from what is closed.
-        radius: distance to keep outside the balls [m].
-        balls: radii of the balls around the path's first and last point [m].
+        radius: distance to keep outside the exemptions, and in one around an end that itself keeps it [m].
+        balls: radii of the exemptions around the path's first and last point [m]; 0: none.
         blocked: further voxels that the path must not touch, wherever it is. None: there are none.
 
     Raises:
@@ -185,24 +189,27 @@ def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
-    maps, grid = _Maps.of(where, blocked), where.grid
-    count = len(points)
+    maps, grid, count = _Maps.of(where, blocked), where.grid, len(points)
     which = np.zeros(count, np.int64) if map_of is None else map_of
-    balls = np.zeros((count, 2)) if balls is None else balls.astype(np.float64)
-    _check_distances(radius, balls, count)
+    balls = _checked_balls(radius, balls, count)
     if which.shape != (count,) or (which.size and not 0 <= which.min() <= which.max() < len(maps.occupied)):
         raise ValueError(f"map_of: expected the map, 0 to {len(maps.occupied) - 1}, of {count} paths, given {which}")
     lines = _Polylines.of(points, counts, grid, tolerance_of(points.dtype, grid))
-    own = np.where(balls > 0, balls / grid.spacing + (_SLACK + lines.tolerance), 0.0)
+    kept, allowed = radius / grid.spacing, np.full(count, _SLACK + lines.tolerance)
+    own = np.where(balls > 0, balls / grid.spacing + allowed[:, None], 0.0)
     parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
-    first_hit = _first_hits(parts, path_of, lines.tolerance, which, (maps, radius > 0))
-    least, places = clearances(parts, path_of, which, maps.occupied, maps.ground)
-    too_near = least[:, 1] < radius / grid.spacing - _SLACK - lines.tolerance
+    volumes = maps.occupied, maps.ground
+    beside = beside_ground(lines.points[lines.ends], own > 0, allowed, which, volumes)
+    apart = (kept > 0) & ~(parts.exempt & beside[path_of]).any(axis=1)
+    first_hit = _first_hits(parts, path_of, lines.tolerance, which, (maps, apart))
+    least, places = clearances(parts, path_of, which, *volumes)
+    at = _at_points(lines, which, maps)
+    short = exempt_shortfall(parts, path_of, which, volumes, np.fmin(at[lines.ends], kept))
+    too_near = np.maximum(short, kept - least[:, 1]) > allowed
     least = np.where(lines.inside[:, None], grid.spacing * least, math.nan)
     places = np.array(grid.origin) + grid.spacing * (places - 0.5)
-    cruise = np.zeros(count, np.int64)
-    cruise[path_of[parts.zone == ZONES - 1]] = ZONES - 1
     each = np.arange(count)
+    cruise = (ZONES - 1) * np.isin(each, path_of[parts.zone == ZONES - 1])
     return Verdicts(
         ok=lines.inside & (first_hit[:, 0] < 0) & ~too_near,
         inside=lines.inside,
@@ -214,7 +221,7 @@ def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
         nearest=places[:, 0],
         cruise_clearance=least[each, cruise],
         cruise_nearest=places[each, cruise],
-        clearance_at=lines.spread(grid.spacing * _at_points(lines, which, maps)),
+        clearance_at=lines.spread(grid.spacing * at),
         counts=counts,
     )
 
@@ -242,7 +249,7 @@ def _first_hits(
     path_of: Int64[np.ndarray, " k"],
     tolerance: float,
     which: Integer[np.ndarray, " p"],
-    kept: tuple[_Maps, bool],
+    kept: tuple[_Maps, Bool[np.ndarray, " k"]],
 ) -> Int64[np.ndarray, "p 3"]:
     """The first forbidden voxel of each path, −1 where it touches none.
 
@@ -251,12 +258,12 @@ def _first_hits(
         path_of: path of each part.
         tolerance: by which voxels are larger [voxels].
         which: map of each path.
-        kept: the maps, and whether paths keep off what is beside the ground.
+        kept: the maps, and which parts keep off what is beside the ground.
     """
-    (maps, beside), outer = kept, parts.zone > 0
+    maps, apart = kept
 
     def forbidden(part: Int64[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]) -> Bool[np.ndarray, " c"]:
-        return maps.forbidden(which[path_of[part]], voxels, outer[part] & beside)
+        return maps.forbidden(which[path_of[part]], voxels, apart[part])
 
     grown = np.full(len(path_of), tolerance)
     part, voxels = contacts(parts.start, parts.step, grown, maps.occupied.shape[1:], forbidden)
@@ -277,7 +284,7 @@ class _Polylines:
     Attributes:
         points: of all paths, one path after the other.
         path_of: path of each point.
-        first, last: which points each path begins and ends with.
+        first, last: as `ends`.
         steps: from each point to the next of its path; nothing from the last.
         finite, inside: as in `Verification`.
         lengths: [m], NaN unless finite.
@@ -295,6 +302,11 @@ class _Polylines:
     lengths: Float64[np.ndarray, " p"]
     tolerance: float
     width: int
+
+    @property
+    def ends(self) -> Int64[np.ndarray, "p 2"]:
+        """Which points each path begins and ends with."""
+        return np.stack([self.first, self.last], axis=1)
 
     @classmethod
     def of(
@@ -332,7 +344,7 @@ class _Polylines:
         moves[self.first] |= ~np.logical_or.reduceat(moves, self.first)  # a path that stays where it is: one segment
         moves &= self.inside[self.path_of]
         path_of = self.path_of[moves]
-        centres = self.points[np.stack([self.first, self.last], axis=1)][path_of]
+        centres = self.points[self.ends][path_of]
         parts = cut(self.points[moves], self.steps[moves], centres, radii[path_of])
         return parts, path_of[parts.segment]
 
@@ -401,9 +413,11 @@ def _beside(
     return beside
 
 
-def _check_distances(radius: float, balls: Float64[np.ndarray, "p 2"], count: int) -> None:
-    """Raise a `ValueError` unless these are distances [m], two balls for each path."""
+def _checked_balls(radius: float, balls: Float[np.ndarray, "p 2"] | None, count: int) -> Float64[np.ndarray, "p 2"]:
+    """The balls, or none; a `ValueError` unless they and the radius are distances [m], two balls for each path."""
+    balls = np.zeros((count, 2)) if balls is None else balls.astype(np.float64)
     if not 0 <= radius < math.inf:
         raise ValueError(f"radius: expected a distance [m] of at least 0, given {radius}")
     if balls.shape != (count, 2) or not ((balls >= 0) & np.isfinite(balls)).all():
         raise ValueError(f"balls: expected two radii [m] of at least 0 for each of {count} paths, given {balls}")
+    return balls

@@ -1,4 +1,4 @@
-"""A fleet's plans are those of its starts one by one: same balls, same status, verified, whatever the others do."""
+"""A fleet's plans are those of its starts one by one: same exemptions, same status, verified, whatever others do."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def occupied() -> np.ndarray:
 def starts(occupied: np.ndarray) -> np.ndarray:
     """The wrong ones first, then some in any free voxel, off its centre: many stand nearer than the radius."""
     rng = np.random.default_rng(6)
-    free = random_free(rng, occupied, 12) + rng.uniform(-0.4, 0.4, (12, 3))
+    free = random_free(rng, occupied, 16) + rng.uniform(-0.4, 0.4, (16, 3))
     inside = np.argwhere(occupied)[40]
     wrong = [(2, 2, 2), (-3, 5, 5), GOAL_INDEX, inside, (math.nan, 1, 1)]
     return np.concatenate([world(wrong), world(free)])
@@ -73,7 +73,8 @@ def test_a_fleet_equals_its_starts_one_by_one(occupied: np.ndarray, starts: np.n
         assert found.certified is single.certified
         np.testing.assert_allclose(found.length, single.length, rtol=1e-2)
     balls = np.array([p.balls[0] for p in fleet if p.status is Status.OK])
-    assert 3 <= (balls > 2.0).sum() < len(balls)  # some open voxels, and have a field each
+    assert 3 <= (balls > 0.0).sum() < len(balls)
+    assert (balls > 4.0).any()  # some open voxels, and have a field each
 
 
 def test_every_path_keeps_the_radius_outside_its_balls(occupied: np.ndarray, starts: np.ndarray, fleet: Plans) -> None:
