@@ -28,7 +28,7 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.core.grid import Grid
 from maxjax.fields.price import Price
-from maxjax.nn.autoencoder import init
+from maxjax.nn.autoencoder import init_params
 from maxjax.nn.dataset import Chunks, Scenes, generate, known_of, usable
 from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
@@ -86,7 +86,7 @@ def main(config: Config) -> list[Row]:
         for model in models:
             if height and not model.network.flood:
                 continue  # it reads no prices
-            weights = count(jax.eval_shape(lambda key, of=model.network: init(key, of), jax.random.key(0)))
+            weights = count(jax.eval_shape(lambda key, of=model.network: init_params(key, of), jax.random.key(0)))
             judged[model.name] = (weights, evaluate(model.params, scenes, model.network, grid, model.by))
         for method, (weights, each) in judged.items():
             figures = {field: np.asarray(values) for field, values in each.items()}

@@ -36,7 +36,7 @@ from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.autoencoder import Params, apply, apply_folded, init
+from maxjax.nn.autoencoder import Params, apply, apply_folded, init_params
 from maxjax.nn.encoding import Known, encode
 from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
@@ -111,7 +111,7 @@ def main(config: Config) -> list[Row]:
 def _forward(model: Model, config: Config) -> list[Row]:
     network = CONFIGS[model.name]
     # What time a pass takes does not depend on the weights.
-    plain: Params = init(jax.random.key(0), network)
+    plain: Params = init_params(jax.random.key(0), network)
     folded = functools.partial(apply_folded, config=network, by=model.by)
     ways: dict[str, tuple[Callable[..., Array], Params]] = {
         "plain": (functools.partial(apply, config=network), plain),

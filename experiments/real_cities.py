@@ -9,7 +9,7 @@ window a city is empty.
 
 - `offline`: the protocol and the judges of `experiments.random_problems`: ends 20 to 50 voxels apart, 3 to 15 m high,
   margin 8 m; A* beside the solver on the same problems.
-- `closed loop`: the ends of `maxjax.campaigns.trials` in these solids, flown by `maxjax.sim.flight.fly`: 50 to 80 m
+- `closed loop`: the ends of `maxjax.campaigns.trials` in these solids, flown by `maxjax.sim.flight`: 50 to 80 m
   apart, 10 m clear of buildings, arrival within 2 m, never within 0.5 m of anything.
 
 Expected: every solvable problem OK and certified at the largest feasible margin, no unsafe path, mean length at most
@@ -49,7 +49,7 @@ from maxjax.campaigns.outcomes import on_host
 from maxjax.methods import planner_named
 from maxjax.planning.distances import Distances
 from maxjax.planning.task import Task
-from maxjax.sim.flight import FlightConfig, FlightLog, fly
+from maxjax.sim.flight import FlightConfig, FlightLog, fly_closed_loop
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.real_city import TOLERANCE, city
 from maxjax.worlds.scenes import occupancy
@@ -185,9 +185,9 @@ def _flights(
 ) -> FlightLog:
     """One city, many flights; a single one without `vmap`, which compiles in half the time."""
     if len(start) == 1:
-        log: FlightLog = jax.tree.map(lambda x: x[None], fly(geoms, start[0], goal[0], key[0], config))
+        log: FlightLog = jax.tree.map(lambda x: x[None], fly_closed_loop(geoms, start[0], goal[0], key[0], config))
         return log
-    logs: FlightLog = jax.vmap(fly, in_axes=(None, 0, 0, 0, None))(geoms, start, goal, key, config)
+    logs: FlightLog = jax.vmap(fly_closed_loop, in_axes=(None, 0, 0, 0, None))(geoms, start, goal, key, config)
     return logs
 
 

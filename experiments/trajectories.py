@@ -223,7 +223,7 @@ def _figures(judged: Sequence[Judged]) -> Row:
 def _by_crazyflow(asked: Sequence[tuple[maxjax.Trajectory, Asked]]) -> list[maxjax.Tracking]:
     if not asked:
         return []
-    flown = crazyflow_flight.follow([trajectory for trajectory, _ in asked])
+    flown = crazyflow_flight.follow_setpoints([trajectory for trajectory, _ in asked])
     return [tracked(trajectory, *how, one.problem.map) for (trajectory, one), how in zip(asked, flown, strict=True)]
 
 

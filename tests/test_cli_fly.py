@@ -112,7 +112,7 @@ class Terminal:
 @pytest.fixture
 def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
     monkeypatch.setattr(module, "_one_by_one", fake_part)
-    monkeypatch.setattr(module, "fly", fake_fly)
+    monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: town())
     monkeypatch.setattr(replay, "watch", fake_watch)

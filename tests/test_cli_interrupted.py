@@ -142,7 +142,7 @@ def fly(geoms, start, goal, key, config):
     )
 
 campaign_key = campaign.Campaign("suburb", config=FlightConfig(planner=planner_named("field"))).key
-execution.fly, execution._one_by_one = fly, execution._fly_part
+execution.fly_closed_loop, execution._one_by_one = fly, execution._fly_part
 sys.exit(main())
 """
 

@@ -166,7 +166,7 @@ def test_a_strangers_planner_is_flown_and_a_strangers_stage_runs() -> None:
             distances=Distances(1.0, 4.0),
             stages=(sense, blinded, fuse, *rest),
         )
-        log = flights.fly(
+        log = flights.fly_closed_loop(
             scene.geoms, jnp.array([0.0, 0.0, 12.0]), jnp.array([30.0, 0.0, 12.0]), jax.random.key(0), config
         )
         assert int(log.planning_iterations) >= 1

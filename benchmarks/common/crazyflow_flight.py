@@ -33,7 +33,7 @@ _HEIGHT = 50.0  # of the lowest point above crazyflow's floor [m]
 Flown = tuple[Float64[np.ndarray, " t"], Float64[np.ndarray, "t 3"], Float64[np.ndarray, "t 3"]]
 
 
-def follow(trajectories: Sequence[maxjax.Trajectory], drone: str = DRONE) -> list[Flown]:
+def follow_setpoints(trajectories: Sequence[maxjax.Trajectory], drone: str = DRONE) -> list[Flown]:
     """Times [s], positions [m] and velocities [m/s] of vehicles that follow trajectories, each from rest at its start.
 
     Args:

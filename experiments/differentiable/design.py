@@ -47,7 +47,7 @@ from experiments.differentiable.field import (
     table,
 )
 from experiments.differentiable.gate import Works, mean_length, shares
-from maxjax.nn.optimizer import AdamW, init, update
+from maxjax.nn.optimizer import AdamW, init_moments, update
 
 NAME = "differentiable_design"
 
@@ -91,7 +91,7 @@ def search(gate: Float[np.ndarray, " 2"], works: Works, config: Config) -> Float
     low = jnp.full(2, config.half + 1.0)
     high = jnp.asarray(config.shape[1:], jnp.float32) - 1 - low
     at = jnp.asarray(gate, jnp.float32)
-    moments, track = init(at), []
+    moments, track = init_moments(at), []
     for _ in range(config.steps):
         value, slope = jax.value_and_grad(mean_length)(at, works, float(config.half))
         track.append([*np.asarray(at), 2.0 * float(value)])

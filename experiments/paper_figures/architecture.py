@@ -13,7 +13,7 @@ import jax
 from experiments.differentiable.field import COLORS, figure
 from maxjax.nn import layers
 from maxjax.nn.architecture import CONFIGS, Autoencoder
-from maxjax.nn.autoencoder import init
+from maxjax.nn.autoencoder import init_params
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def volumes_of(network: Autoencoder, voxels: int = 101) -> list[Volume]:
 
 def weights_of(network: Autoencoder) -> int:
     """Number of weights, without drawing them."""
-    shapes = jax.eval_shape(functools.partial(init, config=network), jax.random.key(0))
+    shapes = jax.eval_shape(functools.partial(init_params, config=network), jax.random.key(0))
     return layers.count(shapes)
 
 

@@ -231,7 +231,7 @@ class Queries:
         return query.blocked.ctypes.data, price, start, goal, path.ctypes.data, len(path), 0, 0
 
 
-def astar(
+def compiled_astar(
     blocked: Bool[np.ndarray, "nx ny nz"],
     start: Index3,
     goal: Index3,

@@ -37,7 +37,7 @@ class AStar:
         with timed("search" if compiled else "search in Python"):
             start, goal = np.asarray(problem.start), np.asarray(problem.goal)
             price = None if problem.price is None else np.asarray(problem.price)
-            find = astar_compiled.astar if compiled else astar
+            find = astar_compiled.compiled_astar if compiled else astar
             result = find(np.asarray(problem.blocked), voxel_of(start), voxel_of(goal), price)
             if result.status != Status.OK:
                 return failed(result.status)

@@ -1,7 +1,7 @@
 """A campaign in batches over devices, kept in its folder as they finish.
 
-Each device flies an equal part of a batch, and the last batch is filled up with copies. On an accelerator a part is
-`fly` under `vmap`, one compiled program for each size. A CPU gains nothing from a second flight at a time: it flies one
+Each device flies an equal part of a batch, and the last batch is filled up with copies. On an accelerator a part is one
+program under `vmap`, compiled for each size. A CPU gains nothing from a second flight at a time: it flies one
 after the other by the programs of `watch`, the same for any size and for the film of a flight. With a folder, the
 outcomes of each batch are in its ledger before the next one flies, and a campaign that was killed is resumed from
 there.
@@ -30,7 +30,7 @@ from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
 from maxjax.programs.executable import stored
 from maxjax.programs.threads import concurrently, interruptible
-from maxjax.sim.flight import FlightConfig, FlightLog, World, fly, watch
+from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_closed_loop, watch
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import make_scene
 
@@ -177,13 +177,13 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
 def _fly_part(
     geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
 ) -> FlightLog:
-    """The logs of a part of a batch, in one program: `fly` under `vmap`."""
+    """The logs of a part of a batch, in one program: `fly_closed_loop` under `vmap`."""
     if len(start) == 1:
         # Under `vmap` there would be twice as much to compile.
         only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
-        logs: FlightLog = jax.tree.map(lambda x: x[None], fly(*only, config))
+        logs: FlightLog = jax.tree.map(lambda x: x[None], fly_closed_loop(*only, config))
     else:
-        logs = jax.vmap(fly, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
+        logs = jax.vmap(fly_closed_loop, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
     return logs
 
 

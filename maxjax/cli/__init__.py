@@ -35,11 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         end_on_interrupt(_INTERRUPTED)
-    # From a cache of JAX's that the user has switched on, XLA reads executables with a false alarm about each
-    # (`programs.compilation`). It asks for this level when it is loaded; what is wrong reaches a command as an
-    # exception.
-    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    # XLA reads executables with a false alarm about each, on machines with AVX-512 (jax-ml/jax issue 38445). It asks for
+    # this level when it is loaded; what is wrong reaches a command as an exception.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # Behind the handler, since it imports what takes long.
     from maxjax.cli.commands import run
 

@@ -31,7 +31,7 @@ _EXTRAS = {"matplotlib": "viz", "laspy": "las", "lazrs": "las"}
 _MISCOMPILES = ("0.10.2",)
 
 
-def run(_: CheckOptions) -> int:
+def run_check(_: CheckOptions) -> int:
     """Print versions, device and a tiny solve; 0 if all is good, else 1 with what is wrong."""
     found = versions()
     rows = dict(found)

@@ -25,32 +25,31 @@ from maxjax.cli.options import (
 
 _UNUSABLE = 2
 
-# By name: options, and the module whose `run` takes them and returns the exit code.
-_COMMANDS: dict[str, tuple[type, str]] = {
-    "plan": (PlanOptions, "planning"),
-    "mission": (MissionOptions, "mission"),
-    "map": (MapOptions, "mapping"),
-    "scan": (ScanOptions, "scanning"),
-    "fly": (FlyOptions, "flying"),
-    "view": (ViewOptions, "viewing"),
-    "train": (TrainOptions, "training"),
-    "demo": (DemoOptions, "demo"),
-    "check": (CheckOptions, "check"),
+# By name: options, and the module and its function that takes them and returns the exit code.
+_COMMANDS: dict[str, tuple[type, str, str]] = {
+    "plan": (PlanOptions, "planning", "run_plan"),
+    "mission": (MissionOptions, "mission", "run_mission"),
+    "map": (MapOptions, "mapping", "run_map"),
+    "scan": (ScanOptions, "scanning", "run_scan"),
+    "fly": (FlyOptions, "flying", "run_fly"),
+    "view": (ViewOptions, "viewing", "run_view"),
+    "train": (TrainOptions, "training", "run_train"),
+    "demo": (DemoOptions, "demo", "run_demo"),
+    "check": (CheckOptions, "check", "run_check"),
 }
 
 
 def run(arguments: Sequence[str] | None) -> int:
     """Run a command; arguments and exit code as in `maxjax.cli.main`."""
     options = tyro.extras.subcommand_cli_from_dict(
-        {name: kind for name, (kind, _) in _COMMANDS.items()},
+        {name: kind for name, (kind, *_) in _COMMANDS.items()},
         prog="maxjax",
         description="Certified flight paths for UAVs in cities.",
         args=arguments,
     )
-    (name,) = (name for kind, name in _COMMANDS.values() if isinstance(options, kind))
+    ((module, function),) = ((m, f) for kind, m, f in _COMMANDS.values() if isinstance(options, kind))
     try:
-        module = importlib.import_module(f"maxjax.cli.{name}")
-        code: int = module.run(options)
+        code: int = getattr(importlib.import_module(f"maxjax.cli.{module}"), function)(options)
         return code
     except (ValueError, OSError, ImportError, MemoryError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not _of_jax(error):

@@ -59,7 +59,7 @@ def choose(scene: Scene, seed: int) -> Corner:
     return found[0]
 
 
-def run(options: DemoOptions) -> int:
+def run_demo(options: DemoOptions) -> int:
     """Scan, plan twice, compare, draw. Returns the exit code.
 
     Raises:

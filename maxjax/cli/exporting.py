@@ -15,7 +15,7 @@ from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
 
 
-def check(options: PlanOptions) -> None:
+def check_exports(options: PlanOptions) -> None:
     """Find out before the work whether what is asked for can be written.
 
     Raises:

@@ -26,16 +26,16 @@ from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
 
 
-def run(options: FlyOptions) -> int:
-    """Fly, show and write. Returns 0, as failed trials are a result; with ends given as `cli.tracking.run`.
+def run_fly(options: FlyOptions) -> int:
+    """Fly, show and write. Returns 0, as failed trials are a result; with ends given as `cli.tracking.fly_given`.
 
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
     if options.map.lower().endswith(".toml"):
-        return tracking.run_mission(options)
+        return tracking.fly_mission(options)
     if options.start is not None or options.goal is not None:
-        return tracking.run(options)
+        return tracking.fly_given(options)
     tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
     campaign, out = campaign_of(options), options.out
     report.check_output(out)

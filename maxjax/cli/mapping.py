@@ -16,7 +16,7 @@ from maxjax.maps import LoadedMap, Window, map_of, read_map
 from maxjax.maps.contents import facts
 
 
-def run(options: MapOptions) -> int:
+def run_map(options: MapOptions) -> int:
     """Read, show and draw. Returns 0.
 
     Raises:

@@ -19,7 +19,7 @@ from maxjax.cli import exporting, report
 from maxjax.cli.mission_file import Asked, read_mission
 from maxjax.cli.options import MissionOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
@@ -31,7 +31,7 @@ from maxjax.trajectories.trajectory import Trajectory
 _ONCE = ("configuration", "versions", "device", "timings")
 
 
-def run(options: MissionOptions) -> int:
+def run_mission(options: MissionOptions) -> int:
     """Read a mission's file, and run it. Returns the exit code.
 
     Raises:
@@ -48,8 +48,8 @@ def run_asked(asked: Asked) -> int:
     """
     options = asked.options
     report.check_output(options.out)
-    exporting.check(options)
-    check(options)
+    exporting.check_exports(options)
+    check_options(options)
     planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
@@ -89,7 +89,7 @@ def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
         ValueError, OSError, ImportError: as `run_asked`.
     """
     options = asked.options
-    check(options)
+    check_options(options)
     planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"):
         given = task_in(load_source(options.map), options)

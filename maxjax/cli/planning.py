@@ -11,7 +11,7 @@ from maxjax.cli import exporting, mission, report
 from maxjax.cli.mission_file import Asked
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, task_in
 from maxjax.core.status import Status
 from maxjax.methods import climbs, label_of, method_named, planner_named
 from maxjax.planning.execution import plan_task
@@ -25,7 +25,7 @@ _OUTPUTS = ("out", "json", "export", "speed", "via", "return_to_start")
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
-def run(options: PlanOptions) -> int:
+def run_plan(options: PlanOptions) -> int:
     """Plan, show and write. Returns the exit code.
 
     Raises:
@@ -34,8 +34,8 @@ def run(options: PlanOptions) -> int:
     if options.via or options.return_to_start:
         return mission.run_asked(Asked.of(options))
     report.check_output(options.out)
-    exporting.check(options)
-    check(options)
+    exporting.check_exports(options)
+    check_options(options)
     method, planner = method_named(options.method).name, planner_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)

@@ -19,7 +19,7 @@ from maxjax.sim.level_scan import LIDAR, Returns, measure
 from maxjax.worlds.scenes import Scene
 
 
-def run(options: ScanOptions) -> int:
+def run_scan(options: ScanOptions) -> int:
     """Scan, show and write. Returns the exit code.
 
     Raises:

@@ -104,7 +104,7 @@ def load_scene(text: str) -> Scene:
     return source
 
 
-def check(options: PlanOptions) -> None:
+def check_options(options: PlanOptions) -> None:
     """Find out before a map is read whether what is told about it can be used.
 
     Raises:

@@ -55,7 +55,7 @@ def refuse(options: FlyOptions, names: tuple[str, ...], reason: str) -> None:
             raise ValueError(f"--{name.replace('_', '-')}: {reason}; leave it out")
 
 
-def run(options: FlyOptions) -> int:
+def fly_given(options: FlyOptions) -> int:
     """Plan, time, fly, show and write. Returns the exit code: 0 where it followed its trajectory and touched nothing.
 
     Raises:
@@ -80,7 +80,7 @@ def run(options: FlyOptions) -> int:
     return _flown(options, plan, limits)
 
 
-def run_mission(options: FlyOptions) -> int:
+def fly_mission(options: FlyOptions) -> int:
     """Fly the mission of a TOML file; else as `run`.
 
     Raises:

@@ -25,7 +25,7 @@ _HEIGHTS = (0.0, 5.0)
 _TRAINING, _VALIDATION = 1, 2
 
 
-def run(options: TrainOptions) -> int:
+def run_train(options: TrainOptions) -> int:
     """Draw, label, and train one network after the other. Returns the exit code.
 
     Each network has a folder of its own in OUT: NAME.npz (its weights), training.json, log.jsonl, a checkpoint.

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from maxjax.cli import report, viewing_flights
 from maxjax.cli.mission import located
 from maxjax.cli.options import PlanOptions, ViewOptions
+from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
 from maxjax.cli.task import (
     MOST_VOXELS,
     MapTask,
     airspace_of,
-    check,
+    check_options,
     distances_of,
     earth_in,
     load_source,
@@ -28,7 +27,6 @@ from maxjax.cli.task import (
 )
 from maxjax.cli.viewing_source import Opened, opened, shared
 from maxjax.core.earth import Earth
-from maxjax.core.files import atomic_write
 from maxjax.maps import Contents, Window, map_of
 from maxjax.maps.model import PointCloud
 from maxjax.planning.mission import Waypoint
@@ -43,7 +41,7 @@ from maxjax.worlds.scenes import Scene
 _MIDDLE = (0.0, 0.0, 40.0)
 
 
-def run(options: ViewOptions) -> int:
+def run_view(options: ViewOptions) -> int:
     """Show a page until Ctrl-C, or write it. Returns 0, or 1 where there is no path to share.
 
     Raises:
@@ -53,7 +51,7 @@ def run(options: ViewOptions) -> int:
     if options.share is not None and not options.share.absolute().parent.is_dir():
         raise ValueError(f"--share {options.share}: expected a folder {options.share.absolute().parent}; make it first")
     if Path(options.map).is_dir():
-        return viewing_flights.run(options)
+        return viewing_flights.view_flights(options)
     shown = opened(options)
     options = shown.options
     with progress(f"Reading {options.map}"):
@@ -76,23 +74,6 @@ def run(options: ViewOptions) -> int:
     wait(server)
     page.worker.close()
     return 0
-
-
-def wait(server: Any) -> None:
-    """Say where the page is, and serve it until Ctrl-C."""
-    print(f"http://{server.get_host()}:{server.get_port()}   Ctrl-C ends it", flush=True)
-    try:
-        while True:
-            time.sleep(3600.0)
-    finally:
-        server.stop()
-
-
-def write_page(options: ViewOptions, page: str) -> None:
-    """Write what is shared, whole or not at all, and say how large it is."""
-    assert options.share is not None
-    atomic_write(options.share, page)
-    print(f"{options.share}   {len(page.encode()) / 1e6:.1f} MB")
 
 
 def _share(options: ViewOptions, city: City, question: Question) -> int:
@@ -121,7 +102,7 @@ def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
         given = _without_ends(source, options)
     else:
         asked = shown.asked()
-        check(asked.options)
+        check_options(asked.options)
         given = task_in(source, asked.options)
         waypoints, speed = located(asked, given), asked.options.speed
     for remark in given.remarks:
@@ -147,7 +128,7 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     if options.via or options.frame != "map":
         raise ValueError("--via and --frame: expected with --start and --goal, given without")
     given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **shared(options))
-    check(given)
+    check_options(given)
     if isinstance(source, Scene):
         return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))
     window = Window(options.spacing, options.bounds, options.center, (), options.ground, MOST_VOXELS)

@@ -12,6 +12,7 @@ from maxjax.campaigns.execution import draw_trials, world_of
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.cli.flying import campaign_of
 from maxjax.cli.options import FlyOptions, ViewOptions
+from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
 from maxjax.sim.flight import Flight, watch
 from maxjax.view.flight_page import FlightPage
@@ -20,14 +21,12 @@ from maxjax.view.share import playing_page
 from maxjax.view.trials import city_of, film_of, open_folder
 
 
-def run(options: ViewOptions) -> int:
+def view_flights(options: ViewOptions) -> int:
     """Show the page until Ctrl-C, or write it. Returns 0.
 
     Raises:
         ValueError, OSError: for a folder or a trial that cannot be shown.
     """
-    from maxjax.cli.viewing import wait, write_page
-
     name, ledger = open_folder(Path(options.map))
     flown = [trial for trial in sorted(ledger.outcomes) if ledger.outcomes[trial].flown]
     trial = options.trial if options.trial is not None else next(iter(flown), min(ledger.outcomes))

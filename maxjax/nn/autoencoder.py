@@ -28,7 +28,7 @@ Params = dict[str, Any]
 Layer = dict[str, Array]
 
 
-def init(key: PRNGKeyArray, config: Autoencoder) -> Params:
+def init_params(key: PRNGKeyArray, config: Autoencoder) -> Params:
     """Weights drawn for rectifiers (He et al. 2015, variance 2 / fan-in), biases zero; the head starts small.
 
     Args:

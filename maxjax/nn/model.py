@@ -27,7 +27,7 @@ from maxjax.fields import gradient as slope
 from maxjax.fields import stencil
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.nn.architecture import CONFIGS, Autoencoder
-from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
+from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.programs import lowering
@@ -168,7 +168,7 @@ def save_model(
     Args:
         path: file, .npz.
         name: in `architecture.CONFIGS`.
-        params: of `autoencoder.init`, trained.
+        params: of `autoencoder.init_params`, trained.
         metadata: anything that JSON can hold.
 
     Raises:
@@ -210,7 +210,7 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     given, expected = metadata.get("network"), _described(network)
     if metadata.get("model") != name or given != expected:
         raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
-    shapes = jax.eval_shape(lambda: init(jax.random.key(0), network))
+    shapes = jax.eval_shape(lambda: init_params(jax.random.key(0), network))
     half = load_pytree(file, jax.tree.map(lambda leaf: np.empty(leaf.shape, np.float16), shapes))
     gpu = lowering.target() == "gpu"
     folded = fold(jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), half), network)

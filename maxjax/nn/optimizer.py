@@ -58,7 +58,7 @@ class Moments:
     step: Int32[Array, ""]
 
 
-def init(params: object) -> Moments:
+def init_moments(params: object) -> Moments:
     """Moments of weights that have seen no gradient."""
     return Moments(jax.tree.map(jnp.zeros_like, params), jax.tree.map(jnp.zeros_like, params), jnp.int32(0))
 
@@ -76,7 +76,7 @@ def update(settings: AdamW, params: Tree, moments: Moments, gradients: Tree) -> 
     Args:
         settings: static.
         params: weights, float32.
-        moments: from `init` or the last step.
+        moments: from `init_moments` or the last step.
         gradients: of the loss, as the weights.
     """
     step = moments.step + 1

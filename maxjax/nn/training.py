@@ -33,7 +33,7 @@ from maxjax.core.grid import Grid
 from maxjax.fields import stencil
 from maxjax.nn import optimizer
 from maxjax.nn.architecture import Autoencoder
-from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init
+from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
 from maxjax.nn.dataset import Scenes, known_of
 from maxjax.nn.encoding import UNIT, encode
@@ -60,8 +60,8 @@ class TrainingState:
 
 def start(training: Training) -> TrainingState:
     """The state before the first step."""
-    params = init(jax.random.key(training.seed), training.network)
-    return TrainingState(params, optimizer.init(params))
+    params = init_params(jax.random.key(training.seed), training.network)
+    return TrainingState(params, optimizer.init_moments(params))
 
 
 def steps_per_epoch(training: Training, scenes: int) -> int:

@@ -124,7 +124,7 @@ def one_by_one(view: View, planner: Planner) -> Routes:
     def one(k: int) -> tuple[Route, dict[str, float]]:
         with recording() as recorder:
             shown = view.some(slice(k, k + 1))
-            problem = problem_in(shown)
+            problem = problem_shown(shown)
             status = fetched(problem.status)
             route = failed(status) if status != Status.OK else find(problem, view.grid)
             route = whole_route(problem, route, view.grid)
@@ -159,10 +159,10 @@ def _route(problem: Problem, grid: Grid, planner: Planner) -> Route:
 
 def problem_of(task: Task) -> Problem:
     """The only problem of a task, formulated in its whole map."""
-    return problem_in(View(task))
+    return problem_shown(View(task))
 
 
-def problem_in(view: View) -> Problem:
+def problem_shown(view: View) -> Problem:
     """The only problem that a device is shown."""
     with timed("transfer"):
         parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(view)))

@@ -1,4 +1,4 @@
-"""What is told of a compilation: its program and how long it took last time; and one false alarm that is not.
+"""What is told of a compilation: its program, and how long it took last time.
 
     with told(print):
         ...                  # "compiling solve, 9 s last time", and "" when nothing compiles any more
@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -27,7 +24,6 @@ _listening: list[Tell] = []
 # Programs that compile now, in one thread or several, and how long each took last time.
 _running: dict[object, tuple[str, float | None]] = {}
 _lock = threading.Lock()
-_STDERR = 2
 
 
 @contextlib.contextmanager
@@ -85,34 +81,3 @@ def _remembered() -> dict[str, float]:
     if not isinstance(content, dict):
         return {}
     return {str(name): float(value) for name, value in content.items() if isinstance(value, int | float)}
-
-
-# With AVX-512, XLA compiles for two features more than it finds in the machine when it loads what it compiled. They are
-# preferences of its cost model that no machine has: nothing is wrong (jax-ml/jax issue 38445).
-_FALSE = (b"Target machine feature +prefer-no-gather is not", b"Target machine feature +prefer-no-scatter is not")
-
-
-@contextlib.contextmanager
-def without_false_alarm() -> Iterator[None]:
-    """Keep XLA's false alarm about what it loads from stderr; all else that is written there comes afterwards.
-
-    XLA writes past Python, and decides at import what it writes.
-    """
-    with _lock, contextlib.ExitStack() as stack:
-        try:
-            heard = stack.enter_context(tempfile.TemporaryFile())
-            sys.stderr.flush()
-            stderr = os.dup(_STDERR)
-        except (OSError, ValueError, AttributeError):  # a process without stderr, or without room for files
-            yield
-            return
-        os.dup2(heard.fileno(), _STDERR)
-        try:
-            yield
-        finally:
-            os.dup2(stderr, _STDERR)
-            os.close(stderr)
-            heard.seek(0)
-            for line in heard:
-                if not any(part in line for part in _FALSE):
-                    os.write(_STDERR, line)

@@ -34,7 +34,7 @@ from jax.experimental import serialize_executable
 
 from maxjax.core.files import atomic_write
 from maxjax.programs.cache import cache_folder, let_jax_keep, trim
-from maxjax.programs.compilation import compiling, without_false_alarm
+from maxjax.programs.compilation import compiling
 from maxjax.programs.lowering import target
 
 P = ParamSpec("P")
@@ -145,10 +145,9 @@ def _read(file: Path, count: int) -> Callable[..., Any] | None:
     """The executable in a file, a function of so many leaves; None where there is none, or none that can be read."""
     try:
         payload, out_tree = pickle.loads(zlib.decompress(file.read_bytes()))
-        with without_false_alarm():
-            found: Callable[..., Any] = serialize_executable.deserialize_and_load(
-                payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.devices()[:1]
-            )
+        found: Callable[..., Any] = serialize_executable.deserialize_and_load(
+            payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.devices()[:1]
+        )
         return found
     except FileNotFoundError:
         return None

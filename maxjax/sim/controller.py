@@ -119,7 +119,7 @@ def mix(vehicle: Vehicle, collective: Float[Array, ""], moment: Float[Array, "3"
     return jnp.clip(base + jnp.maximum(share, 0.0) * turn, 0.0, vehicle.thrust)
 
 
-def step(
+def command(
     controller: Controller, vehicle: Vehicle, observer: Observer, state: State, setpoint: Setpoint
 ) -> tuple[Observer, Float[Array, "4"]]:
     """One iteration of the control loop, every `vehicle.timestep`.

@@ -1,6 +1,6 @@
 """One flight in closed loop: sense → fuse → plan → follow, until goal, contact, or the last planning iteration.
 
-    fly(scene, start, goal, key, config) -> FlightLog
+    fly_closed_loop(scene, start, goal, key, config) -> FlightLog
 
 A planning iteration is a tuple of pure stages, each (world, flight, config) ↦ flight (`FlightConfig.stages`):
 
@@ -42,18 +42,29 @@ from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog,
 from maxjax.sim.lidar import Scan, scan
 from maxjax.sim.reactive import push
 from maxjax.sim.replan import plan
-from maxjax.trajectories.online import evaluate, profile, sample
+from maxjax.trajectories.online import profile, sample, setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene
 
-__all__ = ["STAGES", "Flight", "FlightConfig", "FlightLog", "Stage", "World", "fly", "stages_of", "take_off", "watch"]
+__all__ = [
+    "STAGES",
+    "Flight",
+    "FlightConfig",
+    "FlightLog",
+    "Stage",
+    "World",
+    "fly_closed_loop",
+    "stages_of",
+    "take_off",
+    "watch",
+]
 
 # A stage of a planning iteration: pure, of arrays; the configuration is static but for its disturbances.
 Stage = Callable[[World, Flight, FlightConfig], Flight]
 
 
-def fly(
+def fly_closed_loop(
     scene: Scene | Geoms,
     start: Float[Array, "3"],
     goal: Float[Array, "3"],
@@ -78,7 +89,9 @@ def fly(
     """
     geoms = scene.geoms if isinstance(scene, Scene) else scene
     if start.shape != (3,) or goal.shape != (3,):
-        raise ValueError(f"fly: expected start and goal (3,), given {start.shape} and {goal.shape}; use vmap")
+        raise ValueError(
+            f"fly_closed_loop: expected start and goal (3,), given {start.shape} and {goal.shape}; use vmap"
+        )
     if not 1 <= config.plans <= ITERATIONS:
         raise ValueError(f"plans: expected 1 to {ITERATIONS}, given {config.plans}")
     world = World(geoms, start, goal, key, config.disturbances)
@@ -91,9 +104,9 @@ def fly(
 
 
 def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
-    """`fly` with its loop on the host: the flight before its first planning iteration, and after each.
+    """`fly_closed_loop` with its loop on the host: the flight before its first planning iteration, and after each.
 
-    Each stage is a program of its own, and all are compiled at a time. Up to rounding the flight is that of `fly`.
+    Each stage is a program of its own, and all are compiled at a time. Up to rounding the flight is the same.
     """
     flight = _TAKE_OFF(world, config)
     yield flight
@@ -202,7 +215,7 @@ def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """The map recentred on the estimated position, with the scan in it."""
     position = estimated_position(world, flight)
     recentred = mapping.recentre(flight.rolling_map, position)
-    fused = mapping.fuse(recentred, flight.scan, config.lidar, position, flight.vehicle.rotation, config.snapshot)
+    fused = mapping.fused(recentred, flight.scan, config.lidar, position, flight.vehicle.rotation, config.snapshot)
     return dataclasses.replace(flight, rolling_map=fused)
 
 
@@ -245,15 +258,15 @@ def _physics_step(
     """
     log, before, vehicle = flight.log, flight.vehicle, config.vehicle
     error = position_error(world.disturbances, world.key, log.duration)
-    setpoint = evaluate(flight.reference, flight.reference_time, flight.yaw, config.controller.lead)
+    setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, config.controller.lead)
     estimated = dataclasses.replace(before, position=before.position + error)
     if config.reactive > 0:
         extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
         setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
-    observer, command = control.step(config.controller, vehicle, flight.observer, estimated, setpoint)
+    observer, command = control.command(config.controller, vehicle, flight.observer, estimated, setpoint)
     gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
     strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
-    after = physics.step(vehicle, before, command, wind + strength * gust)
+    after = physics.advance(vehicle, before, command, wind + strength * gust)
 
     clearance = distance(world.geoms, after.position)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))

@@ -35,7 +35,7 @@ from maxjax.programs.lowering import materialise
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
 from maxjax.sim.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
-from maxjax.trajectories.online import Course, Reference, evaluate, profile, sample
+from maxjax.trajectories.online import Course, Reference, profile, sample, setpoint_at
 
 # Consecutive failed plans after which the flight ends.
 _FAILURES = 20
@@ -104,13 +104,15 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     position, gap = estimated_position(world, flight), _gap(flight, config)
     late = jnp.asarray(world.disturbances.latency) > 0
     pending = _refer(flight, flight.pending_path, flight.pending_valid, gap, position, config)
-    start = jnp.where(late, evaluate(pending, jnp.float32(config.period)).position, position)
+    start = jnp.where(late, setpoint_at(pending, jnp.float32(config.period)).position, position)
     candidate = _seek(world, flight, start, config)
     ok = candidate.ok
     direct = _refer(flight, candidate.path, ok, gap, position, config)
     reference = _choose(late, pending, direct)
 
-    progress = evaluate(reference, jnp.float32(config.period)).position - evaluate(reference, jnp.float32(0.0)).position
+    progress = (
+        setpoint_at(reference, jnp.float32(config.period)).position - setpoint_at(reference, jnp.float32(0.0)).position
+    )
     stuck = jnp.linalg.norm(progress) < _STUCK
     sidestep = _sidestep(world, flight, candidate, position, config)
     continues = sidestep.continues

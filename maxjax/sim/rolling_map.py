@@ -126,7 +126,7 @@ def ground(rolling_map: RollingMap) -> Bool[Array, "*batch nx ny nz"]:
     return jnp.broadcast_to((layer <= 0)[..., None, None, :], rolling_map.cells.shape)
 
 
-def fuse(
+def fused(
     rolling_map: RollingMap,
     scan: Scan,
     lidar: Lidar,

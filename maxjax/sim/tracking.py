@@ -118,11 +118,11 @@ def fly_all(trajectories: Sequence[Trajectory], where: VoxelMap, wind: float = 0
         where: the map.
         wind, seed: as in `fly`; each trajectory has a wind of its own.
     """
-    flown = follow(trajectories, wind, seed)
+    flown = follow_setpoints(trajectories, wind, seed)
     return [tracked(one, *how, where) for one, how in zip(trajectories, flown, strict=True)]
 
 
-def follow(
+def follow_setpoints(
     trajectories: Sequence[Trajectory],
     wind: float = 0.0,
     seed: int = 0,
@@ -237,8 +237,8 @@ def _follow(
             state, observer, gust = carry
             setpoint, numbers = now
             gust = physics.gust(physics.Gusts(), gust, numbers, vehicle.timestep)
-            observer, command = control.step(controller, vehicle, observer, state, setpoint)
-            after = physics.step(vehicle, state, command, air.mean + air.strength * gust)
+            observer, command = control.command(controller, vehicle, observer, state, setpoint)
+            after = physics.advance(vehicle, state, command, air.mean + air.strength * gust)
             return _Carry(after, observer, gust), _Flown(state.position, state.velocity)
 
         return lax.scan(turn, carry, (setpoints, noise))

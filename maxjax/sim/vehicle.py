@@ -5,8 +5,8 @@
     τ ḟ_i = u_i − f_i
 
 f_i are the thrusts [N] at r_i in the body frame (x forward, y left, z up), s_i the sense of the propeller's drag, u_i
-the commanded thrusts, w the wind. D and M are MuJoCo's drag on the box whose inertia is the body's. One `step` is one
-`mjx.step` of a model without contacts and constraints; collisions are detected by exact distances instead.
+the commanded thrusts, w the wind. D and M are MuJoCo's drag on the box whose inertia is the body's. One `advance` is
+one `mjx.step` of a model without contacts and constraints; collisions are detected by exact distances instead.
 
 Velocity and wind are in the world frame, the angular velocity in the body frame, quaternions are (w, x, y, z), body
 -> world.
@@ -48,7 +48,7 @@ class Vehicle:
         motor_lag: τ, time constant of a thrust [s].
         density: of the air [kg/m³].
         viscosity: of the air [Pa s].
-        timestep: of one `step` [s].
+        timestep: of one `advance` [s].
 
     Raises:
         ValueError: for values that are not physical, or a vehicle that cannot hover.
@@ -182,7 +182,7 @@ def _model_and_data(vehicle: Vehicle) -> tuple[Any, Any]:
         return pair
 
 
-def step(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float[Array, "3"]) -> State:
+def advance(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Float[Array, "3"]) -> State:
     """One time step; pure, safe under `jit`, `vmap`, `grad` and `lax.scan`.
 
     Only the state is carried. The rest of MJX's data follows from it and is recomputed, so XLA eliminates what the next

@@ -60,7 +60,7 @@ def padded(array: Array) -> Array:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Level:
+class AggregateLevel:
     """The aggregates of one level.
 
     Attributes:
@@ -89,10 +89,10 @@ class _Walk:
 
 
 @jax.named_scope("lump")
-def levels_of(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[Level, ...]:
+def levels_of(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> tuple[AggregateLevel, ...]:
     """Which aggregates are free space: all their voxels free and joined, away from the goal."""
     counts = halvings(component.shape)
-    levels: list[Level] = []
+    levels: list[AggregateLevel] = []
     whole, index = component, goal_index
     for depth in range(max(counts)):
         axes = tuple(axis for axis in range(3) if counts[axis] > depth)
@@ -107,12 +107,12 @@ def levels_of(faces: Faces, component: Mask, goal_index: Int32[Array, " 3"]) -> 
         for axis in range(3):
             near = near & (jnp.abs(lax.broadcasted_iota(jnp.int32, whole.shape, axis) - index[axis]) <= 1)
         whole = whole & ~near
-        levels.append(Level(axes, whole, cell(whole.shape, index)))
+        levels.append(AggregateLevel(axes, whole, cell(whole.shape, index)))
     return tuple(levels)
 
 
 @jax.named_scope("lump")
-def correction(links: Links, diagonal: Volume, log_phi: Volume, levels: tuple[Level, ...]) -> Aggregates:
+def correction(links: Links, diagonal: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...]) -> Aggregates:
     """δ on the aggregates: the lumped walk's answer to the residual of φ.
 
     Args:
@@ -143,7 +143,7 @@ def _in_aggregates(log_phi: Volume, axes: tuple[int, ...]) -> tuple[Volume, Aggr
 
 
 @jax.named_scope("relax")
-def _relaxed(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[Level, ...], times: int) -> Volume:
+def _relaxed(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...], times: int) -> Volume:
     """Solve leaving δ = residual + Σ rates δ, about, on the first of these levels: relax, correct from below, relax."""
     # Nothing leaves the aggregate of the goal: δ = 0 there.
     leaving = jnp.where(levels[0].goal, jnp.inf, walk.leaving)
@@ -165,7 +165,7 @@ def _relaxed(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[Level
     return _repeat(relax, delta + correction, times)
 
 
-def _relaxed_deeper(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[Level, ...]) -> Volume:
+def _relaxed_deeper(walk: _Walk, residual: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...]) -> Volume:
     """`_relaxed` on a level that costs little; on a small one, by every device alone."""
     relaxed = functools.partial(_relaxed, times=_RELAX_DEEP)
     if residual.size > _SHARED:

@@ -34,7 +34,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
 from maxjax.programs.batching import settle
 from maxjax.programs.lowering import maximum, repeat
-from maxjax.solvers.aggregation import Level, correction, levels_of, spread
+from maxjax.solvers.aggregation import AggregateLevel, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
 
 # Weights of the sweeps after a correction, to damp what an aggregate cannot represent: (1 − 0.6 λ)² (1 − λ)²
@@ -62,7 +62,7 @@ class _System:
 
     operator: Operator
     held: Bool[Array, "nx ny nz"]
-    levels: tuple[Level, ...]
+    levels: tuple[AggregateLevel, ...]
 
 
 @jax.tree_util.register_dataclass

@@ -253,7 +253,7 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
     return Reference(course, speed, time, duration, jnp.where(excess > 1e-2, excess, 0.0))
 
 
-def evaluate(
+def setpoint_at(
     reference: Reference, time: Float[Array, ""], yaw: Float[Array, ""] | float = 0.0, lead: float = 0.0
 ) -> Setpoint:
     """Position, velocity and acceleration of the reference; `vmap` over times.

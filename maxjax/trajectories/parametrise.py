@@ -20,8 +20,7 @@ from maxjax.trajectories.corner_rounding import Curve
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.speed_profile import check_duration, fastest, positions
 from maxjax.trajectories.spline import averaged, differences, duration, evaluate
-from maxjax.trajectories.time_optimal import Way, shortest
-from maxjax.trajectories.time_optimal import needed as keeping
+from maxjax.trajectories.time_optimal import Way, factor_to_keep, shortest
 
 STEP = 0.02  # between control points, before the factor [s]
 # The long step: a share of acceleration / jerk, at most one that cuts so much [m], and so many in a curve at least.
@@ -71,7 +70,7 @@ def timed(
     step = aim * 2.0**halvings
     at = np.linspace(0.0, len(start) - 1.0, math.ceil(takes / step) + 1)
     sigma = np.pad(np.interp(at, np.arange(float(len(start))), start), 2, "edge")
-    check_duration(duration(sigma, step * keeping(way, sigma, step)), curve.arclength[-1])
+    check_duration(duration(sigma, step * factor_to_keep(way, sigma, step)), curve.arclength[-1])
     sigma, step = shortest(way, sigma, step, halvings)
     times = STEP * np.arange(-2.0, math.ceil(duration(sigma, step) / STEP) + 3.0)
     control = evaluate(way.place(sigma), step, times)

@@ -107,7 +107,7 @@ def shortest(
     for level in range(halvings + 1):
         if level:
             sigma, step, first = _halved(sigma), 0.5 * step, _REFINED
-        size = math.log(step * needed(way, sigma, step) * _INSIDE)
+        size = math.log(step * factor_to_keep(way, sigma, step) * _INSIDE)
         count = _PER_POINT * len(sigma)
         share = first
         while len(sigma) > 2 * _ENDS:
@@ -116,10 +116,10 @@ def shortest(
                 break
             share = min(share * _FACTOR, _LAST)
         step = math.exp(size)
-    return sigma, step * needed(way, sigma, step)
+    return sigma, step * factor_to_keep(way, sigma, step)
 
 
-def needed(way: Way, sigma: Float64[np.ndarray, " n"], step: float) -> float:
+def factor_to_keep(way: Way, sigma: Float64[np.ndarray, " n"], step: float) -> float:
     """The factor on the step with which all limits are just kept."""
     most = 0.0
     for order, p in zip(_ORDERS, _sizes(way, sigma, step), strict=True):

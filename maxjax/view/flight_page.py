@@ -21,7 +21,7 @@ from maxjax.view.film import VEHICLE_NODE, Film
 from maxjax.view.nodes import Scene
 from maxjax.view.server import look, look_at
 from maxjax.view.stage import Stage
-from maxjax.view.trials import city_of, film_of, headline, told
+from maxjax.view.trials import city_of, film_of, headline, trial_in_words
 from maxjax.view.worker import Worker
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class FlightPage:
             self.status.content = f"### Trial {trial}: flying again …\nIts programs are compiled first, once."
             self._flights[trial] = self._again(outcome)
         line = self._lines.get(trial)
-        self.status.content = told(outcome)
+        self.status.content = trial_in_words(outcome)
         with self._lock:
             if not outcome.flown or line is None:
                 self.film, self._shown = None, {}

@@ -22,7 +22,7 @@ from maxjax.core.status import Status
 from maxjax.sim import rolling_map
 from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.trajectories.online import evaluate
+from maxjax.trajectories.online import setpoint_at
 from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together
@@ -78,7 +78,7 @@ def headline(outcome: Outcome) -> str:
     return f"{outcome.trial}: {outcome.status}, {outcome.flown_length:.0f} m"
 
 
-def told(outcome: Outcome) -> str:
+def trial_in_words(outcome: Outcome) -> str:
     """A trial in words, Markdown."""
     if not outcome.flown:
         return f"### Trial {outcome.trial}: not flown\nNo pair of ends was found in city {outcome.city}."
@@ -150,7 +150,7 @@ def _period(flight: Flight, frame: Frame) -> Scene:
     moves = np.flatnonzero(np.any(np.diff(path, axis=0), axis=1))
     if len(moves):
         scene["/period/plan"] = plain_line(frame.page(path[: moves[-1] + 2]), PLANNED, _PLAN)
-    reference = np.stack([np.asarray(evaluate(flight.reference, jnp.float32(t)).position) for t in _REFERENCE])
+    reference = np.stack([np.asarray(setpoint_at(flight.reference, jnp.float32(t)).position) for t in _REFERENCE])
     if np.isfinite(reference).all() and np.ptp(reference, axis=0).max() > 0.1:
         scene["/period/reference"] = plain_line(frame.page(reference), REFERENCE, _PLAN)
     return scene

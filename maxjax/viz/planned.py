@@ -16,7 +16,7 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.methods import climbs, label_of
 from maxjax.planning.corridor import coarse_task
-from maxjax.planning.execution import problem_in
+from maxjax.planning.execution import problem_shown
 from maxjax.planning.field_planner import potential_field
 from maxjax.planning.focus_window import View, rounded
 from maxjax.planning.plan import Plan
@@ -72,7 +72,7 @@ def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
 
 
 def _field_in(view: View) -> Float[np.ndarray, "nx ny nz"]:
-    problem = problem_in(view)
+    problem = problem_shown(view)
     return np.asarray(
         potential_field(problem.blocked, problem.price, problem.goal_index, view.grid, solve_potential).log_phi
     )

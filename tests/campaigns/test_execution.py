@@ -91,7 +91,7 @@ fake_part = jax.jit(inspect.unwrap(module._fly_part))
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_one_by_one", fake_part)
-    monkeypatch.setattr(module, "fly", fake_fly)
+    monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
 
@@ -337,7 +337,7 @@ def _real_flights(out: Path) -> None:
     }
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
     watched = list(watch(World(*world, TINY.disturbances), TINY))
-    module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
+    module.fly_closed_loop, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = fake_part
     campaign = Campaign("suburb", 0, range(9), config=CALM)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
@@ -417,7 +417,7 @@ def _interrupted(folder: Path) -> None:
         turned = jax.lax.fori_loop(0, turns, lambda _, x: jnp.cos(x), log.flown_length)
         return dataclasses.replace(log, flown_length=log.flown_length + jnp.where(turned > 2.0, 1.0, 0.0))
 
-    module.fly, module.draw_many, module._city = slow_fly, fake_draw, lambda name, seed: ground_plane()
+    module.fly_closed_loop, module.draw_many, module._city = slow_fly, fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = module._fly_part
     try:
         for some in fly_trials(SLOW, batch=4, folder=folder):

@@ -11,7 +11,7 @@ import pytest
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, named, stream
 from maxjax.methods import planner_named
-from maxjax.sim.flight import FlightConfig, fly
+from maxjax.sim.flight import FlightConfig, fly_closed_loop
 from maxjax.worlds.geoms import ground_plane
 
 KEY = jax.random.key(7)
@@ -50,4 +50,4 @@ def test_the_keys_are_those_of_recorded_results() -> None:
 def test_a_flight_longer_than_its_streams_is_refused() -> None:
     ends = jnp.array([0.0, 0.0, 5.0]), jnp.array([20.0, 0.0, 5.0])
     with pytest.raises(ValueError, match=f"plans: expected 1 to {ITERATIONS}, given {ITERATIONS + 1}"):
-        fly(ground_plane(), *ends, KEY, FlightConfig(planner=planner_named("field"), plans=ITERATIONS + 1))
+        fly_closed_loop(ground_plane(), *ends, KEY, FlightConfig(planner=planner_named("field"), plans=ITERATIONS + 1))

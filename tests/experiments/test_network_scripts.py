@@ -11,7 +11,7 @@ import pytest
 
 from experiments import network_accuracy, network_cost, network_training
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.autoencoder import init
+from maxjax.nn.autoencoder import init_params
 from maxjax.nn.model import save_model
 from maxjax.nn.recipes import RECIPES
 
@@ -20,7 +20,7 @@ ERRORS = ("l2", "l2_worst", "l2_normalised", "angle_median_deg", "angle_95_deg")
 
 def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) -> None:
     (tmp_path / "tiny").mkdir()
-    save_model(tmp_path / "tiny" / "tiny.npz", "tiny", init(jax.random.key(0), CONFIGS["tiny"]))
+    save_model(tmp_path / "tiny" / "tiny.npz", "tiny", init_params(jax.random.key(0), CONFIGS["tiny"]))
     config = dataclasses.replace(network_accuracy.TINY, models=("maxjax",), trained=(tmp_path / "tiny",), out=tmp_path)
     rows = network_accuracy.main(config)
     assert [row["height"] for row in rows] == [3.5] * 3 + [0.0] * 3

@@ -22,7 +22,7 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.methods import planner_named
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.autoencoder import apply, init
+from maxjax.nn.autoencoder import apply, init_params
 from maxjax.sim.flight import FlightConfig
 
 
@@ -62,7 +62,7 @@ def test_the_worst_flights_come_first(folder: Path) -> None:
 @pytest.mark.parametrize("name", ["paper", "maxjax"])
 def test_the_boxes_of_the_architecture_are_its_volumes(name: str) -> None:
     network, boxes = CONFIGS[name], volumes_of(CONFIGS[name])
-    params = jax.eval_shape(lambda key: init(key, network), jax.random.key(0))
+    params = jax.eval_shape(lambda key: init_params(key, network), jax.random.key(0))
     kernels = [
         layer["kernel"].shape for side in ("encoder", "decoder") for level in params[side] for layer in level
     ] + [params["head"]["kernel"].shape]

@@ -11,7 +11,7 @@ import pytest
 
 from maxjax.nn import layers
 from maxjax.nn.architecture import CONFIGS, MAXJAX, PAPER, PAPER_2D, Autoencoder
-from maxjax.nn.autoencoder import apply, apply_folded, fold, init
+from maxjax.nn.autoencoder import apply, apply_folded, fold, init_params
 
 # Narrow copies: what is tested does not depend on the number of channels.
 NARROW = ((2,), (3,), (4,), (5,), (6,))
@@ -27,7 +27,7 @@ SMALL = {
 
 def weights(config: Autoencoder, seed: int = 0) -> dict:
     """Of `init`, the head as large as the rest and biases that are not zero."""
-    params = init(jax.random.key(seed), config)
+    params = init_params(jax.random.key(seed), config)
     params["head"]["kernel"] = 100 * params["head"]["kernel"]
     return jax.tree.map(lambda w: w + 0.1 * (w.ndim == 1), params)
 
@@ -40,11 +40,11 @@ def given(config: Autoencoder, space: tuple[int, ...], batch: int = 2) -> jax.Ar
     ("name", "expected"), [("paper", 4_121_409), ("paper_difference", 4_121_409), ("paper_large", 6_259_905)]
 )
 def test_the_papers_networks_have_its_number_of_weights(name: str, expected: int) -> None:
-    assert layers.count(jax.eval_shape(lambda: init(jax.random.key(0), CONFIGS[name]))) == expected
+    assert layers.count(jax.eval_shape(lambda: init_params(jax.random.key(0), CONFIGS[name]))) == expected
 
 
 def test_the_default_network_has_fewer_weights_than_the_papers() -> None:
-    assert layers.count(jax.eval_shape(lambda: init(jax.random.key(0), MAXJAX))) < 4_121_409
+    assert layers.count(jax.eval_shape(lambda: init_params(jax.random.key(0), MAXJAX))) < 4_121_409
 
 
 def test_the_grid_shrinks_as_in_the_paper() -> None:
@@ -55,7 +55,7 @@ def test_the_grid_shrinks_as_in_the_paper() -> None:
 def test_a_voxel_of_the_papers_bottleneck_sees_94_voxels_along_each_axis() -> None:
     """By the support of its gradient; with constant input and positive weights every maximum ties and passes all."""
     config = dataclasses.replace(PAPER, encoder=((1,),) * 5, decoder=((1,),) * 5)
-    params = jax.tree.map(lambda w: jnp.abs(w) + 0.1, init(jax.random.key(0), config))
+    params = jax.tree.map(lambda w: jnp.abs(w) + 0.1, init_params(jax.random.key(0), config))
 
     def bottleneck(x: jax.Array) -> jax.Array:
         for (layer,) in params["encoder"]:
@@ -113,7 +113,7 @@ def test_a_batch_is_its_samples() -> None:
 
 
 def test_what_does_not_fit_is_refused_with_both_shapes() -> None:
-    params = init(jax.random.key(0), SMALL["paper"])
+    params = init_params(jax.random.key(0), SMALL["paper"])
     with pytest.raises(ValueError, match="at least 32 voxels for 5 poolings, given \\(31, 40, 40\\)"):
         apply(params, jnp.zeros((1, 31, 40, 40, 1)), SMALL["paper"])
     with pytest.raises(ValueError, match="3 axes of space, 1 channels\\), given \\(1, 40, 40, 40, 2\\)"):

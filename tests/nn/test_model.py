@@ -18,7 +18,7 @@ from maxjax import Distances, Network, Status, VoxelMap, conductivity, plan, pla
 from maxjax.methods import planner_named
 from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.autoencoder import init
+from maxjax.nn.autoencoder import init_params
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
 from maxjax.planning.field_planner import PotentialLike
 
@@ -32,7 +32,7 @@ def _mini(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "mini.npz"
-    save_model(path, "mini", init(jax.random.key(0), MINI), metadata={"note": "untrained"})
+    save_model(path, "mini", init_params(jax.random.key(0), MINI), metadata={"note": "untrained"})
     return path
 
 
@@ -49,7 +49,7 @@ def scene(seed: int) -> tuple[jax.Array, jax.Array, jax.Array]:
 def test_weights_come_back_in_half_precision_with_their_metadata(file: Path, model: Model) -> None:
     assert model.metadata["note"] == "untrained"
     assert load_model("mini", file) is model
-    head = init(jax.random.key(0), MINI)["head"]["kernel"]
+    head = init_params(jax.random.key(0), MINI)["head"]["kernel"]
     np.testing.assert_array_equal(model.params["head"]["kernel"], np.asarray(head).astype(np.float16))
 
 
@@ -145,7 +145,7 @@ def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(shipped: Path) -> None:
-    save_model(shipped / "maxjax.npz", "maxjax", init(jax.random.key(0), MINI))
+    save_model(shipped / "maxjax.npz", "maxjax", init_params(jax.random.key(0), MINI))
     occupied = np.zeros(GRID.shape, bool)
     occupied[5:7, :9] = True
     start, goal = [2.0, 2.0, 10.0], [20.0, 3.0, 8.0]

@@ -34,7 +34,7 @@ def test_updates_equal_the_reference() -> None:
         jax.tree.map(lambda w: rng.normal(size=w.shape) * 10.0 ** rng.integers(-6, 3), start) for _ in range(20)
     ]
     params = jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), start)
-    moments = optimizer.init(params)
+    moments = optimizer.init_moments(params)
     step = jax.jit(lambda p, m, g: optimizer.update(settings, p, m, g))
     for g in gradients:
         params, moments = step(params, moments, jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), g))
@@ -51,7 +51,7 @@ def test_decay_is_decoupled() -> None:
     """With a gradient of zero, weights shrink by η λ a step whatever the moments are."""
     settings = AdamW(rate=0.1, steps=1000, decay=0.5)
     params = {"w": jnp.float32([2.0])}
-    after, _ = optimizer.update(settings, params, optimizer.init(params), {"w": jnp.zeros(1)})
+    after, _ = optimizer.update(settings, params, optimizer.init_moments(params), {"w": jnp.zeros(1)})
     np.testing.assert_allclose(after["w"], [2.0 * (1 - 0.1 * 0.5)], rtol=1e-6)
 
 
@@ -64,7 +64,7 @@ def test_the_rate_rises_peaks_and_falls_to_zero() -> None:
 def test_a_valley_is_descended() -> None:
     settings = AdamW(rate=0.1, steps=300, decay=0.0)
     params = jnp.float32([3.0, -2.0])
-    moments = optimizer.init(params)
+    moments = optimizer.init_moments(params)
 
     def step(state: tuple, _: None) -> tuple:
         params, moments = state

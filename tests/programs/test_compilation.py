@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
 import pytest
 
 from maxjax.programs import cache
-from maxjax.programs.compilation import compiling, told, without_false_alarm
+from maxjax.programs.compilation import compiling, told
 
 
 @pytest.fixture
@@ -70,16 +69,3 @@ def test_without_a_folder_no_time_is_told(monkeypatch: pytest.MonkeyPatch) -> No
             with compiling("solve"):
                 pass
     assert heard == ["compiling solve", ""] * 2
-
-
-def test_only_the_false_alarm_is_kept_from_stderr(capfd: pytest.CaptureFixture[str]) -> None:
-    place = "E1123 13:26:13.464246 4312 cpu_aot_loader.cc:195] Loading XLA:CPU AOT result. Target machine feature "
-    with without_false_alarm():
-        os.write(2, f"{place}+prefer-no-gather is not  supported on the host machine.\n".encode())
-        os.write(2, f"{place}+avx512f is not  supported on the host machine.\n".encode())
-        os.write(2, f"{place}+prefer-no-scatter is not  supported on the host machine.\n".encode())
-        os.write(2, b"another message\n")
-    os.write(2, b"after it\n")
-    assert (
-        capfd.readouterr().err == f"{place}+avx512f is not  supported on the host machine.\nanother message\nafter it\n"
-    )

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from maxjax.sim import controller as control
 from maxjax.sim.controller import Controller, Observer, mix
-from maxjax.sim.vehicle import Gusts, State, Vehicle, gust, hover, step
-from maxjax.trajectories.online import Limits, Setpoint, evaluate, profile, sample
+from maxjax.sim.vehicle import Gusts, State, Vehicle, advance, gust, hover
+from maxjax.trajectories.online import Limits, Setpoint, profile, sample, setpoint_at
 
 VEHICLE = Vehicle()
 CONTROLLER = Controller()
@@ -48,7 +48,7 @@ def fly(
     course = sample(path, LIMITS)
     reference = profile(course, jnp.full(LIMITS.samples, LIMITS.speed), jnp.float32(0.0), LIMITS)
     times = DT * (jnp.arange(STEPS, dtype=jnp.float32) - SETTLE)
-    setpoints = jax.vmap(lambda t: evaluate(reference, t, 0.0, CONTROLLER.lead))(times)
+    setpoints = jax.vmap(lambda t: setpoint_at(reference, t, 0.0, CONTROLLER.lead))(times)
     shift = jnp.where(jnp.arange(STEPS)[:, None] >= STEPS // 2, jump, 0.0)
     yaw = spin * jnp.floor(times)
     setpoints = Setpoint(setpoints.position + shift, setpoints.velocity, setpoints.acceleration, yaw)
@@ -60,8 +60,8 @@ def fly(
         state, observer, g = carry
         setpoint, n = now
         g = gust(gusts, g, n, DT)
-        new, command = control.step(CONTROLLER, VEHICLE, observer, state, setpoint)
-        return (step(VEHICLE, state, command, wind + g), new, g), (state, observer)
+        new, command = control.command(CONTROLLER, VEHICLE, observer, state, setpoint)
+        return (advance(VEHICLE, state, command, wind + g), new, g), (state, observer)
 
     start = (state, control.init(state), jnp.zeros(3))
     _, (states, memories) = lax.scan(turn, start, (setpoints, noise))
@@ -187,8 +187,8 @@ def test_nan_stays_within_its_trial(flown: tuple[State, Observer, Setpoint]) -> 
 
 def test_batch_equals_loop(flown: tuple[State, Observer, Setpoint]) -> None:
     states, memories, setpoints = flown
-    single = jax.jit(control.step, static_argnums=(0, 1))
-    many = jax.jit(jax.vmap(control.step, (None, None, 0, 0, 0)), static_argnums=(0, 1))
+    single = jax.jit(control.command, static_argnums=(0, 1))
+    many = jax.jit(jax.vmap(control.command, (None, None, 0, 0, 0)), static_argnums=(0, 1))
     at = [(4, 10), (5, 900), (9, 1100)]
     given = [
         jax.tree.map(lambda *a: jnp.stack(a), *[jax.tree.map(lambda a, i=i: a[i], tree) for i in at])
@@ -241,8 +241,8 @@ def test_derivatives_through_vehicle_and_controller_are_finite_at_rest() -> None
     def after(velocity: Array, rate: Array, target: Array, wind: Array) -> Array:
         state = dataclasses.replace(rest, velocity=velocity, rate=rate)
         setpoint = Setpoint(target, jnp.zeros(3), jnp.zeros(3), jnp.float32(0.0))
-        observer, command = control.step(CONTROLLER, VEHICLE, control.init(state), state, setpoint)
-        new = step(VEHICLE, state, command, wind)
+        observer, command = control.command(CONTROLLER, VEHICLE, control.init(state), state, setpoint)
+        new = advance(VEHICLE, state, command, wind)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((observer, new)))
 
     # Compiled without optimisation: it runs once.
@@ -263,4 +263,4 @@ def test_bad_settings_and_shapes_are_named(monkeypatch: pytest.MonkeyPatch) -> N
     state = hover(VEHICLE, jnp.zeros((2, 3)))
     setpoint = Setpoint(state.position, state.velocity, state.velocity, jnp.zeros(2))
     with pytest.raises(ValueError, match=r"positions \(3,\)"):
-        control.step(CONTROLLER, VEHICLE, control.init(state), state, setpoint)
+        control.command(CONTROLLER, VEHICLE, control.init(state), state, setpoint)

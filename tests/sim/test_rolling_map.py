@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from maxjax import Grid
 from maxjax.sim import rolling_map as module
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.sim.rolling_map import RollingMap, empty, fuse, ground, occupied, origin, recentre, seen
+from maxjax.sim.rolling_map import RollingMap, empty, fused, ground, occupied, origin, recentre, seen
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
 from maxjax.worlds.raycast import cast_rays
 from maxjax.worlds.scenes import occupancy
@@ -26,7 +26,7 @@ KEY = jax.random.key(0)
 LEVEL = jnp.eye(3)
 
 jit_scan = jax.jit(scan)
-jit_fuse = jax.jit(fuse, static_argnames="snapshot")
+jit_fuse = jax.jit(fused, static_argnames="snapshot")
 jit_recentre = jax.jit(recentre)
 
 
@@ -250,7 +250,7 @@ def test_batches_equal_the_loop_and_a_nan_touches_no_other() -> None:
     maps = jax.vmap(functools.partial(empty, shape=SHAPE))(at)
 
     def step(rolling_map: RollingMap, result: Scan, position: jax.Array, rotation: jax.Array) -> RollingMap:
-        return fuse(recentre(rolling_map, position), result, CLEAN, position, rotation)
+        return fused(recentre(rolling_map, position), result, CLEAN, position, rotation)
 
     batch = jax.jit(jax.vmap(step))(maps, scans, positions, rotations)
     for i in range(2):
@@ -278,4 +278,4 @@ def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="spacing"):
         empty(jnp.zeros(3), SHAPE, spacing=float("nan"))
     with pytest.raises(ValueError, match="expected 32768 rays"):
-        fuse(empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL)
+        fused(empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL)

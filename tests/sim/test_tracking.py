@@ -13,7 +13,7 @@ from planners import bare_plan
 
 import maxjax
 from maxjax.planning.plan import Plan
-from maxjax.sim.tracking import AFTER, Tracking, fly_all, follow, tracked
+from maxjax.sim.tracking import AFTER, Tracking, fly_all, follow_setpoints, tracked
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (5000.0, -40.0, 1.0))
 WAYS = (
@@ -157,4 +157,4 @@ def test_what_cannot_be_flown_is_refused() -> None:
     with pytest.raises(ValueError, match="wind: expected a speed"):
         maxjax.fly(ways()[0], free(), wind=-1.0)
     with pytest.raises(ValueError, match="expected at least one, given none"):
-        follow([])
+        follow_setpoints([])

@@ -11,7 +11,7 @@ import pytest
 from jax import lax
 from jaxtyping import Array
 
-from maxjax.sim.vehicle import GRAVITY, Gusts, State, Vehicle, gust, hover, mujoco_model, step
+from maxjax.sim.vehicle import GRAVITY, Gusts, State, Vehicle, advance, gust, hover, mujoco_model
 
 VEHICLE = Vehicle()
 STEPS = 100
@@ -22,7 +22,7 @@ def roll(state: State, commands: Array, wind: Array) -> tuple[State, State]:
     """The last state, and the state before each step."""
 
     def body(s: State, u: Array) -> tuple[State, State]:
-        return step(VEHICLE, s, u, wind), s
+        return advance(VEHICLE, s, u, wind), s
 
     return lax.scan(body, state, commands)
 
@@ -188,4 +188,4 @@ def test_bad_settings_and_shapes_are_named(monkeypatch: pytest.MonkeyPatch) -> N
             Vehicle(**setting)
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match=r"command \(4,\)"):
-        step(VEHICLE, hover(VEHICLE, jnp.zeros(3)), jnp.zeros((2, 4)), jnp.zeros(3))
+        advance(VEHICLE, hover(VEHICLE, jnp.zeros(3)), jnp.zeros((2, 4)), jnp.zeros(3))

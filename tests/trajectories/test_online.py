@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from maxjax.trajectories.online import Course, Limits, Reference, Setpoint, evaluate, profile, sample
+from maxjax.trajectories.online import Course, Limits, Reference, Setpoint, profile, sample, setpoint_at
 
 LIMITS = Limits()
 POINTS = 64
@@ -22,7 +22,7 @@ OPEN = jnp.full(LIMITS.samples, 9.0, jnp.float32)
 def build(path: Array, caps: Array, start_speed: Array) -> tuple[Reference, Setpoint]:
     reference = profile(sample(path, LIMITS), caps, start_speed, LIMITS)
     times = DT * jnp.arange(TIMES, dtype=jnp.float32)
-    return reference, jax.vmap(lambda t: evaluate(reference, t))(times)
+    return reference, jax.vmap(lambda t: setpoint_at(reference, t))(times)
 
 
 builds = jax.jit(jax.vmap(build))
@@ -205,13 +205,13 @@ def test_start_speed_is_continued_and_braking_grows_with_the_need() -> None:
 def test_lead_hands_over_only_the_acceleration_early(still: tuple[Reference, Setpoint]) -> None:
     reference = jax.tree.map(lambda a: a[1], still[0])
     for time in (-0.1, 0.5, 5.4, 9.0):
-        now = evaluate(reference, jnp.float32(time), 0.7, lead=0.12)
-        same, later = evaluate(reference, jnp.float32(time)), evaluate(reference, jnp.float32(time + 0.12))
+        now = setpoint_at(reference, jnp.float32(time), 0.7, lead=0.12)
+        same, later = setpoint_at(reference, jnp.float32(time)), setpoint_at(reference, jnp.float32(time + 0.12))
         np.testing.assert_array_equal(now.position, same.position)
         np.testing.assert_array_equal(now.velocity, same.velocity)
         np.testing.assert_allclose(now.acceleration, later.acceleration, atol=1e-4)
         assert float(now.yaw) == pytest.approx(0.7)
-    waiting = evaluate(reference, jnp.float32(-0.1))
+    waiting = setpoint_at(reference, jnp.float32(-0.1))
     np.testing.assert_array_equal(waiting.velocity, 0.0)
     np.testing.assert_array_equal(waiting.position, reference.course.points[0])
 
@@ -233,7 +233,7 @@ def test_derivatives_are_finite_where_nothing_moves() -> None:
 
     def end(path: Array, caps: Array, speed: Array, time: Array) -> Array:
         reference = profile(sample(path, limits), caps, speed, limits)
-        setpoint = evaluate(reference, time, lead=0.1)
+        setpoint = setpoint_at(reference, time, lead=0.1)
         return jnp.sum(setpoint.position) + jnp.sum(setpoint.velocity) + jnp.sum(setpoint.acceleration)
 
     slope = jax.jit(jax.grad(end, (0, 1, 2, 3)))

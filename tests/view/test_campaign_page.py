@@ -9,7 +9,7 @@ import pytest
 from flown import folder, line, outcome
 
 from maxjax.view.film import VEHICLE_NODE
-from maxjax.view.trials import city_of, film_of, headline, open_folder, told
+from maxjax.view.trials import city_of, film_of, headline, open_folder, trial_in_words
 
 
 def test_a_folder_is_read_and_not_changed(tmp_path: Path) -> None:
@@ -21,9 +21,9 @@ def test_a_folder_is_read_and_not_changed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ledger.positions()[1], line(0.5))
     assert {file: file.read_bytes() for file in path.rglob("*") if file.is_file()} == before
     assert [headline(one) for one in ledger.outcomes.values()] == ["0: OK, 64 m", "1: IN_CONTACT, 64 m", "2: not flown"]
-    assert "arrived" in told(ledger.outcomes[0])
-    assert "touched" in told(ledger.outcomes[1])
-    assert "not flown" in told(ledger.outcomes[2])
+    assert "arrived" in trial_in_words(ledger.outcomes[0])
+    assert "touched" in trial_in_words(ledger.outcomes[1])
+    assert "not flown" in trial_in_words(ledger.outcomes[2])
 
 
 def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:

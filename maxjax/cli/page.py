@@ -1,0 +1,26 @@
+"""What pages share: they are served until Ctrl-C, or written as one file."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from maxjax.cli.options import ViewOptions
+from maxjax.core.files import atomic_write
+
+
+def wait(server: Any) -> None:
+    """Say where the page is, and serve it until Ctrl-C."""
+    print(f"http://{server.get_host()}:{server.get_port()}   Ctrl-C ends it", flush=True)
+    try:
+        while True:
+            time.sleep(3600.0)
+    finally:
+        server.stop()
+
+
+def write_page(options: ViewOptions, page: str) -> None:
+    """Write what is shared, whole or not at all, and say how large it is."""
+    assert options.share is not None
+    atomic_write(options.share, page)
+    print(f"{options.share}   {len(page.encode()) / 1e6:.1f} MB")
