@@ -35,6 +35,7 @@ from maxjax.planning.distances import Distances
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
+from maxjax.solvers.screened import Screened
 from maxjax.worlds.scenes import make_scene, occupancy
 
 # One shape for all small maps, so that the planner compiles once.
@@ -517,7 +518,8 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert "pip install 'maxjax[viz]'" in terminal("check")[1]
     monkeypatch.setattr(check, "versions", lambda: {"jax": "0.10.2", "mujoco": "3.17.0", "mujoco-mjx": "3.16.0"})
-    monkeypatch.setattr(check, "solve_potential", functools.partial(solve_potential, max_iterations=1))
+    short = Screened(max_iterations=1, or_geodesic=False)
+    monkeypatch.setattr(check, "solve_potential", functools.partial(solve_potential, setting=short))
     code, out, err = terminal("check")
     assert code == 1
     assert "all good" not in out

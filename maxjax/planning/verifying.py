@@ -19,6 +19,7 @@ from maxjax.planning.route import Route
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
 from maxjax.programs.threads import concurrently
+from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import Verdicts, verify_paths
 
 # Paths that are verified in one go: most of what one costs is the same for several.
@@ -120,12 +121,10 @@ def _verdicts(
     """Verdicts on paths of the local frame, some at a time on all cores: NumPy lets several threads work."""
     where = dataclasses.replace(task.map, closed=None, grid=task.grid.local)
     where = dataclasses.replace(where, occupied=task.barred, ground=task.kept_off)
+    paths = Paths(local, counts, task.map_of if where.batch is not None else np.zeros(len(counts), np.int64))
 
     def some(rows: slice) -> Verdicts:
-        which = task.map_of[rows] if where.batch is not None else np.zeros(len(counts[rows]), np.int64)
-        return verify_paths(
-            local[rows], counts[rows], where, map_of=which, radius=task.distances.radius, balls=balls[rows]
-        )
+        return verify_paths(paths.some(rows), where, radius=task.distances.radius, balls=balls[rows])
 
     parts = [slice(k, k + _TOGETHER) for k in range(0, len(counts), _TOGETHER)]
     if len(parts) == 1:

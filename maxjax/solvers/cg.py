@@ -24,7 +24,7 @@ from maxjax.fields.gradient import log_potential
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import Medium, Progress, Stage, held_system, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, held_system, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
@@ -54,6 +54,9 @@ class LinearSolver(abc.ABC):
         tolerance: of the stopping rule; None: `tolerances`.
         max_iterations: cap on CG iterations.
         max_sweeps: cap on positive sweeps.
+
+    Raises:
+        ValueError: if a cap is no whole number of at least 0.
     """
 
     tolerance: float | None = None
@@ -64,6 +67,9 @@ class LinearSolver(abc.ABC):
     grounded: ClassVar[bool]
     attempts: ClassVar[int]
     opening: ClassVar[tuple[Stage, ...]] = ()
+
+    def __post_init__(self) -> None:
+        check_caps(self.max_iterations, self.max_sweeps)
 
     @abc.abstractmethod
     def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:

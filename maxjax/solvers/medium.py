@@ -160,6 +160,13 @@ def run(stages: Iterable[Stage], medium: Medium, progress: Progress) -> Progress
     return functools.reduce(lambda progress, stage: stage(medium, progress), stages, progress)
 
 
+def check_caps(max_iterations: int, max_sweeps: int) -> None:
+    """Raise a ValueError for a cap that is no number of turns."""
+    for name, cap in (("max_iterations", max_iterations), ("max_sweeps", max_sweeps)):
+        if cap < 0 or cap != int(cap):
+            raise ValueError(f"{name}: expected a whole number, 0 or more, given {cap}")
+
+
 def tolerance_of(solver: Solver, medium: Medium) -> float:
     """The solver's tolerance, or its default for the medium's dtype."""
     return solver.tolerances[medium.sigma.dtype.itemsize] if solver.tolerance is None else solver.tolerance

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -77,7 +77,7 @@ class Potential:
         return jnp.exp(self.log_phi)
 
 
-def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are data, the others are settings, by keyword)
+def solve_potential(
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
     price: Float[Array, "..."] | None = None,
@@ -85,8 +85,6 @@ def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are dat
     screening_length: Float[Array, ""] | float | None = None,
     setting: Setting | Solver = "screened",
     tolerance: float | None = None,
-    max_iterations: int | None = None,
-    max_sweeps: int | None = None,
 ) -> Potential:
     """The certified conduction potential of a conductivity field; composes with `jit`, `vmap` and `grad`.
 
@@ -98,15 +96,13 @@ def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are dat
             `fields.price.lattice_price` makes up for it.
         screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.25, in `cg` the length at which
             float32 spans φ. Unused in `paper`.
-        setting: `screened`, `paper`, `cg`, or a solver object such as `solvers.screened.Screened(first_cycles=0)`.
-            Static.
+        setting: `screened`, `paper`, `cg`, or a solver object with caps of its own, such as
+            `solvers.screened.Screened(max_iterations=50, or_geodesic=False)`, which may then end uncertified,
+            NOT_CONVERGED or NOT_CERTIFIED; `screened` always answers (`geodesic`). Static.
         tolerance: when the solve stops. `screened`: the relative change of any voxel by one more sweep; by default 1e-2
             in float32, where directions are right and values to some ten times that (1e-5 once a derivative is taken,
             1e-12 in float64); values to 1 % need 1e-4. `cg`: the residual of any voxel beside its own φ, likewise.
             `paper`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). Static.
-        max_iterations: cap on cycles or CG iterations; by default the solver's. Static.
-        max_sweeps: cap on positive sweeps; by default the solver's. Static. With a cap of the caller's the solve may
-            end uncertified, NOT_CONVERGED or NOT_CERTIFIED; without one `screened` always answers (`geodesic`).
 
     Returns:
         A `Potential`; `log_phi` and `phi` are differentiable in sigma, price and screening_length, wherever φ is within
@@ -114,8 +110,7 @@ def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are dat
 
     Raises:
         ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not
-            (3,), a price that is not of sigma's shape, an unknown setting, a tolerance that is not positive, or a
-            negative cap.
+            (3,), a price that is not of sigma's shape, an unknown setting, or a tolerance that is not positive.
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index, price)
@@ -124,12 +119,9 @@ def solve_potential(  # noqa: PLR0913 (a public name; sigma and the goal are dat
             expected = ", ".join(map(repr, SETTINGS))
             raise ValueError(f"setting: expected {expected} or a solver object, given {setting!r}")
         setting = SETTINGS[setting]
-    _check_settings(tolerance, max_iterations, max_sweeps)
-    given = {"tolerance": tolerance, "max_iterations": max_iterations, "max_sweeps": max_sweeps}
-    chosen = {name: value for name, value in given.items() if value is not None}
-    solver = dataclasses.replace(setting, **chosen) if chosen else setting  # type: ignore[type-var]
-    if isinstance(solver, Screened) and (max_iterations is not None or max_sweeps is not None):
-        solver = dataclasses.replace(solver, or_geodesic=False)
+    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
+        raise ValueError(f"tolerance: expected a positive finite number, given {tolerance}")
+    solver = setting if tolerance is None else dataclasses.replace(setting, tolerance=tolerance)  # type: ignore[type-var]
     price = None if price is None else jnp.asarray(price, sigma.dtype)
     if screening_length is not None:
         screening_length = jnp.asarray(screening_length, sigma.dtype)
@@ -147,14 +139,6 @@ def check_inputs(sigma: Array, goal_index: Array, price: Array | None = None) ->
         )
     if goal_index.shape != (3,) or not jnp.issubdtype(goal_index.dtype, jnp.integer):
         raise ValueError(f"goal_index: expected integer (3,), given {goal_index.dtype} {goal_index.shape}")
-
-
-def _check_settings(tolerance: Any, max_iterations: Any, max_sweeps: Any) -> None:
-    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"tolerance: expected a positive finite number, given {tolerance}")
-    for name, cap in (("max_iterations", max_iterations), ("max_sweeps", max_sweeps)):
-        if cap is not None and (cap < 0 or cap != int(cap)):
-            raise ValueError(f"{name}: expected a whole number, 0 or more, given {cap}")
 
 
 @functools.partial(jax.jit, static_argnames="solver")

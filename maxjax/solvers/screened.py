@@ -33,7 +33,7 @@ from maxjax.solvers.certify import judge, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
 from maxjax.solvers.geodesic import or_geodesic
 from maxjax.solvers.krylov import Linear
-from maxjax.solvers.medium import Medium, Progress, Stage, run, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, run, tolerance_of
 from maxjax.solvers.newton import newton_cycles, so_many_cycles
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
@@ -68,6 +68,9 @@ class Screened:
         first_cycles: cycles that an accelerator takes before it looks whether more are needed, and it looks at once
             whether there is anything else to do; 0: none.
         or_geodesic: whether the flood's distance takes the place of a field that is not certified.
+
+    Raises:
+        ValueError: if a cap is no whole number of at least 0.
     """
 
     tolerance: float | None = None
@@ -79,6 +82,9 @@ class Screened:
     tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
     grounded: ClassVar[bool] = False
     attempts: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_caps(self.max_iterations, self.max_sweeps)
 
     @property
     def opening(self) -> tuple[Stage, ...]:

@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float64
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
 from maxjax.verification.clearance import distances_at
-from maxjax.verification.verifier import Verdicts, Verification, stacked, verify_paths
+from maxjax.verification.polylines import Paths
+from maxjax.verification.verifier import Verdicts, Verification, verify_paths
 
 # A sample this close to the path lies on it [m].
 _ON = 1e-7
@@ -71,8 +72,8 @@ class ClearCurve:
 
     def least_clearance(self, samples: Float64[np.ndarray, "m 3"]) -> float:
         """Least clearance of the polyline through some samples [m]."""
-        grid, whole = self.map.grid, np.array([len(samples)])
-        return float(verify_paths((samples - np.array(grid.origin))[None], whole, self._local(True)).clearance[0])
+        local = Paths.of([samples - np.array(self.map.grid.origin)])
+        return float(verify_paths(local, self._local(True)).clearance[0])
 
     def _local(self, keeps_off: bool) -> VoxelMap:
         """The map with its origin at zero; without ground, which then counts as any obstacle does."""
@@ -96,7 +97,7 @@ class ClearCurve:
         balls = [[self.balls[0] * (first == 0), self.balls[1] * (last == len(samples))] for first, last in runs]
         grid = self.map.grid
         return verify_paths(
-            *stacked([samples[first:last] - np.array(grid.origin) for first, last in runs]),
+            Paths.of([samples[first:last] - np.array(grid.origin) for first, last in runs]),
             self._local(self.radius > 0),
             radius=self.radius + bulge + _TOLERANCE * grid.spacing if bulge else 0.0,
             balls=np.array(balls).reshape(-1, 2),

@@ -28,12 +28,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
 
-from maxjax.core.grid import Grid, Index3, Point3
+from maxjax.core.grid import Index3, Point3
 from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.verification.clearance import clearances, distances_at
 from maxjax.verification.contacts import contacts, tolerance_of
-from maxjax.verification.exemptions import ZONES, Parts, cut
+from maxjax.verification.exemptions import ZONES, Parts
 from maxjax.verification.own_distance import beside_ground, exempt_shortfall
+from maxjax.verification.polylines import Paths, Polylines
 
 # Radius of the balls around both ends [m] outside which a path cruises.
 CRUISE = 10.0
@@ -153,24 +154,17 @@ def verify(
             shape, the path is float32 in a grid so far from the world's origin that float32 cannot tell its voxels
             apart, or a radius or a ball is negative or not finite.
     """
-    single = checked_map(where)
-    points = np.asarray(path)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
-        raise ValueError(f"path: expected shape (t, 3) with t of at least 1, given {points.shape}")
+    single, paths = checked_map(where), Paths.of([np.asarray(path)])
     if single.batch is not None:
         raise ValueError(f"map: expected one map, given a batch of {single.batch}; take one, as map[0]")
     further = None if blocked is None else np.asarray(blocked)[None]
-    return verify_paths(
-        points[None], np.array([len(points)]), single, radius=radius, balls=np.array([balls]), blocked=further
-    )[0]
+    return verify_paths(paths, single, radius=radius, balls=np.array([balls]), blocked=further)[0]
 
 
-def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
-    points: Float[np.ndarray, "p t 3"],
-    counts: Int64[np.ndarray, " p"],
+def verify_paths(
+    paths: Paths,
     where: VoxelMap,
     *,
-    map_of: Integer[np.ndarray, " p"] | None = None,
     radius: float = 0.0,
     balls: Float[np.ndarray, "p 2"] | None = None,
     blocked: Bool[np.ndarray, "m nx ny nz"] | None = None,
@@ -178,10 +172,8 @@ def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
     """`verify` for many paths at once: most of what one costs is the same for a hundred.
 
     Args:
-        points: of the paths in the world frame [m], ENU, each filled up to one length.
-        counts: how many points each has.
+        paths: in the world frame [m], ENU.
         where: one map for all paths, or a batch of maps.
-        map_of: which of several maps each path is in. None: there is one.
         radius: as in `verify`.
         balls: as in `verify`, for each path. None: there are none.
         blocked: as in `verify`, for each map.
@@ -189,12 +181,11 @@ def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
-    maps, grid, count = _Maps.of(where, blocked), where.grid, len(points)
-    which = np.zeros(count, np.int64) if map_of is None else map_of
+    maps, grid, count, which = _Maps.of(where, blocked), where.grid, len(paths), paths.map_of
     balls = _checked_balls(radius, balls, count)
     if which.shape != (count,) or (which.size and not 0 <= which.min() <= which.max() < len(maps.occupied)):
         raise ValueError(f"map_of: expected the map, 0 to {len(maps.occupied) - 1}, of {count} paths, given {which}")
-    lines = _Polylines.of(points, counts, grid, tolerance_of(points.dtype, grid))
+    lines = Polylines.of(paths, grid, tolerance_of(paths.points.dtype, grid))
     kept, allowed = radius / grid.spacing, np.full(count, _SLACK + lines.tolerance)
     own = np.where(balls > 0, balls / grid.spacing + allowed[:, None], 0.0)
     parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
@@ -222,21 +213,11 @@ def verify_paths(  # noqa: PLR0913 (those of `verify`, and the map of each path)
         cruise_clearance=least[each, cruise],
         cruise_nearest=places[each, cruise],
         clearance_at=lines.spread(grid.spacing * at),
-        counts=counts,
+        counts=paths.counts,
     )
 
 
-def stacked(paths: Sequence[Float[np.ndarray, "_ 3"]]) -> tuple[Float[np.ndarray, "p t 3"], Int64[np.ndarray, " p"]]:
-    """Paths as one array, each filled up with zeros, and how many points each has: what `verify_paths` takes."""
-    counts = np.array([len(path) for path in paths], np.int64)
-    dtype = np.result_type(*paths) if len(paths) else np.float64
-    points = np.zeros((len(paths), max(counts, default=1), 3), dtype)
-    for row, path in zip(points, paths, strict=True):
-        row[: len(path)] = path
-    return points, counts
-
-
-def _at_points(lines: _Polylines, which: Integer[np.ndarray, " p"], maps: _Maps) -> Float64[np.ndarray, " n"]:
+def _at_points(lines: Polylines, which: Integer[np.ndarray, " p"], maps: _Maps) -> Float64[np.ndarray, " n"]:
     """Distance at each point of the paths [voxels]; NaN for paths that are not inside."""
     at = np.full(len(lines.points), math.nan)
     here = lines.inside[lines.path_of]
@@ -275,78 +256,6 @@ def _first_hits(
 def _point(place: Float64[np.ndarray, "3"]) -> Point3 | None:
     x, y, z = place.tolist()
     return None if math.isnan(x) else (x, y, z)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Polylines:
-    """Paths in index coordinates, their points in one row.
-
-    Attributes:
-        points: of all paths, one path after the other.
-        path_of: path of each point.
-        first, last: as `ends`.
-        steps: from each point to the next of its path; nothing from the last.
-        finite, inside: as in `Verification`.
-        lengths: [m], NaN unless finite.
-        tolerance: of all paths [voxels].
-        width: to which paths are filled up.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    path_of: Int64[np.ndarray, " n"]
-    first: Int64[np.ndarray, " p"]
-    last: Int64[np.ndarray, " p"]
-    steps: Float64[np.ndarray, "n 3"]
-    finite: Bool[np.ndarray, " p"]
-    inside: Bool[np.ndarray, " p"]
-    lengths: Float64[np.ndarray, " p"]
-    tolerance: float
-    width: int
-
-    @property
-    def ends(self) -> Int64[np.ndarray, "p 2"]:
-        """Which points each path begins and ends with."""
-        return np.stack([self.first, self.last], axis=1)
-
-    @classmethod
-    def of(
-        cls, points: Float[np.ndarray, "p t 3"], counts: Int64[np.ndarray, " p"], grid: Grid, tolerance: float
-    ) -> _Polylines:
-        """Paths given in the world [m]; inside the map with that tolerance [voxels]."""
-        used = np.arange(points.shape[1]) < counts[:, None]
-        local = points[used].astype(np.float64) - np.array(grid.origin)
-        last, path_of = np.cumsum(counts) - 1, np.repeat(np.arange(len(counts)), counts)
-        first = last - counts + 1
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates and lengths are verdicts, not errors
-            index = local / grid.spacing + 0.5
-            steps = np.zeros_like(index)
-            np.subtract(index[1:], index[:-1], out=steps[:-1], where=(path_of[1:] == path_of[:-1])[:, None])
-            lengths = np.add.reduceat(grid.spacing * np.linalg.norm(steps, axis=1), first)
-        finite = np.logical_and.reduceat(np.isfinite(local).all(axis=1), first)
-        within = ((index >= -tolerance) & (index <= np.array(grid.shape) + tolerance)).all(axis=1)
-        inside = np.logical_and.reduceat(within, first)
-        lengths = np.where(finite, lengths, math.nan)
-        return cls(index, path_of, first, last, steps, finite, inside, lengths, tolerance, points.shape[1])
-
-    def spread(self, values: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "p t"]:
-        """A value of each point, in rows by path, NaN beyond."""
-        rows = np.full((len(self.first), self.width), math.nan)
-        rows[np.arange(self.width) < (self.last - self.first + 1)[:, None]] = values
-        return rows
-
-    def cut(self, radii: Float64[np.ndarray, "p 2 2"]) -> tuple[Parts, Int64[np.ndarray, " k"]]:
-        """The paths that are inside, cut by levels of balls [voxels] around their first and last points.
-
-        Returns:
-            Their parts, and the path of each.
-        """
-        moves = (self.steps != 0).any(axis=1)
-        moves[self.first] |= ~np.logical_or.reduceat(moves, self.first)  # a path that stays where it is: one segment
-        moves &= self.inside[self.path_of]
-        path_of = self.path_of[moves]
-        centres = self.points[self.ends][path_of]
-        parts = cut(self.points[moves], self.steps[moves], centres, radii[path_of])
-        return parts, path_of[parts.segment]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

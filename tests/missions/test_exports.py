@@ -259,7 +259,9 @@ def test_a_format_that_needs_more_says_so(tmp_path: Path) -> None:
 
 
 def test_a_plan_without_a_path_is_not_written(tmp_path: Path) -> None:
-    failed = dataclasses.replace(plan(), status=maxjax.Status.NO_VALID_PATH, path=np.zeros((0, 3)))
+    failed = dataclasses.replace(
+        plan(), status=maxjax.Status.NO_VALID_PATH, path=np.zeros((0, 3)), clearance_at=np.zeros(0)
+    )
     for name in (*PLACED, *TIMED):
         with pytest.raises(ValueError, match="expected a plan that is OK, given NO_VALID_PATH"):
             export(tmp_path / name, dataclasses.replace(trajectory(), plan=failed), earth=EARTH)

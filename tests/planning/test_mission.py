@@ -192,14 +192,6 @@ def test_a_way_back_and_hovers_at_both_ends_are_flown() -> None:
     assert norm(trajectory.at(trajectory.passes).position - np.array([A, B, A])).max() < 1e-6
 
 
-def test_without_a_map_it_stays_on_the_legs() -> None:
-    trajectory = maxjax.trajectory(tour(), LIMITS)
-    points, path = trajectory.sampled(0.05).position, tour().path
-    edges, starts = np.diff(path, axis=0), path[:-1]
-    t = np.clip(((points[:, None] - starts) * edges).sum(-1) / (edges**2).sum(-1), 0.0, 1.0)
-    assert norm(points[:, None] - starts - t[..., None] * edges).min(axis=1).max() < 1e-6
-
-
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [

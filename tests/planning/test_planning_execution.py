@@ -23,6 +23,7 @@ from maxjax.planning.problem import Problem
 from maxjax.planning.route import Route, RouteFn, Routes, failed, found
 from maxjax.planning.task import Task
 from maxjax.planning.verifying import verified
+from maxjax.solvers.screened import Screened
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 EMPTY = np.zeros(GRID.shape, bool)
@@ -91,7 +92,8 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
 
 
 def capped(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
-    return solve_potential(sigma, goal, price, max_iterations=0, max_sweeps=0, screening_length=2.0)
+    nothing = Screened(max_iterations=0, max_sweeps=0, or_geodesic=False)
+    return solve_potential(sigma, goal, price, setting=nothing, screening_length=2.0)
 
 
 def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:

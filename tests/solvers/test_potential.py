@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,13 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from planners import unchecked as by_itself
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.fields.price import SCREENING_LENGTH
+from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.geodesic import distance_potential
+from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
 
 GRID = Grid((16, 18, 20))
@@ -164,7 +168,10 @@ def test_statuses() -> None:
     for bad in (np.nan, np.inf, 0.0, -2.0):
         assert outcome(sigma, goal, screening_length=bad) is Status.NONFINITE_INPUT
     # A cap ends the search for values; what is certified all the same is a valid field.
-    assert outcome(sigma, goal, max_iterations=0, max_sweeps=0) is Status.NOT_CONVERGED
+    assert (
+        outcome(sigma, goal, setting=Screened(max_iterations=0, max_sweeps=0, or_geodesic=False))
+        is Status.NOT_CONVERGED
+    )
     # Nine nats a voxel: φ itself would be beneath float32's range.
     assert outcome(sigma, goal, screening_length=0.01) is Status.OK
 
@@ -431,9 +438,9 @@ def test_wrong_arguments_are_told_with_what_was_given() -> None:
         with pytest.raises(ValueError, match=f"tolerance: expected a positive finite number, given {tolerance}"):
             unchecked(sigma, goal, tolerance=tolerance)
     for name in ("max_iterations", "max_sweeps"):
-        for cap in (-1, 2.5):
+        for solver, cap in itertools.product((Screened, Paper, ConjugateGradients), (-1, 2.5)):
             with pytest.raises(ValueError, match=f"{name}: expected a whole number, 0 or more, given {cap}"):
-                unchecked(sigma, goal, **{name: cap})
+                by_itself(solver, **{name: cap})
 
 
 @pytest.mark.parametrize("setting", ["screened", "paper", "cg"])

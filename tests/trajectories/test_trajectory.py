@@ -268,7 +268,9 @@ def test_limits_are_positive_numbers(name: str, value: Any) -> None:
 
 
 def test_plans_without_a_path_are_refused() -> None:
-    failed = dataclasses.replace(polyline(np.eye(3)), status=maxjax.Status.NO_SAFE_PATH, path=np.zeros((0, 3)))
+    failed = dataclasses.replace(
+        polyline(np.eye(3)), status=maxjax.Status.NO_SAFE_PATH, path=np.zeros((0, 3)), clearance_at=np.zeros(0)
+    )
     with pytest.raises(ValueError, match="expected one that is OK, given NO_SAFE_PATH"):
         maxjax.trajectory(failed)
 

@@ -15,7 +15,8 @@ from scipy.optimize import lsq_linear
 
 from maxjax import Grid, Status, VoxelMap
 from maxjax.baselines.astar import astar
-from maxjax.verification.verifier import stacked, verify, verify_paths
+from maxjax.verification.polylines import Paths
+from maxjax.verification.verifier import verify, verify_paths
 
 
 def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.ndarray | int = 1) -> float:
@@ -70,8 +71,8 @@ def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, lar
     free, which = np.broadcast_to(False, occupied.shape), np.array([1, 0, 1, 1])
     ground = ~occupied & (np.arange(grid.shape[2]) < rng.integers(0, 3))
     filled = occupied | ground
-    points = stacked([to_world(path, grid) for path in paths])
-    verdicts = verify_paths(*points, VoxelMap.on(grid, filled, ground), map_of=which, blocked=free)
+    given = Paths.of([to_world(path, grid) for path in paths], which)
+    verdicts = verify_paths(given, VoxelMap.on(grid, filled, ground), blocked=free)
     for path, k, verdict in zip(paths, which, verdicts, strict=True):
         ends = list(itertools.pairwise(path)) or [(path[0], path[0])]
         boxes = list(zip(corners[k], sizes[k], strict=True))

@@ -13,7 +13,8 @@ from scipy.ndimage import binary_dilation
 
 from maxjax import Grid, VoxelMap
 from maxjax.verification.exemptions import cut
-from maxjax.verification.verifier import CRUISE, Verification, verify, verify_batch
+from maxjax.verification.polylines import Paths
+from maxjax.verification.verifier import CRUISE, Verification, verify, verify_paths
 
 SHAPE, SPACING, STEP = (14, 11, 9), 2.0, 0.01  # of samples [voxels]
 GRID = Grid(SHAPE, SPACING, (3.0, -7.0, 1.0))
@@ -95,7 +96,7 @@ def test_every_zone_of_a_path_is_judged_by_its_own_rule() -> None:
     for radius in (0.0, 0.5, 0.9):
         given = [to_world(path, GRID) for path in paths]
         kept = {"radius": SPACING * radius, "balls": SPACING * balls}
-        verdicts = verify_batch(given, which, None, occupied, GRID, ground=ground, **kept)
+        verdicts = verify_paths(Paths.of(given, which), VoxelMap.on(GRID, occupied, ground), **kept)
         for path, k, own, verdict in zip(paths, which, balls, verdicts, strict=True):
             clear += check(verdict, path, occupied[k], ground[k], np.array([radius, *own]))
             seen.add((verdict.ok, verdict.too_near, verdict.first_hit is None))

@@ -14,7 +14,8 @@ from references import to_world, touched
 
 from maxjax import Grid, VoxelMap
 from maxjax.verification.contacts import touched_voxels
-from maxjax.verification.verifier import stacked, verify, verify_paths
+from maxjax.verification.polylines import Paths
+from maxjax.verification.verifier import verify, verify_paths
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates
@@ -146,20 +147,21 @@ def test_nan_and_infinity_are_a_verdict_not_an_exception(bad: float) -> None:
 
 
 def test_wrong_shapes_are_told_with_what_was_given() -> None:
-    judge, trace = (
+    unchecked, trace = (
         inspect.unwrap(verify),
         inspect.unwrap(touched_voxels),
     )  # as users call them, without type checks
     free, path = np.zeros(UNIT.shape, bool), np.ones((2, 3))
+    where = VoxelMap.on(UNIT, free)
     for wrong in (np.ones((2, 2)), np.ones(3), np.ones((0, 3))):
         with pytest.raises(ValueError, match=r"path: expected shape \(t, 3\).*given \("):
-            judge(wrong, free, free, UNIT)
-    with pytest.raises(ValueError, match=r"blocked: expected shape .*5, 4, 3.*given \(4, 4, 4\)"):
-        judge(path, np.zeros((4, 4, 4), bool), free, UNIT)
-    with pytest.raises(ValueError, match=r"occupied: expected bool .*given float64"):
-        judge(path, free, np.zeros(UNIT.shape), UNIT)
-    with pytest.raises(ValueError, match=r"ground: expected shape .*5, 4, 3.*given \(5, 4\)"):
-        judge(path, free, free, UNIT, ground=np.zeros((5, 4), bool))
+            inspect.unwrap(Paths.of.__func__)(Paths, [wrong])
+    with pytest.raises(ValueError, match=r"map: expected a maxjax\.VoxelMap, given an array of shape \(5, 4, 3\)"):
+        unchecked(path, free)
+    with pytest.raises(ValueError, match="map: expected one map, given a batch of 2"):
+        unchecked(path, VoxelMap.on(UNIT, np.stack([free] * 2)))
+    with pytest.raises(ValueError, match=r"blocked: expected shape .*5, 4, 3.*given \(1, 4, 4, 4\)"):
+        unchecked(path, where, blocked=np.zeros((4, 4, 4), bool))
     with pytest.raises(ValueError, match="b: expected three finite coordinates"):
         trace(np.ones(3), np.array([1, math.nan, 1]), UNIT)
 
@@ -192,9 +194,7 @@ def test_a_float64_path_has_one_verdict_wherever_its_map_lies(spacing: float) ->
     paths = [rng.uniform(0.5, np.array(shape) - 0.5, (n, 3)) for n in rng.integers(1, 7, 90)]
     which = rng.integers(0, 3, len(paths))
     near, *far = (
-        verify_paths(
-            *stacked([to_world(path, grid) for path in paths]), VoxelMap.on(grid, maps), map_of=which, blocked=grown
-        )
+        verify_paths(Paths.of([to_world(path, grid) for path in paths], which), VoxelMap.on(grid, maps), blocked=grown)
         for grid in (Grid(shape, spacing, origin) for origin in ORIGINS)
     )
     assert 10 < sum(verdict.ok for verdict in near) < 80
@@ -234,7 +234,7 @@ def test_a_batch_is_its_paths_one_by_one() -> None:
     paths = [np.array(grid.lower) + rng.uniform(-0.02, 1.02, (n, 3)) * size for n in rng.integers(1, 9, 60)]
     paths[7][0, 1] = np.nan
     which = rng.integers(0, 4, 60)
-    verdicts = verify_paths(*stacked(paths), VoxelMap.on(grid, maps), map_of=which, blocked=grown)
+    verdicts = verify_paths(Paths.of(paths, which), VoxelMap.on(grid, maps), blocked=grown)
     assert 3 < sum(verdict.ok for verdict in verdicts) < 57
     assert 3 < sum(not verdict.inside for verdict in verdicts) < 57
     for path, k, verdict in zip(paths, which, verdicts, strict=True):
@@ -245,5 +245,5 @@ def test_a_batch_is_its_paths_one_by_one() -> None:
 def test_every_path_of_a_batch_has_a_map() -> None:
     free = np.zeros((2, *UNIT.shape), bool)
     with pytest.raises(ValueError, match="map_of: expected the map, 0 to 1, of 1 paths"):
-        verify_paths(np.ones((1, 2, 3)), np.array([2]), VoxelMap.on(UNIT, free), map_of=np.array([2]))
-    assert len(verify_paths(*stacked([]), VoxelMap.on(UNIT, free), map_of=np.zeros(0, int))) == 0
+        verify_paths(Paths.of([np.ones((2, 3))], np.array([2])), VoxelMap.on(UNIT, free))
+    assert len(verify_paths(Paths.of([]), VoxelMap.on(UNIT, free))) == 0
