@@ -37,7 +37,7 @@ from maxjax.fields.stencil import cell
 from maxjax.planning.ends import End, placed
 from maxjax.planning.inflation import least_quarters
 from maxjax.planning.line_of_sight import TOUCH, touched
-from maxjax.planning.surroundings import BESIDE, NOTHING, OBSTACLE, Surroundings, cubes_within
+from maxjax.planning.surroundings import BESIDE, GROUND, NOTHING, OBSTACLE, Surroundings, cubes_within
 from maxjax.programs.lowering import shifted
 
 # More than float32 coordinates round, and less than the verifier allows, by far [voxels].
@@ -147,7 +147,15 @@ def exemption(around: Surroundings, end: End, radius: Radius) -> Exemption:
     reach = _reach(opened, corner, quarters < radius.least, place)
     level = jnp.where(leaves, level, 0)
     return Exemption(
-        place, first, needed, leaves, level, opened, corner, reach, _is_local(around.inflated.shape, end, first, level)
+        place,
+        first,
+        needed,
+        leaves,
+        level,
+        opened,
+        corner,
+        reach,
+        _is_local(around, end.index, (kind, centres), first, level),
     )
 
 
@@ -267,8 +275,22 @@ def _reach(
     return jnp.sqrt(jnp.max(jnp.where(opened, farthest, 0.0)))
 
 
-def _is_local(shape: tuple[int, ...], end: End, first: Int32[Array, " 3"], level: Int32[Array, ""]) -> Bool[Array, ""]:
-    """Whether nothing beyond the grid could change an exemption, which begins in a voxel and has this level."""
-    around = jnp.maximum(level - 1, 1)
-    within = jnp.all((end.index >= around) & (end.index < np.array(shape) - around))
-    return within | (jnp.all(first == end.index) & (level <= 1))
+def _is_local(
+    around: Surroundings,
+    index: Int32[Array, " 3"],
+    cubes: tuple[Integer[Array, " cubes"], Float[Array, "3 cubes"]],
+    first: Int32[Array, " 3"],
+    level: Int32[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether nothing beyond the grid could change an exemption, which begins in a voxel and has this level.
+
+    What is seen to be occupied there, as the ground below a window, could not.
+    """
+    shape, reach = np.array(around.inflated.shape), jnp.maximum(level - 1, 1)
+    kind, centres = cubes
+    offsets = jnp.max(jnp.abs(centres - index[:, None]), axis=0)
+    beyond = jnp.any((centres < 0) | (centres >= shape[:, None]), axis=0)
+    seen = jnp.max(offsets) >= reach
+    closed = seen & ~jnp.any(beyond & (offsets <= reach) & (kind < GROUND))
+    within = jnp.all((index >= reach) & (index < shape - reach))
+    return within | closed | (jnp.all(first == index) & (level <= 1))

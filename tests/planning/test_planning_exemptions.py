@@ -19,7 +19,7 @@ from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Distances
 
 SHAPE = (12, 10, 8)
-GRID = Grid(SHAPE, 1.0, (0.0, 0.0, 0.0))
+GRID, PART = Grid(SHAPE, 1.0, (0.0, 0.0, 0.0)), Grid((8, 8, 6), 1.0, (0.0, 0.0, 0.0))
 FACES = ndimage.generate_binary_structure(3, 1)
 # What is short of a distance by less keeps it, by more does not; in between samples do not tell [voxels].
 KEEPS, SHORT = -2e-5, -3e-4
@@ -37,6 +37,12 @@ def formulated(occupied: jax.Array, ground: jax.Array, ends: jax.Array, radius: 
 @functools.partial(jax.jit, static_argnums=3)
 def formulated_all(occupied: jax.Array, ground: jax.Array, ends: jax.Array, radius: float) -> Problem:
     return jax.vmap(lambda *one: formulate(*one, distances(radius), GRID))(occupied, ground, ends)
+
+
+@jax.jit
+def formulated_in_part(occupied: jax.Array, ground: jax.Array, ends: jax.Array) -> Problem:
+    """Of maps that are seen as far around the part as they count."""
+    return formulate(occupied, ground, ends, distances(1.0), PART)
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -208,18 +214,19 @@ def test_many_problems_at_a_time_are_each_by_itself() -> None:
 
 def test_a_part_of_a_map_says_what_the_whole_map_does_or_nothing() -> None:
     rng, radius, corner, seen = np.random.default_rng(9), 1.0, np.array([2, 1, 1]), []
-    part = Grid((8, 8, 6), 1.0, (0.0, 0.0, 0.0))
-    halo = halo_of(distances(radius), part)
-    on_part = jax.jit(functools.partial(formulate, distances=distances(radius), grid=part))
+    halo = halo_of(distances(radius), PART)
     for _ in range(60):
         occupied, ground, _ = scene(rng)
-        inner = tuple(slice(c, c + n) for c, n in zip(corner, part.shape, strict=True))
+        inner = tuple(slice(c, c + n) for c, n in zip(corner, PART.shape, strict=True))
         ends = (random_free(rng, occupied[inner], 2) + rng.uniform(-0.4, 0.4, (2, 3))).astype(np.float32)
         around = [
-            np.pad(volume, halo)[tuple(slice(c, c + n + 2 * halo) for c, n in zip(corner, part.shape, strict=True))]
+            np.pad(volume, halo)[tuple(slice(c, c + n + 2 * halo) for c, n in zip(corner, PART.shape, strict=True))]
             for volume in (occupied, ground)
         ]
-        found, whole = on_part(*around, ends), formulated(occupied, ground, ends + corner.astype(np.float32), radius)
+        found, whole = (
+            formulated_in_part(*around, ends),
+            formulated(occupied, ground, ends + corner.astype(np.float32), radius),
+        )
         seen.append(int(found.status))
         if found.status == Status.OK:
             assert whole.status == Status.OK
@@ -227,6 +234,22 @@ def test_a_part_of_a_map_says_what_the_whole_map_does_or_nothing() -> None:
             np.testing.assert_allclose(found.balls, whole.balls, atol=1e-5)
             np.testing.assert_array_equal(found.blocked, np.asarray(whole.blocked)[inner])
     assert 20 < seen.count(Status.OK) < 60
+
+
+def test_a_part_that_begins_above_the_ground_knows_how_its_ends_leave_it() -> None:
+    """As windows of cities do: what is closed below them makes no exemption smaller."""
+    halo = halo_of(distances(1.0), PART)
+    ground = np.zeros([n + 2 * halo for n in PART.shape], bool)
+    ground[:, :, :halo] = True
+    for height in (-0.45, 0.0, 0.4):
+        ends = np.array([[3.2, 3.3, height], [5.0, 5.0, 2.0]], np.float32)
+        found = formulated_in_part(ground, ground, ends)
+        assert found.status == Status.OK
+        assert found.balls[0] > 0
+        assert found.balls[1] == 0
+        hole = ground.copy()
+        hole[halo + 4, halo + 3, :halo] = False
+        assert formulated_in_part(hole, hole, ends).status == Status.NO_VALID_PATH
 
 
 def test_the_largest_radius_is_that_of_the_door() -> None:
