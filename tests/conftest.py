@@ -40,6 +40,19 @@ jaxtyping.install_import_hook("maxjax", "beartype.beartype")
 # A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
 UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "test_cli", "test_readme", "test_origins")
 
+# Left out by `make check`, with what is marked so by itself.
+LARGE = (
+    *(f"benchmarks/test_{name}" for name in ("benchmarks", "page_benchmark", "potential_benchmark")),
+    "campaigns/test_trials",
+    *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
+    *(f"experiments/test_{name}" for name in ("network", "offline", "paper", "real", "trajectories", "warframe")),
+    *(f"planning/test_{name}" for name in ("corridor", "fleet", "pipeline", "stored_paths")),
+    "sim/test_flight",
+    "solvers/test_sharding",
+    "test_cli_interrupted",
+    "test_origins",
+)
+
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
 KEPT = 14 * 86400.0
 """How long a compiled program is kept that no test asks for [s]."""
@@ -78,6 +91,14 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
     """Whether a test stands in one of some folders or files, given by how their names begin."""
     return str(item.path.relative_to(Path(__file__).parent)).startswith(places)
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of large files."""
+    for item in items:
+        if of(item, LARGE):
+            item.add_marker(pytest.mark.large)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

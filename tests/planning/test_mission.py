@@ -64,6 +64,7 @@ def test_legs_are_plans_and_the_whole_is_one_line() -> None:
     assert mission.timings["judge"] > 0.0
 
 
+@pytest.mark.large
 def test_legs_of_one_goal_share_a_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """And are the plans that each has by itself."""
     fleets = []
@@ -180,6 +181,7 @@ def test_a_way_back_and_hovers_at_both_ends_are_flown() -> None:
     assert norm(trajectory.at(trajectory.passes).position - np.array([A, B, A])).max() < 1e-6
 
 
+@pytest.mark.large
 def test_without_a_map_it_stays_on_the_legs() -> None:
     trajectory = maxjax.trajectory(tour(), LIMITS)
     points, path = trajectory.sampled(0.05).position, tour().path
