@@ -50,6 +50,7 @@ def check(blocked: np.ndarray, path: np.ndarray, start: np.ndarray, goal: np.nda
     assert np.abs(np.diff(path, axis=0)).max() <= 3
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", list(SETTINGS))
 def test_arrives_on_every_random_scene(name: str) -> None:
     rng = np.random.default_rng(1)
