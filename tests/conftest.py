@@ -47,6 +47,7 @@ LARGE = (
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
     *(f"experiments/test_{name}" for name in ("network", "offline", "paper", "real", "trajectories", "warframe")),
     *(f"planning/test_{name}" for name in ("corridor", "fleet", "pipeline", "stored_paths")),
+    "nn/test_weights",
     "sim/test_flight",
     "solvers/test_sharding",
     "test_cli_interrupted",
