@@ -96,7 +96,12 @@ def crossed(shape: tuple[int, int, int], corners: bool, focus: bool) -> dict[str
     walls = []
     for _ in range(2):
         since = time.perf_counter()
-        plan = maxjax.plan(occupied, start, goal, maxjax.Grid(shape, SPACING, (0.0,) * 3), ground=ground, focus=focus)
+        plan = maxjax.plan(
+            maxjax.VoxelMap.on(maxjax.Grid(shape, SPACING, (0.0,) * 3), occupied, ground),
+            start,
+            goal,
+            planner=maxjax.Field(focus=focus),
+        )
         walls.append(time.perf_counter() - since)
     return {
         "voxels_M": round(occupied.size / 1e6, 1),

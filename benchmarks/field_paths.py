@@ -27,9 +27,9 @@ from maxjax.fields.certificate import uncertified
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.execution import whole_route
 from maxjax.planning.field_planner import climb
-from maxjax.planning.plan import judged
-from maxjax.planning.route import Route, failed, found
+from maxjax.planning.route import Route, Routes, failed, found
 from maxjax.planning.string_pulling import tighten
+from maxjax.planning.verifying import verified
 
 _climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)
@@ -94,7 +94,7 @@ def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, 
             climbed.append(
                 scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
             )
-        plans[name] = list(zip(judged(routes, scene.task, name), climbed, strict=True))
+        plans[name] = list(zip(verified(Routes.of(routes).route, scene.task, name), climbed, strict=True))
     shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.task))]
     figures: dict[str, dict[str, Any]] = {}
     for name, own in plans.items():

@@ -94,7 +94,7 @@ def _scenes(config: Config, grid: maxjax.Grid) -> tuple[jax.Array, jax.Array]:
     for name in config.maps:
         for task in problems(name, config.problems, config.seed, grid, config.margin):
             problem = formulate(
-                jnp.asarray(task.occupied), jnp.asarray(task.ground), jnp.asarray(task.ends[0]), task.distances, grid
+                jnp.asarray(task.barred), jnp.asarray(task.kept_off), jnp.asarray(task.ends[0]), task.distances, grid
             )
             sigmas.append(maxjax.conductivity(problem.blocked, problem.goal_index, grid))
             goals.append(problem.goal_index)

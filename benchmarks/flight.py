@@ -32,7 +32,7 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
 from maxjax.campaigns.outcomes import Table
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
 
 _STAGES = ("sense", "fuse", "plan", "follow")
@@ -68,7 +68,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
         config: settings.
         flight: how to fly. None: the defaults.
     """
-    flight = FlightConfig(find=METHODS["solver"].flying()) if flight is None else flight
+    flight = FlightConfig(planner=planner_named("field")) if flight is None else flight
     rows: list[Row] = []
     file = "flight_devices" if config.devices else "flight"
 
@@ -78,7 +78,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
         keep(file, config, rows, config.out)
 
     for name in config.maps:
-        campaign = Campaign(name, 0, range(max(config.batches)), method=METHODS["solver"], config=flight)
+        campaign = Campaign(name, 0, range(max(config.batches)), config=flight)
         if config.devices:
             for count, size, figures in _scaling(campaign, config):
                 add(f"devices, {name}", size, {"devices": count, **figures})
@@ -89,7 +89,8 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
         for stage, figures in _stages(campaign, drawn, max(config.batches), config.repeats):
             add(f"stage, {name}: {stage}", max(config.batches), figures)
         if config.astar:
-            few = dataclasses.replace(campaign, trials=range(config.astar), method=METHODS["astar"])
+            searching = dataclasses.replace(flight, planner=planner_named("astar"))
+            few = dataclasses.replace(campaign, trials=range(config.astar), config=searching)
             add(f"A* in the loop, {name}", config.astar, _flights(few, draw_trials(few), config.astar, 1, 1))
     save(file, config, rows, config.out)
     return rows

@@ -23,7 +23,8 @@ import tyro
 from benchmarks.common.browser import HEIGHT, WIDTH, Window, browser
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.cli.task import city_task, load_scene
-from maxjax.core.grid import Grid, Point3
+from maxjax.core.grid import Point3
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.view.city import City, first_ends
 from maxjax.view.draw import city_scene, city_surface
 from maxjax.view.plan_page import PlanPage
@@ -83,7 +84,7 @@ def main(config: Config) -> list[Row]:
     """Time drags and count frames; save and return the rows."""
     middle = (0.0, 0.0, 40.0)
     task = city_task(load_scene(config.map), middle, middle)
-    city = City(config.map, task.occupied, task.ground, task.grid)
+    city = City(config.map, task.map)
     ends = first_ends(city)
     moves = list(_moves(city, ends, config.drags))
     place = np.array(ends[0])
@@ -226,7 +227,8 @@ def _boxes(count: int) -> City:
             volume[2 * i, 2 * j, 1 : 1 + tall[i, j]] = True
     ground = np.zeros_like(volume)
     ground[:, :, 0] = True
-    return City(f"{count} boxes", volume | ground, ground, Grid((2 * side, 2 * side, 32), 2.0, (0.0, 0.0, 0.0)))
+    where = VoxelMap.of(volume | ground, spacing=2.0, origin=(0.0, 0.0, 0.0), ground=ground)
+    return City(f"{count} boxes", where)
 
 
 if __name__ == "__main__":

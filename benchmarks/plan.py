@@ -29,9 +29,9 @@ import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.core.grid import Index3
-from maxjax.methods import METHODS
-from maxjax.planning.execution import plan_one, staged
-from maxjax.planning.field_planner import Climb
+from maxjax.methods import planner_named
+from maxjax.planning.execution import one_by_one, plans_of
+from maxjax.planning.focus_window import View
 from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS
 
@@ -102,8 +102,7 @@ def _milliseconds(what: str, seconds: Sequence[float]) -> dict[str, str | float 
 
 def _plan_rows(tasks: list[Task]) -> list[Row]:
     def run_in_stages(task: Task, method: str) -> maxjax.Plan:
-        find = METHODS[method].finder()
-        return plan_one(task, staged(find) if isinstance(find, Climb) else find, method)
+        return plans_of(one_by_one(View(task), planner_named(method)), task, method)[0]
 
     rows: list[Row] = []
     ways = [("plan, solver", "solver", planned), ("plan, astar", "astar", planned)]
@@ -122,9 +121,8 @@ def _plan_rows(tasks: list[Task]) -> list[Row]:
 
 
 def _batch_rows(task: Task, repeats: int) -> list[Row]:
-    def run() -> maxjax.PlanBatch:
-        arrays = task.occupied, task.starts, task.goals
-        return maxjax.plan_batch(*arrays, task.grid, margin=task.distances.margin, ground=task.ground)
+    def run() -> maxjax.Plans:
+        return maxjax.plan_batch(task.map, task.starts, task.goals, distances=task.distances)
 
     compile_s = sum(plan.timings["compile"] for plan in run())
     run()

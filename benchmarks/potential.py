@@ -237,7 +237,7 @@ def _batch_rows(bandwidth: float, config: Config) -> list[Row]:
     ]
     systems = []
     for task in itertools.chain.from_iterable(zip(*sources, strict=True)):
-        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
         found = _formulate(*maps, jnp.asarray(task.ends[0]), distances=task.distances, grid=grid.local)
         if found.status == maxjax.Status.OK:
             systems.append((maxjax.conductivity(found.blocked, found.goal_index, grid), found.goal_index))

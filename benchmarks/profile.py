@@ -42,10 +42,10 @@ from benchmarks import city_scale
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.problems import joined, problems
 from maxjax.fields.conductivity import conductivity
-from maxjax.planning.field_planner import Climb
+from maxjax.planning.distances import Distances
+from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.problem import Problem, formulate
 from maxjax.planning.route import Route
-from maxjax.planning.task import Distances
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.scenes import MAPS
@@ -101,13 +101,13 @@ def main(config: Config) -> list[Row]:
 def _of_problems(config: Config) -> list[Row]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape)
     rows: list[Row] = []
-    climb = Climb(solve_potential)
+    climb = FieldPlanner(solve_potential)
 
     def formulated(occupied: Array, ground: Array, ends: Array) -> Problem:
         return formulate(occupied | ground, ground, ends, Distances(margin=config.margin), grid.local)
 
     def plan(*problem: Array) -> Route:
-        return climb(formulated(*problem), grid.local)
+        return climb.route(formulated(*problem), grid.local)
 
     most = _arrays(max((*config.scenes, *config.plans)), grid, config)
 
@@ -146,7 +146,7 @@ def _arrays(count: int, grid: maxjax.Grid, config: Config) -> tuple[Array, ...]:
     """Occupied, ground and ends (index coordinates) of so many problems, on the device."""
     each = [problems(name, -(-count // len(config.maps)), config.seed, grid) for name in config.maps]
     task = joined([task for turn in zip(*each, strict=True) for task in turn][:count])
-    arrays: tuple[Array, ...] = jax.device_put((task.occupied, task.ground, task.ends))
+    arrays: tuple[Array, ...] = jax.device_put((task.barred, task.kept_off, task.ends))
     return arrays
 
 

@@ -33,10 +33,12 @@ import tyro
 import maxjax
 from benchmarks.common.harness import RESULTS, Row, left_out, package, save
 from benchmarks.common.problems import joined, problems, voxels_of
+from maxjax import VoxelMap
 from maxjax.baselines import astar, astar_compiled
 from maxjax.baselines.astar_compiled import Queries, Query, Search
-from maxjax.baselines.astar_finder import voxel_of
+from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
+from maxjax.methods import planner_named
 from maxjax.planning.execution import problem_of
 from maxjax.planning.field_planner import potential_field
 from maxjax.planning.fleet import formulate_fleet
@@ -129,13 +131,9 @@ def _query_of(task: Task) -> Query | None:
     return Query(np.asarray(problem.blocked), start, goal, price)
 
 
-def _kept(task: Task) -> dict[str, Any]:
-    """Distances of a task, as arguments."""
-    return {name: getattr(task.distances, name) for name in ("radius", "margin", "price")} | {"ground": task.ground}
-
-
 def _plan(task: Task, method: str) -> maxjax.Plan:
-    return maxjax.plan(task.occupied, task.starts[0], task.goals[0], task.grid, method=method, **_kept(task))
+    planner = planner_named(method)
+    return maxjax.plan(task.map, task.starts[0], task.goals[0], planner=planner, distances=task.distances)
 
 
 def _query_rows(tasks: list[Task], told: str) -> list[Row]:
@@ -172,15 +170,15 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
         rows.append(_rate(_row(f"batch, {told}: compiled A*", [min(seconds)], len(queries), solved=solved)))
     task = joined([tasks[k] for k in np.linspace(0, len(tasks) - 1, config.batch).astype(int)])
 
-    def run() -> maxjax.PlanBatch:
-        return maxjax.plan_batch(task.occupied, task.starts, task.goals, task.grid, **_kept(task))
+    def run() -> maxjax.Plans:
+        return maxjax.plan_batch(task.map, task.starts, task.goals, distances=task.distances)
 
     solved = int(sum(run().status == maxjax.Status.OK))
     return [*rows, _rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved))]
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:
-    """A fleet whose starts need no ball, and what A* is asked of each; the goal lies near the middle."""
+    """A fleet whose starts open no voxel, and what A* is asked of each; the goal lies near the middle."""
     occupied, ground = occupancy(make_scene(*config.city).geoms, grid)
     rng = np.random.default_rng(config.seed)
     low, high = np.array([*np.array(grid.lower)[:2] + 2, 3.0]), np.array([*np.array(grid.upper)[:2] - 2, 15.0])
@@ -195,11 +193,11 @@ def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tup
     apart = np.linalg.norm(starts - goal, axis=1)
     starts = starts[(apart >= reach[0]) & (apart <= reach[1])][: 2 * config.starts]
     distances = problems(config.maps[0], 1, config.seed, grid, config.margin)[0].distances
-    task = Task.of(occupied, starts, goal, grid, distances, ground)
+    task = Task.of(VoxelMap.on(grid, occupied, ground), starts, goal, distances)
     fleet = formulate_fleet(jnp.asarray(occupied), jnp.asarray(ground), jnp.asarray(task.ends), distances, grid.local)
-    sound = np.flatnonzero(np.asarray(fleet.joined) & (np.asarray(fleet.status) == maxjax.Status.OK))[: config.starts]
-    blocked, price = np.asarray(fleet.around.hard), np.asarray(fleet.around.price)
-    inner, last = np.asarray(fleet.place.start)[sound], voxel_of(np.asarray(fleet.place.goal)[0])
+    sound = np.flatnonzero(~np.asarray(fleet.opens) & (np.asarray(fleet.status) == maxjax.Status.OK))[: config.starts]
+    blocked, price = np.asarray(fleet.blocked), np.asarray(fleet.around.price)
+    inner, last = np.asarray(fleet.places.inner)[sound, 0], voxel_of(np.asarray(fleet.places.inner)[0, 1])
     return task.some(sound), [Query(blocked, voxel_of(start), last, price) for start in inner]
 
 
@@ -212,8 +210,8 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
     def field() -> Any:
         return potential_field(*arrays, grid, solve_potential).log_phi
 
-    def run() -> maxjax.PlanBatch:
-        return maxjax.plan_fleet(task.occupied, task.starts, task.goals[0], task.grid, ground=task.ground)
+    def run() -> maxjax.Plans:
+        return maxjax.plan_fleet(task.map, task.starts, task.goals[0])
 
     field()
     rows = [_row(f"{what}: the field alone", [_least(field, config.repeats)])]

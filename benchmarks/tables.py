@@ -15,7 +15,7 @@ Row = dict[str, Any]
 _STAGES = {
     "transfer": "to the device and back",
     "dilate": "dilate, choose the margin",
-    "formulate": "distances, hard set, balls",
+    "formulate": "distances, inflated obstacles, exemptions",
     "solve": "solve, certify",
     "ascend": "ascend",
     "tighten": "tighten",

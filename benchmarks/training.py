@@ -81,7 +81,7 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
     formulated = jax.jit(formulate, static_argnames=("distances", "grid"))
     each = []
     for task in problems("midtown", min(_DRAWN, config.scenes), config.seed, grid, margin=0.0):
-        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
         found = formulated(*maps, jnp.asarray(task.ends[0]), distances=task.distances, grid=grid.local)
         each.append(labelled((found.blocked, jnp.ones(grid.shape), found.goal_index), grid))
     chosen = jnp.arange(config.scenes) % len(each)

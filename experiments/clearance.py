@@ -42,6 +42,7 @@ from benchmarks.common.markdown import Document, device, number, table
 from experiments.blocks import Blocks
 from experiments.problem_sets import DATA, SETS, Instance, problem_set
 from maxjax.fields.price import Price
+from maxjax.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 BEFORE = RESULTS / "paths_before.npz"
@@ -70,12 +71,10 @@ class Variant:
     @property
     def options(self) -> dict[str, Any]:
         """Arguments of `maxjax.plan`."""
-        found: dict[str, Any] = {"method": self.method, "margin": self.margin}
-        if self.radius is not None:
-            found["radius"] = self.radius
-        if self.price is not None:
-            found["price"] = Price(*self.price)  # type: ignore[arg-type]
-        return found
+        radius = maxjax.Distances().radius if self.radius is None else self.radius
+        price = Price() if self.price is None else Price(*self.price)  # type: ignore[arg-type]
+        distances = maxjax.Distances(radius, self.margin, price)
+        return {"planner": planner_named(self.method), "distances": distances}
 
     @property
     def priced(self) -> tuple[str, float, float]:
@@ -307,9 +306,7 @@ def _unlisted(block: Mapping[str, Any]) -> Found:
 
 def outcome_of(instance: Instance, how: Variant) -> Outcome:
     """Plan a problem."""
-    plan = maxjax.plan(
-        instance.occupied, instance.start, instance.goal, instance.grid, ground=instance.ground, **how.options
-    )
+    plan = maxjax.plan(instance.map, instance.start, instance.goal, **how.options)
     path = (plan.path - np.array(instance.grid.origin)) / instance.grid.spacing
     claims = plan.radius, plan.balls, plan.potential
     return Outcome(int(plan.status), plan.certified, path, *claims, plan.timings["total"])
@@ -361,7 +358,7 @@ def judged_by(
     """Judge outcomes, by variant, in the order of the problems; `mapped` goes through the cities, which share maps."""
     cities: dict[int, list[int]] = {}
     for k, one in enumerate(instances):
-        cities.setdefault(id(one.occupied), []).append(k)
+        cities.setdefault(id(one.map), []).append(k)
     cases = []
     for members in cities.values():
         first = instances[members[0]]

@@ -28,7 +28,8 @@ from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
-from maxjax.methods import method_named
+from maxjax.cli.flying import command_of
+from maxjax.methods import planner_named
 from maxjax.sim.disturbances import SETS
 from maxjax.sim.flight import FlightConfig
 
@@ -76,10 +77,10 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     for name in config.maps:
         for method in config.methods:
             for condition in config.conditions:
-                chosen = method_named(method)
-                calm = FlightConfig(find=chosen.flying()) if flight is None else flight
+                planner = planner_named(method)
+                calm = FlightConfig(planner=planner) if flight is None else dataclasses.replace(flight, planner=planner)
                 disturbed = dataclasses.replace(calm, disturbances=SETS[condition])
-                campaign = Campaign(name, config.seed, range(config.trials), method=chosen, config=disturbed)
+                campaign = Campaign(name, config.seed, range(config.trials), config=disturbed, command=command_of)
                 folder = None if config.keep is None else config.keep / f"{name}-{method}-{condition}"
                 started = time.perf_counter()
                 outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]

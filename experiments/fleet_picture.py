@@ -46,7 +46,12 @@ def main(config: Config) -> list[Float[np.ndarray, "_ 3"]]:
     voxels = occupancy(make_scene(*config.city).geoms, grid)
     occupied, ground = (np.asarray(volume) for volume in voxels)
     starts = _starts(occupied, grid, config)
-    plans = maxjax.plan_fleet(occupied, starts, config.goal, grid, radius=1.0, margin=8.0, ground=ground)
+    plans = maxjax.plan_fleet(
+        maxjax.VoxelMap.on(grid, occupied, ground),
+        starts,
+        config.goal,
+        distances=maxjax.Distances(radius=1.0, margin=8.0),
+    )
     paths = [plan.path for plan in plans if plan.status == maxjax.Status.OK]
     _draw(paths, occupied & ~ground, grid, config)
     return paths

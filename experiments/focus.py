@@ -70,13 +70,14 @@ def main(config: Config) -> list[Row]:
 
 def _random(name: str, count: int, half: float) -> Iterator[dict[str, Any]]:
     for one in problem_set(name, count, half=half):
-        yield {"occupied": one.occupied, "start": one.start, "goal": one.goal, "grid": one.grid, "ground": one.ground}
+        yield {"where": one.map, "start": one.start, "goal": one.goal}
 
 
 def _scenarios(data: Path, name: str, every: int) -> Iterator[dict[str, Any]]:
     crop = np.load(data / "warframe" / f"crop101_{name}.npz", allow_pickle=False)
     occupied = crop["occupancy"]
-    problem = {"occupied": occupied, "grid": maxjax.Grid(occupied.shape, 1.0, (0.0,) * 3), "radius": 0.0, "margin": 0.0}
+    where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.0, 0.0, 0.0))
+    problem = {"where": where, "distances": maxjax.Distances(0.0, 0.0)}
     for start, goal in zip(crop["start"][::every], crop["goal"][::every], strict=True):
         yield problem | {"start": start, "goal": goal}
 
@@ -89,7 +90,7 @@ def _pair(problem: dict[str, Any]) -> Pair:
     plans, seconds = [], []
     for focus in (True, False):
         before = time.perf_counter()
-        plans.append(maxjax.plan(**problem, focus=focus))
+        plans.append(maxjax.plan(**problem, planner=maxjax.Field(focus=focus)))
         seconds.append(time.perf_counter() - before - plans[-1].timings["compile"])
     return Pair(plans[0], plans[1], (seconds[0], seconds[1]))
 

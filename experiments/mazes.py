@@ -83,9 +83,9 @@ def main(config: Config) -> list[Row]:
         # Cities in between, so that a machine that is busy for a while is so for both.
         while len(cities) < len(waiting) and len(cities) * count <= k * len(waiting):
             one = waiting[len(cities)]
-            cities.append(_planned(one.occupied, np.stack([one.start, one.goal]), one.grid, one.ground))
+            cities.append(_planned(one.map, np.stack([one.start, one.goal])))
         grid = maxjax.Grid(maze.occupied.shape, 2.0, (0.0, 0.0, 0.0))
-        mazes.setdefault(maze.name, []).append(_planned(maze.occupied, 2.0 * maze.ends, grid))
+        mazes.setdefault(maze.name, []).append(_planned(maxjax.VoxelMap.on(grid, maze.occupied), 2.0 * maze.ends))
     city = float(np.median([found.plan.timings["solve"] for found in cities]))
     rows = [_row("downtown", cities, city)] + [_row(name, found, city) for name, found in mazes.items()]
     save("mazes", config, rows, config.out)
@@ -122,14 +122,9 @@ def _snake(edge: int) -> Maze:
     return Maze("snake", occupied, np.argwhere(~occupied)[[0, -1]])
 
 
-def _planned(
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    ends: Float64[np.ndarray, "2 3"] | Int64[np.ndarray, "2 3"],
-    grid: maxjax.Grid,
-    ground: Bool[np.ndarray, "nx ny nz"] | None = None,
-) -> Found:
+def _planned(where: maxjax.VoxelMap, ends: Float64[np.ndarray, "2 3"] | Int64[np.ndarray, "2 3"]) -> Found:
     before = time.perf_counter()
-    plan = maxjax.plan(occupied, ends[0], ends[1], grid, ground=ground, focus=False)
+    plan = maxjax.plan(where, ends[0], ends[1], planner=maxjax.Field(focus=False))
     return Found(plan, time.perf_counter() - before - plan.timings["compile"])
 
 

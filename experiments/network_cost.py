@@ -145,7 +145,7 @@ def _systems(name: str, config: Config, grid: Grid) -> list[Given]:
     """Conductivity, goal and price of each problem, as the planner takes them."""
     given: list[Given] = []
     for task in problems(name, config.problems, config.seed, grid):
-        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
         found = formulate(*maps, jnp.asarray(task.ends[0]), task.distances, grid.local)
         price = jnp.ones(grid.shape) if found.price is None else lattice_price(found.price, SCREENING_LENGTH)
         given.append((conductivity(found.blocked, found.goal_index, grid), found.goal_index, price))

@@ -36,7 +36,7 @@ from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
 from experiments.offline_methods import network
 from experiments.offline_table import failures
 from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import Climb, PotentialFn
+from maxjax.planning.field_planner import FieldPlanner, PotentialFn
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
@@ -142,7 +142,7 @@ def _rows(
         tasks = [task for task, _ in chunk]
         batch = dilated(joined(tasks))
         for place, (method, potential) in enumerate(potentials.items()):
-            plans = batch.measured(plan_task(batch.task, Climb(potential), method))
+            plans = batch.measured(plan_task(batch.task, FieldPlanner(potential, name=method)))
             tally = tallies[method]
             tally.compile_s += sum(plan.timings["compile"] for plan in plans)
             tally.seconds += sum(plan.timings["total"] for plan in plans)

@@ -1,40 +1,43 @@
-"""The path finders of the offline experiments, by name: those of `maxjax.plan`, networks, and fast marching."""
+"""The planners of the offline experiments, by name: those of `maxjax.plan`, networks, and fast marching."""
 
 from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
 
 import maxjax
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.methods import METHODS
+from maxjax.methods import METHODS, planner_named
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.execution import staged, with_longer_ascents
-from maxjax.planning.field_planner import ASCEND, TIGHTEN, Climb, PotentialFn
+from maxjax.planning.execution import with_longer_ascents
+from maxjax.planning.field_planner import ASCEND, TIGHTEN, FieldPlanner, PotentialFn
+from maxjax.planning.planner import Planner
 from maxjax.planning.problem import Problem
-from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.planning.route import Route, Routes, failed, found
 from maxjax.programs.stage_timer import timed
 
 
-def finder(method: str) -> PathFinder | str:
+def finder(method: str) -> Planner | str:
     """The planner that a name means, or why it cannot be had here.
 
     Raises:
         ValueError: for an unknown name.
     """
     if method == "fast marching":
-        return fast_marching
+        return FastMarching()
     if method not in METHODS or method == "network":
         potential = network(method)
-        return potential if isinstance(potential, str) else staged(Climb(potential))
+        return potential if isinstance(potential, str) else FieldPlanner(potential, focus=False, name=method)
     try:
-        METHODS[method].check()
+        planner = planner_named(method)
     except ImportError as error:
         return str(error)
-    find = METHODS[method].finder()
-    return staged(find) if isinstance(find, Climb) else find
+    return dataclasses.replace(planner, focus=False) if isinstance(planner, FieldPlanner) else planner
 
 
 def network(method: str) -> PotentialFn | str:
@@ -52,22 +55,28 @@ def network(method: str) -> PotentialFn | str:
     return network_potential(model, 0 if alone else MAX_SWEEPS)
 
 
-def fast_marching(problem: Problem, grid: maxjax.Grid) -> Route:
-    """The path finder that descends scikit-fmm's travel time, as `Climb` climbs a potential."""
-    blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
-    with timed("march"):
-        labels, _ = ndimage.label(~blocked)
-        component = np.asarray(labels == labels[goal])
-        march = marching(component, goal)["scikit-fmm, fast marching"]
-        if march is None:
-            raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
-        log_phi = as_potential(march(), component, goal)
+@dataclasses.dataclass(frozen=True)
+class FastMarching:
+    """The planner that descends scikit-fmm's travel time, as `FieldPlanner` climbs a potential."""
 
-    def attempt(_: np.ndarray, settings: Ascent) -> list[Route]:
-        ends, room = (problem.start, problem.goal), problem.room
-        path, arrived, sight = ASCEND(log_phi, problem.blocked, *ends, settings=settings, room=room)
-        taut = np.asarray(TIGHTEN(sight.codes, path, problem.price, room=room))
-        return [found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)]
+    name: ClassVar[str] = "fast marching"
+    batched: ClassVar[bool] = False
 
-    (route,) = with_longer_ascents(attempt, 1, Ascent())
-    return route
+    def route(self, problem: Problem, grid: maxjax.Grid) -> Route:
+        """The descent from the start; raises an ImportError where scikit-fmm is missing."""
+        blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
+        with timed("march"):
+            labels, _ = ndimage.label(~blocked)
+            component = np.asarray(labels == labels[goal])
+            march = marching(component, goal)["scikit-fmm, fast marching"]
+            if march is None:
+                raise ImportError("fast marching needs scikit-fmm, from the extra bench: pip install 'maxjax[bench]'")
+            log_phi = as_potential(march(), component, goal)
+
+        def attempt(_: np.ndarray, settings: Ascent) -> Routes:
+            ends, room = (problem.start, problem.goal), problem.room
+            path, arrived, sight = ASCEND(log_phi, problem.blocked, *ends, settings=settings, room=room)
+            taut = np.asarray(TIGHTEN(sight.codes, path, problem.price, room=room))
+            return Routes.of([found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)])
+
+        return with_longer_ascents(attempt, 1, Ascent()).one(0)

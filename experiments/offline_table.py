@@ -37,8 +37,8 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER, Dilated, dilated
 from benchmarks.common.problems import problems, solvable
 from experiments.offline_methods import finder
-from maxjax.planning.execution import plan_one
-from maxjax.planning.route import PathFinder
+from maxjax.planning.execution import plan_task
+from maxjax.planning.planner import Planner
 from maxjax.planning.task import Task
 
 RESULTS = Path(__file__).parent / "results"
@@ -91,7 +91,7 @@ TINY = Config(
 def main(config: Config) -> list[Row]:
     """Plan, judge, save; one row a map and method."""
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
-    finders: dict[str, PathFinder] = {}
+    finders: dict[str, Planner] = {}
     rows: list[Row] = []
     for method in config.methods:
         one = finder(method)
@@ -116,7 +116,7 @@ def turning(path: np.ndarray) -> float:
     return float(np.degrees(2 * np.arctan2(apart, together)).sum() / sizes.sum())
 
 
-def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxjax.Grid) -> list[Row]:
+def _rows(name: str, finders: dict[str, Planner], config: Config, grid: maxjax.Grid) -> list[Row]:
     tasks: list[Task] = []
     asked = config.problems
     while len(tasks) < config.problems:
@@ -125,7 +125,7 @@ def _rows(name: str, finders: dict[str, PathFinder], config: Config, grid: maxja
         asked += 10
 
     def run(task: Dilated, method: str) -> maxjax.Plan:
-        return task.measured([plan_one(task.task, finders[method], method)])[0]
+        return task.measured(plan_task(task.task, finders[method]))[0]
 
     maps = [dilated(task) for task in tasks]
     compile_s = {method: run(maps[0], method).timings["compile"] for method in finders}

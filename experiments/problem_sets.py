@@ -35,17 +35,28 @@ class Instance:
     """A map and two ends.
 
     Attributes:
-        occupied: occupied voxels, ground included; problems of one city share the array.
-        ground: those that are ground.
-        start, goal: [m], world frame of `grid`.
-        grid: of both maps.
+        map: problems of one city share it.
+        start, goal: [m], in its world frame.
     """
 
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    ground: Bool[np.ndarray, "nx ny nz"]
+    map: maxjax.VoxelMap
     start: Float64[np.ndarray, " 3"]
     goal: Float64[np.ndarray, " 3"]
-    grid: maxjax.Grid
+
+    @property
+    def grid(self) -> maxjax.Grid:
+        """Of the map."""
+        return self.map.grid
+
+    @property
+    def occupied(self) -> Bool[np.ndarray, "nx ny nz"]:
+        """Occupied voxels, ground included."""
+        return np.asarray(self.map.occupied)
+
+    @property
+    def ground(self) -> Bool[np.ndarray, "nx ny nz"]:
+        """Those that are ground."""
+        return np.asarray(self.map.ground)
 
 
 def problem_set(
@@ -65,7 +76,7 @@ def problem_set(
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), (n, n, n), 2.0)
     if name in MAPS:
         tasks = problems(name, count, seed, grid)
-        return [Instance(t.occupied, t.ground, t.starts[0], t.goals[0], grid) for t in tasks]
+        return [Instance(t.map, t.starts[0], t.goals[0]) for t in tasks]
     surveyed = windows(tuple(data / file for file in CITIES[name]), half, TOLERANCE)[:places]
     drawn = [_in_window(one.rows, [seed, zlib.crc32(name.encode()), k], grid) for k, one in enumerate(surveyed)]
     return [next(drawn[k % len(drawn)]) for k in range(count)]
@@ -74,11 +85,12 @@ def problem_set(
 def _in_window(rows: Float64[np.ndarray, "n 7"], seed: list[int], grid: maxjax.Grid) -> Iterator[Instance]:
     """The problems of a window, without end."""
     rng = np.random.default_rng(seed)
-    occupied, ground = occupancy(city(rows, len(rows)), grid)
+    solid, ground = occupancy(city(rows, len(rows)), grid)
+    where = maxjax.VoxelMap.on(grid, solid | ground, ground)
     while True:
-        ends = np.array(draw_ends(rng, occupied, grid), np.float64)
+        ends = np.array(draw_ends(rng, np.asarray(where.occupied), grid), np.float64)
         if _distance(rows, ends).min() >= _CLEAR:
-            yield Instance(occupied, ground, ends[0], ends[1], grid)
+            yield Instance(where, ends[0], ends[1])
 
 
 def _distance(rows: Float64[np.ndarray, "n 7"], points: Float64[np.ndarray, "p 3"]) -> Float64[np.ndarray, "p n"]:

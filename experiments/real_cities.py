@@ -43,10 +43,12 @@ from benchmarks.common.paper import planned
 from benchmarks.common.problems import case_of, draw_ends
 from experiments import random_problems as offline
 from experiments.city_windows import CITIES, Window, windows
+from maxjax import VoxelMap
 from maxjax.campaigns import trials as rules
 from maxjax.campaigns.outcomes import on_host
-from maxjax.methods import method_named
-from maxjax.planning.task import Distances, Task
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
+from maxjax.planning.task import Task
 from maxjax.sim.flight import FlightConfig, FlightLog, fly
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.real_city import TOLERANCE, city
@@ -122,8 +124,8 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
             add({"city": name, "part": "offline", **_offline(name, found, slots, config, pool)})
     for method in config.methods if config.trials else ():
         for name, found in cities.items():
-            find = method_named(method).flying()
-            settings = FlightConfig(find=find) if flight is None else dataclasses.replace(flight, find=find)
+            planner = planner_named(method)
+            settings = FlightConfig(planner=planner) if flight is None else dataclasses.replace(flight, planner=planner)
             row = _closed_loop(name, found, slots, settings, config)
             add({"city": name, "part": "closed loop", "method": method, **row})
     save("real_cities", config, rows, config.out)
@@ -154,7 +156,9 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
         occupied, ground = occupancy(city(one.rows, slots), grid)
         for _ in range(config.problems):
             start, goal = draw_ends(rng, occupied, grid)
-            tasks.append(Task.of(occupied, start[None], goal[None], grid, Distances(margin=config.margin), ground))
+            tasks.append(
+                Task.of(VoxelMap.on(grid, occupied, ground), start[None], goal[None], Distances(margin=config.margin))
+            )
     plans, rivals = (list(some) for some in zip(*(planned(task, "solver", "astar") for task in tasks), strict=True))
     cases = [case_of(task, plan) for task, plan in zip(tasks, plans, strict=True)]
     row = dict(offline.row_of(name, plans, rivals, pool.map(judge, cases), grid))

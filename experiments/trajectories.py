@@ -44,7 +44,7 @@ from benchmarks.common.jerk_oracle import fastest_time_with_jerk
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.time_oracle import fastest_time
 from experiments.problem_sets import Instance, problem_set
-from maxjax.sim.tracking import judged as judged_flight
+from maxjax.sim.tracking import tracked
 from maxjax.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
@@ -121,7 +121,7 @@ def judge(asked: Asked) -> Judged:
     problem, plan, jerk = asked.problem, asked.plan, asked.jerk
     limits = maxjax.FlightLimits(jerk=jerk)
     started = time.perf_counter()
-    found = maxjax.trajectory(plan, limits, problem.occupied, problem.grid, ground=problem.ground)
+    found = maxjax.trajectory(plan, limits)
     seconds = time.perf_counter() - started
     walls = safety.Walls(problem.occupied, problem.ground, problem.grid.spacing)
 
@@ -147,7 +147,7 @@ def judge(asked: Asked) -> Judged:
     over = found.duration / fastest, found.duration / least
     flight = None
     if asked.flown:
-        flight = maxjax.fly(found, problem.occupied, problem.grid, ground=problem.ground)
+        flight = maxjax.fly(found, problem.map)
     return Judged(_excess(found), spare, over[0], found.duration, len(found.rests), seconds, over[1], found, flight)
 
 
@@ -178,7 +178,7 @@ def main(config: Config) -> list[Row]:
             each = stack.enter_context(multiprocessing.get_context("spawn").Pool(config.workers)).imap
         for name in config.maps:
             problems = problem_set(name, config.problems, config.seed, half=config.half)
-            plans = [maxjax.plan(p.occupied, p.start, p.goal, p.grid, ground=p.ground) for p in problems]
+            plans = [maxjax.plan(p.map, p.start, p.goal) for p in problems]
             good = [(p, q) for p, q in zip(problems, plans, strict=True) if q.status == maxjax.Status.OK]
             for jerk in (maxjax.FlightLimits().jerk, FREE):
                 ours = jerk != FREE
@@ -224,10 +224,7 @@ def _by_crazyflow(asked: Sequence[tuple[maxjax.Trajectory, Asked]]) -> list[maxj
     if not asked:
         return []
     flown = crazyflow_flight.follow([trajectory for trajectory, _ in asked])
-    return [
-        judged_flight(trajectory, *how, one.problem.occupied, one.problem.grid, one.problem.ground)
-        for (trajectory, one), how in zip(asked, flown, strict=True)
-    ]
+    return [tracked(trajectory, *how, one.problem.map) for (trajectory, one), how in zip(asked, flown, strict=True)]
 
 
 def _flights(name: str, flights: Sequence[maxjax.Tracking]) -> Row:

@@ -20,6 +20,7 @@ import tyro
 import maxjax
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
+from maxjax.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -55,7 +56,13 @@ def _rows(name: str, config: Config) -> list[Row]:
     rows: list[Row] = []
     for method in ("solver", "astar"):
         plans = [
-            maxjax.plan(occupied, start, goal, grid, method=method, radius=0.0, margin=0.0)
+            maxjax.plan(
+                maxjax.VoxelMap.on(grid, occupied),
+                start,
+                goal,
+                planner=planner_named(method),
+                distances=maxjax.Distances(radius=0.0, margin=0.0),
+            )
             for start, goal in zip(starts, goals, strict=True)
         ]
         ratio = np.array([plan.length for plan in plans]) / optimum
@@ -68,7 +75,7 @@ def _rows(name: str, config: Config) -> list[Row]:
                 "ok": sum(plan.status == maxjax.Status.OK for plan in plans),
                 "certified": sum(plan.certified for plan in plans),
                 "verified": sum(
-                    maxjax.verify(plan.path, occupied, occupied, grid).ok for plan in plans if len(plan.path)
+                    maxjax.verify(plan.path, maxjax.VoxelMap.on(grid, occupied)).ok for plan in plans if len(plan.path)
                 ),
                 "over_optimum_mean": round(float(ratio.mean()), 4),
                 "over_optimum_worst": round(float(ratio.max()), 4),

@@ -109,9 +109,17 @@ def _rows(name: str, config: Config) -> list[Row]:
     maze = Maze(whole.occupied, whole.starts[chosen], whole.goals[chosen], whole.optimum[chosen])
     plans = _plans(occupied, maze, grid, config)
     some = slice(None, None, config.check)
-    checked = [maxjax.verify(p.path, maze.occupied, maze.occupied, maze.grid).ok for p in plans[some] if len(p.path)]
+    checked = [
+        maxjax.verify(p.path, maxjax.VoxelMap.on(maze.grid, maze.occupied)).ok for p in plans[some] if len(p.path)
+    ]
     rivals = [
-        maxjax.plan(occupied, start, goal, grid, method="astar", radius=0.0, margin=0.0)
+        maxjax.plan(
+            maxjax.VoxelMap.on(grid, occupied),
+            start,
+            goal,
+            planner=maxjax.AStar(),
+            distances=maxjax.Distances(radius=0.0, margin=0.0),
+        )
         for start, goal in zip(maze.starts[some], maze.goals[some], strict=True)
     ]
     first: dict[str, Any] = {"map": name, "grid": " x ".join(map(str, grid.shape))}
@@ -134,9 +142,18 @@ def _plans(occupied: np.ndarray, maze: Maze, grid: maxjax.Grid, config: Config) 
         some = np.minimum(np.arange(at, at + size), count - 1)
         starts, goals = maze.starts[some], maze.goals[some]
         if size == 1:
-            plans.append(maxjax.plan(occupied, starts[0], goals[0], grid, radius=0.0, margin=0.0))
+            plans.append(
+                maxjax.plan(
+                    maxjax.VoxelMap.on(grid, occupied),
+                    starts[0],
+                    goals[0],
+                    distances=maxjax.Distances(radius=0.0, margin=0.0),
+                )
+            )
         else:
-            plans += maxjax.plan_batch(occupied, starts, goals, grid, radius=0.0, margin=0.0)
+            plans += maxjax.plan_batch(
+                maxjax.VoxelMap.on(grid, occupied), starts, goals, distances=maxjax.Distances(radius=0.0, margin=0.0)
+            )
     return plans[:count]
 
 

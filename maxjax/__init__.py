@@ -6,19 +6,30 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from maxjax.airspace.airspace import Airspace, Area
     from maxjax.airspace.geojson import load_airspace
-    from maxjax.api import PlanBatch, plan, plan_batch, plan_fleet, plan_scan, trajectory
-    from maxjax.api_mission import plan_mission
+    from maxjax.api import plan, plan_batch, plan_fleet, plan_mission, plan_route, plan_scan, trajectory
+    from maxjax.baselines.apf import APF
+    from maxjax.baselines.astar_planner import AStar
+    from maxjax.baselines.rrt_star import RRTStar
     from maxjax.core.earth import Projected, TangentPlane
+    from maxjax.core.files import FileError
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
+    from maxjax.core.voxel_map import VoxelMap
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
-    from maxjax.maps.load import Map, load_map
+    from maxjax.maps.contents import Reading
+    from maxjax.maps.load import LoadedMap, load_map
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
+    from maxjax.nn.planner import Network
+    from maxjax.planners import Field
+    from maxjax.planning.distances import Distances
     from maxjax.planning.mission import Mission, Waypoint
-    from maxjax.planning.plan import Plan
+    from maxjax.planning.plan import Plan, Plans
+    from maxjax.planning.planner import Planner
+    from maxjax.planning.problem import Problem
+    from maxjax.planning.route import Route
     from maxjax.sim.tracking import Tracking, fly
     from maxjax.solvers.potential import Potential, solve_potential
     from maxjax.trajectories.limits import FlightLimits
@@ -26,23 +37,35 @@ if TYPE_CHECKING:
     from maxjax.verification.verifier import Verification, verify
 
 __all__ = [
+    "APF",
+    "AStar",
     "Airspace",
     "Area",
+    "Distances",
+    "Field",
+    "FileError",
     "FlightLimits",
     "Grid",
-    "Map",
+    "LoadedMap",
     "Mission",
+    "Network",
     "Occupancy",
     "Plan",
-    "PlanBatch",
+    "Planner",
+    "Plans",
     "Potential",
     "Price",
+    "Problem",
     "Projected",
+    "RRTStar",
+    "Reading",
+    "Route",
     "Status",
     "TangentPlane",
     "Tracking",
     "Trajectory",
     "Verification",
+    "VoxelMap",
     "Waypoint",
     "conductivity",
     "dilate",
@@ -55,6 +78,7 @@ __all__ = [
     "plan_batch",
     "plan_fleet",
     "plan_mission",
+    "plan_route",
     "plan_scan",
     "solve_potential",
     "trajectory",
@@ -65,26 +89,73 @@ __all__ = [
 # Modules that define the public names. A name is imported when it is first used, so that the command line handles
 # Ctrl-C and shows its help before JAX is loaded.
 _MODULES = {
-    "maxjax.api": ("PlanBatch", "plan", "plan_batch", "plan_fleet", "plan_scan", "trajectory"),
-    "maxjax.api_mission": ("plan_mission",),
+    "maxjax.airspace.airspace": (
+        "Airspace",
+        "Area",
+    ),
+    "maxjax.airspace.geojson": ("load_airspace",),
+    "maxjax.api": (
+        "plan",
+        "plan_batch",
+        "plan_fleet",
+        "plan_mission",
+        "plan_route",
+        "plan_scan",
+        "trajectory",
+    ),
+    "maxjax.baselines.apf": ("APF",),
+    "maxjax.baselines.astar_planner": ("AStar",),
+    "maxjax.baselines.rrt_star": ("RRTStar",),
+    "maxjax.core.earth": (
+        "Projected",
+        "TangentPlane",
+    ),
+    "maxjax.core.files": ("FileError",),
     "maxjax.core.grid": ("Grid",),
     "maxjax.core.status": ("Status",),
+    "maxjax.core.voxel_map": ("VoxelMap",),
     "maxjax.fields.conductivity": ("conductivity",),
-    "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
+    "maxjax.fields.occupancy": (
+        "Occupancy",
+        "dilate",
+        "voxelize",
+    ),
     "maxjax.fields.price": ("Price",),
-    "maxjax.maps.load": ("Map", "load_map"),
-    "maxjax.airspace.airspace": ("Airspace", "Area"),
-    "maxjax.airspace.geojson": ("load_airspace",),
-    "maxjax.core.earth": ("Projected", "TangentPlane"),
+    "maxjax.maps.contents": ("Reading",),
+    "maxjax.maps.load": (
+        "LoadedMap",
+        "load_map",
+    ),
     "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),
-    "maxjax.verification.verifier": ("Verification", "verify"),
+    "maxjax.nn.planner": ("Network",),
+    "maxjax.planners": ("Field",),
+    "maxjax.planning.distances": ("Distances",),
+    "maxjax.planning.mission": (
+        "Mission",
+        "Waypoint",
+    ),
+    "maxjax.planning.plan": (
+        "Plan",
+        "Plans",
+    ),
+    "maxjax.planning.planner": ("Planner",),
+    "maxjax.planning.problem": ("Problem",),
+    "maxjax.planning.route": ("Route",),
+    "maxjax.sim.tracking": (
+        "Tracking",
+        "fly",
+    ),
+    "maxjax.solvers.potential": (
+        "Potential",
+        "solve_potential",
+    ),
     "maxjax.trajectories.limits": ("FlightLimits",),
-    "maxjax.planning.mission": ("Mission", "Waypoint"),
-    "maxjax.planning.plan": ("Plan",),
     "maxjax.trajectories.trajectory": ("Trajectory",),
-    "maxjax.sim.tracking": ("Tracking", "fly"),
-    "maxjax.solvers.potential": ("Potential", "solve_potential"),
+    "maxjax.verification.verifier": (
+        "Verification",
+        "verify",
+    ),
 }
 
 if not TYPE_CHECKING:  # which would take any name for a public one

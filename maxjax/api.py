@@ -1,278 +1,180 @@
-"""Planning by name (`maxjax.methods`): one problem, many, a fleet, or a scan; inputs are checked once, as a `Task`."""
+"""Planning in a map: one problem, many, a fleet, a scan or a mission; inputs are checked once, as a `Task`."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, overload
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Real
+from jaxtyping import Array, Float, Real
 
 from maxjax.airspace.airspace import Airspace
-from maxjax.core.grid import Grid
+from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.fields.occupancy import voxelize
-from maxjax.fields.price import Price
-from maxjax.methods import METHODS, method_named
+from maxjax.planners import Field
+from maxjax.planning import mission as missions
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import Climb
+from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.fleet import plan_fleet as plan_starts
-from maxjax.planning.mission import Mission
-from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.task import Distances, Task, checked_grid, points_of
+from maxjax.planning.mission import Mission, Waypoint, legs_of
+from maxjax.planning.plan import Plan, Plans, no_plans
+from maxjax.planning.plan_route import plan_route as route_in
+from maxjax.planning.planner import Planner, checked_planner
+from maxjax.planning.route import Route
+from maxjax.planning.task import Task, points_of
 from maxjax.programs.stage_timer import added, recording, timed
-from maxjax.solvers.potential import solve_potential
-from maxjax.trajectories.clear_curve import Surroundings
+from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
 from maxjax.trajectories.mission_schedule import scheduled_mission
 from maxjax.trajectories.schedule import scheduled
 from maxjax.trajectories.trajectory import Trajectory
 
-DISTANCES = Distances()
+FIELD, DISTANCES = Field(), Distances()
 
-# Public names take many arguments, most of them with defaults; they make a `Task` of them at once.
-
-
-def on_one_map(task: Task) -> Task:
-    """The task itself.
-
-    Raises:
-        ValueError: unless its problems share one map.
-    """
-    for name, volume in (("occupied", task.occupied), ("ground", task.ground)):
-        if volume.ndim != 3:
-            raise ValueError(f"{name}: expected shape {task.grid.shape}, given {volume.shape}")
-    return task
+Position = Real[Array | np.ndarray, " 3"] | Sequence[float]
 
 
-def in_airspace(task: Task, airspace: Airspace | None) -> Task:
-    """The task under some rules of the air.
-
-    Raises:
-        ValueError: for what is no `Airspace`, or for heights above ground in a map without ground.
-    """
-    if airspace is None:
-        return task
-    if not isinstance(airspace, Airspace):
-        raise ValueError(f"airspace: expected a maxjax.Airspace, given {airspace!r}")
-    if task.ground.ndim == 3:
-        return task.closing(airspace.closed(task.ground, task.grid))
-    return task.closing(np.stack([airspace.closed(ground, task.grid) for ground in task.ground]))
-
-
-def _planned(task: Task, method: Any, focus: bool) -> list[Plan]:
-    chosen = method_named(method)
-    find = chosen.finder()
-    if isinstance(find, Climb) and not focus:
-        find = dataclasses.replace(find, focused=False)
-    return plan_task(task, find, chosen.name)
-
-
-# arguments: a public name; all that has a default is given by keyword
 def plan(
-    occupied: Bool[Array | np.ndarray, "nx ny nz"],
-    start: Real[Array | np.ndarray, " 3"] | Sequence[float],
-    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
+    where: VoxelMap,
+    start: Position,
+    goal: Position,
     *,
-    method: str = "solver",
-    radius: float = DISTANCES.radius,
-    margin: float = DISTANCES.margin,
-    price: Price = DISTANCES.price,
-    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
     airspace: Airspace | None = None,
-    focus: bool = True,
 ) -> Plan:
-    """Plan a path through a voxel map and verify it.
+    """Plan a path through a map and verify it.
 
     Args:
-        occupied: occupied voxels, ground included, not dilated.
-        start, goal: [m], ENU.
-        grid: the grid of `occupied`.
-        method: `solver`, `network`, `astar`, `rrtstar` (extra `bench`) or `apf`.
-        radius: nothing on the path is nearer than this to the cube of an occupied voxel [m], but in the smallest ball
-            around an end that joins it, where the end itself stands nearer (`Plan.balls`). At 0 the path may graze.
-        margin: from where on a metre costs no more than its length [m].
-        price: what a metre costs below the margin.
-        ground: the voxels of `occupied` that are ground; with a radius, paths keep off voxels beside them. None: no
-            voxel is.
+        where: the map, as `maxjax.load_map` or `maxjax.VoxelMap.of` make it.
+        start, goal: (3,) [m], ENU.
+        planner: `maxjax.Field()`, `Network()`, `AStar()`, `RRTStar()`, `APF()`, or any `planning.planner.Planner`.
+        distances: radius, margin and price to keep.
         airspace: altitude band and areas that the path has to keep; it keeps off what they close as off the ground.
-            None: none.
-        focus: whether the method `solver` solves a window of the map, where that proves to hold the cheapest way;
-            `Plan.certified` is then about the field in this window. False: always the whole map.
+            None: those of the map.
 
     Returns:
         A `Plan`. Its status says what happened; only OK comes with a path.
 
     Raises:
-        ValueError: for a wrong shape or dtype, an unknown method, a radius or a margin that is no number, negative or
-            longer than the map, a margin below the radius, or a network without weights.
-        ImportError: where a package that the method needs is missing, before anything is computed.
+        ValueError: if the map is an array or a batch, positions are not (3,), distances are longer than the map, or the
+            planner is none.
     """
-    method_named(method)
-    ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))[None]
-    task = Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground)
-    return _planned(in_airspace(on_one_map(task), airspace), method, focus)[0]
+    ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
+    return plan_task(_task(_single(where), *ends, distances, airspace), checked_planner(planner))[0]
 
 
-@dataclasses.dataclass(frozen=True)
-class PlanBatch(Sequence[Plan]):
-    """Plans of a batch: a sequence of `Plan`, and their numbers as arrays.
+def plan_route(
+    where: VoxelMap,
+    start: Float[Any, " 3"],
+    goal: Float[Any, " 3"],
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
+) -> Route:
+    """Find a route through a map: a pure function, for `jit` and `vmap`; certified, not verified.
 
-    Attributes:
-        plans: one plan a problem.
-    """
-
-    plans: tuple[Plan, ...]
-
-    @overload
-    def __getitem__(self, index: int) -> Plan: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Plan, ...]: ...
-    def __getitem__(self, index: int | slice) -> Plan | tuple[Plan, ...]:
-        return self.plans[index]
-
-    def __len__(self) -> int:
-        return len(self.plans)
-
-    def __iter__(self) -> Iterator[Plan]:
-        return iter(self.plans)
-
-    @property
-    def status(self) -> np.ndarray:
-        """(b,) int32, `Status`."""
-        return np.array([int(plan.status) for plan in self.plans], np.int32)
-
-    @property
-    def certified(self) -> np.ndarray:
-        """(b,) bool."""
-        return np.array([plan.certified for plan in self.plans], bool)
-
-    @property
-    def length(self) -> np.ndarray:
-        """(b,) float64 [m], NaN where there is no path."""
-        return np.array([plan.length for plan in self.plans])
-
-    @property
-    def clearance(self) -> np.ndarray:
-        """(b,) float64 [m], NaN where there is no path."""
-        return np.array([plan.clearance for plan in self.plans])
-
-    @property
-    def cruise_clearance(self) -> np.ndarray:
-        """(b,) float64 [m], NaN where there is no path."""
-        return np.array([plan.cruise_clearance for plan in self.plans])
-
-    @property
-    def cost(self) -> np.ndarray:
-        """(b,) float64 [m], NaN where there is no path."""
-        return np.array([plan.cost for plan in self.plans])
-
-    @property
-    def radius(self) -> np.ndarray:
-        """(b,) float64 [m]."""
-        return np.array([plan.radius for plan in self.plans])
-
-    @property
-    def margin(self) -> np.ndarray:
-        """(b,) float64 [m]."""
-        return np.array([plan.margin for plan in self.plans])
-
-
-# arguments: a public name; all that has a default is given by keyword
-def plan_batch(
-    occupied: Bool[Array | np.ndarray, "*m nx ny nz"],
-    start: Real[Array | np.ndarray, "b 3"],
-    goal: Real[Array | np.ndarray, "b 3"],
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
-    *,
-    method: str = "solver",
-    radius: float = DISTANCES.radius,
-    margin: float = DISTANCES.margin,
-    price: Price = DISTANCES.price,
-    ground: Bool[Array | np.ndarray, "*g nx ny nz"] | None = None,
-    airspace: Airspace | None = None,
-    focus: bool = True,
-) -> PlanBatch:
-    """Plan a batch of problems; with a field method on an accelerator, in chunks under `vmap` (`planning.batch`).
+    Where `plan` solves windows of the map and tries longer ascents, this solves the whole map, once. Positions that are
+    traced are float32: keep the world's origin near the map.
 
     Args:
-        occupied: (b, nx, ny, nz), or (nx, ny, nz) for one map that all problems share.
-        start, goal: (b, 3) [m].
-        grid, method, radius, margin, price, ground, airspace, focus: as in `plan`; ground may be shared as well.
+        where: one map; under `vmap` a batch.
+        start, goal: (3,) [m], ENU.
+        planner: as in `plan`; one that is not batched is called back on the host. Static.
+        distances: as in `plan`. Static.
+
+    Returns:
+        A `Route` with its path in metres, ENU, filled up with its last point. Unless its status is OK, the path means
+        nothing.
+
+    Raises:
+        ValueError: if the map is none or a batch, positions are not (3,), or the planner is none.
+    """
+    return route_in(where, start, goal, planner, distances)
+
+
+def plan_batch(
+    where: VoxelMap,
+    starts: Real[Array | np.ndarray, "b 3"],
+    goals: Real[Array | np.ndarray, "b 3"],
+    *,
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
+    airspace: Airspace | None = None,
+) -> Plans:
+    """Plan a batch of problems: on an accelerator in chunks under `vmap`, on a CPU on all cores; verified together.
+
+    Args:
+        where: one map for all problems, or a batch of as many maps.
+        starts, goals: (b, 3) [m].
+        planner, distances, airspace: as in `plan`.
+
+    Returns:
+        `Plans`: arrays over the batch; `plans[k]` is a `Plan`.
 
     Raises:
         ValueError: as `plan`, and for an empty batch.
     """
-    method_named(method)
-    starts = points_of("start", start, ("b", 3))
-    goals = points_of("goal", goal, starts.shape)
-    task = Task.of(occupied, starts, goals, grid, Distances.of(radius, margin, price), ground)
-    return PlanBatch(tuple(_planned(in_airspace(task, airspace), method, focus)))
+    starts = points_of("starts", starts, ("b", 3))
+    task = _task(where, starts, points_of("goals", goals, starts.shape), distances, airspace)
+    return plan_task(task, checked_planner(planner))
 
 
-# arguments: a public name; all that has a default is given by keyword
 def plan_fleet(
-    occupied: Bool[Array | np.ndarray, "nx ny nz"],
+    where: VoxelMap,
     starts: Real[Array | np.ndarray, "n 3"],
-    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
+    goal: Position,
     *,
-    radius: float = DISTANCES.radius,
-    margin: float = DISTANCES.margin,
-    price: Price = DISTANCES.price,
-    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    planner: FieldPlanner = FIELD,
+    distances: Distances = DISTANCES,
     airspace: Airspace | None = None,
-) -> PlanBatch:
+) -> Plans:
     """Plan many starts to one goal on one map: each plan is that of `plan`, the fields are shared.
 
-    There is one solve for all starts that keep the radius, and one for each that needs a ball: a start beside a wall
+    There is one solve for all starts that keep the radius, and one for each that stands too near: a start beside a wall
     opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart in
     time.
 
     Args:
-        occupied: occupied voxels, ground included, not dilated.
+        where: one map.
         starts: (n, 3) [m].
-        goal: [m].
-        grid, radius, margin, price, ground, airspace: as in `plan`.
+        goal: (3,) [m].
+        planner: one that climbs a field.
+        distances, airspace: as in `plan`.
 
     Returns:
-        One `Plan` a start. A start that is sealed in, outside the map or equal to the goal has a status of its own, and
-        leaves the others alone.
+        `Plans`. A start that is sealed in, outside the map or equal to the goal has a status of its own, and leaves the
+        others alone.
 
     Raises:
-        ValueError: as `plan`, and for an empty fleet.
+        ValueError: as `plan`, for an empty fleet, or a planner that climbs no field.
     """
+    if not isinstance(planner, FieldPlanner):
+        raise ValueError(f"planner: expected one that climbs a field, as maxjax.Field(), given {planner!r}")
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
-    task = on_one_map(Task.of(occupied, *ends, grid, Distances.of(radius, margin, price), ground))
-    task = in_airspace(task, airspace)
-    return PlanBatch(tuple(plan_starts(task, Climb(solve_potential), METHODS["solver"].name)))
+    return plan_starts(_task(_single(where), *ends, distances, airspace), planner)
 
 
-# arguments: a public name; all that has a default is given by keyword
 def plan_scan(
     points: Real[Array | np.ndarray, "n 3"],
-    start: Real[Array | np.ndarray, " 3"] | Sequence[float],
-    goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
+    start: Position,
+    goal: Position,
+    where: Grid | VoxelMap = Grid(),  # noqa: B008 (frozen)
     *,
-    method: str = "solver",
-    radius: float = DISTANCES.radius,
-    margin: float = DISTANCES.margin,
-    price: Price = DISTANCES.price,
-    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
-    airspace: Airspace | None = None,
-    focus: bool = True,
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
 ) -> Plan:
     """Plan from LiDAR points: `voxelize`, then `plan`.
 
     Args:
-        points: returns in the world frame [m]; misses (NaN, or exactly (0, 0, 0)) and points outside the grid are
-            dropped.
-        start, goal, grid, method, radius, margin, price, airspace, focus: as in `plan`.
-        ground: ground voxels, added to those that hold points.
+        points: (n, 3) returns in the world frame [m]; misses (NaN, or exactly (0, 0, 0)) and points outside the grid
+            are dropped.
+        start, goal, planner, distances: as in `plan`.
+        where: a grid, or a map whose obstacles, ground and closed voxels are known before.
 
     Returns:
         A `Plan`; EMPTY_SCAN where no point fell into the grid.
@@ -280,70 +182,97 @@ def plan_scan(
     Raises:
         ValueError: as `plan`, and for points that are not (n, 3).
     """
-    method_named(method)
-    cloud = points_of("points", points, ("n", 3), least=0)
-    distances = Distances.of(radius, margin, price).within(checked_grid(grid))
-    ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
+    cloud, finder = points_of("points", points, ("n", 3), least=0), checked_planner(planner)
+    known = VoxelMap.on(where, np.zeros(where.shape, bool)) if isinstance(where, Grid) else _single(where)
+    ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
         with timed("voxelise"):
-            scan = jax.block_until_ready(voxelize(cloud, grid))
-        if int(scan.kept) == 0:
-            found = no_plan(Status.EMPTY_SCAN, method, distances)
-        else:
-            occupied = np.asarray(scan.occupied)
-            task = Task.of(occupied, ends[0][None], ends[1][None], grid, distances, ground)
-            (found,) = _planned(in_airspace(on_one_map(task), airspace), method, focus)
+            scan = jax.block_until_ready(voxelize(cloud, known.grid))
+        seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
+        task = _task(seen, *ends, distances)
+        empty = int(scan.kept) == 0
+        found = (no_plans(task, Status.EMPTY_SCAN, finder.name) if empty else plan_task(task, finder))[0]
     return dataclasses.replace(found, timings=added(recorder.report(), found.timings))
 
 
-# arguments: a public name; all that has a default may be left out
-def trajectory(
-    plan: Plan | Mission,
-    limits: FlightLimits = PX4,
-    occupied: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
+def plan_mission(
+    where: VoxelMap,
+    waypoints: Sequence[Waypoint | Sequence[float]],
     *,
-    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
+    return_to_start: bool = False,
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
     airspace: Airspace | None = None,
-    hovers: Mapping[int, float] | None = None,
+) -> Mission:
+    """Plan a path through waypoints in order, leg by leg, and verify it as a whole.
+
+    Legs of one goal and the same distances share a field where the map is solved as a whole (`plan_fleet`).
+
+    Args:
+        where, planner, distances, airspace: as in `plan`.
+        waypoints: at least two, the start first: `Waypoint`, or three coordinates [m].
+        return_to_start: whether a last leg leads back to the first waypoint.
+
+    Returns:
+        A `Mission`. Its status is OK only if every leg is and the whole path was verified; `Mission.failed` numbers the
+        legs that are not. Waypoints in obstacles, outside the map, out of reach or equal to the one before have the
+        statuses of `plan`.
+
+    Raises:
+        ValueError: as `plan`, for fewer than two waypoints, or one that is none.
+    """
+    places = [given if isinstance(given, Waypoint) else Waypoint(_place(given)) for given in waypoints]
+    if return_to_start and places:
+        places.append(Waypoint(places[0].position))
+    task = _task(_single(where), *legs_of(places), distances, airspace)
+    return missions.plan_mission(task, places, checked_planner(planner))
+
+
+def trajectory(
+    plan: Plan | Mission, limits: FlightLimits = PX4, *, hovers: Mapping[int, float] | None = None
 ) -> Trajectory:
     """Give a plan or a mission times: a smooth trajectory from rest to rest, near the fastest within some limits.
 
-    Corners are rounded as far as the map allows: what leaves the plan's path is judged against its radius. Where no
+    Corners are rounded as far as the map allows: what leaves the plan's path is verified against its radius. Where no
     rounding is clear it rests at the corner. The waypoints of a mission are flown through but where they say how long
-    to hover, where the path turns back, and where radius or ball ask for a rest (`trajectories.mission_schedule`).
+    to hover, where the path turns back, and where radius or exemption ask for a rest (`trajectories.mission_schedule`).
 
     Args:
-        plan: one that is OK, or a mission that is.
+        plan: one that is OK, or a mission that is; its map says what is clear.
         limits: of speed, climb, acceleration, jerk and heading; those of PX4 by default.
-        occupied: the map that was planned on. None: nothing off the plan's path is known to be free, and every corner
-            is passed at rest.
-        grid: of the map.
-        ground, airspace: as in `plan`.
         hovers: seconds to rest at points of a plan's path, by their index; a mission's waypoints have theirs.
 
     Returns:
         A `Trajectory`; `Trajectory.at` tells position, velocity, acceleration and heading at any time.
 
     Raises:
-        ValueError: for a plan without a path or with repeated points, a map of another shape, or hovers that are no
-            times at points between start and goal.
+        ValueError: if the plan has no path or repeated points, or hovers are no times at points between start and goal.
     """
-    volumes = {"occupied": occupied, "ground": ground}
-    maps = {name: None if given is None else np.asarray(given) for name, given in volumes.items()}
-    for name, volume in maps.items():
-        if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
-            raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
-    if airspace is not None and occupied is not None:
-        nowhere = np.zeros((1, 3))
-        task = in_airspace(Task.of(occupied, nowhere, nowhere, grid, Distances(0.0, 0.0), ground), airspace)
-        maps = {"occupied": task.occupied, "ground": task.ground}
     if isinstance(plan, Mission):
         if hovers:
             raise ValueError("hovers: a mission's waypoints say how long to hover; leave them out")
-        return scheduled_mission(plan, limits, maps["occupied"], maps["ground"], grid)
-    around = None
-    if maps["occupied"] is not None:
-        path = np.asarray(plan.path, np.float64)
-        around = Surroundings(maps["occupied"], maps["ground"], grid, path, plan.radius, plan.balls)
-    return scheduled(plan, limits, hovers or {}, around)
+        return scheduled_mission(plan, limits)
+    return scheduled(plan, limits, hovers or {}, ClearCurve.of(plan))
+
+
+def _task(where: Any, starts: np.ndarray, goals: np.ndarray, distances: Any, airspace: Any = None) -> Task:
+    """The problems of a map under rules of the air; raises a ValueError for what cannot be used."""
+    if not isinstance(distances, Distances):
+        raise ValueError(f"distances: expected a maxjax.Distances, given {distances!r}")
+    if airspace is not None and not isinstance(airspace, Airspace):
+        raise ValueError(f"airspace: expected a maxjax.Airspace, given {airspace!r}")
+    given = checked_map(where)
+    return Task.of(given if airspace is None else airspace.closing(given), starts, goals, distances)
+
+
+def _single(where: Any) -> VoxelMap:
+    """The map itself; raises a ValueError unless it is a single one."""
+    given = checked_map(where)
+    if given.batch is not None:
+        raise ValueError(f"map: expected one map, given a batch of {given.batch}; take one, as map[0]")
+    return given
+
+
+def _place(given: Sequence[float]) -> Point3:
+    x, y, z = points_of("waypoints", given, (3,)).tolist()
+    return x, y, z

@@ -1,83 +1,90 @@
-"""The methods of planning: one list for the API, the command line, campaigns and experiments.
+"""The names of planners: one table for the command line, campaigns and experiments.
 
-solver     climbs the exact conduction potential
+field      climbs the exact conduction potential (`solver` is another word for it)
 network    climbs a predicted one, improved until it is certified
-astar      searches the dilated grid
+astar      searches the inflated grid
 rrtstar    samples it (OMPL's, extra `bench`)
 apf        descends an artificial potential field
 """
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from maxjax.planning.method import Method
-
 if TYPE_CHECKING:
-    from maxjax.planning.route import PathFinder
-
-# Each path finder is imported when it is asked for: names and labels are wanted without JAX, for `maxjax --help`.
+    from maxjax.planning.planner import Planner
 
 
-def _solver() -> PathFinder:
-    from maxjax.planning.field_planner import Climb
-    from maxjax.solvers.potential import solve_potential
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """A planner by name; its class is imported when it is asked for, since names are wanted without JAX.
 
-    return Climb(solve_potential)
+    Attributes:
+        name: as users write it.
+        label: as tables and figures show it.
+        where: module and class.
+        climbs: whether it climbs a field, so that its plans can be certified.
+    """
 
+    name: str
+    label: str
+    where: tuple[str, str]
+    climbs: bool = False
 
-def _network() -> PathFinder:
-    from maxjax.nn.model import network_potential
-    from maxjax.planning.field_planner import Climb
+    def planner(self) -> Planner:
+        """The planner with its default settings.
 
-    return Climb(network_potential(), focused=False)  # trained on whole maps
-
-
-def _astar() -> PathFinder:
-    from maxjax.baselines.astar_finder import search
-
-    return search
-
-
-def _astar_in_flight() -> PathFinder:
-    from maxjax.baselines.astar_finder import search_in_flight
-
-    return search_in_flight
-
-
-def _rrtstar() -> PathFinder:
-    from maxjax.baselines.rrt_star import rrt_star
-
-    return rrt_star()
-
-
-def _apf() -> PathFinder:
-    from maxjax.baselines.apf import apf
-
-    return apf
+        Raises:
+            ImportError: if a package is missing.
+            ValueError: if the weights of a network are.
+        """
+        module, name = self.where
+        planner: Planner = getattr(importlib.import_module(module), name)()
+        return planner
 
 
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
-        Method("solver", "maxjax", _solver, climbs=True, in_flight=_solver),
-        Method("network", "maxjax, network", _network, climbs=True, in_flight=_network),
-        Method("astar", "A*", _astar, in_flight=_astar_in_flight),
-        Method("rrtstar", "RRT*", _rrtstar, needs="ompl", extra="bench"),
-        Method("apf", "APF", _apf),
+        Method("field", "maxjax", ("maxjax.planners", "Field"), climbs=True),
+        Method("network", "maxjax, network", ("maxjax.nn.planner", "Network"), climbs=True),
+        Method("astar", "A*", ("maxjax.baselines.astar_planner", "AStar")),
+        Method("rrtstar", "RRT*", ("maxjax.baselines.rrt_star", "RRTStar")),
+        Method("apf", "APF", ("maxjax.baselines.apf", "APF")),
     )
 }
 
+# Other words for them.
+ALIASES: Mapping[str, str] = {"solver": "field"}
+
 
 def method_named(name: Any) -> Method:
-    """The method of this name, ready to plan.
+    """The method of a name.
 
     Raises:
-        ValueError: for an unknown name, or a network whose weights are missing.
-        ImportError: where a package that it needs is missing.
+        ValueError: if there is none.
     """
-    if not isinstance(name, str) or name not in METHODS:
+    known = ALIASES.get(name, name) if isinstance(name, str) else name
+    if not isinstance(known, str) or known not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, given {name!r}")
-    METHODS[name].check()
-    return METHODS[name]
+    return METHODS[known]
+
+
+def planner_named(name: Any) -> Planner:
+    """The planner of a name, ready to plan; raises as `method_named` and `Method.planner`."""
+    return method_named(name).planner()
+
+
+def label_of(name: str) -> str:
+    """How tables and figures show a planner; one of somebody else by its name."""
+    known = ALIASES.get(name, name)
+    return METHODS[known].label if known in METHODS else name
+
+
+def climbs(name: str) -> bool:
+    """Whether a planner of this name climbs a field."""
+    known = ALIASES.get(name, name)
+    return known in METHODS and METHODS[known].climbs

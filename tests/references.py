@@ -93,6 +93,30 @@ def keeps(path: np.ndarray, blocked: np.ndarray, room: float) -> bool:
     return True
 
 
+def distances_to_cubes(points: np.ndarray, voxels: np.ndarray) -> np.ndarray:
+    """From each point to the nearest cube of these voxels, all of them measured; whole numbers at voxel centres."""
+    least = np.full(len(points), np.inf)
+    for centre in np.argwhere(voxels):
+        gap = np.maximum(np.abs(points - centre) - 0.5, 0)
+        least = np.minimum(least, np.sqrt((gap**2).sum(axis=1)))
+    return least
+
+
+def inflated(obstacles: np.ndarray, ground: np.ndarray, radius: float) -> np.ndarray:
+    """Voxels whose centres are nearer than the radius to the cube of an obstacle, or beside the ground: by dilation.
+
+    Radius [voxels], above 0; of one map, or of several along a first axis.
+    """
+    reach = max(int(np.ceil(radius + 0.5)) - 1, 0)
+    axis = np.maximum(np.abs(np.arange(-reach, reach + 1)) - 0.5, 0) ** 2
+    near = axis[:, None, None] + axis[None, :, None] + axis[None, None, :] < radius**2 - 1e-9
+    near[reach, reach, reach] = True
+    faces = ndimage.generate_binary_structure(3, 1)
+    lead = (None,) * (obstacles.ndim - 3)
+    blocked = ndimage.binary_dilation(obstacles, near[lead]) | ndimage.binary_dilation(ground, faces[lead])
+    return np.asarray(blocked | obstacles | ground)
+
+
 def to_world(u: np.ndarray, grid: Grid) -> np.ndarray:
     """Index coordinates, voxel i being [i, i + 1], in metres of the world frame."""
     return np.array(grid.origin) + grid.spacing * (np.asarray(u, float) - 0.5)

@@ -22,16 +22,18 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from planners import bare_plan
 
-from maxjax import Grid, Status, verify
+from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.cli import check, main, report
 from maxjax.cli.options import TrainOptions
 from maxjax.cli.progress import progress
 from maxjax.maps import PointCloud, read_map
 from maxjax.methods import METHODS
 from maxjax.nn.recipes import RECIPES
-from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.distances import Distances
+from maxjax.planning.plan import Plan
+from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.scenes import make_scene, occupancy
 
@@ -95,12 +97,14 @@ def test_json_alone_on_stdout_holds_the_plan(terminal: Terminal, small: str) -> 
     assert "Planning" in err
     fields = set(Plan.__dataclass_fields__)
     assert set(found) == fields | {"message", "configuration", "versions", "device"}
-    assert (found["status"], found["certified"], found["margin"], found["method"]) == ("OK", True, 2.0, "solver")
+    assert (found["status"], found["certified"], found["margin"], found["method"]) == ("OK", True, 2.0, "field")
     path = np.array(found["path"])
     assert tuple(path[0]) == START
     assert tuple(path[-1]) == GOAL
     # An independent look: the path keeps the radius, and its figures are its own.
-    judged = verify(path, None, town(), Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)), radius=1.0, balls=tuple(found["balls"]))
+    judged = verify(
+        path, VoxelMap.on(Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)), town()), radius=1.0, balls=tuple(found["balls"])
+    )
     assert judged.ok
     assert found["length"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), abs=1e-4)
     assert found["clearance"] == pytest.approx(judged.clearance, abs=1e-4)
@@ -159,7 +163,7 @@ def test_national_coordinates_are_kept_to_the_millimetre(terminal: Terminal, tmp
         path = np.loadtxt(out / "path.csv", delimiter=",", skiprows=1)
         np.testing.assert_array_equal(path, np.array(content["path"]))
         np.testing.assert_allclose(path[[0, -1]], np.stack([start, goal]) + corner, rtol=0, atol=1e-6)
-        assert verify(path, tower, tower, Grid(tower.shape, 2.0, tuple(corner))).clearance > 4
+        assert verify(path, VoxelMap.on(Grid(tower.shape, 2.0, tuple(corner)), tower)).clearance > 4
         found.append((path - corner, content["length"], content["clearance"], content["margin"]))
     np.testing.assert_allclose(found[1][0], found[0][0], rtol=0, atol=2e-6)
     assert found[1][1:] == pytest.approx(found[0][1:], abs=1e-6)
@@ -503,8 +507,8 @@ def test_demo_passes_a_corner_and_draws_it(terminal: Terminal, tmp_path: Path) -
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).min() > 1e-3
     # The true city stands in the straight line, and clear of the path.
     buildings = occupied & ~ground
-    assert not verify(np.stack([start, goal]), buildings, buildings, grid).ok
-    assert verify(np.array(found["path"]), buildings, buildings, grid).clearance > 4
+    assert not verify(np.stack([start, goal]), VoxelMap.on(grid, buildings)).ok
+    assert verify(np.array(found["path"]), VoxelMap.on(grid, buildings)).clearance > 4
 
 
 @pytest.mark.large
@@ -530,8 +534,8 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
     occupied = np.zeros(grid.shape, bool)
     occupied[9, 2, 4] = True
     path = np.array([[2.0, 8.0, 8.0], [36.0, 8.0, 8.0]])
-    task = Task.of(occupied, path[:1], path[1], grid, Distances())
-    verdict = verify(path, None, occupied, grid)
+    task = Task.of(VoxelMap.on(grid, occupied), path[:1], path[1], Distances())
+    verdict = verify(path, VoxelMap.on(grid, occupied))
     numbers = {
         "clearance_at": verdict.clearance_at,
         "clearance": 3.0,
@@ -539,7 +543,7 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
         "radius": 1.0,
         "balls": (0.0, 2.5),
     }
-    plan = dataclasses.replace(no_plan(Status.OK, "astar", task.distances), path=path, **numbers)
+    plan = bare_plan(task.map, path, method="astar", **numbers)
     assert verdict.cruise_clearance == 3.0
     report.warn(plan, task)
     ball, least = capfd.readouterr().err.splitlines()

@@ -22,8 +22,9 @@ from maxjax.campaigns import replay
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, main, progress
+from maxjax.cli.flying import command_of
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
 from maxjax.sim.lidar import Scan
@@ -252,12 +253,12 @@ def test_a_replay_command_flies_the_same_campaign(fly: Terminal, monkeypatch: py
 
     monkeypatch.setattr(flying, "fly_trials", note)
     config = FlightConfig(
-        Disturbances(10.0, 0.2, 0.5, 90.0, 1.0, 1.0, 1.0), find=METHODS["astar"].flying(), snapshot=True, reactive=2.5
+        Disturbances(10.0, 0.2, 0.5, 90.0, 1.0, 1.0, 1.0), planner=planner_named("astar"), snapshot=True, reactive=2.5
     )
     for campaign in (
-        Campaign("downtown", 7, range(37, 38), method=METHODS["astar"], config=config),
-        Campaign("suburb", 0, range(5, 6), method=METHODS["solver"]),
+        Campaign("downtown", 7, range(37, 38), config=config, command=command_of),
+        Campaign("suburb", 0, range(5, 6), config=FlightConfig(planner=planner_named("field")), command=command_of),
     ):
-        assert fly(*shlex.split(campaign.command(campaign.trials[0]))[2:], "--json")[0] == 0
+        assert fly(*shlex.split(command_of(campaign, campaign.trials[0]))[2:], "--json")[0] == 0
         assert given[-1].configuration() == campaign.configuration()
-        assert given[-1].method == campaign.method
+        assert given[-1].config.planner == campaign.config.planner

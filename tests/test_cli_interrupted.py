@@ -118,7 +118,8 @@ import jax.numpy as jnp
 from maxjax.campaigns import campaign, execution
 from maxjax.cli import main
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
+from maxjax.sim.flight import FlightConfig
 from maxjax.sim.flight import FlightLog
 
 def fly(geoms, start, goal, key, config):
@@ -140,7 +141,7 @@ def fly(geoms, start, goal, key, config):
         certified=jnp.int32(4),
     )
 
-campaign_key = campaign.Campaign("suburb", method=METHODS["solver"]).key
+campaign_key = campaign.Campaign("suburb", config=FlightConfig(planner=planner_named("field"))).key
 execution.fly, execution._one_by_one = fly, execution._fly_part
 sys.exit(main())
 """

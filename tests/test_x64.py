@@ -23,9 +23,11 @@ def _plans() -> list[dict[str, Any]]:
     """One plan, and a batch of two, in a map with a wall on the ground."""
     occupied = np.zeros(GRID.shape, bool)
     occupied[10:12, :14, :], occupied[:, :, 0] = True, True
-    one = maxjax.plan(occupied, START, GOALS[0], GRID, margin=2.0)
+    one = maxjax.plan(maxjax.VoxelMap.on(GRID, occupied), START, GOALS[0], distances=maxjax.Distances(margin=2.0))
     both = np.stack([occupied] * 2)
-    many = maxjax.plan_batch(both, np.array([START] * 2), np.array(GOALS), GRID, margin=2.0)
+    many = maxjax.plan_batch(
+        maxjax.VoxelMap.on(GRID, both), np.array([START] * 2), np.array(GOALS), distances=maxjax.Distances(margin=2.0)
+    )
     return [{"status": int(plan.status), "path": np.asarray(plan.path).tolist()} for plan in (one, *many)]
 
 

@@ -19,10 +19,11 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.oracle import blocked_at, distance
-from maxjax.methods import method_named
+from maxjax import VoxelMap
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
-from maxjax.planning.task import Distances, Task
-from maxjax.verification.verifier import verify_batch
+from maxjax.planning.task import Task
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,23 +42,20 @@ class Dilated:
 
     def measured(self, plans: Sequence[maxjax.Plan]) -> list[maxjax.Plan]:
         """Plans of `task`, with their margins, and their clearance in the maps that are not dilated."""
-        shape = (len(plans), *self.asked.grid.shape)
-        occupied, ground = (np.broadcast_to(x, shape) for x in (self.asked.occupied, self.asked.ground))
-        solved = [k for k, plan in enumerate(plans) if plan.status == maxjax.Status.OK]
-        paths, which = [plans[k].path for k in solved], np.array(solved, np.int64)
-        verdicts = dict(
-            zip(solved, verify_batch(paths, which, None, occupied, self.asked.grid, ground=ground), strict=True)
-        )
-        return [
-            dataclasses.replace(
+
+        def one(k: int, plan: maxjax.Plan, margin: float) -> maxjax.Plan:
+            if plan.status != maxjax.Status.OK:
+                return dataclasses.replace(plan, margin=margin)
+            found = maxjax.verify(plan.path, self.asked.map_at(k))
+            return dataclasses.replace(
                 plan,
                 margin=margin,
-                clearance=verdicts[k].clearance if k in verdicts else math.nan,
-                cruise_clearance=verdicts[k].cruise_clearance if k in verdicts else math.nan,
-                clearance_at=verdicts[k].clearance_at if k in verdicts else np.zeros(0),
+                clearance=found.clearance,
+                cruise_clearance=found.cruise_clearance,
+                clearance_at=found.clearance_at,
             )
-            for k, (plan, margin) in enumerate(zip(plans, self.margins, strict=True))
-        ]
+
+        return [one(k, plan, margin) for k, (plan, margin) in enumerate(zip(plans, self.margins, strict=True))]
 
 
 def ladder(margin: float, spacing: float) -> tuple[float, ...]:
@@ -67,9 +65,9 @@ def ladder(margin: float, spacing: float) -> tuple[float, ...]:
 
 def dilated(task: Task) -> Dilated:
     """The maps of a task, dilated by the largest margin of the ladder below its own that joins start and goal."""
-    found = [_dilated(task.map(task.occupied, k), task.map(task.ground, k), task, k) for k in range(len(task))]
+    found = [_dilated(task.one(task.barred, k), task.one(task.kept_off, k), task, k) for k in range(len(task))]
     maps, margins = np.stack([blocked for blocked, _ in found]), tuple(margin for _, margin in found)
-    return Dilated(Task.of(maps, task.starts, task.goals, task.grid, Distances(0.0, 0.0)), margins, task)
+    return Dilated(Task.of(VoxelMap.on(task.grid, maps), task.starts, task.goals, Distances(0.0, 0.0)), margins, task)
 
 
 def _dilated(occupied: np.ndarray, ground: np.ndarray, task: Task, k: int) -> tuple[np.ndarray, float]:
@@ -90,7 +88,7 @@ def _dilated(occupied: np.ndarray, ground: np.ndarray, task: Task, k: int) -> tu
 def planned(task: Task, *methods: str) -> tuple[maxjax.Plan, ...]:
     """The plans of one problem in one dilated map, by the names of methods."""
     given = dilated(task)
-    found = [given.measured(plan_task(given.task, method_named(name).finder(), name)) for name in methods]
+    found = [given.measured(plan_task(given.task, planner_named(name))) for name in methods]
     return tuple(plan for (plan,) in found)
 
 

@@ -16,7 +16,10 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.oracle import Case
 from benchmarks.common.paper import ladder
-from maxjax.planning.task import Distances, Task
+from maxjax import VoxelMap
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 
 EACH = 10  # problems a city
@@ -39,7 +42,11 @@ def problems(name: str, count: int, seed: int, grid: maxjax.Grid, margin: float 
         occupied, ground = occupancy(make_scene(name, seed + city).geoms, grid)
         for _ in range(EACH):
             start, goal = draw_ends(rng, occupied, grid)
-            found.append(Task.of(occupied, start[None], goal[None], grid, Distances(min(1.0, margin), margin), ground))
+            found.append(
+                Task.of(
+                    VoxelMap.on(grid, occupied, ground), start[None], goal[None], Distances(min(1.0, margin), margin)
+                )
+            )
         city += 1
     return found[:count]
 
@@ -63,42 +70,44 @@ def voxels_of(points: np.ndarray, grid: maxjax.Grid) -> np.ndarray:
 def seal(task: Task, end: str) -> Task:
     """The problem with a closed cube of voxels, one thick, around its start or goal."""
     index = voxels_of((task.starts if end == "start" else task.goals)[0], task.grid)
-    occupied, room = task.occupied.copy(), 3
+    occupied, room = task.barred.copy(), 3
     low, high = np.maximum(index - room, 0), index + room + 1
     cube = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
     inner = tuple(slice(a + 1, b - 1) for a, b in zip(low, high, strict=True))
     kept = occupied[inner].copy()
     occupied[cube] = True
     occupied[inner] = kept
-    return dataclasses.replace(task, occupied=occupied)
+    return dataclasses.replace(task, map=VoxelMap.on(task.grid, occupied, task.map.ground))
 
 
 def moved(task: Task, origin: tuple[float, float, float]) -> Task:
     """The task where the world's origin came to lie at `origin` [m]: the same in index coordinates."""
     x, y, z = np.array(task.grid.origin) + origin
     grid = dataclasses.replace(task.grid, origin=(float(x), float(y), float(z)))
-    return dataclasses.replace(task, grid=grid, starts=task.starts + origin, goals=task.goals + origin)
+    where = dataclasses.replace(task.map, grid=grid)
+    return dataclasses.replace(task, map=where, starts=task.starts + origin, goals=task.goals + origin)
 
 
 def joined(tasks: Sequence[Task]) -> Task:
     """One task of several with one problem each, on the same grid with the same distances."""
-    occupied, ground = (np.stack([getattr(task, name) for task in tasks]) for name in ("occupied", "ground"))
+    occupied, ground = (
+        np.stack([np.asarray(getattr(task.map, name)) for task in tasks]) for name in ("occupied", "ground")
+    )
     starts, goals = (np.concatenate([getattr(task, name) for task in tasks]) for name in ("starts", "goals"))
-    return Task.of(occupied, starts, goals, tasks[0].grid, tasks[0].distances, ground)
+    return Task.of(VoxelMap.on(tasks[0].grid, occupied, ground), starts, goals, tasks[0].distances)
 
 
 def solvable(task: Task) -> Bool[np.ndarray, " b"]:
     """Whether free voxels of the task's one map join its ends, by SciPy; margins only take voxels away."""
-    labels, _ = ndimage.label(~task.occupied)
+    labels, _ = ndimage.label(~task.barred)
     start, goal = (labels[tuple(voxels_of(ends, task.grid).T)] for ends in (task.starts, task.goals))
     return np.asarray((start == goal) & (start != 0))
 
 
 def planned(task: Task, method: str) -> maxjax.Plan:
     """`maxjax.plan` of a problem."""
-    radius, margin = task.distances.radius, task.distances.margin
-    ends = task.starts[0], task.goals[0]
-    return maxjax.plan(task.occupied, *ends, task.grid, radius=radius, margin=margin, ground=task.ground, method=method)
+    planner = planner_named(method)
+    return maxjax.plan(task.map, task.starts[0], task.goals[0], planner=planner, distances=task.distances)
 
 
 def case_of(task: Task, plan: maxjax.Plan) -> Case:
@@ -109,8 +118,8 @@ def case_of(task: Task, plan: maxjax.Plan) -> Case:
         return np.asarray((x.astype(np.float64) - np.array(grid.origin)) / grid.spacing)
 
     return Case(
-        np.packbits(task.occupied),
-        np.packbits(task.ground),
+        np.packbits(task.barred),
+        np.packbits(task.kept_off),
         grid.shape,
         to_index(task.starts[0]),
         to_index(task.goals[0]),

@@ -1,6 +1,6 @@
 """Scenes that solvers are compared on: a city or a window of a Warframe maze, one goal, several starts.
 
-scene = (occupied, ground, goal, starts) ↦ hard set ↦ sigma
+scene = (occupied, ground, goal, starts) ↦ inflated obstacles ↦ sigma
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.problems import EACH, problems
+from maxjax import VoxelMap
+from maxjax.planning.distances import Distances
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
 from maxjax.worlds.scenes import make_scene, occupancy
 
 _WIDTH = 200.0  # of the city of `city_at` [m]
@@ -55,7 +57,7 @@ class Instance:
     Attributes:
         name: map or crop.
         task: its map, its goal and some starts.
-        problems: one a start, all with the same hard set, which is the system.
+        problems: one a start, all with the same voxels blocked, which is the system.
     """
 
     name: str
@@ -80,7 +82,7 @@ def scenes_of(selection: Selection) -> list[Instance]:
         # Ten problems share a city: the goal is the first one's, the starts are those of all.
         first, *others = problems(name, EACH, selection.seed, grid, selection.margin)
         starts = np.concatenate([first.starts, *(other.starts for other in others)])
-        task = Task.of(first.occupied, starts, first.goals[0], grid, first.distances, first.ground)
+        task = Task.of(first.map, starts, first.goals[0], first.distances)
         scenes.append(_scene(name, task, selection.starts))
     file = selection.data / "warframe" / f"crop101_{selection.crop}.npz"
     if selection.crop and file.is_file():
@@ -88,15 +90,18 @@ def scenes_of(selection: Selection) -> list[Instance]:
         occupied = crop["occupancy"]
         grid = maxjax.Grid(occupied.shape, 1.0, (0.0, 0.0, 0.0))
         task = Task.of(
-            occupied, crop["start"].astype(np.float32), crop["goal"][0].astype(np.float32), grid, Distances(0.0, 0.0)
+            VoxelMap.on(grid, occupied),
+            crop["start"].astype(np.float32),
+            crop["goal"][0].astype(np.float32),
+            Distances(0.0, 0.0),
         )
         scenes.append(_scene(selection.crop, task, selection.starts))
     return scenes
 
 
 def _scene(name: str, task: Task, count: int) -> Instance:
-    """The first `count` starts of a task that are joined to its goal without balls, and their problems."""
-    maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+    """The first `count` starts of a task that are joined to its goal and open no voxel, and their problems."""
+    maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
     found: dict[int, Problem] = {}
     for k, ends in enumerate(task.ends):
         problem = _formulate(*maps, jnp.asarray(ends), distances=task.distances, grid=task.grid.local)

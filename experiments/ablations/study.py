@@ -29,16 +29,18 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import summarise
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning.ascent import Ascent
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import problem_of, whole_route
 from maxjax.planning.field_planner import climb
-from maxjax.planning.plan import Plan, judged
+from maxjax.planning.plan import Plan
 from maxjax.planning.problem import Problem as Formulated
-from maxjax.planning.route import Route, failed, found
+from maxjax.planning.route import Route, Routes, failed, found
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
+from maxjax.planning.verifying import verified
 from maxjax.sim.flight import FlightConfig
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -166,7 +168,9 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
                 log_phi, sure, sigma = u, _certified(u, p.blocked, p.goal_index), 0.0
             taut, walked = _guarded(log_phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
         for route in (taut, walked):
-            plans += maps[m].measured(judged([whole_route(p, route, grid)], maps[m].task, "ablation"))
+            plans += maps[m].measured(
+                verified(Routes.of([whole_route(p, route, grid)]).route, maps[m].task, "ablation")
+            )
     climbed = [plan.length for plan in plans[1::2]]
     return {v: Result(plan, length) for v, plan, length in zip(variants, plans[::2], climbed, strict=True)}
 
@@ -255,8 +259,8 @@ def _fly(config: Config) -> list[Row]:
     rows: list[Row] = []
     for name in config.maps:
         for condition, (snapshot, gain) in FLIGHTS.items():
-            flight = FlightConfig(find=METHODS["solver"].flying(), snapshot=snapshot, reactive=gain)
-            campaign = Campaign(name, config.seed, range(config.trials), method=METHODS["solver"], config=flight)
+            flight = FlightConfig(planner=planner_named("field"), snapshot=snapshot, reactive=gain)
+            campaign = Campaign(name, config.seed, range(config.trials), config=flight)
             kept = f"{name}-{'snapshot' if snapshot else 'fused'}{'-reactive' * bool(gain)}"
             folder = None if config.keep is None else config.keep / kept
             outcomes = [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]

@@ -136,7 +136,8 @@ class Place:
         ends = metres(self.starts, self.grid), metres(self.goal, self.grid)
         walled, ground = jnp.asarray(self.walled(gate, config)), jnp.asarray(self.ground)
         blocked = np.asarray(maxjax.dilate(walled, config.margin, self.grid, ground))
-        plans = maxjax.plan_fleet(blocked, *ends, self.grid, radius=0.0, margin=0.0)
+        where = maxjax.VoxelMap.on(self.grid, blocked)
+        plans = maxjax.plan_fleet(where, *ends, distances=maxjax.Distances(0.0, 0.0))
         ok = plans.status == maxjax.Status.OK
         return [plan.path for plan in plans], float(plans.length.mean()) if ok.all() else np.nan
 

@@ -125,7 +125,8 @@ class Crossing:
     def planned(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> maxjax.Plan:
         """The plan where these voxels are occupied."""
         points = metres(self.start, self.grid)[None], metres(self.goal, self.grid)
-        return maxjax.plan_fleet(np.asarray(self.blocked(occupied)), *points, self.grid, radius=0.0, margin=0.0)[0]
+        where = maxjax.VoxelMap.on(self.grid, np.asarray(self.blocked(occupied)))
+        return maxjax.plan_fleet(where, *points, distances=maxjax.Distances(0.0, 0.0))[0]
 
     def blocked(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
         """These voxels, dilated."""

@@ -44,7 +44,7 @@ class Planned:
     @property
     def obstacle(self) -> Bool[np.ndarray, "nx ny nz"]:
         """Occupied voxels, ground left out."""
-        return np.asarray(self.task.occupied & ~self.task.ground)
+        return np.asarray(self.task.barred & ~self.task.kept_off)
 
     @property
     def log_potential(self) -> Float[np.ndarray, "nx ny nz"]:
@@ -87,7 +87,7 @@ def planned(name: str, choice: Choice) -> Planned:
         (plan,) = plan_of(task, "solver")
         if plan.status != maxjax.Status.OK:
             continue
-        (blocked,) = dilated(task).task.occupied
+        (blocked,) = dilated(task).task.barred
         sampled = dense(plan.path.astype(np.float64), 0.5)[:, :2]
         x, y = np.floor((sampled - np.array(grid.lower[:2])) / grid.spacing).astype(int).T
         clear = float(np.mean(~blocked[x, y, plan_view.level_of(grid, float(task.goals[0, 2]))]))

@@ -24,6 +24,7 @@ from maxjax.core.geometry.triangles import Volume, fill_columns
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
 from maxjax.core.terrain import Terrain
+from maxjax.core.voxel_map import VoxelMap
 
 # `Closure` of each voxel.
 Reasons = UInt8[np.ndarray, "nx ny nz"]
@@ -113,6 +114,13 @@ class Airspace:
             ValueError: where a height above ground is given, and the map has no ground.
         """
         return self.closed_over(Terrain.of(ground, grid))
+
+    def closing(self, where: VoxelMap) -> VoxelMap:
+        """A map under these rules, or a batch of maps; raises as `closed`."""
+        host = where.on_host()
+        if host.batch is None:
+            return host.closing(self.closed(np.asarray(host.ground), host.grid))
+        return host.closing(np.stack([self.closed(ground, host.grid) for ground in np.asarray(host.ground)]))
 
     def closed_over(self, terrain: Terrain) -> Reasons:
         """As `closed`."""

@@ -20,8 +20,10 @@ Positions are index coordinates (whole numbers at voxel centres); the obstacles 
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -53,18 +55,25 @@ Volume = Float64[np.ndarray, "nx ny nz"]
 Point = Float64[np.ndarray, " 3"]
 
 
-def apf(problem: Problem, grid: Grid) -> Route:
-    """Descend from start to goal; the path finder of method `apf`."""
-    with timed("distance"):
-        distance = distance_field(np.asarray(problem.blocked))
-    with timed("descend"):
-        start, goal = (np.asarray(end, np.float64) for end in (problem.start, problem.goal))
-        price = None if problem.price is None else np.asarray(problem.price, np.float64)
-        clear = line_of_sight(np.asarray(problem.blocked), problem.room) if problem.room else None
-        path = descend(distance, start, goal, price, clear)
-    if path is None:
-        return failed(Status.PATH_STALLED)
-    return found(path, certified=False)
+@dataclasses.dataclass(frozen=True)
+class APF:
+    """The planner that descends an artificial potential field."""
+
+    name: ClassVar[str] = "apf"
+    batched: ClassVar[bool] = False
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
+        """The descent from start to goal; PATH_STALLED where it gets stuck."""
+        with timed("distance"):
+            distance = distance_field(np.asarray(problem.blocked))
+        with timed("descend"):
+            start, goal = (np.asarray(end, np.float64) for end in (problem.start, problem.goal))
+            price = None if problem.price is None else np.asarray(problem.price, np.float64)
+            clear = line_of_sight(np.asarray(problem.blocked), problem.room) if problem.room else None
+            path = descend(distance, start, goal, price, clear)
+        if path is None:
+            return failed(Status.PATH_STALLED)
+        return found(path, certified=False)
 
 
 def distance_field(blocked: Bool[np.ndarray, "nx ny nz"]) -> Volume:

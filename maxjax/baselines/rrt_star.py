@@ -30,9 +30,11 @@ Positions are index coordinates (whole numbers at voxel centres).
 
 from __future__ import annotations
 
+import dataclasses
+import importlib.util
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -41,7 +43,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.line_of_sight import TOUCH
 from maxjax.planning.problem import Problem
-from maxjax.planning.route import PathFinder, Route, failed, found
+from maxjax.planning.route import Route, failed, found
 from maxjax.programs.stage_timer import timed
 
 _PIECE = 0.25  # [voxels]
@@ -50,20 +52,36 @@ Point = Float64[np.ndarray, " 3"]
 Volume = Float[np.ndarray, "nx ny nz"]
 
 
-def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
-    """The path finder that grows a tree.
+@dataclasses.dataclass(frozen=True)
+class RRTStar:
+    """The planner that grows a tree.
 
-    Args:
+    Attributes:
         iterations: samples drawn; 3,000 in the paper.
-        seed: positive. The same seed gives the same path of the same problem. OMPL's generator is global to the
-            process: plan with one thread at a time.
+        seed: the same seed gives the same path of the same problem. OMPL's generator is global to the process: plan
+            with one thread at a time.
 
-    Returns:
-        A `PathFinder`; its route is PATH_STALLED where the tree has not reached the goal, and its call raises
-        ImportError where OMPL is missing (`methods.method_named` asks for it before anything is planned).
+    Raises:
+        ValueError: if a number is not positive.
+        ImportError: if OMPL is missing, with the extra that brings it.
     """
 
-    def find(problem: Problem, grid: Grid) -> Route:
+    iterations: int = 3000
+    seed: int = 1
+
+    name: ClassVar[str] = "rrtstar"
+    batched: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "seed"):
+            given = getattr(self, name)
+            if not isinstance(given, int) or given < 1:
+                raise ValueError(f"RRTStar.{name}: expected a positive whole number, given {given!r}")
+        if importlib.util.find_spec("ompl") is None:
+            raise ImportError("RRT* needs ompl, from the extra bench: pip install 'maxjax[bench]'")
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
+        """The best path of the tree; PATH_STALLED where it has not reached the goal."""
         from ompl import util
 
         with timed("search"):
@@ -73,17 +91,15 @@ def rrt_star(iterations: int = 3000, seed: int = 1) -> PathFinder:
             level = util.getLogLevel()
             util.setLogLevel(util.LogLevel.LOG_NONE)
             try:
-                util.RNG.setSeed(seed)
+                util.RNG.setSeed(self.seed)
                 price = None if problem.price is None else np.asarray(problem.price, np.float64)
-                path = _grow(blocked, ends, iterations, price, problem.room)
+                path = _grow(blocked, ends, self.iterations, price, problem.room)
             finally:
                 util.setLogLevel(level)
         if path is None:
             return failed(Status.PATH_STALLED)
         # The ends as they came: float64 and back is exact.
         return found(path, certified=False)
-
-    return find
 
 
 def _grow(

@@ -1,6 +1,6 @@
 """Campaigns: what is flown to fill a cell of a table.
 
-    campaign = (map, seed, trials, method, config)          outcome of trial i = f(map, seed, i, method, config)
+    campaign = (map, seed, trials, config)          outcome of trial i = f(map, seed, i, config)
 
 The key of a trial's flight is folded from map, seed and index, so that its outcome depends on no other trial.
 """
@@ -10,8 +10,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import shlex
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +23,12 @@ from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, Table
 from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
-from maxjax.planning.method import Method
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import FlightConfig
+from maxjax.sim.flight import FlightConfig, stages_of
 from maxjax.worlds.layouts import MAPS
 
-# The options of `maxjax fly` for disturbances with a strength, in its order; latency is a switch.
-_OPTIONS = {
-    "wind": "--wind",
-    "range_noise": "--noise",
-    "dropout": "--dropout",
-    "dead_sector": "--dead-sector",
-    "blackout": "--blackout",
-    "drift": "--drift",
-}
+# The command line that flies a trial of a campaign again, by itself.
+Command = Callable[["Campaign", int], str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +39,8 @@ class Campaign:
         map: one of `MAPS`.
         seed: of the first city.
         trials: their indices.
-        method: finds paths; one that can fly.
-        config: how to fly; its disturbances are numbers, and the path finder of `method` takes the place of its own.
-            None: the defaults.
+        config: how to fly, with the planner; its disturbances are numbers.
+        command: tells the command line of a trial. None: outcomes name none.
 
     Raises:
         ValueError: for what cannot be flown.
@@ -58,15 +49,12 @@ class Campaign:
     map: str
     seed: int = 0
     trials: range = range(1)
-    method: Method = dataclasses.field(kw_only=True)
-    config: FlightConfig = dataclasses.field(default=None, kw_only=True)  # type: ignore[assignment]  # never None then
+    config: FlightConfig = dataclasses.field(kw_only=True)
+    command: Command | None = dataclasses.field(default=None, kw_only=True, compare=False)
 
     def __post_init__(self) -> None:
         if self.map not in MAPS:
             raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {self.map!r}")
-        find = self.method.flying()
-        given = FlightConfig(find=find) if self.config is None else dataclasses.replace(self.config, find=find)
-        object.__setattr__(self, "config", given)
         if len(self.trials) < 1 or self.trials.step != 1 or self.trials.start < 0:
             raise ValueError(f"trials: expected at least one, from 0 on, given {self.trials}")
         if not 0 <= self.seed < 2**31:
@@ -85,7 +73,7 @@ class Campaign:
 
     @property
     def flight(self) -> FlightConfig:
-        """How to fly, by this campaign's method."""
+        """How to fly, with disturbances as a program takes them."""
         return dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
 
     @property
@@ -97,27 +85,16 @@ class Campaign:
         """All that the outcomes depend on, as JSON holds it."""
         own = {"map": self.map, "seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
         settings = {field.name: getattr(self.config, field.name) for field in dataclasses.fields(self.config)}
-        del settings["find"]  # the method's
+        del settings["planner"]  # told by its name
+        settings["stages"] = [getattr(stage, "__name__", str(stage)) for stage in stages_of(self.config)]
         plain: dict[str, Any] = json.loads(
-            json.dumps({**own, "method": self.method.name, **settings}, default=dataclasses.asdict)
+            json.dumps({**own, "method": self.config.planner.name, **settings}, default=dataclasses.asdict)
         )
         return plain
 
     def ledger(self, folder: Path) -> Ledger:
         """The folder that keeps it, made if missing; raises as `Ledger.open`."""
         return Ledger.open(folder, self.configuration(), self.trials)
-
-    def command(self, trial: int) -> str:
-        """The command line that flies one trial again, by itself."""
-        words = ["maxjax", "fly", self.map, "--seed", str(self.seed), "--trial", str(trial)]
-        if self.method.name != "solver":
-            words += ["--method", self.method.name]
-        for name, option in _OPTIONS.items():
-            if self.strengths[name]:
-                words += [option, f"{self.strengths[name]:.12g}"]
-        words += ["--latency"] * bool(self.strengths["latency"]) + ["--snapshot"] * self.config.snapshot
-        words += ["--reactive", f"{self.config.reactive:.12g}"] if self.config.reactive else []
-        return shlex.join(words)
 
 
 def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = None, place: int = 0) -> Outcome:
@@ -146,7 +123,7 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
         failed_plans=0,
         margins={},
         certified=None,
-        command=campaign.command(trial),
+        command="" if campaign.command is None else campaign.command(campaign, trial),
     )
     if logs is None:
         return unflown

@@ -17,7 +17,7 @@ from maxjax.cli.task import MapTask, city_task, task_in
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.maps import PointCloud
-from maxjax.methods import METHODS
+from maxjax.methods import label_of, planner_named
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import recording
@@ -26,7 +26,7 @@ from maxjax.verification.verifier import verify
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 from maxjax.worlds.corners import Corner, corners
-from maxjax.worlds.scenes import Scene, make_scene, occupancy
+from maxjax.worlds.scenes import Scene, make_scene
 
 _AROUND = 25.0  # map shown around the paths [m]
 
@@ -47,11 +47,11 @@ def choose(scene: Scene, seed: int) -> Corner:
     One scan sees the fronts of the buildings only. A first plan may lead through their unseen backs, which a vehicle
     would find out on the way and plan again; the demo shows a single plan.
     """
-    occupied, ground = occupancy(scene.geoms, Grid())
-    found = corners(occupied & ~ground, Grid(), seed)
+    true = scene.voxels(Grid())
+    found = corners(np.asarray(true.occupied & ~true.ground), Grid(), seed)
     for corner in found:
         given, _ = look(scene, corner)
-        plan = planning.plan_in(given, "solver")
+        plan = planning.plan_in(given, planner_named("field"))
         if plan.status == Status.OK and plan.balls == (0.0, 0.0):
             city = city_task(scene, corner.start, corner.goal)
             if _clearance_in(city, plan) > 0.5 * given.task.distances.margin:
@@ -74,10 +74,10 @@ def run(options: DemoOptions) -> int:
             given, returns = look(scene, corner)
     city = city_task(scene, corner.start, corner.goal)
     plans: dict[str, Plan] = {}
-    for method in ("solver", "astar"):
+    for method in ("field", "astar"):
         with progress(f"Planning, method {method}"):
-            plans[method] = planning.plan_in(given, method, recorder)
-    plan = plans["solver"]
+            plans[method] = planning.plan_in(given, planner_named(method), recorder)
+    plan = plans["field"]
     message = report.explain(plan, given)
     configuration = {"map": name, **_distances(given.task), "ground": 0.0, **dataclasses.asdict(corner)}
     content = report.document(plan, given, message, configuration)
@@ -85,14 +85,14 @@ def run(options: DemoOptions) -> int:
     if plan.status == Status.OK:
         with progress("Drawing"):
             overlay = Overlay(points=returns.points, title=f"{name}, planned from one scan", around=_AROUND)
-            figure = figure_plans(given.task, plans, overlay, city)
+            figure = figure_plans(given.task, plans, overlay, city.map)
     files = report.write_plan(options.out, content, figure)
     columns = {}
     for method, found in plans.items():
         rows = report.describe(found, given.task)
         if found.status == Status.OK:
             rows["clearance in the true city"] = f"{_clearance_in(city, found):.2f} m"
-        columns[METHODS[method].label] = rows
+        columns[label_of(method)] = rows
     report.show(report.table(f"{name}, {len(returns.points)} returns of one scan", columns))
     print(f"start {corner.start}, goal {corner.goal}, sensor {corner.sensor} [m]")
     print(*files, sep="\n")
@@ -109,4 +109,4 @@ def _distances(task: Task) -> dict[str, float]:
 
 def _clearance_in(city: Task, plan: Plan) -> float:
     """Least distance from a path to a building, seen by the scan or not [m]."""
-    return verify(plan.path, None, city.occupied, city.grid, ground=city.ground).clearance
+    return verify(plan.path, city.map).clearance

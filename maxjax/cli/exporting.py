@@ -10,7 +10,6 @@ from maxjax.api import trajectory
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.task import MapTask
 from maxjax.missions.export import ON_EARTH, check_export, export
-from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
@@ -41,18 +40,16 @@ def check_place(options: PlanOptions, given: MapTask) -> None:
 
 def write(options: PlanOptions, given: MapTask, plan: Plan) -> list[Path]:
     """Write a plan that is OK to every file asked for."""
-    task, limits = given.task, dataclasses.replace(PX4, speed=options.speed)
-    flown = trajectory(plan, limits, task.occupied, task.grid, ground=task.ground)
-    return write_all(options, given, plan, flown)
+    return write_all(options, given, trajectory(plan, dataclasses.replace(PX4, speed=options.speed)))
 
 
-def write_all(options: PlanOptions, given: MapTask, plan: Plan | Mission, flown: Trajectory) -> list[Path]:
-    """Write a plan or a mission that is OK, and its trajectory, to every file asked for.
+def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[Path]:
+    """Write a trajectory, and the plan or the mission that it times, to every file asked for.
 
     Home lies on the ground: at --ground, or where the map's own ground is highest below the start.
     """
     for file in options.export:
-        export(file, plan, flown, given.earth, _ground(given))
+        export(file, flown, earth=given.earth, ground=_ground(given))
     return list(options.export)
 
 

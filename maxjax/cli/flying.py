@@ -5,6 +5,7 @@ With ends given it flies a trajectory in a given map: `cli.tracking`.
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress, tally
 from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
 
@@ -51,7 +52,7 @@ def run(options: FlyOptions) -> int:
     if options.json:
         sys.stdout.write(report.dumps(content))
         return 0
-    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.method.name}"
+    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.config.planner.name}"
     report.show(report.table(title, {"": _rows(content, outcomes)}))
     for failure in content["failures"]:
         print(f"trial {failure['index']}: {failure['status']}; again: {failure['command']}")
@@ -85,9 +86,34 @@ def campaign_of(options: FlyOptions) -> Campaign:
         drift=options.drift,
         latency=float(options.latency),
     )
-    method = METHODS[options.method]
-    config = FlightConfig(disturbances, find=method.flying(), snapshot=options.snapshot, reactive=options.reactive)
-    return Campaign(options.map, options.seed, range(first, first + count), method=method, config=config)
+    planner = planner_named(options.method)
+    config = FlightConfig(disturbances, planner=planner, snapshot=options.snapshot, reactive=options.reactive)
+    return Campaign(options.map, options.seed, range(first, first + count), config=config, command=command_of)
+
+
+# Options for disturbances with a strength, in order; latency is a switch.
+_OPTIONS = {
+    "wind": "--wind",
+    "range_noise": "--noise",
+    "dropout": "--dropout",
+    "dead_sector": "--dead-sector",
+    "blackout": "--blackout",
+    "drift": "--drift",
+}
+
+
+def command_of(campaign: Campaign, trial: int) -> str:
+    """The command line that flies one trial of a campaign again, by itself."""
+    words = ["maxjax", "fly", campaign.map, "--seed", str(campaign.seed), "--trial", str(trial)]
+    config, strengths = campaign.config, campaign.strengths
+    if config.planner.name != "field":
+        words += ["--method", config.planner.name]
+    for name, option in _OPTIONS.items():
+        if strengths[name]:
+            words += [option, f"{strengths[name]:.12g}"]
+    words += ["--latency"] * bool(strengths["latency"]) + ["--snapshot"] * config.snapshot
+    words += ["--reactive", f"{config.reactive:.12g}"] if config.reactive else []
+    return shlex.join(words)
 
 
 def _fly(campaign: Campaign, options: FlyOptions, ledger: Ledger | None) -> tuple[list[Outcome], list[Flight]]:

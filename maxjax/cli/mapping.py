@@ -11,8 +11,8 @@ import numpy as np
 from maxjax.cli import report
 from maxjax.cli.options import MapOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS
-from maxjax.maps import Map, Window, map_of, read_map
+from maxjax.cli.task import MOST_VOXELS, reading_of
+from maxjax.maps import LoadedMap, Window, map_of, read_map
 from maxjax.maps.contents import facts
 
 
@@ -26,53 +26,53 @@ def run(options: MapOptions) -> int:
     window = Window(options.spacing, options.bounds, options.center, (), options.ground)
     with progress(f"Reading {options.map}"):
         contents = read_map(options.map)
-        found = map_of(contents, window, options.below, options.unknown, options.crs)
+        found = map_of(contents, window, reading_of(options), options.crs)
         extent = facts(contents).extent
     content = report.plain(_document(found, extent))
     picture = None if options.out is None else _draw(found, options.out)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(report.table(found.source, {"": _rows(found, extent)}))
+        report.show(report.table(found.file.source, {"": _rows(found, extent)}))
         if picture is not None:
             print(picture)
-    for remark in found.remarks:
-        report.complain(f"Note: {found.source}: {remark}.")
+    for remark in found.file.remarks:
+        report.complain(f"Note: {found.file.source}: {remark}.")
     return 0
 
 
-def _document(found: Map, extent: np.ndarray) -> dict[str, Any]:
-    grid = found.grid
+def _document(found: LoadedMap, extent: np.ndarray) -> dict[str, Any]:
+    grid, file = found.grid, found.file
     return {
-        "source": found.source,
-        "crs": found.crs,
-        "origin": found.origin,
+        "source": file.source,
+        "crs": file.crs,
+        "origin": file.origin,
         "extent": extent.tolist(),
-        "read": found.read,
-        "dropped": found.dropped,
+        "read": file.read,
+        "dropped": file.dropped,
         "grid": {"shape": grid.shape, "spacing": grid.spacing, "origin": grid.origin},
         "occupied": int(found.occupied.sum()),
         "ground": int(found.ground.sum()),
-        "remarks": list(found.remarks),
+        "remarks": list(file.remarks),
     }
 
 
-def _rows(found: Map, extent: np.ndarray) -> dict[str, str]:
-    grid = found.grid
-    rows = {"reference system": found.crs or "not named; give --crs"}
-    if found.origin is not None:
-        rows["(0, 0) is at"] = f"longitude {found.origin[0]:.6f}, latitude {found.origin[1]:.6f}"
+def _rows(found: LoadedMap, extent: np.ndarray) -> dict[str, str]:
+    grid, file = found.grid, found.file
+    rows = {"reference system": file.crs or "not named; give --crs"}
+    if file.origin is not None:
+        rows["(0, 0) is at"] = f"longitude {file.origin[0]:.6f}, latitude {file.origin[1]:.6f}"
     for axis, low, high in zip("xyz", *extent.tolist(), strict=True):
         rows[axis] = f"{low:.2f} to {high:.2f} m"
-    rows |= {name: f"{count:,}" for name, count in found.read.items()}
-    rows |= {f"dropped: {name}": f"{count:,}" for name, count in found.dropped.items()}
+    rows |= {name: f"{count:,}" for name, count in file.read.items()}
+    rows |= {f"dropped: {name}": f"{count:,}" for name, count in file.dropped.items()}
     rows["voxels"] = f"{' x '.join(map(str, grid.shape))} of {grid.spacing:g} m"
     rows["occupied"] = f"{int((found.occupied & ~found.ground).sum()):,}"
     rows["ground"] = f"{int(found.ground.sum()):,}"
     return rows
 
 
-def _draw(found: Map, out: Path) -> Path | None:
+def _draw(found: LoadedMap, out: Path) -> Path | None:
     """map.png: the map from above; None, and a sentence, where it is too large to draw."""
     from maxjax.viz.figures import figure_map
     from maxjax.viz.style import save_figure
@@ -84,6 +84,6 @@ def _draw(found: Map, out: Path) -> Path | None:
         return None
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
-        obstacle = found.occupied & ~found.ground
-        save_figure(figure_map(obstacle, found.grid, title=found.source, within=found.within), picture)
+        obstacle, file = np.asarray(found.occupied & ~found.ground), found.file
+        save_figure(figure_map(obstacle, found.grid, title=file.source, within=file.within), picture)
     return picture

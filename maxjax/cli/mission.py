@@ -6,6 +6,7 @@ Where a leg fails, it is named, and nothing is written; with `--partial` the leg
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from maxjax.cli.options import MissionOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
 from maxjax.core.status import Status
-from maxjax.methods import method_named
+from maxjax.methods import planner_named
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
 from maxjax.programs.stage_timer import added, recording
 from maxjax.trajectories.limits import PX4, FlightLimits
@@ -49,7 +50,7 @@ def run_asked(asked: Asked) -> int:
     report.check_output(options.out)
     exporting.check(options)
     check(options)
-    chosen, limits = method_named(options.method), _limits(asked)
+    planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
     exporting.check_place(options, given)
@@ -57,7 +58,7 @@ def run_asked(asked: Asked) -> int:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     waypoints = located(asked, given)
     with progress(f"Planning, method {options.method}"):
-        mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
+        mission = plan_mission(given.task, waypoints, planner)
     mission = dataclasses.replace(mission, timings=added(recorder.report(), mission.timings))
     shown: Mission | None = mission
     if mission.failed:
@@ -65,13 +66,13 @@ def run_asked(asked: Asked) -> int:
     flown = None
     if shown is not None and shown.status == Status.OK:
         with progress("Timing"):
-            flown = trajectory(shown, limits, given.task.occupied, given.task.grid, ground=given.task.ground)
+            flown = trajectory(shown, limits)
     content = _document(mission, shown, flown, given, asked)
     files: list[Path] = []
     if options.out is not None:
         files += _written(options.out, content, (shown, flown), given, Path(options.map).name)
     if shown is not None and flown is not None:
-        files += exporting.write_all(options, given, shown, flown)
+        files += exporting.write_all(options, given, flown)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
@@ -81,23 +82,23 @@ def run_asked(asked: Asked) -> int:
     return _told(mission, content, asked)
 
 
-def planned(asked: Asked) -> tuple[MapTask, Mission, FlightLimits]:
-    """The map and the mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
+def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
+    """The mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
 
     Raises:
         ValueError, OSError, ImportError: as `run_asked`.
     """
     options = asked.options
     check(options)
-    chosen, limits = method_named(options.method), _limits(asked)
+    planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"):
         given = task_in(load_source(options.map), options)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     waypoints = located(asked, given)
     with progress(f"Planning, method {options.method}"):
-        mission = plan_mission(given.task, waypoints, chosen.finder(), chosen.name)
-    return given, mission, limits
+        mission = plan_mission(given.task, waypoints, planner)
+    return mission, limits
 
 
 def _limits(asked: Asked) -> FlightLimits:
@@ -202,12 +203,12 @@ def _written(
     if mission is None or flown is None:
         report.remove_plans(out)
         return []
-    figure, task = None, given.task
-    if task.occupied.size > MOST_VOXELS:
+    figure = None
+    if math.prod(given.task.grid.shape) > MOST_VOXELS:
         report.complain_of_size()
     else:
         from maxjax.viz.missions import figure_mission
 
         with progress("Drawing"):
-            figure = figure_mission(mission, flown, task, title, given.within)
+            figure = figure_mission(mission, flown, title, given.within)
     return report.write_plan(out, content, figure, "mission")

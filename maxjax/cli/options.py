@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from maxjax.methods import METHODS
+from maxjax.methods import ALIASES, METHODS
 
 Point3 = tuple[float, float, float]
 
@@ -29,9 +29,8 @@ _Flag = tyro.conf.FlagCreatePairsOff[bool]
 if TYPE_CHECKING:
     _Planner = str
     _Flyer = str
-else:  # the choices of the registry
-    _Planner = Literal[tuple(METHODS)]
-    _Flyer = Literal[tuple(name for name, method in METHODS.items() if method.flies)]
+else:  # the choices of the registry; solver is another word for field
+    _Planner = _Flyer = Literal[(*METHODS, *ALIASES)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -69,10 +68,12 @@ class RouteOptions:
         via: A place to fly through on the way [m]; several in order, each with its own --via.
         frame: What start, goal and places on the way are. map: x, y, z of the map; agl: latitude, longitude [deg] and
             height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
-        method: solver: climb the conduction potential, with a certificate. network: one that a network predicts,
+        method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
         margin: Distance where obstacles cost nothing [m].
+        price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
+            none: its length.
         airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
         floor: Least height above ground [m].
         ceiling: Greatest height above ground [m].
@@ -85,9 +86,10 @@ class RouteOptions:
     goal: _OptionalXyz = None
     via: _Via = ()
     frame: Literal["map", "agl", "amsl"] = "map"
-    method: _Planner = "solver"
+    method: _Planner = "field"
     radius: _Metres = 1.0
     margin: _Metres = 8.0
+    price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
     airspace: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     floor: _OptionalMetre = None
     ceiling: _OptionalMetre = None
@@ -203,7 +205,7 @@ class FlyOptions:
         speed: Greatest speed of the trajectory [m/s].
         trials: Number of trials, from trial 0 on; 1 by default.
         seed: Seed of the first city; of the wind.
-        method: solver: climb the conduction potential. network: one that a network predicts. astar: search the grid.
+        method: As for plan.
         batch: Flights at a time; by default what suits the device.
         wind: Mean speed of the wind [m/s], with gusts in proportion.
         noise: Standard deviation of measured distances [m].
@@ -231,7 +233,7 @@ class FlyOptions:
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
     trials: _Count = None
     seed: _Seed = 0
-    method: _Flyer = "solver"
+    method: _Flyer = "field"
     batch: _Count = None
     wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
     noise: _Metres = 0.0

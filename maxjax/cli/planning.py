@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 
@@ -12,9 +13,10 @@ from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, MapTask, check, load_source, task_in
 from maxjax.core.status import Status
-from maxjax.methods import METHODS, method_named
+from maxjax.methods import climbs, label_of, method_named, planner_named
 from maxjax.planning.execution import plan_task
-from maxjax.planning.plan import Plan, no_plan
+from maxjax.planning.plan import Plan, no_plans
+from maxjax.planning.planner import Planner
 from maxjax.programs.stage_timer import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
@@ -34,23 +36,23 @@ def run(options: PlanOptions) -> int:
     report.check_output(options.out)
     exporting.check(options)
     check(options)
-    method_named(options.method)
+    method, planner = method_named(options.method).name, planner_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
         given = task_in(load_source(options.map), options)
     exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):
-        plan = plan_in(given, options.method, recorder)
+        plan = plan_in(given, planner, recorder)
     message = report.explain(plan, given)
     configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
-    plans, figure, files = {options.method: plan}, None, list[Path]()
-    drawn = given.task.occupied.size <= MOST_VOXELS
+    plans, figure, files = {method: plan}, None, list[Path]()
+    drawn = math.prod(given.task.grid.shape) <= MOST_VOXELS
     if options.out is not None and plan.status == Status.OK and drawn:
         with progress("Drawing"):
-            if METHODS[options.method].climbs:
-                plans["astar"] = plan_in(given, "astar")
+            if climbs(method):
+                plans["astar"] = plan_in(given, planner_named("astar"))
             overlay = Overlay(title=Path(options.map).name, around=_AROUND, within=given.within)
             figure = figure_plans(given.task, plans, overlay)
     if options.out is not None:
@@ -61,7 +63,7 @@ def run(options: PlanOptions) -> int:
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        columns = {METHODS[name].label: report.describe(found, given.task) for name, found in plans.items()}
+        columns = {label_of(name): report.describe(found, given.task) for name, found in plans.items()}
         report.show(report.table(Path(options.map).name, columns))
         if files:
             print(*files, sep="\n")
@@ -74,18 +76,17 @@ def run(options: PlanOptions) -> int:
     return 1
 
 
-def plan_in(given: MapTask, method: str, before: Recorder | None = None) -> Plan:
-    """Plan a problem by a method's name.
+def plan_in(given: MapTask, planner: Planner, before: Recorder | None = None) -> Plan:
+    """Plan a problem.
 
     Args:
         given: the problem; where no return of its scan lies inside the grid, the status is EMPTY_SCAN.
-        method: as in `maxjax.plan`.
+        planner: as in `maxjax.plan`.
         before: time already spent on making voxels, added to the plan's.
     """
     if given.returns and given.returns["inside"] == 0:
-        found = dataclasses.replace(
-            no_plan(Status.EMPTY_SCAN, method, given.task.distances), timings=Recorder().report()
-        )
+        nothing = no_plans(given.task, Status.EMPTY_SCAN, planner.name)[0]
+        found = dataclasses.replace(nothing, timings=Recorder().report())
     else:
-        (found,) = plan_task(given.task, method_named(method).finder(), method)
+        found = plan_task(given.task, planner)[0]
     return found if before is None else dataclasses.replace(found, timings=added(before.report(), found.timings))

@@ -24,7 +24,7 @@ from maxjax.core.files import atomic_write
 from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import climbs
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
@@ -78,7 +78,7 @@ def explain(plan: Plan, given: MapTask) -> str:
     """The status and what to do about it; of a plan without a path, the given values that it is about as well."""
     if plan.status == Status.OK:
         return plan.status.advice
-    (start, goal), grid, occupied = given.ends, given.task.grid, given.task.occupied
+    (start, goal), grid, occupied = given.ends, given.task.grid, given.task.barred
     sentence = (
         f"{plan.status.name}: {plan.status.advice} Given: start {_xyz(start)}, goal {_xyz(goal)}, "
         f"grid from {_xyz(grid.lower)} to {_xyz(grid.upper)} m"
@@ -87,8 +87,8 @@ def explain(plan: Plan, given: MapTask) -> str:
         sentence += f"; radius {given.task.distances.radius:g} m, and {plan.radius:g} m at most joins the ends"
     if plan.status == Status.NO_VALID_PATH:
         sentence += f", {int(occupied.sum())} of {occupied.size} voxels occupied"
-    if plan.status in (Status.NO_SAFE_PATH, Status.NO_VALID_PATH) and given.task.closed is not None:
-        count = np.count_nonzero(given.task.closed)
+    if plan.status in (Status.NO_SAFE_PATH, Status.NO_VALID_PATH) and given.task.map.closed is not None:
+        count = np.count_nonzero(given.task.map.closed)
         sentence += f"; the rules of the air close {count} of {occupied.size} voxels, and paths keep a voxel off those"
     for end, (point, status) in enumerate(zip((start, goal), _CLOSED, strict=True)):
         if plan.status in status and given.airspace is not None:
@@ -180,7 +180,7 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
     asked = task.distances.radius
     rows = {
         "status": plan.status.name,
-        "certified": "yes" if plan.certified else "no" if METHODS[plan.method].climbs else "-",
+        "certified": "yes" if plan.certified else "no" if climbs(plan.method) else "-",
         "radius": f"{plan.radius:g} m" + (f" (asked {asked:g} m)" if plan.radius != asked else ""),
         "margin": f"{plan.margin:g} m",
     }
@@ -203,15 +203,15 @@ def warn(plan: Plan, task: Task) -> None:
     """Say on stderr where a plan of the task's only problem comes nearer to obstacles than it was asked to."""
     if plan.status != Status.OK:
         return
-    what = "an obstacle" if task.closed is None else "an obstacle or to closed airspace"
+    what = "an obstacle" if task.map.closed is None else "an obstacle or to closed airspace"
     for end, ball, point in zip(("start", "goal"), plan.balls, (task.starts[0], task.goals[0]), strict=True):
         if ball:
             complain(
                 f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to {what} than the radius of "
-                f"{plan.radius:g} m; within {ball:g} m of it the path keeps less."
+                f"{plan.radius:g} m; within {ball:g} m of it the path keeps no more than that."
             )
     if plan.cruise_clearance < 0.5 * task.distances.margin:
-        found = verify(plan.path, None, task.occupied, task.grid, ground=task.ground, balls=plan.balls)
+        found = verify(plan.path, plan.map, balls=plan.balls)
         place = "" if found.cruise_nearest is None else f" at {_place(found.cruise_nearest)}"
         complain(
             f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "

@@ -13,26 +13,28 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.airspace.airspace import Airspace
+from maxjax.airspace.airspace import Airspace, Reasons
 from maxjax.airspace.geojson import load_airspace
-from maxjax.cli.options import PlanOptions
+from maxjax.cli.options import PlanOptions, ReadOptions, RouteOptions
 from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.fields.price import Price
 from maxjax.maps import Contents, Window, map_of, read_map
-from maxjax.maps.contents import facts
+from maxjax.maps.contents import Reading, facts
 from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.places import point_at
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.missions.export import ON_EARTH
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.distances import Distances
+from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
-from maxjax.worlds.scenes import MAPS, Scene, make_scene, occupancy
+from maxjax.worlds.scenes import MAPS, Scene, make_scene
 
 Source = Scene | Contents
-Volume = Bool[np.ndarray, "nx ny nz"]
 
 _CITIES = ", ".join(f"{name}:SEED" for name in MAPS)
 _PLACE = "give --place LAT LON H or, for coordinates of a reference system, --crs CODE"
@@ -65,7 +67,9 @@ class MapTask:
     def terrain(self) -> Terrain:
         """How high the ground is."""
         grid = self.task.grid
-        return Terrain.of(self.task.terrain, grid) if self.level is None else Terrain.flat(self.level, grid)
+        return (
+            Terrain.of(np.asarray(self.task.map.ground), grid) if self.level is None else Terrain.flat(self.level, grid)
+        )
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -133,8 +137,13 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
         return given
     remarks = (*given.remarks, *airspace.remarks)
     return dataclasses.replace(
-        given, task=given.task.closing(airspace.closed_over(given.terrain)), remarks=remarks, airspace=airspace
+        given, task=closing(given.task, airspace.closed_over(given.terrain)), remarks=remarks, airspace=airspace
     )
+
+
+def closing(task: Task, reasons: Reasons) -> Task:
+    """The task in its map under rules of the air."""
+    return dataclasses.replace(task, map=task.map.closing(reasons))
 
 
 def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
@@ -163,13 +172,18 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
     with timed("voxelise"):
         if options.frame == "map":
-            found = map_of(source, window, options.below, options.unknown)
+            found = map_of(source, window, reading_of(options))
         elif earth is None:
             raise ValueError(f"--frame {options.frame}: the map does not say where it lies on Earth; {_PLACE}")
         else:
-            found, ends = map_with(source, window, ends, options.frame, earth, options.below, options.unknown)
-    given = _task((found.occupied, found.ground), found.grid, options, ends, earth)
-    return dataclasses.replace(given, returns=found.counts, remarks=found.remarks, within=found.within)
+            found, ends = map_with(source, window, ends, options.frame, earth, reading_of(options))
+    given, file = _task(found, options, ends, earth), found.file
+    return dataclasses.replace(given, returns=file.counts, remarks=file.remarks, within=file.within)
+
+
+def reading_of(options: ReadOptions) -> Reading:
+    """What options say of what a file leaves open."""
+    return Reading(below=options.below, unknown=options.unknown)
 
 
 def earth_in(source: Contents, options: PlanOptions) -> Earth | None:
@@ -220,7 +234,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
         ends = [point_at(place, options.frame, earth, flat) for place in ends]
     grid = Grid.centered(_middle(ends, options.center))
-    return dataclasses.replace(_task(occupancy(scene.geoms, grid), grid, options, ends, earth), level=0.0)
+    return dataclasses.replace(_task(scene.voxels(grid), options, ends, earth), level=0.0)
 
 
 def _ends(options: PlanOptions) -> list[Point3]:
@@ -228,18 +242,37 @@ def _ends(options: PlanOptions) -> list[Point3]:
     return [options.start, *options.via, options.goal, *([options.start] if options.return_to_start else [])]
 
 
-def _task(
-    volumes: tuple[Volume, Volume], grid: Grid, options: PlanOptions, ends: Sequence[Point3], earth: Earth | None
-) -> MapTask:
-    """The task of obstacles and ground; raises a ValueError for a map that is far from its place on Earth."""
-    obstacle, ground = volumes
+def _task(where: VoxelMap, options: PlanOptions, ends: Sequence[Point3], earth: Earth | None) -> MapTask:
+    """The task in a map; raises a ValueError for one that is far from its place on Earth."""
     places = np.asarray(ends, np.float64)
     starts, goals = places[:-1], places[1:]
     if earth is not None:
-        earth.geodetic(np.array([grid.lower, grid.upper]))
-    distances = Distances.of(options.radius, options.margin)
-    task = Task.of(obstacle | ground, starts, goals, grid, distances, ground)
+        earth.geodetic(np.array([where.grid.lower, where.grid.upper]))
+    task = Task.of(where, starts, goals, distances_of(options))
     return MapTask(task, {}, earth=earth, level=options.ground)
+
+
+def distances_of(options: RouteOptions) -> Distances:
+    """The distances to keep that options ask for.
+
+    Raises:
+        ValueError: if they are none.
+    """
+    return Distances(options.radius, options.margin, price_of(options.price))
+
+
+def price_of(text: str) -> Price:
+    """The price that `SHAPE`, `SHAPE:HEIGHT` or `none` names; raises a ValueError where it names none."""
+    shape, _, height = text.partition(":")
+    try:
+        if shape == "none":
+            return Price(height=0.0)
+        return Price(shape, float(height)) if height else Price(shape)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(
+            "--price: expected none, quadratic, exponential or speed, with a height of at least 0 as in quadratic:3.5, "
+            f"given {text!r}"
+        ) from error
 
 
 def _middle(ends: Sequence[Point3], center: Point3 | None) -> Point3:

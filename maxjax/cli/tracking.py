@@ -20,10 +20,11 @@ from maxjax.cli.mission_file import read_mission
 from maxjax.cli.options import FlyOptions, MissionOptions, PlanOptions
 from maxjax.cli.planning import plan_in
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MapTask, load_source, task_in
+from maxjax.cli.task import load_source, task_in
 from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
+from maxjax.methods import planner_named
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.sim.tracking import Tracking, fly
@@ -72,11 +73,11 @@ def run(options: FlyOptions) -> int:
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):
-        plan = plan_in(given, options.method)
+        plan = plan_in(given, planner_named(options.method))
     if plan.status != Status.OK:
         failure = {"status": plan.status.name, "message": report.explain(plan, given)}
         return _told(options, failure, None)
-    return _flown(options, given, plan, limits)
+    return _flown(options, plan, limits)
 
 
 def run_mission(options: FlyOptions) -> int:
@@ -87,18 +88,17 @@ def run_mission(options: FlyOptions) -> int:
     """
     refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
-    given, found, limits = mission.planned(read_mission(MissionOptions(Path(options.map))))
+    found, limits = mission.planned(read_mission(MissionOptions(Path(options.map))))
     if found.status != Status.OK:
         which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
         return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)
-    return _flown(options, given, found, limits)
+    return _flown(options, found, limits)
 
 
-def _flown(options: FlyOptions, given: MapTask, planned: Plan | Mission, limits: FlightLimits) -> int:
-    task = given.task
+def _flown(options: FlyOptions, planned: Plan | Mission, limits: FlightLimits) -> int:
     with progress("Flying"):
-        asked = trajectory(planned, limits, task.occupied, task.grid, ground=task.ground)
-        flown = fly(asked, task.occupied, task.grid, ground=task.ground, wind=options.wind, seed=options.seed)
+        asked = trajectory(planned, limits)
+        flown = fly(asked, wind=options.wind, seed=options.seed)
     return _told(options, figures(asked, flown), (asked, flown))
 
 

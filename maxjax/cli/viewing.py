@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,25 @@ from maxjax.cli import report, viewing_flights
 from maxjax.cli.mission import located
 from maxjax.cli.options import PlanOptions, ViewOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, airspace_of, check, earth_in, load_source, task_in
+from maxjax.cli.task import (
+    MOST_VOXELS,
+    MapTask,
+    airspace_of,
+    check,
+    distances_of,
+    earth_in,
+    load_source,
+    price_of,
+    reading_of,
+    task_in,
+)
 from maxjax.cli.viewing_source import Opened, opened, shared
 from maxjax.core.earth import Earth
 from maxjax.core.files import atomic_write
-from maxjax.core.status import Closure
 from maxjax.maps import Contents, Window, map_of
 from maxjax.maps.model import PointCloud
 from maxjax.planning.mission import Waypoint
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
 from maxjax.trajectories.limits import PX4
 from maxjax.view.city import City, first_ends
 from maxjax.view.question import Question, answer, told
@@ -126,6 +137,7 @@ def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
         band=None if band == (None, None) else band,
         details=waypoints if shown.waypoints else (),
         speed=speed,
+        price=price_of(options.price),
     )
     return city, question, given.earth
 
@@ -139,10 +151,10 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     if isinstance(source, Scene):
         return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))
     window = Window(options.spacing, options.bounds, options.center, (), options.ground, MOST_VOXELS)
-    found, earth = map_of(source, window, options.below, options.unknown), earth_in(source, given)
+    found, earth = map_of(source, window, reading_of(options)), earth_in(source, given)
     ends = np.array([found.grid.origin])
-    task = Task.of(found.occupied, ends, ends, found.grid, Distances.of(options.radius, options.margin), found.ground)
-    bare = MapTask(task, {}, found.remarks, earth, level=options.ground, within=found.within)
+    task = Task.of(found, ends, ends, distances_of(options))
+    bare = MapTask(task, {}, found.file.remarks, earth, level=options.ground, within=found.file.within)
     airspace = airspace_of(given, bare)
     return bare if airspace is None else dataclasses.replace(bare, airspace=airspace)
 
@@ -150,20 +162,17 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
 def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> City:
     """The map of a page; what its rules of the air close is no obstacle of it."""
     task, grid = given.task, given.task.grid
-    if task.occupied.size > MOST_VOXELS:
+    if math.prod(grid.shape) > MOST_VOXELS:
         raise ValueError(
             f"expected a map of at most {MOST_VOXELS} voxels to show; give --bounds, or a larger --spacing"
         )
-    still = np.ones(grid.shape, bool) if task.closed is None else task.closed == Closure.OPEN
     points = None
     if isinstance(source, PointCloud):
         points = np.asarray(source.points, np.float64) + source.offset
         points = points[((points >= np.array(grid.lower)) & (points <= np.array(grid.upper))).all(axis=1)]
     return City(
         Path(options.map).name,
-        task.occupied & still,
-        task.ground & still,
-        grid,
+        dataclasses.replace(task.map, closed=None),
         points,
         () if given.airspace is None else given.airspace.areas,
         options.ceiling_above_start,

@@ -80,6 +80,11 @@ class Grid:
         """Inverse of `fractional_index` [m]."""
         return jnp.asarray(self.origin, fractional_index.dtype) + self.spacing * fractional_index
 
+    def to_metres(self, fractional_index: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
+        """`to_world` on the host, in float64."""
+        world: Float64[np.ndarray, "*batch 3"] = np.array(self.origin) + self.spacing * np.asarray(fractional_index)
+        return world
+
     @property
     def local(self) -> Grid:
         """The same grid with its origin at zero: what a program is compiled for, wherever the map lies."""

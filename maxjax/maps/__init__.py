@@ -1,8 +1,8 @@
 """Map files: one reader a format, and what makes voxels of all of them."""
 
 from maxjax.maps.airborne import ground_mask, solidify
-from maxjax.maps.contents import Contents
-from maxjax.maps.load import Map, load_map, map_of
+from maxjax.maps.contents import Contents, Reading
+from maxjax.maps.load import LoadedMap, load_map, map_of
 from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import PointCloud, StoredVoxels
 from maxjax.maps.reader import read_map
@@ -11,9 +11,10 @@ from maxjax.maps.window import Window
 __all__ = [
     "Contents",
     "FileError",
-    "Map",
+    "LoadedMap",
     "Mesh",
     "PointCloud",
+    "Reading",
     "StoredVoxels",
     "Window",
     "ground_mask",

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.maps.airborne import ground_mask, solidify
 from maxjax.maps.boxes import Boxes, filled
 from maxjax.maps.footprints import Footprints
@@ -31,18 +32,34 @@ _CHUNK = 2**20  # points at a time
 
 
 @dataclasses.dataclass(frozen=True)
-class Voxels:
-    """A file's contents on a grid.
+class Reading:
+    """How a file is read where it leaves something open.
 
     Attributes:
-        occupied: obstacles, the ground included.
-        ground: the voxels that are ground.
-        counts: points `inside` and `outside` of the grid and `missing` (without a return); empty but for points.
+        center: middle of a window of 101 x 101 x 101 voxels [m], in place of bounds. None: the bounds say.
+        ends: points that the window has to hold [m], such as start and goal.
+        below: `closed`: what points hide from the air is solid down to the ground; `open`: only buildings are. None:
+            closed where the file has classes, as .las and .laz.
+        unknown: what space is that an OctoMap or a surface model tells nothing of. None: occupied.
     """
 
-    occupied: Volume
-    ground: Volume
-    counts: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    center: Point3 | None = None
+    ends: tuple[Point3, ...] = ()
+    below: Below | None = None
+    unknown: Unknown | None = None
+
+    def __post_init__(self) -> None:
+        center = None if self.center is None else tuple(float(x) for x in self.center)
+        ends = tuple(tuple(float(x) for x in end) for end in self.ends)
+        if any(len(point) != 3 for point in (*ends, center or (0, 0, 0))):
+            given = f"{self.center!r}, {self.ends!r}"
+            raise ValueError(f"center, ends: expected three coordinates each [m], given {given}")
+        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "ends", ends)
+
+
+# Points by what became of them: `inside` and `outside` of the grid, and `missing` (without a return).
+Counts = Mapping[str, int]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,37 +157,42 @@ def _around(corners: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
-def voxels(contents: Contents, grid: Grid, below: Below | None = None, unknown: Unknown | None = None) -> Voxels:
-    """A file's contents on a grid.
+def voxels(contents: Contents, grid: Grid, reading: Reading = Reading()) -> tuple[VoxelMap, Counts]:
+    """A file's contents on a grid, and of points how many lie where.
 
     Args:
         contents: of any kind.
         grid: in the map's coordinates.
-        below: whether what points hide from the air is solid down to the ground; None: where the file has classes.
-        unknown: what space is of which a file that tells says nothing; None: occupied.
+        reading: of what the file leaves open.
     """
-    none = np.zeros(grid.shape, bool)
+    if isinstance(contents, PointCloud):
+        return _points(contents, grid, reading.below)
+    return _solids(contents, grid, reading.unknown), {}
+
+
+def _solids(contents: Contents, grid: Grid, unknown: Unknown | None) -> VoxelMap:
+    """All but points."""
     match contents:
-        case PointCloud():
-            return _points(contents, grid, below)
         case StoredVoxels():
             return _cut(contents, grid)
         case Mesh():
-            return Voxels(contents.voxels(grid), none)
+            return VoxelMap.on(grid, contents.voxels(grid))
         case Footprints():
             solid, ground = prism_voxels(contents, grid)
-            return Voxels(solid | ground, ground)
+            return VoxelMap.on(grid, solid | ground, ground)
         case Boxes():
             occupied = filled(contents.corners, grid)
             if contents.free is not None and unknown != "free":
                 occupied |= ~filled(contents.free, grid, whole=True)
-            return Voxels(occupied, none)
+            return VoxelMap.on(grid, occupied)
         case Heights():
             occupied, blank = contents.voxels(grid)
-            return Voxels(occupied | blank[:, :, None] if unknown != "free" else occupied, none)
+            return VoxelMap.on(grid, occupied | blank[:, :, None] if unknown != "free" else occupied)
+        case _:
+            raise TypeError(f"contents: expected those of a map's file, given {type(contents).__name__}")
 
 
-def _points(cloud: PointCloud, grid: Grid, below: Below | None) -> Voxels:
+def _points(cloud: PointCloud, grid: Grid, below: Below | None) -> tuple[VoxelMap, Counts]:
     x, y, z = (a - b for a, b in zip(grid.origin, cloud.offset.tolist(), strict=True))
     frame = Grid(grid.shape, grid.spacing, (x, y, z))
     occupied = np.zeros(grid.shape, bool)
@@ -189,10 +211,10 @@ def _points(cloud: PointCloud, grid: Grid, below: Below | None) -> Voxels:
     occupied |= solidify(cloud, frame, closed=closed)
     ground = ground_mask(cloud, frame)
     counts = {"inside": inside, "outside": len(cloud.points) - inside - missing, "missing": missing}
-    return Voxels(occupied | ground, ground, counts)
+    return VoxelMap.on(grid, occupied | ground, ground), counts
 
 
-def _cut(source: StoredVoxels, grid: Grid) -> Voxels:
+def _cut(source: StoredVoxels, grid: Grid) -> VoxelMap:
     """The voxels of a map on a grid of the same lattice, which may reach beyond it."""
     shift = np.round((np.array(grid.origin) - np.array(source.origin)) / grid.spacing).astype(np.int64)
     low, high = np.maximum(shift, 0), np.minimum(shift + grid.shape, source.occupied.shape)
@@ -207,4 +229,4 @@ def _cut(source: StoredVoxels, grid: Grid) -> Voxels:
             place = tuple(slice(a, b) for a, b in zip(low - shift, high - shift, strict=True))
             part[place] = volume[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
         found.append(part)
-    return Voxels(found[0] | found[1], found[1])
+    return VoxelMap.on(grid, found[0] | found[1], found[1])

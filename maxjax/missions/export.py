@@ -15,9 +15,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
+
 from maxjax.core.earth import Earth
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
+from maxjax.core.terrain import Terrain
+from maxjax.maps.load import LoadedMap
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.items import items_of
 from maxjax.missions.qgroundcontrol import plan_text
@@ -62,12 +66,12 @@ def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
 
 def export(
     file: str | Path,
-    plan: Plan | Mission,
-    trajectory: Trajectory | None = None,
+    flight: Plan | Mission | Trajectory,
+    *,
     earth: Earth | None = None,
-    ground: float = 0.0,
+    ground: float | None = None,
 ) -> None:
-    """Write a plan or a mission, or its trajectory, for another program; the format by the name's ending.
+    """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
 
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
     home, which lies below the start; an acceptance radius of 0.5 m; the time to hold at waypoints that are hovered at;
@@ -76,30 +80,43 @@ def export(
 
     Args:
         file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
-        plan: one that is OK, or a mission that is.
-        trajectory: of this, for formats with times, and for the speed of missions.
+        flight: what to write; formats with times need a trajectory.
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
-            `core.earth.Degrees`.
-        ground: height of the ground at home [m], in the map's coordinates.
+            `core.earth.Degrees`. None: where its file says.
+        ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
 
     Raises:
-        ValueError: for a plan without a path, a ground that is no height, or what `check_export` finds.
-        ImportError: where a package is missing that the format needs.
+        ValueError: if the plan has no path, the ground is no height or unknown, or for what `check_export` finds.
+        ImportError: if a package is missing that the format needs.
         OSError: if it cannot be written.
     """
     file = Path(file)
-    check_export(file, on_earth=earth is not None, in_time=trajectory is not None)
+    timed = flight if isinstance(flight, Trajectory) else None
+    plan = flight.plan if isinstance(flight, Trajectory) else flight
+    place = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
+    check_export(file, on_earth=place is not None, in_time=timed is not None)
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
-    if not math.isfinite(ground):
-        raise ValueError(f"ground: expected a height in metres, given {ground}")
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
-    if ending == ".rosbag" and trajectory is not None:
-        write_bag(file, trajectory.sampled(_EVERY))
-    elif ending in IN_TIME and trajectory is not None:
-        atomic_write(file, _in_time(file, trajectory))
-    elif earth is not None:
-        atomic_write(file, _on_earth(file, mission, trajectory, earth, ground))
+    if ending == ".rosbag" and timed is not None:
+        write_bag(file, timed.sampled(_EVERY))
+    elif ending in IN_TIME and timed is not None:
+        atomic_write(file, _in_time(file, timed))
+    elif place is not None:
+        atomic_write(file, _on_earth(file, mission, timed, place, _home(file, mission, ground)))
+
+
+def _home(file: Path, mission: Mission, given: float | None) -> float:
+    """Height of the ground at home [m]; raises a `ValueError` where it is unknown and the format counts from it."""
+    if given is not None:
+        if not math.isfinite(given):
+            raise ValueError(f"ground: expected a height in metres, given {given}")
+        return given
+    x, y, _ = mission.path[0].tolist()
+    height = Terrain.of(np.asarray(mission.map.ground), mission.map.grid).at(x, y)
+    if math.isnan(height) and file.suffix.lower() in (".plan", ".waypoints"):
+        raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
+    return 0.0 if math.isnan(height) else height
 
 
 def _in_time(file: Path, trajectory: Trajectory) -> str:

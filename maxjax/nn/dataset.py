@@ -44,7 +44,7 @@ class Scenes:
     """Labelled scenes; a batch axis leads.
 
     Attributes:
-        blocked: voxels that conduct nothing: the hard set.
+        blocked: voxels that conduct nothing.
         price: N ≥ 1, what a voxel costs (`fields.price.lattice_price`).
         goal_index: voxel of the goal.
         steps: of the flood from the goal, prices counted; 0 outside its component.

@@ -54,8 +54,3 @@ def locate(point: Float[Array, " 3"], shape: Index3) -> End:
 def placed(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The point itself where it stands free of blocked voxels, else off the faces of its voxel."""
     return jnp.where(stands_free(blocked, x), x, off_faces(x))
-
-
-def inward(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"], room: float) -> Float[Array, " 3"]:
-    """The point itself where it has room, else the centre of its voxel; static `room`."""
-    return jnp.where(stands_free(blocked, x, room), x, jnp.floor(x + 0.5))

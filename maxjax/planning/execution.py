@@ -1,20 +1,23 @@
 """How a task is carried out: the same plans, in the way that the device runs best.
 
-    staged           formulate | solve | ascend | tighten | price | judge, each by itself     a CPU; searches everywhere
-    single program   all of it but the judge in one, one message in, one out                  one problem, accelerator
-    pipelined        chunks of problems, the judge beside the device (`planning.pipeline`)    many problems, accelerator
+    staged           formulate | solve | ascend | tighten | price, each by itself    a CPU
+    on the host      formulate | the planner's own search                        planners that are not batched
+    single program   all of it in one, one message in, one out                   one problem, accelerator
+    pipelined        chunks of problems (`planning.pipeline`)                    many problems, accelerator
 
-A CPU is busy with a single problem, and plans one after the other. A field is solved in a window of the map wherever
-that proves the same (`planning.focus_window`). Where an ascent runs out of steps, it is made again with four times as
-many, in every way by `with_longer_ascents`: a maze can need more of them than a city.
+and in all of them the verifier at the end, once for all paths. On a CPU a few problems are planned at a time, each on a
+core. A field is solved in a window of the map wherever that proves the same (`planning.focus_window`). Where an ascent
+runs out of steps, it is made again with four times as many, in every way by `with_longer_ascents`: a maze can need more
+of them than a city.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import numpy as np
@@ -25,15 +28,17 @@ from maxjax.core.status import Status
 from maxjax.planning import pipeline
 from maxjax.planning.ascent import Ascent
 from maxjax.planning.corridor import in_corridor
-from maxjax.planning.field_planner import ASCEND, TIGHTEN, Climb, potential_field
+from maxjax.planning.field_planner import ASCEND, TIGHTEN, FieldPlanner, potential_field
 from maxjax.planning.focus_window import View, in_windows
-from maxjax.planning.plan import Plan, judged, with_closures
+from maxjax.planning.plan import Plans
+from maxjax.planning.planner import Planner
 from maxjax.planning.problem import Problem
-from maxjax.planning.route import PathFinder, Route, failed, found, whole
+from maxjax.planning.route import Route, RouteFn, Routes, failed, found, whole
 from maxjax.planning.task import Task
+from maxjax.planning.verifying import verified, with_closures
 from maxjax.programs.lowering import target
 from maxjax.programs.program import Program
-from maxjax.programs.stage_timer import added, recording, timed
+from maxjax.programs.stage_timer import recording, timed
 from maxjax.programs.threads import concurrently
 
 # Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
@@ -45,78 +50,111 @@ _LARGEST_WHOLE = 2**22
 # Steps of an ascent, in terms of those of its settings, until it arrives.
 _FACTORS = (1, 4, 16, 64, 256, 1024)
 
-Result = TypeVar("Result", Route, Plan)
 
-
-def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = None) -> list[Plan]:
-    """Plan all problems of a task.
+def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plans:
+    """Plan all problems of a task, and verify their paths together.
 
     Args:
         task: what to plan.
-        find: how. A `Climb` is carried out as suits the target, in windows if it is `focused`; any other path finder is
-            called on the host with the whole map, one problem after the other.
-        method: name of the planner.
-        chunk: problems that go through a device at a time. None: what suits the target; on a CPU staged.
+        planner: how. A `FieldPlanner` is carried out as suits the target, in windows if it has `focus`; of any other
+            the whole map is asked.
+        chunk: problems that go through a device at a time. None: what suits the target; on a CPU one by one.
 
     Returns:
-        One plan a problem. In chunks each has an equal share of the `timings`: `device` until the last chunk was on the
-        host, `verify` what verification took beyond that.
+        One plan a problem. In chunks each has an equal share of the `timings`, and so it has of `verify`.
     """
-    chunked = isinstance(find, Climb) and (chunk is not None or target() != "cpu")
-
-    def plan(view: View) -> list[Plan]:
-        if isinstance(find, Climb) and chunked:
-            return _in_chunks(view, find, method, chunk)
-        finder = staged(find) if isinstance(find, Climb) else find
-        return [_plan_one(view.some(slice(k, k + 1)), finder, method) for k in range(len(view))]
-
-    def plan_all(views: list[View]) -> list[list[Plan]]:
-        # One shape is compiled beside the others, and planned while the paths of others are judged.
-        return list(concurrently(plan, views, max(len(views), 1))) if chunked else [plan(view) for view in views]
-
-    def otherwise(some: Task) -> list[Plan]:
-        """Plans of what no window answers."""
-        if math.prod(some.grid.shape) <= _LARGEST_WHOLE:
-            return plan(View(some))
-        return [_routed(some.some(slice(k, k + 1))) for k in range(len(some))]
-
-    def _routed(one: Task) -> Plan:
-        """The plan of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        found = in_corridor(one, plan_all)
-        if found.status == Status.OK:
-            return dataclasses.replace(found, method=method)
-        (solved,) = plan(View(one))
-        return dataclasses.replace(solved, timings=added(found.timings, solved.timings))
-
-    focused = isinstance(find, Climb) and find.focused
-    plans = in_windows(task, plan_all, otherwise) if focused else plan(View(task))
-    return with_closures(with_largest_radii(plans, task), task)
+    routes = routes_of(task, planner, chunk=chunk)
+    return plans_of(routes, task, planner.name)
 
 
-def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
-    """The plans of a task; those that end as NO_SAFE_PATH with the largest radius that joins their ends."""
-
-    def largest(plan: Plan, k: int) -> Plan:
-        if plan.status != Status.NO_SAFE_PATH:
-            return plan
-        parts = pipeline.parts_of(View(task.some(slice(k, k + 1))))
-        return dataclasses.replace(plan, radius=float(_LARGEST(parts, distances=task.distances, grid=task.grid.local)))
-
-    return [largest(plan, k) for k, plan in enumerate(plans)]
-
-
-def plan_one(task: Task, find: PathFinder, method: str) -> Plan:
-    """Formulate the only problem of a task, find a path in its whole map, judge it; step by step."""
-    return _plan_one(View(task), find, method)
-
-
-def _plan_one(view: View, find: PathFinder, method: str) -> Plan:
+def plans_of(routes: Routes, task: Task, method: str) -> Plans:
+    """Plans of routes: verified, with the largest radius where none is kept, and with what closes their ends."""
     with recording() as recorder:
-        problem = problem_in(view)
-        status = fetched(problem.status)
-        route = failed(status) if status != Status.OK else find(problem, view.grid)
-        (plan,) = judged([view.placed(whole_route(problem, route, view.grid), 0)], view.task, method)
-    return dataclasses.replace(plan, timings=recorder.report())
+        plans = verified(routes.route, task, method)
+        plans = with_closures(with_largest_radii(plans))
+    spent, share = recorder.report(), np.arange(len(task))
+    timings = routes.spending(share, {name: np.full(len(task), s / len(task)) for name, s in spent.items()}).timings
+    return dataclasses.replace(plans, timings=timings)
+
+
+def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Routes:
+    """Routes of all problems of a task, not yet verified; arguments as those of `plan_task`."""
+    chunked = planner.batched and (chunk is not None or target() != "cpu")
+
+    def find(view: View) -> Routes:
+        return _in_chunks(view, planner, chunk) if chunked else one_by_one(view, planner)
+
+    def find_all(views: list[View]) -> list[Routes]:
+        # One shape is compiled beside the others.
+        return list(concurrently(find, views, max(len(views), 1))) if chunked else [find(view) for view in views]
+
+    def otherwise(some: Task) -> Routes:
+        """Routes of what no window answers."""
+        if math.prod(some.grid.shape) <= _LARGEST_WHOLE:
+            return find(View(some))
+        found = Routes.blank(len(some))
+        for k in range(len(some)):
+            found = found.put(np.array([k]), _routed(some.some(slice(k, k + 1))))
+        return found
+
+    def _routed(one: Task) -> Routes:
+        """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
+        guided = in_corridor(one, find_all)
+        if guided.ok.all():
+            return guided
+        return find(View(one)).spending(np.arange(1), guided.timings)
+
+    focused = isinstance(planner, FieldPlanner) and planner.focus
+    return in_windows(task, find_all, otherwise) if focused else find(View(task))
+
+
+def with_largest_radii(plans: Plans) -> Plans:
+    """The plans; those that end as NO_SAFE_PATH with the largest radius that joins their ends."""
+    task, radius = plans.task, plans.radius.copy()
+    for k in np.flatnonzero(plans.status == Status.NO_SAFE_PATH).tolist():
+        view = View(task.some(slice(k, k + 1)))
+        radius[k] = _LARGEST(pipeline.parts_of(view), layout=pipeline.layout_of(view))
+    return dataclasses.replace(plans, radius=radius)
+
+
+def one_by_one(view: View, planner: Planner) -> Routes:
+    """Routes of a view problem by problem; those of a batched planner on all cores."""
+    find = _host_finder(planner)
+
+    def one(k: int) -> tuple[Route, dict[str, float]]:
+        with recording() as recorder:
+            shown = view.some(slice(k, k + 1))
+            problem = problem_in(shown)
+            status = fetched(problem.status)
+            route = failed(status) if status != Status.OK else find(problem, view.grid)
+            route = whole_route(problem, route, view.grid)
+        return route, recorder.report()
+
+    # The first by itself: it may compile.
+    results = [one(0)]
+    cores = (os.cpu_count() or 1) if planner.batched else 1
+    results += concurrently(one, range(1, len(view)), cores)
+    routes, timings = zip(*results, strict=True)
+    found = Routes.of(routes, timings)
+    return Routes(view.placed(found.route), found.timings)
+
+
+def _host_finder(planner: Planner) -> RouteFn:
+    """How routes are found one by one: by stages, by one program, or by the planner's own search."""
+    if isinstance(planner, FieldPlanner):
+        return staged(planner)
+    if not planner.batched:
+        return planner.route
+
+    def find(problem: Problem, grid: Grid) -> Route:
+        route: Route = _ROUTE(problem, grid=grid, planner=planner)
+        return jax.tree.map(np.asarray, route)  # type: ignore[no-any-return]
+
+    return find
+
+
+def _route(problem: Problem, grid: Grid, planner: Planner) -> Route:
+    return planner.route(problem, grid)
 
 
 def problem_of(task: Task) -> Problem:
@@ -128,14 +166,14 @@ def problem_in(view: View) -> Problem:
     """The only problem that a device is shown."""
     with timed("transfer"):
         parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(view)))
-    problem: Problem = _FORMULATE(parts, distances=view.task.distances, grid=view.grid)
+    problem: Problem = _FORMULATE(parts, layout=pipeline.layout_of(view))
     return problem
 
 
 def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
     """`route.completed` on the host."""
     if route.status != Status.OK:
-        return route
+        return dataclasses.replace(route, path=np.zeros((0, 3), np.float32))
     path = np.asarray(route.path)
     path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
     (path, cost), balls = fetched((_PRICE(problem.ends, problem.price, path), problem.balls))
@@ -145,9 +183,10 @@ def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
 # Paths are filled up to whole multiples of so many points, so that searches share programs.
 _POINTS = 128
 
-_FORMULATE = Program("formulate", pipeline.formulated, static=("distances", "grid"))
-_LARGEST = Program("largest radius", pipeline.largest, static=("distances", "grid"))
+_FORMULATE = Program("formulate", pipeline.formulated, static=("layout",))
+_LARGEST = Program("largest radius", pipeline.largest, static=("layout",))
 _PRICE = Program("price", whole)
+_ROUTE = Program("route", _route, static=("grid", "planner"))
 
 
 def fetched(tree: Any) -> Any:
@@ -156,68 +195,66 @@ def fetched(tree: Any) -> Any:
         return jax.device_get(tree)
 
 
-def staged(climb: Climb) -> PathFinder:
-    """The path finder that climbs a potential by programs of their own, each timed."""
+def staged(planner: FieldPlanner) -> RouteFn:
+    """How a field is climbed by programs of their own, each timed."""
 
     def find(problem: Problem, grid: Grid) -> Route:
-        field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, climb.potential)
+        field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, planner.potential)
         room = problem.room
 
-        def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> list[Route]:
+        def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
             ends = problem.start, problem.goal
             path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings, room=room)
             taut = TIGHTEN(sight.codes, path, problem.price, room=room)
             verdict = field.status, field.certified, field.geodesic
             (status, certified, geodesic), on_goal, points = fetched((verdict, arrived, taut))
             if status == Status.OK and on_goal:
-                return [found(points, bool(certified), bool(geodesic))]
-            return [failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))]
+                return Routes.of([found(points, bool(certified), bool(geodesic))])
+            return Routes.of([failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))])
 
-        (route,) = with_longer_ascents(attempt, 1, climb.settings)
-        return route
+        return with_longer_ascents(attempt, 1, planner.ascent).one(0)
 
     return find
 
 
 def with_longer_ascents(
-    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], list[Result]], count: int, settings: Ascent
-) -> list[Result]:
+    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], Routes], count: int, settings: Ascent
+) -> Routes:
     """Attempt several problems; those that stall go again, by themselves, with longer ascents.
 
     Args:
-        attempt: (which of them, settings) ↦ a route or a plan for each.
+        attempt: (which of them, settings) ↦ a route for each.
         count: how many there are.
         settings: of the first attempt.
     """
-    results: dict[int, Result] = {}
-    waiting = np.arange(count)
+    results, waiting = Routes.blank(count), np.arange(count)
     for factor in _FACTORS:
         longer = dataclasses.replace(settings, steps=settings.steps * factor)
-        results.update(zip(waiting.tolist(), attempt(waiting, longer), strict=True))
-        waiting = np.array([k for k in waiting.tolist() if results[k].status == Status.PATH_STALLED], np.int64)
+        results = results.put(waiting, attempt(waiting, longer))
+        waiting = waiting[results.route.status[waiting] == Status.PATH_STALLED]
         if not waiting.size:
             break
-    return [results[k] for k in range(count)]
+    return results
 
 
-def _in_chunks(view: View, climb: Climb, method: str, chunk: int | None) -> list[Plan]:
-    """Plans by whole programs, in chunks; timings are equal shares, and sums over the attempts."""
-    spent: dict[int, dict[str, float]] = {}
+def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
+    """Routes of a view as whole programs; those that stall by themselves again, in chunks of fewer sizes."""
 
-    def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> list[Plan]:
-        some, longer = view.some(which), dataclasses.replace(climb, settings=settings)
-        first = settings == climb.settings
+    def attempt(which: Int64[np.ndarray, " n"], settings: Ascent | None) -> Routes:
+        some = view.some(which)
+        longer = planner if settings is None else dataclasses.replace(planner, ascent=settings)  # type: ignore[type-var]
         with recording() as recorder:
             if len(which) == 1:
-                plans = pipeline.single(some, longer, method)
+                route = pipeline.single(some, longer)
             else:
-                plans = pipeline.pipelined(some, longer, method, _sizes(some, chunk, first))
-        timings = recorder.report(len(which))
-        for k in which.tolist():
-            spent[k] = added(spent.get(k, {}), timings)
-        return [dataclasses.replace(plan, timings=spent[k]) for k, plan in zip(which.tolist(), plans, strict=True)]
+                first = settings is None or settings == getattr(planner, "ascent", None)
+                route = pipeline.pipelined(some, longer, _sizes(some, chunk, first))
+        spent = recorder.report(len(which))
+        return Routes(route, {name: np.full(len(which), seconds) for name, seconds in spent.items()})
 
-    return with_longer_ascents(attempt, len(view), climb.settings)
+    if not isinstance(planner, FieldPlanner):
+        return attempt(np.arange(len(view)), None)
+    return with_longer_ascents(attempt, len(view), planner.ascent)
 
 
 def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:

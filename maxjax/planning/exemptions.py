@@ -1,11 +1,21 @@
-"""Balls around the ends: where an end stands nearer than the radius, the way to it is opened, and no more than that.
+"""Endpoint exemptions: an end that stands nearer than the radius may be left, keeping its own distance until it is.
 
-    ball of level k = voxels that are not occupied, with their centres less than k voxels from that of the end's voxel
+    d = min over the obstacles' cubes of |x − cube|        own distance of an end's exact place x
+    k = min(radius, d)                                     what is kept inside the end's exemption
 
-Level 0 opens nothing, level 1 the end's own voxel, and so on up to `levels` = ⌈radius⌉ + 3: a way straight off a wall
-has as many voxels within the radius as ⌈radius⌉, and three more lead around a corner. Floods choose the levels: first
-the least one at which the hard set with a ball around either end joins them; then the start's by itself, with the
-goal's as it is, and then the goal's.
+    open to the end, if d < radius or x is beside the ground: voxels that are not occupied, whose centres keep k, and
+                                                              that are not beside the ground unless x is
+
+An end that keeps the radius and is not beside the ground has no exemption. That of level L holds voxels open to the end
+whose centres are less than L voxels from that of its own; L is the least number, up to ⌈radius⌉ + 3, with which a
+face-connected way of them leads from the end to a voxel that is free at the radius: a way straight off a wall has as
+many voxels within the radius as ⌈radius⌉, and three more lead around a corner. Opened are those that such a way can
+reach. So an exemption depends on what is around its end alone, neither on the other end nor on the rest of the map.
+
+**The first step.** By `planning.inflation` a path through boxes between centres that keep k keeps k. An end that is not
+in such a box first goes straight to one of the 27 centres around it. Along the segment x + t s, t ∈ [0, 1], the squared
+distance to a cube is convex; bisection of its derivative finds where it is least, and the centre is taken only where
+this keeps k to all obstacles and touches nothing that is closed to the end.
 
 Positions are index coordinates (whole numbers at voxel centres), distances [voxels].
 """
@@ -15,174 +25,250 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Integer, UInt8
+from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
 
-from maxjax.core.status import Status
-from maxjax.fields.connectivity import first_joined
-from maxjax.planning.ends import End
-from maxjax.planning.inflation import hard_set, least_quarters
-from maxjax.programs.lowering import materialise
+from maxjax.core.grid import Index3
+from maxjax.fields.stencil import cell
+from maxjax.planning.ends import End, placed
+from maxjax.planning.inflation import least_quarters
+from maxjax.planning.line_of_sight import TOUCH, touched
+from maxjax.planning.surroundings import BESIDE, NOTHING, OBSTACLE, Surroundings, cubes_within
+from maxjax.programs.lowering import shifted
+
+# More than float32 coordinates round, and less than the verifier allows, by far [voxels].
+_ROUNDING = 0.5 * TOUCH
+# A level beyond all.
+_NEVER = np.int32(2**30)
+# Halvings of a segment: what is least is then found to less than 1e-6 of a squared voxel.
+_HALVINGS = 12
+_AROUND = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Opened:
-    """The hard set with the balls that join two ends; batch axes lead.
+class Radius:
+    """A radius to keep, up to a static one.
 
     Attributes:
-        blocked: voxels that a path keeps out of.
-        levels: of the balls around start and goal; 0 where an end needs none.
-        least: whether they are so by the ends' own voxels, so that no larger map would need smaller ones.
-        status: OK; NO_SAFE_PATH where only radius 0 joins the ends, NO_VALID_PATH where nothing does.
+        value: [voxels].
+        least: its `least_quarters`.
+        last: the largest level of an exemption.
+        widest: of the radii that a program is compiled for, the largest [voxels]. Static.
     """
 
-    blocked: Bool[Array, "*batch nx ny nz"]
-    levels: Int32[Array, "*batch 2"]
-    least: Bool[Array, "*batch"]
-    status: Int32[Array, "*batch"]
+    value: Float[Array, ""] | float
+    least: Int32[Array, ""] | int
+    last: Int32[Array, ""] | int
+    widest: float = dataclasses.field(metadata={"static": True})
+
+    @classmethod
+    def of(cls, radius: float) -> Radius:
+        """The radius, as its own largest."""
+        return cls(radius, least_quarters(radius), last_level(radius), radius)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Exemption:
+    """How an end is left; batch axes lead.
+
+    Attributes:
+        place: exact place of the end, off the faces of occupied voxels.
+        first: the voxel whose centre it goes to, unless it has room where it is.
+        needed: whether the end stands nearer than the radius, or beside the ground.
+        leaves: whether it reaches a voxel that is free at the radius.
+        level: of the exemption; 0 where no voxel is opened.
+        opened: voxels of a box around the end.
+        corner: the box's lowest voxel.
+        reach: distance from the place within which a path passes by opened voxels.
+        local: whether all that it depends on lies within the grid, so that a larger map would not change it.
+    """
+
+    place: Float[Array, "*batch 3"]
+    first: Int32[Array, "*batch 3"]
+    needed: Bool[Array, "*batch"]
+    leaves: Bool[Array, "*batch"]
+    level: Int32[Array, "*batch"]
+    opened: Bool[Array, "*batch bx by bz"]
+    corner: Int32[Array, "*batch 3"]
+    reach: Float[Array, "*batch"]
+    local: Bool[Array, "*batch"]
+
+    def open_in(self, blocked: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
+        """What remains blocked with the opened voxels of one end."""
+        box = lax.dynamic_slice(blocked, self.corner, self.opened.shape)
+        return lax.dynamic_update_slice(blocked, box & ~self.opened, self.corner)
 
 
 def last_level(radius: float) -> int:
-    """The largest ball that may be opened at a radius [voxels]: 0 at radius 0, where no ball opens anything."""
+    """The largest level of an exemption at a radius [voxels]: 0 at radius 0, where nothing needs one."""
     return math.ceil(radius) + 3 if radius > 0 else 0
 
 
-@jax.named_scope("balls")
-def opened(
-    hard: Bool[Array, "nx ny nz"],
-    occupied: Bool[Array, "nx ny nz"],
-    start: Int32[Array, " 3"],
-    goal: Int32[Array, " 3"],
-    radius: float,
-) -> Opened:
-    """Open the smallest balls that join two ends; `jit`- and `vmap`-safe.
+@jax.named_scope("exemption")
+def exemption(around: Surroundings, end: End, radius: Radius) -> Exemption:
+    """The exemption of an end; `jit`- and `vmap`-safe."""
+    place = placed(around.occupied, end.exact)
+    kind, centres = _cubes(around, end.index, cubes_within(radius.widest))
+    own = jnp.sqrt(jnp.min(jnp.where(kind == OBSTACLE, _squared(place[:, None] - centres), jnp.inf)))
+    kept = jnp.maximum(jnp.minimum(radius.value, own) - _ROUNDING, 0.0)
+    _, at = touched(around.kind.shape, place + around.halo)
+    beside = jnp.any(around.kind[at] == BESIDE)
+    needed = (beside & (jnp.asarray(radius.value) > 0)) | (own < radius.value - _ROUNDING)
 
-    Args:
-        hard: the hard set.
-        occupied: occupied voxels, ground included.
-        start, goal: voxels; nothing joins an end outside the grid or in an occupied voxel.
-        radius: of the hard set [voxels]. Static.
-    """
-    top = last_level(radius)
-    a, b = (materialise(_least_level(hard, occupied, end, top)) for end in (start, goal))
-    either = jnp.minimum(a, b)
-    # Where an end's own voxel is in the hard set, level 0 joins nothing.
-    own_voxels = jnp.stack([_at(either, start), _at(either, goal)]).astype(jnp.int32)
-    alone = jnp.where(jnp.sum(own_voxels) == 0, 0, min(top, 1)).astype(jnp.int32)
-    # One map more than there are levels: all that is not occupied.
-    common, met = first_joined(lambda k: either <= k, alone, top + (radius > 0), start, goal)
-    joined, common = met & (common <= top), jnp.minimum(common, top)
+    closed = jnp.where(beside, kind > BESIDE, kind > NOTHING)
+    least = jnp.where(closed, _ROUNDING, 0.0)
+    least = jnp.where(kind == OBSTACLE, jnp.maximum(least, kept), least)
+    targets = end.index + _AROUND
+    passes = _keeps(place, targets, centres, least)
 
-    def smallest(free: Callable[[Int32[Array, ""]], Bool[Array, "nx ny nz"]]) -> Int32[Array, ""]:
-        """The least level at which the ends are joined, at most the common one; it takes no flood where that is 0."""
-        level, _ = first_joined(free, jnp.where(joined & (common > 0), 0, top + 1).astype(jnp.int32), top, start, goal)
-        return jnp.minimum(level, common)
+    box, corner = _box(around.inflated, end.index, last_level(radius.widest))
+    levels = _levels(around, end.index, corner, box, radius)
+    quarters = lax.dynamic_slice(around.quarters, corner, box)
+    own_kind = lax.dynamic_slice(around.kind, corner + around.halo, box)
+    keeps = needed & (quarters >= 4 * kept**2) & (beside | (own_kind != BESIDE))
+    levels = jnp.where((levels == 0) | keeps, levels, _NEVER)
+    free = levels == 0
 
-    own = smallest(lambda k: (a <= k) | (b <= common))
-    other = smallest(lambda k: (a <= own) | (b <= k))
-    blocked = materialise(~((a <= own) | (b <= other)))
-    status = jnp.where(joined, Status.OK, jnp.where(met, Status.NO_SAFE_PATH, Status.NO_VALID_PATH))
-    levels = jnp.stack([own, other])
-    return Opened(blocked, levels, jnp.all(levels == own_voxels), status.astype(jnp.int32))
-
-
-def _least_level(
-    hard: Bool[Array, "nx ny nz"], occupied: Bool[Array, "nx ny nz"], end: Int32[Array, " 3"], top: int
-) -> UInt8[Array, "nx ny nz"]:
-    """The least level of a ball around an end at which a voxel is free.
-
-    0 where it always is; `top` + 1 beyond the largest ball, `top` + 2 where it is occupied.
-    """
-    squared = jnp.zeros(hard.shape, jnp.int32)
-    for axis in range(3):
-        # Farther than the largest ball is all the same.
-        offset = jnp.clip(lax.broadcasted_iota(jnp.int32, hard.shape, axis) - end[axis], -top, top)
-        squared = squared + offset**2
-    level = 1 + sum((squared >= k**2).astype(jnp.uint8) for k in range(1, top + 1))
-    return jnp.where(occupied, top + 2, jnp.where(hard, level, 0)).astype(jnp.uint8)
+    outwards = _least_levels(levels, jnp.where(free, 0, _NEVER), jnp.zeros_like(free))
+    i, j, k = jnp.clip(targets - corner, 0, np.array(box) - 1).T
+    inside = jnp.all((targets >= corner) & (targets < corner + np.array(box)), axis=1)
+    found = jnp.where(passes & inside, outwards[i, j, k], _NEVER)
+    level = jnp.min(found)
+    first = targets[jnp.argmin(jnp.where(found == level, _squared((targets - place).T), jnp.inf))]
+    leaves = level <= radius.last
+    reached = _least_levels(levels, jnp.where(cell(box, first - corner), levels, _NEVER), free)
+    opened = leaves & ~free & (reached <= level)
+    reach = _reach(opened, corner, quarters < radius.least, place)
+    level = jnp.where(leaves, level, 0)
+    return Exemption(
+        place, first, needed, leaves, level, opened, corner, reach, _is_local(around.inflated.shape, end, first, level)
+    )
 
 
-def _at(volume: UInt8[Array, "nx ny nz"], index: Int32[Array, " 3"]) -> UInt8[Array, ""]:
-    """A voxel's value; that of the nearest one for an index outside."""
-    x, y, z = jnp.clip(index, 0, jnp.asarray(volume.shape) - 1)
-    return volume[x, y, z]
+def exemptions(around: Surroundings, ends: End, radius: Radius) -> Exemption:
+    """Those of several ends, by one program."""
+    return jax.vmap(exemption, (None, 0, None))(around, ends, radius)
 
 
-def ball_radius(
-    barred: Bool[Array, "nx ny nz"],
-    quarters: Integer[Array, "nx ny nz"],
-    end: End,
-    level: Int32[Array, ""],
-    radius: float,
-) -> Float[Array, ""]:
-    """The ball around an end that holds all that its opened voxels bring a path too near to.
-
-    Near an obstacle a path comes by the corners of the cell that it is in, so the ball holds all cells around every
-    opened voxel that is nearer than the radius; of one that lies beside the ground it holds the voxel alone.
-
-    Args:
-        barred: voxels of the hard set that are not occupied.
-        quarters: `distance.cube_distance` of the obstacles, exact up to the radius.
-        end: the end.
-        level: of its ball.
-        radius: static.
-    """
-    reach = max(last_level(radius) - 1, 0)
-    axes = [jnp.clip(end.index[k] + np.arange(-reach, reach + 1), 0, n - 1) for k, n in enumerate(barred.shape)]
-    x, y, z = jnp.meshgrid(*axes, indexing="ij", sparse=True)
-    around = jnp.where(quarters[x, y, z] < least_quarters(radius), 1.0, 0.5)
-    inside = sum((v - c) ** 2 for v, c in zip((x, y, z), end.index, strict=True)) < level**2
-    farthest = sum((jnp.abs(v - u) + around) ** 2 for v, u in zip((x, y, z), end.exact, strict=True))
-    return jnp.sqrt(jnp.max(jnp.where(inside & barred[x, y, z], farthest, 0.0)))
-
-
-def largest_radius(
-    quarters: Integer[Array, "nx ny nz"],
-    ground_squared: Integer[Array, "nx ny nz"],
-    occupied: Bool[Array, "nx ny nz"],
-    start: Int32[Array, " 3"],
-    goal: Int32[Array, " 3"],
-    radius: float,
-) -> Float[Array, ""]:
-    """The largest radius below `radius`, of those that differ in their hard sets, whose balls join two ends [voxels].
-
-    For ends that radius 0 joins, which is also returned where nothing else does. Found by bisection, since a radius
-    that joins them has no larger one that does not above it, but for the balls, which grow by whole voxels.
-
-    Args:
-        quarters, ground_squared: as in `hard_set`.
-        occupied, start, goal, radius: as in `opened`.
-    """
-    lower = _radii(radius)
-    least = jnp.asarray([least_quarters(r) for r in lower], jnp.int32)
-    tops = jnp.asarray([last_level(r) for r in lower], jnp.int32)
-    top = last_level(radius)
-
-    def joins(k: Int32[Array, ""]) -> Bool[Array, ""]:
-        hard = hard_set(quarters, ground_squared, least[k])
-        levels = jnp.minimum(*(_least_level(hard, occupied, end, top) for end in (start, goal)))
-        return first_joined(lambda _: levels <= tops[k], jnp.int32(0), 0, start, goal)[1]
-
-    def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        worse, better = bounds
-        middle = (worse + better) // 2
-        found = joins(middle)
-        return jnp.where(found, worse, middle), jnp.where(found, middle, better)
-
-    bounds = jnp.int32(-1), jnp.int32(len(lower) - 1)
-    _, best = lax.while_loop(lambda bounds: bounds[1] - bounds[0] > 1, halve, bounds)
-    return jnp.asarray(lower, jnp.float32)[best]
+def opened_by(blocked: Bool[Array, "nx ny nz"], both: Exemption) -> Bool[Array, "nx ny nz"]:
+    """What remains blocked with the opened voxels of both ends."""
+    for end in range(2):
+        blocked = jax.tree.map(lambda x, end=end: x[end], both).open_in(blocked)
+    return blocked
 
 
 @functools.cache
-def _radii(radius: float) -> tuple[float, ...]:
+def radii_below(radius: float) -> tuple[float, ...]:
     """Distances of centres from cubes that are less than a radius, largest first, and 0 [voxels]."""
     odd = [0, *((2 * k - 1) ** 2 for k in range(1, math.ceil(radius) + 2))]
     sums = {a + b + c for a in odd for b in odd for c in odd}
     return tuple(math.sqrt(q) / 2 for q in sorted(sums, reverse=True) if 0 <= q < least_quarters(radius))
+
+
+def _box(volume: Shaped[Array, "nx ny nz"], index: Int32[Array, " 3"], half: int) -> tuple[Index3, Int32[Array, " 3"]]:
+    """Shape and lowest voxel of a box around a voxel, pushed back into the volume."""
+    nx, ny, nz = (min(2 * half + 1, n) for n in volume.shape)
+    return (nx, ny, nz), jnp.clip(index - half, 0, np.array(volume.shape) - np.array([nx, ny, nz]))
+
+
+def _cubes(
+    around: Surroundings, index: Int32[Array, " 3"], half: int
+) -> tuple[Integer[Array, " cubes"], Float[Array, "3 cubes"]]:
+    """Kinds and centres of the voxels around a voxel, halo included."""
+    box, corner = _box(around.kind, index + around.halo, half)
+    kind = lax.dynamic_slice(around.kind, corner, box).reshape(-1)
+    centres = corner[:, None] - around.halo + np.indices(box).reshape(3, -1)
+    return kind, centres.astype(jnp.float32)
+
+
+def _squared(offset: Float[Array, "3 ..."]) -> Float[Array, "..."]:
+    """Squared distance to a cube of a point at an offset from its centre."""
+    return jnp.sum(jnp.maximum(jnp.abs(offset) - 0.5, 0.0) ** 2, axis=0)
+
+
+def _keeps(
+    place: Float[Array, " 3"],
+    targets: Int32[Array, "n 3"],
+    centres: Float[Array, "3 cubes"],
+    least: Float[Array, " cubes"],
+) -> Bool[Array, " n"]:
+    """Whether the segments from a place to some targets keep a least distance to each cube."""
+    offset, step = (place[:, None] - centres)[:, None], (targets - place).T[:, :, None]
+
+    def halve(_: Int32[Array, ""], bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = bounds
+        middle = 0.5 * (low + high)
+        u = offset + middle * step
+        rises = jnp.sum(jnp.maximum(jnp.abs(u) - 0.5, 0.0) * jnp.sign(u) * step, axis=0) > 0
+        return jnp.where(rises, low, middle), jnp.where(rises, middle, high)
+
+    nothing = jnp.zeros((len(targets), centres.shape[1]))
+    bounds = lax.fori_loop(0, _HALVINGS, halve, (nothing, nothing + 1))
+    nearest = functools.reduce(jnp.minimum, (_squared(offset + t * step) for t in bounds))
+    return jnp.all(nearest >= least**2, axis=1)
+
+
+def _levels(
+    around: Surroundings, index: Int32[Array, " 3"], corner: Int32[Array, " 3"], box: Index3, radius: Radius
+) -> Int32[Array, "bx by bz"]:
+    """Levels at which voxels of a box are opened, if at all; 0 where they are free at the radius."""
+    squared = sum((corner[axis] + lax.broadcasted_iota(jnp.int32, box, axis) - index[axis]) ** 2 for axis in range(3))
+    steps = np.arange(1, last_level(radius.widest) + 1)
+    level = 1 + jnp.sum(jnp.asarray(squared)[..., None] >= steps**2, axis=-1, dtype=jnp.int32)
+    held = lax.dynamic_slice(around.occupied, corner, box)
+    blocked = lax.dynamic_slice(around.inflated, corner, box)
+    return jnp.where(blocked, jnp.where(held | (level > radius.last), _NEVER, level), 0)
+
+
+def _least_levels(
+    levels: Int32[Array, "bx by bz"], seeds: Int32[Array, "bx by bz"], stops: Bool[Array, "bx by bz"]
+) -> Int32[Array, "bx by bz"]:
+    """The least level with which a voxel is reached: that of the highest voxel on the lowest way to it.
+
+    Args:
+        levels: of the voxels.
+        seeds: levels at which ways may begin.
+        stops: voxels that a way may reach, but not pass.
+    """
+
+    def grow(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        before, _ = carry
+        passing = jnp.where(stops, _NEVER, before)
+        near = [shifted(passing, axis, step, int(_NEVER)) for axis in range(3) for step in (1, -1)]
+        after = jnp.minimum(before, jnp.maximum(levels, functools.reduce(jnp.minimum, near)))
+        return after, jnp.any(after < before)
+
+    # Voxels that are stops may be seeds.
+    first = jnp.where(stops, seeds, jnp.maximum(seeds, levels))
+    found, _ = lax.while_loop(lambda carry: carry[1], grow, (first, jnp.any(first < _NEVER)))
+    return found
+
+
+def _reach(
+    opened: Bool[Array, "bx by bz"],
+    corner: Int32[Array, " 3"],
+    near: Bool[Array, "bx by bz"],
+    place: Float[Array, " 3"],
+) -> Float[Array, ""]:
+    """How far from a place a path may be that passes by opened voxels; 0 where there are none.
+
+    Near an obstacle a path comes by the corners of the cell that it is in, so that all cells around an opened voxel
+    count that is `near` one; of one that lies beside the ground the voxel alone.
+    """
+    half = jnp.where(near, 1.0, 0.5)
+    offsets = (corner[axis] + lax.broadcasted_iota(jnp.int32, opened.shape, axis) - place[axis] for axis in range(3))
+    farthest = sum((jnp.abs(offset) + half) ** 2 for offset in offsets)
+    return jnp.sqrt(jnp.max(jnp.where(opened, farthest, 0.0)))
+
+
+def _is_local(shape: tuple[int, ...], end: End, first: Int32[Array, " 3"], level: Int32[Array, ""]) -> Bool[Array, ""]:
+    """Whether nothing beyond the grid could change an exemption, which begins in a voxel and has this level."""
+    around = jnp.maximum(level - 1, 1)
+    within = jnp.all((end.index >= around) & (end.index < np.array(shape) - around))
+    return within | (jnp.all(first == end.index) & (level <= 1))

@@ -1,11 +1,11 @@
-"""From a field to a path: solve, ascend, pull taut.
+"""The planner that climbs a field: solve, ascend, pull taut.
 
     (blocked, price) → (σ, N) → log φ → ascent → string pulling → Route
 
 N is the price on the lattice (`fields.price.lattice_price`), by which φ decays along an axis as the price says.
 
-`Climb` makes one pure function of it, for `jit`, `vmap` and flights; as programs by themselves (`SOLVE`, `ASCEND`,
-`TIGHTEN`) the steps are timed one by one (`planning.execution`).
+`FieldPlanner.route` makes one pure function of it, for `jit`, `vmap` and flights; as programs by themselves (`SOLVE`,
+`ASCEND`, `TIGHTEN`) the steps are timed one by one (`planning.execution`).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def solve(
     grid: Grid,
     potential: PotentialFn,
 ) -> PotentialLike:
-    """The potential of a hard set and a price."""
+    """The potential of the blocked voxels and a price."""
     sigma = materialise(conductivity(blocked, goal_index, grid))
     return potential(sigma, goal_index, None if price is None else materialise(lattice_price(price, SCREENING_LENGTH)))
 
@@ -110,24 +110,31 @@ def potential_field(
 
 
 @dataclasses.dataclass(frozen=True)
-class Climb:
-    """The path finder that climbs a potential: a pure function of a problem, and equal to any of the same fields.
+class FieldPlanner:
+    """The planner that climbs a potential, whoever makes it; equal to any of the same fields.
 
     Attributes:
         potential: makes the field.
-        settings: of the ascent.
-        focused: whether plans are made in windows of the map, where these prove the same (`planning.focus_window`).
+        ascent: settings of the ascent.
+        focus: whether plans are made in windows of the map, where these prove the same (`planning.focus_window`).
+        name: of the planner.
     """
 
     potential: PotentialFn
-    settings: Ascent = Ascent()  # noqa: RUF009 (frozen)
-    focused: bool = True
+    ascent: Ascent = Ascent()  # noqa: RUF009 (frozen)
+    focus: bool = True
+    name: str = "field"
 
-    def __call__(self, problem: Problem, grid: Grid) -> Route:
+    @property
+    def batched(self) -> bool:
+        """True: it is a pure function of arrays."""
+        return True
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""
         field = solve(problem.blocked, problem.price, problem.goal_index, grid, self.potential)
         ends = problem.start, problem.goal
-        path, arrived, sight = climb(field.log_phi, problem.blocked, *ends, self.settings, problem.room)
+        path, arrived, sight = climb(field.log_phi, problem.blocked, *ends, self.ascent, problem.room)
         path = tighten(sight, path, problem.price)
         status = jnp.where(arrived, Status.OK, Status.PATH_STALLED)
         status = jnp.where(field.status != Status.OK, field.status, status)

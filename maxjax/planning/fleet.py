@@ -1,11 +1,11 @@
-"""Many starts, one goal, one map: starts that need no ball share one field.
+"""Many starts, one goal, one map: starts whose exemptions open no voxel share one field.
 
-    hard set, price and one flood from the goal → one solve for all that it joins → ascents in batches → string pulling
-    → judge
+    inflated obstacles, the goal's exemption, price and a flood from the goal → one solve for all that it joins
+    → ascents in batches → string pulling → verifier
 
-A start that the hard set alone does not join is formulated by itself: the field of its problem does not depend on the
-ball of any other start. Those that need no ball of their own, only one around the goal, share a field for each size of
-that ball; one with a ball of its own has a field of its own. So a start's plan is the one that it would get by itself.
+An exemption depends on its own end alone: that of the goal is the same for all. A start whose exemption opens voxels is
+formulated by itself and has a field of its own, which does not depend on any other start. So a start's plan is the one
+that it would get by itself.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,16 +24,17 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.ends import locate
-from maxjax.planning.execution import with_largest_radii, with_longer_ascents
-from maxjax.planning.exemptions import Opened
-from maxjax.planning.field_planner import Climb, potential_field
+from maxjax.planning.distances import Distances
+from maxjax.planning.execution import plans_of, with_longer_ascents
+from maxjax.planning.exemptions import Radius, exemptions
+from maxjax.planning.field_planner import FieldPlanner, potential_field
 from maxjax.planning.line_of_sight import Sight, sight_of
-from maxjax.planning.plan import Plan, judged, with_closures
-from maxjax.planning.problem import Placement, Problem, Surroundings, faults_of, placement, problem_in, surroundings
-from maxjax.planning.route import Route, failed, found, whole
+from maxjax.planning.plan import Plans
+from maxjax.planning.problem import Problem, faults_of, inner_places, located, problem_in
+from maxjax.planning.route import Route, Routes, whole
 from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.surroundings import Surroundings, surroundings
+from maxjax.planning.task import Task
 from maxjax.programs.lowering import target
 from maxjax.programs.program import Program
 from maxjax.programs.stage_timer import recording, timed
@@ -44,6 +45,14 @@ from maxjax.programs.threads import concurrently
 _BATCH, _SMALL_BATCH = 64, 8
 
 
+class Places(NamedTuple):
+    """Where starts and their goal are, as in `Problem`; a row a start."""
+
+    inner: Float[Array | np.ndarray, "n 2 3"]
+    exact: Float[Array | np.ndarray, "n 2 3"]
+    balls: Float[Array | np.ndarray, "n 2"]
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Fleet:
@@ -51,16 +60,18 @@ class Fleet:
 
     Attributes:
         around: what they share.
-        status: OK, or what is wrong with a start or the goal by itself.
-        joined: whether the hard set alone joins a start to the goal.
-        place: of the ends, without balls.
+        blocked: voxels that paths keep out of whose starts open none.
+        status: OK, or why there is nothing to plan; of starts that open voxels only what is wrong with the ends.
+        opens: whether a start's own exemption opens voxels.
+        places: of the ends, but for starts that open voxels.
         goal_index: voxel of the goal.
     """
 
     around: Surroundings
+    blocked: Bool[Array, "nx ny nz"]
     status: Int32[Array, " n"]
-    joined: Bool[Array, " n"]
-    place: Placement
+    opens: Bool[Array, " n"]
+    places: Places
     goal_index: Int32[Array, " 3"]
 
 
@@ -71,12 +82,12 @@ class Group:
     Attributes:
         members: of the fleet.
         blocked: voxels that their paths keep out of.
-        place: of the ends of each.
+        places: of the ends of each.
     """
 
     members: Int64[np.ndarray, " m"]
     blocked: Bool[Array, "nx ny nz"]
-    place: Placement
+    places: Places
 
 
 def formulate_fleet(
@@ -86,17 +97,34 @@ def formulate_fleet(
     distances: Distances,
     grid: Grid,
 ) -> Fleet:
-    """`problem.formulate` for every start, as far as it goes without balls; the goal is the same for all."""
+    """`problem.formulate` for every start whose exemption opens no voxel; the goal is the same for all."""
     around = surroundings(occupied, ground, distances, grid)
-    goal = locate(ends[0, 1], grid.shape)
-    x, y, z = jnp.clip(jax.vmap(lambda pair: locate(pair[0], grid.shape).index)(ends), 0, jnp.asarray(grid.shape) - 1).T
-    way = Opened(around.hard, jnp.zeros(2, jnp.int32), jnp.array(True), jnp.int32(Status.OK))
+    radius = Radius.of(distances.radius / grid.spacing)
+    goals = exemptions(around, located(ends[:1, 1], grid.shape), radius)
+    starts = exemptions(around, located(ends[:, 0], grid.shape), radius)
+    goal = jax.tree.map(lambda x: x[0], goals)
+    blocked = goal.open_in(around.inflated)
+    inner, balls = inner_places(blocked, starts, distances, grid)
+    last_inner, last_ball = inner_places(blocked, goals, distances, grid)
+
+    def beside(rows: Array, last: Array) -> Array:
+        """Of each start, and of the goal."""
+        return jnp.stack([rows, jnp.broadcast_to(last, rows.shape)], axis=1)
+
+    x, y, z = jnp.clip(starts.first, 0, np.array(grid.shape) - 1).T
+    kept, met = (flood(free, goal.first)[x, y, z] for free in (~blocked, ~around.occupied))
+    joined = jnp.where(
+        met, jnp.where(kept & starts.leaves & goal.leaves, Status.OK, Status.NO_SAFE_PATH), Status.NO_VALID_PATH
+    )
+    opens = starts.leaves & (starts.level > 0)
+    faults = jax.vmap(lambda pair: faults_of(around.occupied, pair, grid).status)(ends)
     return Fleet(
         around=around,
-        status=jax.vmap(lambda pair: faults_of(around.occupied, pair, grid).status)(ends),
-        joined=flood(~around.hard, goal.index)[x, y, z],
-        place=jax.vmap(lambda pair: placement(around, way, pair, distances, grid))(ends),
-        goal_index=goal.index,
+        blocked=blocked,
+        status=jnp.where((faults == Status.OK) & ~opens, joined, faults).astype(jnp.int32),
+        opens=opens,
+        places=Places(beside(inner, last_inner), beside(starts.place, goals.place), beside(balls, last_ball)),
+        goal_index=goal.first,
     )
 
 
@@ -135,69 +163,62 @@ _ASCENTS = Program("ascend", _ascents, static=("settings", "room"))
 _TIGHTENED = Program("tighten", _tightened, static=("room",))
 
 
-def plan_fleet(task: Task, climb: Climb, method: str) -> list[Plan]:
-    """`execute.plan_task` for a task of one map and one goal, with as few solves as balls allow."""
+def plan_fleet(task: Task, planner: FieldPlanner) -> Plans:
+    """`execution.plan_task` for a task of one map and one goal, with as few solves as exemptions allow."""
     with recording() as recorder:
         ends = jnp.asarray(task.ends)
-        maps = jnp.asarray(task.occupied), jnp.asarray(task.ground)
+        maps = jnp.asarray(task.barred), jnp.asarray(task.kept_off)
         fleet = _FORMULATE(*maps, ends, distances=task.distances, grid=task.grid.local)
-        status, joined = np.array(fleet.status), np.asarray(fleet.joined)
+        if task.price is not None:
+            fleet = dataclasses.replace(fleet, around=fleet.around._replace(price=jnp.asarray(task.price)))
+        status, opens = np.array(fleet.status), np.asarray(fleet.opens)
         alone: dict[int, Problem] = {}
-        for k in np.flatnonzero((status == Status.OK) & ~joined).tolist():
+        for k in np.flatnonzero((status == Status.OK) & opens).tolist():
             alone[k] = _OPEN(fleet.around, ends[k], distances=task.distances, grid=task.grid.local)
             status[k] = int(alone[k].status)
-        routes = [failed(one) for one in status.tolist()]
+        routes = Routes.blank(len(task))
+        routes = Routes(dataclasses.replace(routes.route, status=status))
         for group in _groups(fleet, status, alone):
-            for k, route in zip(group.members.tolist(), _routes(group, fleet, climb, task), strict=True):
-                routes[k] = route
-        plans = judged(routes, task, method)
-    timings = recorder.report(len(task))
-    timed_plans = [dataclasses.replace(plan, timings=timings) for plan in plans]
-    return with_closures(with_largest_radii(timed_plans, task), task)
+            routes = routes.put(group.members, _routes(group, fleet, planner, task))
+    share = np.arange(len(task))
+    spent = {name: np.full(len(task), s) for name, s in recorder.report(len(task)).items()}
+    return plans_of(routes.spending(share, spent), task, planner.name)
 
 
 def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Problem]) -> Iterator[Group]:
     """Starts by the field that they climb."""
-    members = np.flatnonzero((status == Status.OK) & np.asarray(fleet.joined))
+    members = np.flatnonzero((status == Status.OK) & ~np.asarray(fleet.opens))
     if members.size:
-        yield Group(members, fleet.around.hard, jax.tree.map(lambda x: x[members], fleet.place))
-    shared: dict[tuple[int, int], list[int]] = {}
+        yield Group(members, fleet.blocked, jax.tree.map(lambda x: np.asarray(x)[members], fleet.places))
     for k, problem in alone.items():
-        own, goals = problem.levels.tolist()
         if status[k] == Status.OK:
-            shared.setdefault((goals, -1 if own == 0 else k), []).append(k)
-    for together in shared.values():
-        places = [Placement(p.start, p.goal, p.ends, p.balls) for p in (alone[k] for k in together)]
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *places)
-        yield Group(np.array(together), alone[together[0]].blocked, stacked)
+            places = Places(jnp.stack([problem.start, problem.goal]), problem.ends, problem.balls)
+            yield Group(np.array([k]), problem.blocked, jax.tree.map(lambda x: np.asarray(x)[None], places))
 
 
-def _routes(group: Group, fleet: Fleet, climb: Climb, task: Task) -> list[Route]:
+def _routes(group: Group, fleet: Fleet, planner: FieldPlanner, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
-    price, room = fleet.around.price, task.distances.room
-    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, climb.potential)
-    certified, geodesic = bool(field.certified), bool(field.geodesic)
+    price, room, count = fleet.around.price, task.distances.room, len(group.members)
+    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)
+    certified, geodesic = np.full(count, bool(field.certified)), np.full(count, bool(field.geodesic))
     if field.status != Status.OK:
-        return [failed(field.status, certified)] * len(group.members)
-    codes, place = _CODES(group.blocked, room=room), jax.tree.map(np.asarray, group.place)
-    inner, at_a_time = np.stack([place.start, place.goal], axis=1), 1 if target() == "cpu" else _BATCH
+        nothing = Routes.blank(count, int(field.status))
+        return Routes(dataclasses.replace(nothing.route, certified=certified))
+    codes, places = _CODES(group.blocked, room=room), group.places
+    at_a_time = 1 if target() == "cpu" else _BATCH
 
-    def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> list[Route]:
+    def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> Routes:
         batches = _filled(which, _SMALL_BATCH if len(which) <= _SMALL_BATCH else _BATCH)
-        climbs = [(field.log_phi, codes, group.blocked, inner[some]) for some in batches]
+        climbs = [(field.log_phi, codes, group.blocked, places.inner[some]) for some in batches]
         paths, arrived = _together(_ASCENTS, climbs, len(which), settings=settings, room=room)
         rows = _filled(np.arange(len(which)), at_a_time)
-        pulls = [(codes, price, paths[some], place.ends[which[some]]) for some in rows]
+        pulls = [(codes, price, paths[some], places.exact[which[some]]) for some in rows]
         paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
-        routes: list[Route] = []
-        for k, start in enumerate(which.tolist()):
-            route = found(paths[k], certified, geodesic)
-            cost = np.asarray(task.grid.spacing * costs[k])
-            route = dataclasses.replace(route, balls=place.balls[start], cost=cost)
-            routes.append(route if arrived[k] else failed(Status.PATH_STALLED, certified))
-        return routes
+        status = np.where(arrived, Status.OK, Status.PATH_STALLED).astype(np.int32)
+        costs = (task.grid.spacing * costs).astype(np.float32)
+        return Routes(Route(paths, status, certified[which], places.balls[which], geodesic[which], costs))
 
-    return with_longer_ascents(attempt, len(group.members), climb.settings)
+    return with_longer_ascents(attempt, count, planner.ascent)
 
 
 def _filled(which: Int64[np.ndarray, " m"], size: int) -> list[Int64[np.ndarray, " size"]]:

@@ -9,7 +9,7 @@ as no metre costs less than 1. So a way that leaves a box around both ends cross
 A face beyond which the map ends, or holds nothing but occupied voxels, is crossed by no way and does not count. A path
 of cost C ≤ bound, found in the box, proves that the cheapest way of the whole map lies in it. Until there is one the
 box grows, from the ellipsoid of a guess of C to that of the cost that was found, and at last to the whole map. What a
-part of a map cannot show (that nothing joins the ends, or no smaller ball) is left to the whole map as well.
+part of a map cannot show (that nothing joins the ends, or no smaller exemption) is left to the whole map as well.
 
 Boxes come in few shapes, for which programs are compiled, and which serve every map: along an axis where the map is
 smaller, the box reaches beyond its *rim*, where nothing is flown. Distances to walls are read beyond the box, in a
@@ -22,19 +22,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64
+from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
-from maxjax.planning.plan import Plan
-from maxjax.planning.problem import halo_of
-from maxjax.planning.route import Route
+from maxjax.planning.route import Route, Routes
+from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
-from maxjax.programs.stage_timer import added
 
 # Shapes of windows, flat as cities are [voxels].
 SHAPES: tuple[Index3, ...] = (
@@ -57,11 +54,11 @@ _LOCAL = (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)
 
 
 # By name.
-Maps = dict[str, Bool[np.ndarray, "..."]]
+Volumes = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
-class Window:
+class FocusWindow:
     """A box of a map.
 
     Attributes:
@@ -74,8 +71,8 @@ class Window:
     shape: Index3
     bound: float
 
-    def cut(self, volume: Bool[np.ndarray, "nx ny nz"], halo: int, shown: Bool[np.ndarray, "hx hy hz"]) -> None:
-        """Show, in an array of zeros, what it holds of a map and, so wide, around it; beyond the map nothing."""
+    def cut(self, volume: Shaped[np.ndarray, "nx ny nz"], halo: int, shown: Shaped[np.ndarray, "hx hy hz"]) -> None:
+        """Show, in an array, what it holds of a map and, so wide, around it; what lies beyond the map stays."""
         of_map, of_cut = [], []
         for corner, n, most in zip(self.corner, self.shape, volume.shape, strict=True):
             low, high = max(corner - halo, 0), min(corner + n + halo, most)
@@ -89,7 +86,9 @@ def straight(ends: Float[np.ndarray, "2 3"]) -> float:
     return _GUESS * float(np.linalg.norm(ends[1].astype(np.float64) - ends[0]))
 
 
-def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray, "2 3"], cost: float) -> Window | None:
+def window_around(
+    occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray, "2 3"], cost: float
+) -> FocusWindow | None:
     """The smallest window that no way of this cost leaves.
 
     Args:
@@ -112,7 +111,7 @@ def window_around(occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray
             last = np.maximum(limits - size, 0)
             corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), last)
             corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), last[2])
-            return Window(_index(corner), _index(size), _bound(occupied, ends, corner, size))
+            return FocusWindow(_index(corner), _index(size), _bound(occupied, ends, corner, size))
     return None
 
 
@@ -166,7 +165,7 @@ def _bound(
     return bound
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class View:
     """What a device is shown of a task.
 
@@ -176,7 +175,7 @@ class View:
     """
 
     task: Task
-    windows: tuple[Window, ...] | None = None
+    windows: tuple[FocusWindow, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.task)
@@ -193,105 +192,132 @@ class View:
         return 0 if self.windows is None else halo_of(self.task.distances, self.task.grid)
 
     @property
-    def _volumes(self) -> Maps:
-        return {"occupied": self.task.occupied, "ground": self.task.ground}
+    def _volumes(self) -> Volumes:
+        priced = {} if self.task.price is None else {"price": self.task.price}
+        volumes = {"occupied": self.task.barred, "ground": self.task.kept_off} | priced
+        # One volume for a batch of maps is a row of views.
+        return {name: v[0] if v.ndim == 4 and v.strides[0] == 0 else v for name, v in volumes.items()}
 
     @property
-    def shared(self) -> Maps:
-        """`occupied` and `ground`, each if all problems are shown the same."""
+    def shared(self) -> Volumes:
+        """The volumes that all problems are shown alike, by name: `occupied`, `ground` and `price`."""
         return {name: volume for name, volume in self._volumes.items() if self.windows is None and volume.ndim == 3}
 
-    def own(self, rows: Rows) -> Maps:
+    def own(self, rows: Rows) -> Volumes:
         """Those that are not shared, for some of the problems."""
-        volumes = {name: volume for name, volume in self._volumes.items() if name not in self.shared}
+        shared = self.shared
+        volumes = {name: volume for name, volume in self._volumes.items() if name not in shared}
         if self.windows is None:
-            return {name: self.task.some(rows).maps(volume) for name, volume in volumes.items()}
-        which, halo = np.arange(len(self))[rows].tolist(), self.halo
-        seen = [n + 2 * halo for n in self.grid.shape]
-        shown = {name: np.zeros((len(which), *seen), bool) for name in volumes}
-        for name, volume in volumes.items():
-            for row, k in enumerate(which):
-                self.windows[k].cut(self.task.map(volume, k), halo, shown[name][row])
+            return {name: self.task.some(rows).each(volume) for name, volume in volumes.items()}
+        which = np.arange(len(self))[rows].tolist()
+        return {name: self._cut(volume, name, which) for name, volume in volumes.items()}
+
+    def _cut(self, volume: Shaped[np.ndarray, "..."], name: str, which: list[int]) -> Shaped[np.ndarray, "b hx hy hz"]:
+        """A volume in the windows of some problems; a price ends with them, and beyond the map a metre costs 1."""
+        assert self.windows is not None
+        halo = 0 if name == "price" else self.halo
+        seen = [len(which), *(n + 2 * halo for n in self.grid.shape)]
+        shown = np.ones(seen, np.float32) if name == "price" else np.zeros(seen, bool)
+        for row, k in enumerate(which):
+            self.windows[k].cut(self.task.one(volume, k), halo, shown[row])
         return shown
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""
-        left = np.array(self.task.grid.shape) - self._corners[rows].astype(np.int64)
+        left = np.array(self.task.grid.shape) - self.corners[rows].astype(np.int64)
         filled: Int32[np.ndarray, "b 3"] = np.minimum(left, self.grid.shape).astype(np.int32)
         return filled
 
     def ends(self, rows: Rows) -> Float[np.ndarray, "b 2 3"]:
         """Starts and goals of some of the problems, in index coordinates of the grid."""
-        index = self.task.index[rows]
-        return (index if self.windows is None else index - self._corners[rows][:, None]).astype(np.float32)
+        ends: Float[np.ndarray, "b 2 3"] = (self.task.index[rows] - self.corners[rows][:, None]).astype(np.float32)
+        return ends
 
-    def placed(self, route: Route, k: int) -> Route:
-        """A route of the k-th problem on the host, in index coordinates of the whole map."""
+    def placed(self, route: Route) -> Route:
+        """Routes of all problems on the host, in index coordinates of the whole map."""
         if self.windows is None:
             return route
-        return dataclasses.replace(route, path=np.asarray(route.path) + self._corners[k])
+        return dataclasses.replace(route, path=np.asarray(route.path, np.float64) + self.corners[:, None])
 
     @property
-    def _corners(self) -> Float64[np.ndarray, "b 3"]:
-        assert self.windows is not None
+    def corners(self) -> Float64[np.ndarray, "b 3"]:
+        """Lowest voxels of what each problem is shown."""
+        if self.windows is None:
+            return np.zeros((len(self), 3))
         return np.array([window.corner for window in self.windows], np.float64)
 
     def some(self, rows: Rows) -> View:
         """Some of the problems."""
-        kept: Any = None if self.windows is None else np.arange(len(self))[rows].tolist()
-        return View(self.task.some(rows), kept and tuple(self.windows[k] for k in kept))  # type: ignore[index]
+        if self.windows is None:
+            return View(self.task.some(rows))
+        windows = tuple(self.windows[k] for k in np.arange(len(self))[rows].tolist())
+        return View(self.task.some(rows), windows)
 
 
 def rounded(task: Task) -> View:
     """Whole maps, in windows of a rounded shape, so that their programs serve other maps as well."""
     x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
-    return View(task, (Window((0, 0, 0), (x, y, z), math.inf),) * len(task))
+    return View(task, (FocusWindow((0, 0, 0), (x, y, z), math.inf),) * len(task))
 
 
-# Views, in each windows of one shape, ↦ the plans of each.
-PlanViews = Callable[[list[View]], list[list[Plan]]]
+# Views, in each windows of one shape, ↦ the routes of each, in index coordinates of the whole map.
+RouteViews = Callable[[list[View]], list[Routes]]
 
 
-def in_windows(task: Task, plan: PlanViews, whole: Callable[[Task], list[Plan]]) -> list[Plan]:
-    """Plans of a task by windows that grow until they prove what they show, at last by whole maps.
+def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) -> Routes:
+    """Routes of a task by windows that grow until they prove what they show, at last by whole maps.
 
     Args:
         task: what to plan.
-        plan: plans of what a device is shown.
-        whole: plans of what no window answers.
+        find: routes of what a device is shown.
+        whole: routes of what no window answers.
 
     Returns:
-        One plan a problem, with the timings of all its windows.
+        One route a problem, with the timings of all its windows.
     """
-    plans: dict[int, Plan] = {}
-    costs = {k: straight(ends) for k, ends in enumerate(task.index)}
-    while costs:
-        groups: dict[Index3, dict[int, Window]] = {}
-        rest: list[int] = []
-        for k, cost in costs.items():
-            window = window_around(task.map(task.occupied, k), task.index[k], cost)
-            if window is None:
-                rest.append(k)
-            else:
-                groups.setdefault(window.shape, {})[k] = window
-        views = [View(task.some(np.array(list(group))), tuple(group.values())) for group in groups.values()]
-        answers = plan(views) + ([whole(task.some(np.array(rest)))] if rest else [])
-        asked: list[Mapping[int, Window | None]] = [*groups.values(), *([dict.fromkeys(rest)] if rest else [])]
-        for some, answer in zip(asked, answers, strict=True):
-            for (k, window), found in zip(some.items(), answer, strict=True):
-                before = plans[k].timings if k in plans else {}
-                plans[k] = dataclasses.replace(found, timings=added(before, found.timings))
-                following = _next_cost(found, window, costs.pop(k), task.grid.spacing)
-                if following is not None:
-                    costs[k] = following
-    return [plans[k] for k in range(len(task))]
+    found = Routes.blank(len(task))
+    costs = np.array([straight(ends) for ends in task.index])
+    asked = np.arange(len(task))
+    while asked.size:
+        windows = {k: window_around(task.one(task.barred, k), task.index[k], costs[k]) for k in asked.tolist()}
+        groups: dict[Index3 | None, list[int]] = {}
+        for k, window in windows.items():
+            groups.setdefault(None if window is None else window.shape, []).append(k)
+        rest = np.array(groups.pop(None, []), np.int64)
+        rows = [np.array(group) for group in groups.values()]
+        views = [View(task.some(group), tuple(windows[k] for k in group.tolist())) for group in rows]  # type: ignore[misc]
+        for group, routes in zip(rows, find(views) if views else [], strict=True):
+            found = found.put(group, routes)
+        if rest.size:
+            found = found.put(rest, whole(task.some(rest)))
+        bounds = np.array([math.nan if windows[k] is None else windows[k].bound for k in asked.tolist()])  # type: ignore[union-attr]
+        costs[asked] = _next_costs(found.route, asked, bounds, costs[asked], task.grid.spacing)
+        asked = asked[~np.isnan(costs[asked])]
+    return found
 
 
-def _next_cost(plan: Plan, window: Window | None, cost: float, spacing: float) -> float | None:
-    """The cost whose window is the next to look at; None where this one, of a lower cost, proves what it shows."""
-    if window is None or plan.status in _LOCAL:
-        return None
-    if plan.status != Status.OK:
-        return _GROWTH * cost
-    found = plan.cost / spacing
-    return None if found <= window.bound else max(found, cost)
+def _next_costs(
+    route: Route,
+    asked: Int64[np.ndarray, " r"],
+    bounds: Float64[np.ndarray, " r"],
+    costs: Float64[np.ndarray, " r"],
+    spacing: float,
+) -> Float64[np.ndarray, " r"]:
+    """The costs whose windows are the next to look at; NaN where the last one proves what it shows.
+
+    Args:
+        route: what was found for all problems.
+        asked: which of them were looked at.
+        bounds: of their windows; NaN for the whole map.
+        costs: by which these were chosen.
+        spacing: of the grid [m].
+    """
+    status, path = np.asarray(route.status)[asked], np.asarray(route.path)[asked]
+    found = np.asarray(route.cost, np.float64)[asked] / spacing
+    # Without a price a metre costs 1.
+    lengths = np.linalg.norm(np.diff(path, axis=1), axis=2).sum(axis=1)
+    found = np.where(found > 0, found, lengths)
+    ok = status == Status.OK
+    proved = np.isnan(bounds) | np.isin(status, _LOCAL) | (ok & (found <= bounds))
+    following: Float64[np.ndarray, " r"] = np.where(ok, np.maximum(found, costs), _GROWTH * costs)
+    return np.where(proved, math.nan, following)

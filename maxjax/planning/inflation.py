@@ -1,4 +1,4 @@
-"""The hard set: voxels whose centres are nearer to an obstacle than the radius, or beside the ground.
+"""Inflated obstacles: voxels whose centres are nearer to an obstacle than the radius, or beside the ground.
 
     blocked = { x : d(x) < radius }  ∪  { x : within one voxel of the ground, centre to centre }
 
@@ -28,7 +28,7 @@ def least_quarters(radius: float) -> int:
     return max(math.ceil(4 * radius**2 - _INCLUSIVE), int(radius > 0))
 
 
-def hard_set(
+def inflated_obstacles(
     quarters: Integer[Array, "nx ny nz"], ground_squared: Integer[Array, "nx ny nz"], least: Int32[Array, ""] | int
 ) -> Bool[Array, "nx ny nz"]:
     """Voxels that a path keeps out of.

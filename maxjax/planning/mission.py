@@ -19,12 +19,14 @@ from jaxtyping import Float64, Int64
 
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import Climb
+from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.fleet import plan_fleet
 from maxjax.planning.plan import Plan
-from maxjax.planning.route import NO_PATH, PathFinder
-from maxjax.planning.task import Distances, Task, points_of
+from maxjax.planning.planner import Planner
+from maxjax.planning.task import Task, points_of
 from maxjax.programs.stage_timer import added, recording, timed
 from maxjax.verification.verifier import verify
 
@@ -72,7 +74,7 @@ class Waypoint:
             ValueError: as `Distances`.
         """
         radius = others.radius if self.radius is None else self.radius
-        return Distances.of(radius, others.margin if self.margin is None else self.margin, others.price)
+        return Distances(radius, others.margin if self.margin is None else self.margin, others.price)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +90,7 @@ class Mission:
         length: of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
         timings: seconds by stage, as in `Plan`, over all legs, and `judge`.
+        map: that it was planned and verified in.
     """
 
     status: Status
@@ -98,6 +101,7 @@ class Mission:
     length: float
     clearance: float
     timings: Mapping[str, float]
+    map: VoxelMap = dataclasses.field(repr=False)
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Mission:
@@ -105,7 +109,9 @@ class Mission:
         ends = plan.path[[0, -1]].tolist() if len(plan.path) else []
         waypoints = tuple(Waypoint((x, y, z)) for x, y, z in ends)
         places = np.array([0, len(plan.path) - 1] if ends else [], np.int64)
-        return cls(plan.status, waypoints, (plan,), plan.path, places, plan.length, plan.clearance, plan.timings)
+        return cls(
+            plan.status, waypoints, (plan,), plan.path, places, plan.length, plan.clearance, plan.timings, plan.map
+        )
 
     @property
     def failed(self) -> tuple[int, ...]:
@@ -127,15 +133,16 @@ class Mission:
         return self.path[self.places[k] : self.places[k + 1] + 1]
 
 
-def plan_legs(task: Task, distances: Sequence[Distances], find: PathFinder, method: str) -> list[Plan]:
+def plan_legs(task: Task, distances: Sequence[Distances], planner: Planner) -> list[Plan]:
     """Plans of the legs of a mission.
 
     Args:
         task: one problem a leg, on one map.
         distances: of each leg.
-        find, method: as in `execute.plan_task`.
+        planner: as in `execution.plan_task`.
     """
-    shares = isinstance(find, Climb) and find.focused and task.occupied.size <= _LARGEST_SHARED
+    small = math.prod(task.grid.shape) <= _LARGEST_SHARED
+    shares = isinstance(planner, FieldPlanner) and planner.focus and small
     groups: dict[tuple[object, ...], list[int]] = {}
     for k, (kept, goal) in enumerate(zip(distances, task.goals.tolist(), strict=True)):
         groups.setdefault((kept, *goal), []).append(k)
@@ -143,30 +150,30 @@ def plan_legs(task: Task, distances: Sequence[Distances], find: PathFinder, meth
     found: dict[int, Plan] = {}
     for together in groups.values():
         kept = distances[together[0]]
-        if shares and len(together) > 1 and isinstance(find, Climb):
+        if shares and len(together) > 1 and isinstance(planner, FieldPlanner):
             some = dataclasses.replace(task.some(np.array(together)), distances=kept)
-            found.update(zip(together, plan_fleet(some, find, method), strict=True))
+            found.update(zip(together, plan_fleet(some, planner), strict=True))
         else:
             alone.setdefault(kept, []).extend(together)
     for kept, legs in alone.items():
         some = dataclasses.replace(task.some(np.array(legs)), distances=kept)
-        found.update(zip(legs, plan_task(some, find, method), strict=True))
+        found.update(zip(legs, plan_task(some, planner), strict=True))
     return [found[k] for k in range(len(distances))]
 
 
-def plan_mission(task: Task, waypoints: Sequence[Waypoint], find: PathFinder, method: str) -> Mission:
-    """Plan and judge a mission.
+def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) -> Mission:
+    """Plan and verify a mission.
 
     Args:
         task: one problem a leg, from each waypoint to the next one, on one map, with the mission's distances.
         waypoints: at least two.
-        find, method: as in `execute.plan_task`.
+        planner: as in `execution.plan_task`.
 
     Raises:
-        ValueError: for distances of a leg that cannot be kept.
+        ValueError: if the distances of a leg cannot be kept.
     """
     distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
-    legs = plan_legs(task, distances, find, method)
+    legs = plan_legs(task, distances, planner)
     spent = functools.reduce(added, (leg.timings for leg in legs))
     return joined(waypoints, legs, task, spent)
 
@@ -185,11 +192,12 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
         failed,
         tuple(waypoints),
         tuple(legs),
-        NO_PATH.astype(np.float64),
+        np.zeros((0, 3)),
         np.zeros(0, np.int64),
         length=math.nan,
         clearance=math.nan,
         timings=spent,
+        map=task.map,
     )
     if failed != Status.OK:
         return nothing
@@ -202,7 +210,7 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
     path = np.concatenate(parts)
     whole = dataclasses.replace(nothing, path=path, places=np.array(places))
     with recording() as recorder, timed("judge"):
-        verdict = verify(path, None, task.occupied, task.grid, ground=task.ground)
+        verdict = verify(path, task.map)
         kept = verdict.ok and all(_keeps(whole, k, task) for k in range(len(legs)))
     spent = added(spent, recorder.report())
     if not kept:
@@ -211,13 +219,12 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
 
 
 def _keeps(whole: Mission, k: int, task: Task) -> bool:
-    """Whether a leg keeps its radius on the joined path, outside its balls."""
+    """Whether a leg keeps its radius on the joined path, outside its exemptions."""
     leg, path = whole.legs[k], whole.leg_path(k)
-    # Where two legs' ends differ by what they were moved, the ball covers both.
+    # Where two legs' ends differ by what they were moved, the exemption covers both.
     joint = math.dist(path[0], leg.path[0])
     start, goal = (ball + joint if ball else 0.0 for ball in leg.balls)
-    volumes = None, task.occupied, task.grid
-    return verify(path, *volumes, ground=task.ground, radius=leg.radius, balls=(start, goal)).ok
+    return verify(path, task.map, radius=leg.radius, balls=(start, goal)).ok
 
 
 def first_legs(mission: Mission, task: Task) -> Mission | None:

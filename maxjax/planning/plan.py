@@ -1,8 +1,8 @@
-"""From routes to plans: the judge decides, and nothing that it refuses is handed out.
+"""Plans: routes that the verifier passed, as arrays over a batch, and one of them as a value.
 
-    Route (index coordinates, a claim) → judge → Plan (world coordinates, verified)
+    Route (index coordinates, a claim) → verifier → Plans (world coordinates) → plans[k] = Plan
 
-Judged is the polyline in the local frame of the grid, whose origin is zero, in float64: u · spacing. The world's
+Verified is the polyline in the local frame of the grid, whose origin is zero, in float64: u · spacing. The world's
 coordinates are that plus the grid's origin, in float64 as well.
 """
 
@@ -10,25 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
+from typing import overload
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float64, Int32, Int64
 
-from maxjax.core.status import Closure, Status
-from maxjax.planning.route import NO_PATH, Route
-from maxjax.planning.task import Distances, Task
-from maxjax.programs.stage_timer import timed
-from maxjax.verification.verifier import Verification, verify_batch
+from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.task import Task
 
-# Paths that are verified in one go: most of what one costs is the same for several.
-_TOGETHER = 16
-# An end of a path this close to where it was asked for is put there [voxels].
-_SAME = 1e-4
+# Seconds of each problem by stage; NaN where it had none of that stage.
+Seconds = Mapping[str, Float64[np.ndarray, " b"]]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
     """A verified path, or why there is none.
 
@@ -38,11 +34,12 @@ class Plan:
             occupied voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
-        cruise_clearance: the least such distance outside balls of 10 m around the ends, and outside `balls`;
+        cruise_clearance: the least such distance more than 10 m from the ends, and outside `balls`;
             `clearance` where the path does not leave them; NaN unless OK.
         clearance_at: (t,) float64 [m], such a distance at each point of the path.
-        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH the largest one that joins the ends.
-        balls: radii [m] of the balls around start and goal in which it does not, since they stand nearer; 0: none.
+        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH one that joins the ends.
+        balls: radii [m] of the exemptions around start and goal in which it keeps their own distances, since they stand
+            nearer, or beside the ground; 0: none.
         cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
@@ -51,6 +48,7 @@ class Plan:
         timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
             device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
         method: name of the planner.
+        map: that it was planned and verified in.
     """
 
     status: Status
@@ -67,143 +65,116 @@ class Plan:
     margin: float
     timings: Mapping[str, float]
     method: str
+    map: VoxelMap = dataclasses.field(repr=False)
 
 
-def no_plan(status: Status, method: str, distances: Distances, *, certified: bool = False) -> Plan:
-    """A plan without a path."""
-    return Plan(
-        status,
-        NO_PATH.astype(np.float64),
-        length=math.nan,
-        clearance=math.nan,
-        cruise_clearance=math.nan,
-        clearance_at=np.zeros(0),
-        radius=distances.radius,
-        balls=(0.0, 0.0),
-        cost=math.nan,
-        certified=certified,
-        potential="",
-        margin=distances.margin,
-        timings={},
-        method=method,
-    )
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plans(Sequence[Plan]):
+    """Plans of a batch as arrays; `plans[k]` is a `Plan`.
 
-
-def judged(routes: Sequence[Route], task: Task, method: str) -> list[Plan]:
-    """Turn completed routes into plans: only a path that the judge passes is handed out.
-
-    Args:
-        routes: one for each problem of the task, on the host.
-        task: what was asked.
+    Attributes:
+        status: (b,) int32, `Status`.
+        points: (b, t, 3) float64 [m], ENU: paths, each filled up with its last point; NaN without a path.
+        counts: (b,) how many points each path has.
+        length, clearance, cruise_clearance, cost: (b,) float64 [m], as in `Plan`; NaN without a path.
+        clearance_at: (b, t) float64 [m], at each point; NaN beyond a path.
+        radius: (b,) float64 [m], as in `Plan`.
+        balls: (b, 2) float64 [m], as in `Plan`.
+        certified: (b,) bool.
+        geodesic: (b,) bool, whether the certified field was the flood's own distance.
+        timings: (b,) float64 [s] by stage, as in `Plan`; NaN where a problem had none of that stage.
         method: name of the planner.
-
-    Returns:
-        One plan a route; their `timings` are empty.
+        task: what was asked.
     """
-    local: dict[int, Float64[np.ndarray, "_ 3"]] = {}
-    for k, route in enumerate(routes):
-        if route.status == Status.OK:
-            local[k] = _local(np.asarray(route.path), task, k)
-    with timed("verify"):
-        verdicts = _verdicts(local, routes, task)
-    plans = []
-    for k, route in enumerate(routes):
-        nothing = no_plan(Status.PATH_IN_COLLISION, method, task.distances, certified=bool(route.certified))
-        if k not in verdicts:
-            plans.append(dataclasses.replace(nothing, status=Status(int(route.status))))
-        elif verdicts[k].ok:
-            plans.append(_passed(nothing, _world(local[k], task, k), verdicts[k], route))
-        else:
-            plans.append(nothing)
-    return plans
 
+    status: Int32[np.ndarray, " b"]
+    points: Float64[np.ndarray, "b t 3"]
+    counts: Int64[np.ndarray, " b"]
+    length: Float64[np.ndarray, " b"]
+    clearance: Float64[np.ndarray, " b"]
+    cruise_clearance: Float64[np.ndarray, " b"]
+    cost: Float64[np.ndarray, " b"]
+    clearance_at: Float64[np.ndarray, "b t"]
+    radius: Float64[np.ndarray, " b"]
+    balls: Float64[np.ndarray, "b 2"]
+    certified: Bool[np.ndarray, " b"]
+    geodesic: Bool[np.ndarray, " b"]
+    timings: Seconds
+    method: str
+    task: Task = dataclasses.field(repr=False)
 
-# What an end that lies in a voxel which is closed, but holds nothing, is told: (start, goal).
-_CLOSED = {
-    Closure.BAND: (Status.START_OUTSIDE_BAND, Status.GOAL_OUTSIDE_BAND),
-    Closure.AREA: (Status.START_IN_CLOSED_AREA, Status.GOAL_IN_CLOSED_AREA),
-}
+    @property
+    def ok(self) -> Bool[np.ndarray, " b"]:
+        """Which of them have a path."""
+        return np.asarray(self.status == Status.OK)
 
+    @property
+    def margin(self) -> float:
+        """Distance from which on a metre costs no more than its length [m]."""
+        return self.task.distances.margin
 
-def with_closures(plans: list[Plan], task: Task) -> list[Plan]:
-    """The plans of a task; an end that is taken for occupied where the airspace is closed has a status that says so."""
-    if task.closed is None:
-        return plans
+    @property
+    def map(self) -> VoxelMap:
+        """That all were planned in, or a batch of maps."""
+        return self.task.map
 
-    def named(plan: Plan, closures: tuple[Closure, Closure]) -> Plan:
-        for end, (status, closure) in enumerate(
-            zip((Status.START_OCCUPIED, Status.GOAL_OCCUPIED), closures, strict=True)
-        ):
-            if plan.status == status and closure != Closure.OPEN:
-                return dataclasses.replace(plan, status=_CLOSED[closure][end])
-        return plan
+    def __len__(self) -> int:
+        return len(self.status)
 
-    return [named(plan, closures) for plan, closures in zip(plans, task.closures(), strict=True)]
+    @overload
+    def __getitem__(self, index: int) -> Plan: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Plan, ...]: ...
+    def __getitem__(self, index: int | slice) -> Plan | tuple[Plan, ...]:
+        if isinstance(index, slice):
+            return tuple(self._plan(k) for k in range(len(self))[index])
+        return self._plan(range(len(self))[index])
 
+    def __iter__(self) -> Iterator[Plan]:
+        return (self._plan(k) for k in range(len(self)))
 
-def _passed(nothing: Plan, path: Float64[np.ndarray, "t 3"], verdict: Verification, route: Route) -> Plan:
-    """The plan of a path that the judge passed, from the one that there would be without it."""
-    start, goal = np.asarray(route.balls, np.float64).tolist()
-    return dataclasses.replace(
-        nothing,
-        status=Status.OK,
-        path=path,
-        length=verdict.length,
-        clearance=verdict.clearance,
-        cruise_clearance=verdict.cruise_clearance,
-        clearance_at=verdict.clearance_at,
-        balls=(start, goal),
-        cost=float(route.cost) or verdict.length,
-        potential="geodesic" if route.geodesic else "maxwell" if route.certified else "",
-    )
-
-
-def _local(path: Float[np.ndarray, "t 3"], task: Task, k: int) -> Float64[np.ndarray, "s 3"]:
-    """A path in the grid's local frame [m], without repeated points; ends that `placed` left alone are exact."""
-    x, y, z = (path[1:] != path[:-1]).T
-    local: Float64[np.ndarray, "s 3"] = task.grid.spacing * path[np.concatenate([[True], x | y | z])].astype(np.float64)
-    for end, given in ((0, task.starts[k]), (-1, task.goals[k])):
-        exact = given - np.array(task.grid.origin)
-        if np.abs(local[end] - exact).max() < _SAME * task.grid.spacing:
-            local[end] = exact
-    return local
-
-
-def _world(local: Float64[np.ndarray, "s 3"], task: Task, k: int) -> Float64[np.ndarray, "s 3"]:
-    """A path of the local frame in the world's [m], its ends as given, to the bit."""
-    origin = np.array(task.grid.origin)
-    world: Float64[np.ndarray, "s 3"] = origin + local
-    for end, given in ((0, task.starts[k]), (-1, task.goals[k])):
-        if np.array_equal(local[end], given - origin):
-            world[end] = given
-    return world
-
-
-def _verdicts(
-    paths: Mapping[int, Float64[np.ndarray, "_ 3"]], routes: Sequence[Route], task: Task
-) -> dict[int, Verification]:
-    volumes = task.occupied, task.ground
-    several = [len(maps) for maps in volumes if maps.ndim == 4]
-    map_of = task.map_of if several else np.zeros(len(routes), np.int64)
-    occupied, ground = (np.broadcast_to(maps, (max(several, default=1), *task.grid.shape)) for maps in volumes)
-
-    def some(keys: list[int]) -> list[tuple[int, Verification]]:
-        found = verify_batch(
-            [paths[key] for key in keys],
-            map_of[keys],
-            None,
-            occupied,
-            task.grid.local,
-            ground=ground,
-            radius=task.distances.radius,
-            balls=np.stack([routes[key].balls for key in keys]),
+    def _plan(self, k: int) -> Plan:
+        count = int(self.counts[k])
+        start, goal = self.balls[k].tolist()
+        kind = "geodesic" if self.geodesic[k] else "maxwell" if self.certified[k] else ""
+        spent = {name: float(seconds[k]) for name, seconds in self.timings.items() if not math.isnan(seconds[k])}
+        return Plan(
+            status=Status(int(self.status[k])),
+            path=self.points[k, :count].copy(),
+            length=float(self.length[k]),
+            clearance=float(self.clearance[k]),
+            cruise_clearance=float(self.cruise_clearance[k]),
+            clearance_at=self.clearance_at[k, :count].copy(),
+            radius=float(self.radius[k]),
+            balls=(start, goal),
+            cost=float(self.cost[k]),
+            certified=bool(self.certified[k]),
+            potential=kind if count else "",
+            margin=self.margin,
+            timings=spent,
+            method=self.method,
+            map=self.task.map_at(k),
         )
-        return list(zip(keys, found, strict=True))
 
-    keys = sorted(paths)
-    parts = [keys[k : k + _TOGETHER] for k in range(0, len(keys), _TOGETHER)]
-    if len(parts) < 2:
-        return dict(verdict for part in parts for verdict in some(part))
-    # NumPy lets several threads work at a time.
-    with ThreadPoolExecutor() as pool:
-        return dict(verdict for part in pool.map(some, parts) for verdict in part)
+
+def no_plans(task: Task, status: Status, method: str, timings: Seconds | None = None) -> Plans:
+    """Plans of a task without any path."""
+    count = len(task)
+    nothing, none = np.full(count, math.nan), np.zeros(count, bool)
+    return Plans(
+        status=np.full(count, int(status), np.int32),
+        points=np.full((count, 0, 3), math.nan),
+        counts=np.zeros(count, np.int64),
+        length=nothing,
+        clearance=nothing,
+        cruise_clearance=nothing,
+        cost=nothing,
+        clearance_at=np.full((count, 0), math.nan),
+        radius=np.full(count, task.distances.radius),
+        balls=np.zeros((count, 2)),
+        certified=none,
+        geodesic=none,
+        timings={} if timings is None else timings,
+        method=method,
+        task=task,
+    )

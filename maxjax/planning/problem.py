@@ -1,16 +1,15 @@
-"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs judged.
+"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs checked.
 
     (maps, ends, distances) ↦ Problem        `formulate`, on the device
 
-    blocked = hard set (`planning.inflation`), with a ball opened around an end that needs one (`planning.exemptions`)
+    blocked = inflated obstacles (`planning.inflation`) without what the ends' exemptions open (`planning.exemptions`)
     price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
 
 Of a part of a map, obstacles are seen beyond the part as well, in a halo as wide as the margin. Its problem is OK only
-where it is what the whole map would make of it: with balls that are no larger than the ends' own voxels ask for. A part
-may reach beyond the *rim* where the map ends: nothing is there to keep a distance from, and no path leads there.
+where it is what the whole map would make of it: with exemptions that nothing beyond the part could make smaller.
 
 A path runs   exact start, start, …, goal, exact goal,   where start and goal have the room that a path keeps on the
-way: they are the exact ends themselves, or the centres of their voxels.
+way: they are the exact ends themselves, or the centres of voxels next to them.
 
 Positions are index coordinates (whole numbers at voxel centres); of the grid only shape and spacing matter.
 """
@@ -18,24 +17,21 @@ Positions are index coordinates (whole numbers at voxel centres); of the grid on
 from __future__ import annotations
 
 import dataclasses
-import functools
-import operator
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.fields.distance import cube_distance, farthest, metres
-from maxjax.fields.occupancy import squared_distance
-from maxjax.planning.ends import inward, locate, placed
-from maxjax.planning.exemptions import Opened, ball_radius, largest_radius, opened
-from maxjax.planning.inflation import hard_set, least_quarters
+from maxjax.fields.connectivity import first_joined
+from maxjax.planning.distances import Distances
+from maxjax.planning.ends import End, locate
+from maxjax.planning.exemptions import Exemption, Radius, exemptions, last_level, opened_by, radii_below
+from maxjax.planning.inflation import least_quarters
 from maxjax.planning.line_of_sight import stands_free, touched
-from maxjax.planning.task import Distances
+from maxjax.planning.surroundings import Surroundings, surroundings
 from maxjax.programs.lowering import materialise
 
 
@@ -50,8 +46,8 @@ class Problem:
         start, goal: index coordinates, both with room.
         ends: the exact start and goal; where one lies on the face of an occupied voxel, it is moved off that face by
             less than a thousandth of a voxel.
-        balls: radii of the balls around the exact ends [m], outside of which a path keeps the radius.
-        levels: of these balls (`planning.exemptions`).
+        balls: radii of the exemptions around the exact ends [m], outside of which a path keeps the radius; 0: none.
+        levels: of the exemptions; 0 where no voxel is opened.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
         room: half the width of the box around each point of a path that meets free voxels only
@@ -69,39 +65,6 @@ class Problem:
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
     room: float = dataclasses.field(metadata={"static": True})
-
-
-class Surroundings(NamedTuple):
-    """What all problems of one map share.
-
-    Attributes:
-        occupied: occupied voxels, ground included.
-        quarters: `distance.cube_distance` of the obstacles (ground left out), exact up to the margin.
-        hard: the hard set.
-        price: as in `Problem`.
-    """
-
-    occupied: Bool[Array, "nx ny nz"]
-    quarters: Integer[Array, "nx ny nz"]
-    hard: Bool[Array, "nx ny nz"]
-    price: Float[Array, "nx ny nz"] | None
-
-    def inside(self, rim: Int32[Array, " 3"]) -> Surroundings:
-        """The same, closed from `rim` on."""
-        shape = self.hard.shape
-        beyond = functools.reduce(
-            operator.or_, (lax.broadcasted_iota(jnp.int32, shape, axis) >= rim[axis] for axis in range(3))
-        )
-        return self._replace(occupied=self.occupied | beyond, hard=self.hard | beyond)
-
-
-class Placement(NamedTuple):
-    """Where the ends of a problem are, as in `Problem`; batch axes lead."""
-
-    start: Float[Array, "*batch 3"]
-    goal: Float[Array, "*batch 3"]
-    ends: Float[Array, "*batch 2 3"]
-    balls: Float[Array, "*batch 2"]
 
 
 @jax.tree_util.register_dataclass
@@ -147,7 +110,7 @@ def formulate(
     grid: Grid,
     rim: Int32[Array, " 3"] | None = None,
 ) -> Problem:
-    """Measure distances, open balls where they are needed, and judge the inputs; `jit`- and `vmap`-safe.
+    """Measure distances, open exemptions where they are needed, and check the inputs; `jit`- and `vmap`-safe.
 
     Args:
         occupied: occupied voxels, ground included: of the grid, or of the grid and a halo around it.
@@ -160,76 +123,73 @@ def formulate(
     Returns:
         The problem. With a halo its status is NO_VALID_PATH, too, where only the whole map can tell.
     """
-    part = occupied.shape != grid.shape
     around = surroundings(occupied, ground, distances, grid)
-    return problem_in(around if rim is None else around.inside(rim), ends, distances, grid, part=part)
+    return problem_in(around if rim is None else around.inside(rim), ends, distances, grid)
 
 
-def surroundings(
-    occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], distances: Distances, grid: Grid
-) -> Surroundings:
-    """The hard set, the distances and the price of a map; arguments as in `formulate`."""
-    halo = (occupied.shape[0] - grid.shape[0]) // 2
-    occupied, ground = materialise(occupied), materialise(ground)
-    quarters = _inside(cube_distance(occupied & ~ground, distances.margin / grid.spacing), halo)
-    beside = _inside(squared_distance(ground, 1), halo)
-    hard = hard_set(quarters, beside, least_quarters(distances.radius / grid.spacing))
-    price = None
-    if distances.margin > 0 and distances.price.height > 0:
-        price = materialise(distances.price.price_at(metres(quarters, grid.spacing), distances.margin))
-    return Surroundings(_inside(occupied, halo), quarters, materialise(hard), price)
-
-
-def _inside(volume: Shaped[Array, "hx hy hz"], halo: int) -> Shaped[Array, "nx ny nz"]:
-    """A volume without its halo."""
-    return volume[halo:-halo, halo:-halo, halo:-halo] if halo else volume
-
-
-def halo_of(distances: Distances, grid: Grid) -> int:
-    """How many voxels beyond a part of a map obstacles or ground count in it, at least 1."""
-    return max(farthest(distances.margin / grid.spacing), 1)
-
-
-def problem_in(
-    around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid, *, part: bool = False
-) -> Problem:
-    """The problem of two ends; arguments as in `formulate`, and whether the map goes on beyond what is around."""
-    a, b = (locate(end, grid.shape) for end in ends)
-    faults = faults_of(around.occupied, ends, grid)
-    way = opened(around.hard, around.occupied, a.index, b.index, distances.radius / grid.spacing)
-    place = placement(around, way, ends, distances, grid)
-    found = jnp.where(way.least, way.status, Status.NO_VALID_PATH) if part else way.status
+def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid) -> Problem:
+    """The problem of two ends; arguments as in `formulate`."""
+    both = exemptions(around, located(ends, grid.shape), Radius.of(distances.radius / grid.spacing))
+    blocked = materialise(opened_by(around.inflated, both))
+    inner, balls = inner_places(blocked, both, distances, grid)
+    joined = joined_status(around.occupied, blocked, both, distances.radius)
+    if around.halo:
+        joined = jnp.where(jnp.all(both.local), joined, Status.NO_VALID_PATH)
+    fault = faults_of(around.occupied, ends, grid).status
     return Problem(
-        blocked=way.blocked,
+        blocked=blocked,
         price=around.price,
-        start=place.start,
-        goal=place.goal,
-        ends=place.ends,
-        balls=place.balls,
-        levels=way.levels,
-        goal_index=b.index,
-        status=jnp.where(faults.status == Status.OK, found, faults.status).astype(jnp.int32),
+        start=inner[0],
+        goal=inner[1],
+        ends=both.place,
+        balls=balls,
+        levels=both.level,
+        goal_index=both.first[1],
+        status=jnp.where(fault == Status.OK, joined, fault).astype(jnp.int32),
         room=distances.room,
     )
 
 
-def placement(
-    around: Surroundings, way: Opened, ends: Float[Array, "2 3"], distances: Distances, grid: Grid
-) -> Placement:
-    """Where two ends are, and the balls that hold what is opened around each, and its way to where it has room."""
-    radius = distances.radius / grid.spacing
-    barred = around.hard & ~around.occupied
-    exact, inner, balls = [], [], []
-    for end, level in zip((locate(x, grid.shape) for x in ends), way.levels, strict=True):
-        x = placed(around.occupied, end.exact)
-        y = inward(way.blocked, x, distances.room)
-        _, at = touched(grid.shape, x, distances.room)
-        near = jnp.any(around.quarters[at] < least_quarters(radius)) | ~stands_free(way.blocked, x)
-        aside = jnp.where(near, jnp.linalg.norm(x - y), 0.0)
-        exact.append(x)
-        inner.append(y)
-        balls.append(jnp.maximum(aside, ball_radius(barred, around.quarters, end, level, radius)))
-    return Placement(inner[0], inner[1], jnp.stack(exact), grid.spacing * jnp.stack(balls))
+def located(ends: Float[Array, "n 3"], shape: tuple[int, ...]) -> End:
+    """Where several ends are on a grid of this shape."""
+    nx, ny, nz = shape
+    return jax.vmap(lambda end: locate(end, (nx, ny, nz)))(ends)
+
+
+def inner_places(
+    blocked: Bool[Array, "nx ny nz"], ends: Exemption, distances: Distances, grid: Grid
+) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+    """Where a path has room at each of some ends, and the radii of the balls around their exact places [m].
+
+    A ball holds what is exempt around its end: opened voxels, and the first step to where there is room.
+    """
+
+    def one(end: Exemption) -> tuple[Array, Array]:
+        at_home = jnp.all(jnp.floor(end.place + 0.5) == end.first)
+        stays = at_home & stands_free(blocked, end.place, distances.room)
+        inner = jnp.where(stays, end.place, end.first)
+        ball = jnp.where(end.needed, jnp.maximum(jnp.linalg.norm(end.place - inner), end.reach), 0.0)
+        return inner, grid.spacing * ball
+
+    return jax.vmap(one)(ends)
+
+
+def joined_status(
+    occupied: Bool[Array, "nx ny nz"], blocked: Bool[Array, "nx ny nz"], both: Exemption, radius: float
+) -> Int32[Array, ""]:
+    """Whether two ends are joined: OK; NO_SAFE_PATH where only radius 0 joins them, NO_VALID_PATH where nothing does.
+
+    Args:
+        occupied: occupied voxels.
+        blocked: what a path keeps out of at the radius.
+        both: exemptions of the ends.
+        radius: static; 0 or not.
+    """
+    last = int(radius > 0)
+    first = jnp.where(jnp.all(both.leaves), 0, last).astype(jnp.int32)
+    way, met = first_joined(lambda k: ~blocked | ((k > 0) & ~occupied), first, last, both.first[0], both.first[1])
+    kept = jnp.all(both.leaves) & (way == 0)
+    return jnp.where(met, jnp.where(kept, Status.OK, Status.NO_SAFE_PATH), Status.NO_VALID_PATH).astype(jnp.int32)
 
 
 def faults_of(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Faults:
@@ -253,8 +213,29 @@ def largest_joining(
     distances: Distances,
     grid: Grid,
 ) -> Float[Array, ""]:
-    """The largest radius [m] below the one asked for that joins two ends which radius 0 joins; as `formulate`."""
-    quarters = cube_distance(occupied & ~ground, distances.radius / grid.spacing)
-    a, b = (locate(end, grid.shape).index for end in ends)
-    around = quarters, squared_distance(ground, 1), occupied
-    return grid.spacing * largest_radius(*around, a, b, distances.radius / grid.spacing)
+    """A radius [m] below the one asked for that joins two ends which radius 0 joins; as `formulate`.
+
+    Of the radii that differ in their inflated obstacles, found by bisection: it is the largest one where no end needs
+    an exemption, as all below a radius that joins two such ends do so, too. 0 where no other joins them.
+    """
+    radius = distances.radius / grid.spacing
+    around = surroundings(occupied, ground, dataclasses.replace(distances, margin=distances.radius), grid)
+    both, lower = located(ends, grid.shape), radii_below(radius)
+    least, last = (jnp.asarray([law(r) for r in lower], jnp.int32) for law in (least_quarters, last_level))
+    values = jnp.asarray(lower, jnp.float32)
+
+    def joins(k: Int32[Array, ""]) -> Bool[Array, ""]:
+        inflated = around.with_radius(least[k])
+        left = exemptions(inflated, both, Radius(values[k], least[k], last[k], radius))
+        blocked = opened_by(inflated.inflated, left)
+        return joined_status(around.occupied, blocked, left, 0.0) == Status.OK
+
+    def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        worse, better = bounds
+        middle = (worse + better) // 2
+        found = joins(middle)
+        return jnp.where(found, worse, middle), jnp.where(found, middle, better)
+
+    bounds = jnp.int32(-1), jnp.int32(len(lower) - 1)
+    _, best = lax.while_loop(lambda bounds: bounds[1] - bounds[0] > 1, halve, bounds)
+    return grid.spacing * values[best]

@@ -1,21 +1,21 @@
-"""What every path finder takes and returns.
+"""What every planner returns: a route.
 
-    PathFinder = (Problem, Grid) -> Route        completed = (Problem, Route, Grid) -> Route
+    RouteFn = (Problem, Grid) -> Route        completed = (Problem, Route, Grid) -> Route
 
-A route is a claim: only the judge makes a `Plan` of it. It leads from start to goal of its problem; `completed` adds
+A route is a claim: only the verifier makes a `Plan` of it. It leads from start to goal of its problem; `completed` adds
 the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing; its origin lies at
-zero wherever the map is, so that a path finder is compiled once for all places.
+zero wherever the map is, so that a planner is compiled once for all places.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float, Float64, Int32, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -32,7 +32,7 @@ class Route:
         path: index coordinates, start first, goal last, which may be repeated to the end of the array.
         status: `Status` as int32; unless it is OK, the path means nothing.
         certified: whether the field that was climbed had no local maximum but the goal.
-        balls: radii [m] of the balls around start and goal that were opened; 0 where none was needed.
+        balls: radii [m] of the exemptions around start and goal; 0 where none is needed.
         geodesic: whether the potential was the flood's own distance.
         cost: the price paid, ∫ n ds [m]; 0: nothing was priced.
     """
@@ -45,7 +45,7 @@ class Route:
     cost: Float[Array | np.ndarray, "*batch"] = dataclasses.field(default_factory=lambda: np.zeros((), np.float32))
 
 
-PathFinder = Callable[[Problem, Grid], Route]
+RouteFn = Callable[[Problem, Grid], Route]
 
 NO_PATH = np.zeros((0, 3), np.float32)
 
@@ -62,7 +62,7 @@ def failed(status: int | Array | np.ndarray, certified: bool = False) -> Route:
 
 
 def completed(problem: Problem, route: Route, grid: Grid) -> Route:
-    """A route from exact start to exact goal, with its cost and the problem's balls; `jit`- and `vmap`-safe."""
+    """A route from exact start to exact goal, with its cost and the problem's exemptions; `jit`- and `vmap`-safe."""
     path, cost = whole(problem.ends, problem.price, jnp.asarray(route.path))
     return dataclasses.replace(route, path=path, balls=problem.balls, cost=grid.spacing * cost)
 
@@ -73,3 +73,83 @@ def whole(
     """A path between its exact ends, and what it costs: ∫ n ds [voxels], 0 without a price."""
     path = jnp.concatenate([ends[:1], path, ends[1:]])
     return path, jnp.zeros(()) if price is None else jnp.sum(paid(price, path[:-1], path[1:]))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Routes:
+    """Routes of several problems on the host, and the seconds that each took.
+
+    Attributes:
+        route: with one leading axis; paths are filled up with their last points.
+        timings: by stage; NaN where a problem had none of that stage.
+    """
+
+    route: Route
+    timings: Mapping[str, Float64[np.ndarray, " b"]] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def blank(cls, count: int, status: int = Status.NO_VALID_PATH) -> Routes:
+        """No routes, all with one status."""
+        none = np.zeros(count, bool)
+        return cls(
+            Route(
+                np.zeros((count, 0, 3)),
+                np.full(count, int(status), np.int32),
+                none,
+                np.zeros((count, 2), np.float32),
+                none,
+                np.zeros(count, np.float32),
+            )
+        )
+
+    @classmethod
+    def of(cls, routes: Sequence[Route], timings: Sequence[Mapping[str, float]] = ()) -> Routes:
+        """Single routes, and what each took."""
+        found = cls.blank(len(routes))
+        for k, route in enumerate(routes):
+            one = jax.tree.map(lambda x: np.asarray(x)[None], route)
+            spent = {name: np.array([seconds]) for name, seconds in (timings[k] if timings else {}).items()}
+            found = found.put(np.array([k]), Routes(one, spent))
+        return found
+
+    def __len__(self) -> int:
+        return len(self.route.status)
+
+    @property
+    def ok(self) -> Bool[np.ndarray, " b"]:
+        """Which of them have a path."""
+        return np.asarray(self.route.status == Status.OK)
+
+    def one(self, k: int) -> Route:
+        """One of them."""
+        return jax.tree.map(lambda x: x[k, ...], self.route)  # type: ignore[no-any-return]
+
+    def put(self, rows: Int64[np.ndarray, " r"], others: Routes) -> Routes:
+        """Others in place of some of these; the seconds add up."""
+        mine, theirs = self.route, others.route
+        count = max(mine.path.shape[1], theirs.path.shape[1])
+        path = _filled_up(np.asarray(mine.path, np.float64), count)
+        path[rows] = _filled_up(np.asarray(theirs.path, np.float64), count)
+
+        def merged(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+            both = np.array(old)
+            both[rows] = new
+            return both
+
+        rest = [field.name for field in dataclasses.fields(Route) if field.name != "path"]
+        route = Route(path, **{name: merged(getattr(mine, name), getattr(theirs, name)) for name in rest})
+        return Routes(route, self.spending(rows, others.timings).timings)
+
+    def spending(self, rows: Int64[np.ndarray, " r"], seconds: Mapping[str, Float64[np.ndarray, " r"]]) -> Routes:
+        """The same routes, with seconds added to those of some."""
+        timings = {name: np.array(values) for name, values in self.timings.items()}
+        for name, values in seconds.items():
+            own = timings.setdefault(name, np.full(len(self), np.nan))
+            own[rows] = np.where(np.isnan(own[rows]), values, own[rows] + np.nan_to_num(values))
+        return Routes(self.route, timings)
+
+
+def _filled_up(path: Float64[np.ndarray, "b t 3"], count: int) -> Float64[np.ndarray, "b n 3"]:
+    """Paths of so many points, their last ones repeated; zeros where there is no point."""
+    beyond = ((0, 0), (0, count - path.shape[1]), (0, 0))
+    return np.pad(path, beyond, mode="edge" if path.shape[1] else "constant")

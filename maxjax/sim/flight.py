@@ -2,7 +2,7 @@
 
     fly(scene, start, goal, key, config) -> FlightLog
 
-A planning iteration is a tuple of pure stages, each (world, flight) ↦ flight:
+A planning iteration is a tuple of pure stages, each (world, flight, config) ↦ flight (`FlightConfig.stages`):
 
 1. `sense`: a scan from the true position, degraded by the disturbances.
 2. `fuse`: the scan into the rolling map, at the estimated position.
@@ -20,6 +20,7 @@ Frames: world, ENU, metres.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 
 import jax
@@ -46,9 +47,10 @@ from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene
 
-__all__ = ["Flight", "FlightConfig", "FlightLog", "World", "fly", "stages_of", "take_off", "watch"]
+__all__ = ["STAGES", "Flight", "FlightConfig", "FlightLog", "Stage", "World", "fly", "stages_of", "take_off", "watch"]
 
-Stage = Callable[[World, Flight], Flight]
+# A stage of a planning iteration: pure, of arrays; the configuration is static but for its disturbances.
+Stage = Callable[[World, Flight, FlightConfig], Flight]
 
 
 def fly(
@@ -97,21 +99,22 @@ def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
     yield flight
     if not flight.done:
         given = world, flight, config
-        for _ in concurrently(lambda stage: stage.executable(given, {}), _STAGES, len(_STAGES)):
+        programs = list(map(_program_of, stages_of(config)))
+        for _ in concurrently(lambda stage: stage.executable(given, {}), programs, len(programs)):
             pass
     while not flight.done:
-        for stage in _STAGES:
+        for stage in programs:
             flight = stage(world, flight, config)
         yield flight
 
 
-def iteration_of(config: FlightConfig) -> Stage:
+def iteration_of(config: FlightConfig) -> Callable[[World, Flight], Flight]:
     """One planning iteration: its stages one after the other."""
     stages = stages_of(config)
 
     def iterate(world: World, flight: Flight) -> Flight:
         for stage in stages:
-            flight = stage(world, flight)
+            flight = stage(world, flight, config)
         return flight
 
     return iterate
@@ -119,11 +122,7 @@ def iteration_of(config: FlightConfig) -> Stage:
 
 def stages_of(config: FlightConfig) -> tuple[Stage, ...]:
     """The stages of one planning iteration, in order."""
-
-    def stage(function: Callable[[World, Flight, FlightConfig], Flight]) -> Stage:
-        return lambda world, flight: function(world, flight, config)
-
-    return tuple(map(stage, (sense, fuse, plan, follow)))
+    return STAGES if config.stages is None else config.stages
 
 
 def take_off(world: World, config: FlightConfig) -> Flight:
@@ -280,7 +279,14 @@ def _physics_step(
 
 
 _TAKE_OFF = Stored("take-off", take_off)
-_STAGES = tuple(Stored(stage.__name__, stage) for stage in (sense, fuse, plan, follow))
+STAGES: tuple[Stage, ...] = (sense, fuse, plan, follow)
+"""The stages of a planning iteration; a user's own go into `FlightConfig.stages`, in place of some or between them."""
+
+
+@functools.cache
+def _program_of(stage: Stage) -> Stored[..., Flight]:
+    """A stage as a program of its own, which is compiled once."""
+    return Stored(getattr(stage, "__name__", "stage"), stage)
 
 
 def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:

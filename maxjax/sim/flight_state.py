@@ -9,14 +9,15 @@ Frames: world, ENU, metres. The rolling map moves with the vehicle by whole voxe
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.grid import Grid, Index3
-from maxjax.planning.route import PathFinder
-from maxjax.planning.task import Distances
+from maxjax.planning.distances import Distances
+from maxjax.planning.planner import Planner
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
@@ -38,7 +39,7 @@ class FlightConfig:
 
     Attributes:
         disturbances: strengths; may carry batch axes.
-        find: path finder that runs inside the compiled flight, as `Method.flying` makes it.
+        planner: finds paths inside the compiled flight; one that is not batched is called back on the host.
         lidar, vehicle, controller, limits, gusts: see there.
         shape: of the rolling map, voxels.
         spacing: of its voxels [m].
@@ -49,10 +50,11 @@ class FlightConfig:
         radius: of the sphere around the vehicle that must not touch any solid [m].
         snapshot: plan on the latest scan alone, as the paper does, instead of the fused map.
         reactive: gain of the reactive layer [m/s²]; 0: none.
+        stages: of a planning iteration, pure functions (world, flight, config) ↦ flight. None: `sim.flight.STAGES`.
     """
 
     disturbances: Disturbances = Disturbances()  # noqa: RUF009 (frozen)
-    find: PathFinder = dataclasses.field(metadata={"static": True}, kw_only=True)
+    planner: Planner = dataclasses.field(metadata={"static": True}, kw_only=True)
     lidar: Lidar = dataclasses.field(default=Lidar(), metadata={"static": True})
     vehicle: physics.Vehicle = dataclasses.field(default=physics.Vehicle(), metadata={"static": True})
     controller: control.Controller = dataclasses.field(default=control.Controller(), metadata={"static": True})
@@ -67,6 +69,9 @@ class FlightConfig:
     radius: float = dataclasses.field(default=0.5, metadata={"static": True})
     snapshot: bool = dataclasses.field(default=False, metadata={"static": True})
     reactive: float = dataclasses.field(default=0.0, metadata={"static": True})
+    stages: tuple[Callable[[World, Flight, FlightConfig], Flight], ...] | None = dataclasses.field(
+        default=None, metadata={"static": True}
+    )
 
     @property
     def grid(self) -> Grid:

@@ -3,10 +3,10 @@
     (world, flight) ↦ flight with a new reference
 
 The path leads from the estimated position to the goal. It is verified on the present map, on the device (`sight.clear`:
-every voxel that an edge meets, with the room that it has to keep; from an exact end to the point where it has room lies
-a single voxel). A path that fails is not flown: the vehicle brakes along the last one that passed. Where it has come to
-rest, or where a path leads into voxels outside the field of view (straight up, for example), it turns and moves to a
-viewpoint within the voxels seen free (`sim.viewpoint`).
+every voxel that an edge meets, with the room that it has to keep; the step from an exact end to where it has room was
+checked when the problem was formulated, against the cubes themselves). A path that fails is not flown: the vehicle
+brakes along the last one that passed. Where it has come to rest, or where a path leads into voxels outside the field of
+view (straight up, for example), it turns and moves to a viewpoint within the voxels seen free (`sim.viewpoint`).
 
 Unknown space is free for the path and blocked for the reference. The reference is slower near obstacles and ends before
 the first voxel that was not seen free, so that the vehicle can always stop within known free space.
@@ -25,11 +25,12 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.line_of_sight import clear, sight_of
-from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.route import whole
+from maxjax.planning.plan_route import routed
+from maxjax.planning.problem import Problem
 from maxjax.programs.lowering import materialise
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
@@ -153,10 +154,9 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (start, world.goal)])
     occupied = mapping.occupied(flight.rolling_map) | ground
-    problem = formulate(occupied & here, ground & here, ends, config.distances, grid)
-    found = config.find(problem, grid)
-    path, _ = whole(problem.ends, None, jnp.asarray(found.path))
-    path = to_world(flight, config, grid.to_world(path))
+    where = VoxelMap(occupied & here, ground & here, None, grid)
+    problem, found = routed(where, ends, config.distances, config.planner)
+    path = to_world(flight, config, grid.to_world(_filled_up(jnp.asarray(found.path), len(flight.path))))
     sight = sight_of(problem.blocked, problem.room)
     sight = dataclasses.replace(sight, codes=materialise(sight.codes))
     # Verified after the conversion to world coordinates and back, as it will be flown.
@@ -164,6 +164,13 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     passed = jnp.all(clear(sight, on_grid[1:-2], on_grid[2:-1]))
     status = jnp.where((found.status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, found.status)
     return Candidate(start, path, status, jnp.asarray(found.certified), problem)
+
+
+def _filled_up(path: Float[Array, "n 3"], count: int) -> Float[Array, "m 3"]:
+    """A path of so many points, the last one repeated."""
+    if len(path) > count:
+        raise ValueError(f"planner: expected a path of at most {count - 2} points in flight, given {len(path) - 2}")
+    return jnp.pad(path, ((0, count - len(path)), (0, 0)), mode="edge")
 
 
 def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:

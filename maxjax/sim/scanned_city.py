@@ -20,8 +20,8 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import voxelize
 from maxjax.fields.price import SCREENING_LENGTH, Price, lattice_price
+from maxjax.planning.distances import Distances
 from maxjax.planning.problem import formulate
-from maxjax.planning.task import Distances
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.worlds.geoms import Geoms, rotation_z
 from maxjax.worlds.layouts import layout

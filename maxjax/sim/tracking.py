@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Float64, Int32, PRNGKeyArray
 from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.programs.executable import Stored
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
@@ -55,7 +56,8 @@ class Tracking:
         clearance: (t,) distance from the vehicle's centre to the cube of an occupied voxel [m], ground left out;
             infinite where there is none.
         contact: (t,) whether an occupied voxel, ground included, is within the vehicle's radius, 0.5 m or the
-            trajectory's if smaller; in the balls around a trajectory's ends, whether its centre is in one.
+            trajectory's if smaller. In the exemption of a waypoint that radius is less by what the waypoint itself is
+            short of the trajectory's, and 0 if it is short of more: then contact is a voxel that holds the centre.
     """
 
     status: Status
@@ -88,24 +90,14 @@ class _Flown(NamedTuple):
     velocity: Float[Array, "*batch t 3"]
 
 
-def fly(
-    trajectory: Trajectory,
-    occupied: Bool[Array | np.ndarray, "nx ny nz"],
-    grid: Grid = Grid(),  # noqa: B008 (frozen)
-    *,
-    ground: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
-    wind: float = 0.0,
-    seed: int = 0,
-) -> Tracking:
-    """Fly a trajectory with a quadrotor in MJX, and judge what was flown on the map: error, clearance, contact.
+def fly(trajectory: Trajectory, where: VoxelMap | None = None, *, wind: float = 0.0, seed: int = 0) -> Tracking:
+    """Fly a trajectory with a quadrotor in MJX, and measure what was flown in a map: error, clearance, contact.
 
     The vehicle sees nothing and plans nothing: it follows the trajectory's set-points.
 
     Args:
         trajectory: of a plan or a mission.
-        occupied: occupied voxels.
-        grid: of the map.
-        ground: the voxels of `occupied` that are ground, to which clearance does not count. None: no voxel is.
+        where: the map that is flown in. None: that of the plan, without what the rules of the air close.
         wind: mean speed of the wind [m/s], with gusts in proportion.
         seed: of the wind's direction and the gusts.
 
@@ -113,34 +105,21 @@ def fly(
         A `Tracking`; its status is OK if the vehicle kept to the trajectory and touched nothing.
 
     Raises:
-        ValueError: for a map of another shape, or a wind that is no speed.
+        ValueError: if the map is none, or the wind is no speed.
     """
-    volumes = {"occupied": np.asarray(occupied), "ground": None if ground is None else np.asarray(ground)}
-    for name, volume in volumes.items():
-        if volume is not None and (volume.shape != grid.shape or volume.dtype != np.bool_):
-            raise ValueError(f"{name}: expected bool of shape {grid.shape}, given {volume.dtype} {volume.shape}")
-    return fly_all([trajectory], np.asarray(occupied), grid, volumes["ground"], wind, seed)[0]
+    return fly_all([trajectory], trajectory.map if where is None else checked_map(where), wind, seed)[0]
 
 
-def fly_all(
-    trajectories: Sequence[Trajectory],
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    grid: Grid,
-    ground: Bool[np.ndarray, "nx ny nz"] | None = None,
-    wind: float = 0.0,
-    seed: int = 0,
-) -> list[Tracking]:
+def fly_all(trajectories: Sequence[Trajectory], where: VoxelMap, wind: float = 0.0, seed: int = 0) -> list[Tracking]:
     """Fly trajectories in one map, all at a time.
 
     Args:
         trajectories: at least one.
-        occupied: occupied voxels.
-        grid: of the map.
-        ground: those that are ground. None: none.
+        where: the map.
         wind, seed: as in `fly`; each trajectory has a wind of its own.
     """
     flown = follow(trajectories, wind, seed)
-    return [judged(one, *how, occupied, grid, ground) for one, how in zip(trajectories, flown, strict=True)]
+    return [tracked(one, *how, where) for one, how in zip(trajectories, flown, strict=True)]
 
 
 def follow(
@@ -185,27 +164,27 @@ def follow(
     return found
 
 
-def judged(  # noqa: PLR0913 (what was flown, and the map that judges it)
+def tracked(
     trajectory: Trajectory,
     time: Float64[np.ndarray, " t"],
     position: Float64[np.ndarray, "t 3"],
     velocity: Float64[np.ndarray, "t 3"],
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    grid: Grid,
-    ground: Bool[np.ndarray, "nx ny nz"] | None,
+    where: VoxelMap,
 ) -> Tracking:
-    """What was flown, beside its trajectory and a map; any vehicle's."""
-    finite = np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
+    """How any vehicle kept to a trajectory, by what it flew, and what it came near to in a map."""
+    grid, finite = where.grid, np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
     error = np.where(finite, np.linalg.norm(position - trajectory.at(time).position, axis=1), np.inf)
-    index = (np.where(finite[:, None], position, trajectory.origin) - np.array(grid.origin)) / grid.spacing + 0.5
-    first = np.zeros(len(index), np.int64)
-    solid = occupied if ground is None else occupied | ground
-    any_solid = grid.spacing * distances_at(index, first, solid[None], None)
-    clearance = any_solid if ground is None else grid.spacing * distances_at(index, first, solid[None], ground[None])
-    keeps = np.full(len(index), min(VEHICLE_RADIUS, trajectory.radius))
-    for place, ball in zip(trajectory.at(trajectory.passes).position, trajectory.balls, strict=True):
-        keeps[np.linalg.norm(position - place, axis=1) < ball] = 0.0
-    contact = any_solid <= keeps
+    index = _index(np.where(finite[:, None], position, trajectory.origin), grid)
+    first, solid = np.zeros(len(index), np.int64), np.asarray(where.occupied)[None]
+    any_solid = grid.spacing * distances_at(index, first, solid, None)
+    clearance = grid.spacing * distances_at(index, first, solid, np.asarray(where.ground)[None])
+    places = trajectory.at(trajectory.passes).position
+    own = grid.spacing * distances_at(_index(places, grid), np.zeros(len(places), np.int64), solid, None)
+    short = np.zeros(len(index))  # of the radius, where a waypoint is
+    for place, distance, ball in zip(places, own, trajectory.balls, strict=True):
+        exempt = np.linalg.norm(position - place, axis=1) < ball
+        short[exempt] = np.maximum(short[exempt], trajectory.radius - distance)
+    contact = any_solid <= np.maximum(min(VEHICLE_RADIUS, trajectory.radius) - short, 0.0)
     if not finite.all():
         status = Status.NONFINITE_STATE
     elif contact.any():
@@ -213,6 +192,12 @@ def judged(  # noqa: PLR0913 (what was flown, and the map that judges it)
     else:
         status = Status.OFF_TRAJECTORY if error.max() > ASTRAY else Status.OK
     return Tracking(status, time, position, velocity, error, clearance, contact)
+
+
+def _index(points: Float64[np.ndarray, "n 3"], grid: Grid) -> Float64[np.ndarray, "n 3"]:
+    """Index coordinates of points in the world, voxel i being [i, i + 1]."""
+    index: Float64[np.ndarray, "n 3"] = (points - np.array(grid.origin)) / grid.spacing + 0.5
+    return index
 
 
 def _air(wind: Float[Array, ""], key: PRNGKeyArray) -> _Air:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
 import jax
@@ -84,7 +84,7 @@ Stage = Callable[[Medium, Progress], Progress]
 
 
 @runtime_checkable
-class Solver(Protocol):
+class Solver(Hashable, Protocol):
     """Static settings, and the stages of one attempt; hashable, so that `jit` takes it as a static argument."""
 
     @property

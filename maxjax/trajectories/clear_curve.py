@@ -1,55 +1,64 @@
-"""What is clear of a trajectory: where it leaves its plan's verified path, the judge is asked again.
+"""What is clear of a trajectory: where it leaves its plan's verified path, the verifier is asked again.
 
 A smooth curve lies within `bulge` of the polyline through its samples. It is clear where this polyline touches nothing
-and keeps the plan's radius and `bulge` to obstacles outside the plan's balls (`verification.verifier`). Doubt counts
-against it: the tolerance that the judge allows a path is added to the distance that is asked for.
+and keeps the plan's radius and `bulge` to obstacles, or inside an exemption the own distance of its end if that is less
+(`verification.verifier`). Doubt counts against it: the tolerance that the verifier allows a path is added to the
+distance that is asked for. An end's own distance has nothing to add to it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.plan import Plan
 from maxjax.verification.clearance import distances_at
-from maxjax.verification.verifier import Verification, verify_batch
+from maxjax.verification.verifier import Verdicts, Verification, stacked, verify_paths
 
 # A sample this close to the path lies on it [m].
 _ON = 1e-7
-# Of the radius, as the judge allows it [voxels].
+# Of the radius, as the verifier allows it [voxels].
 _TOLERANCE = 1.1e-3
 # Samples within this distance of the centre of a voxel that is touched answer for it [voxels].
 _BESIDE = 3.0
 _CHUNK = 2048
 
 
-@dataclasses.dataclass(frozen=True)
-class Surroundings:
-    """The map around a plan's path.
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClearCurve:
+    """A plan's path in its map, beside which a curve has to be clear.
 
     Attributes:
-        occupied: occupied voxels.
-        ground: those that are ground. None: none.
-        grid: of both.
+        map: that the plan was verified in.
         path: (n, 3) of the plan [m], world frame.
         radius: that it keeps [m].
-        balls: radii of the balls around its ends in which it does not [m].
+        balls: radii of the exemptions around its ends, in which it keeps their own distances if these are less [m].
     """
 
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    ground: Bool[np.ndarray, "nx ny nz"] | None
-    grid: Grid
+    map: VoxelMap
     path: Float64[np.ndarray, "n 3"]
     radius: float
     balls: tuple[float, float]
 
+    @classmethod
+    def of(cls, plan: Plan) -> ClearCurve:
+        """That of a plan."""
+        return cls(plan.map, np.asarray(plan.path, np.float64), plan.radius, plan.balls)
+
+    @functools.cached_property
+    def _volumes(self) -> tuple[Bool[np.ndarray, "1 nx ny nz"], Bool[np.ndarray, "1 nx ny nz"]]:
+        """What no curve enters, and what it only keeps off."""
+        return np.asarray(self.map.barred)[None], np.asarray(self.map.kept_off)[None]
+
     def clearance(self, points: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:
         """Distance of points to the cube of an occupied voxel [m], ground left out."""
-        index = (points - np.array(self.grid.origin)) / self.grid.spacing + 0.5
-        ground = None if self.ground is None else self.ground[None]
-        return self.grid.spacing * distances_at(index, np.zeros(len(points), np.int64), self.occupied[None], ground)
+        grid = self.map.grid
+        index = (points - np.array(grid.origin)) / grid.spacing + 0.5
+        return grid.spacing * distances_at(index, np.zeros(len(points), np.int64), *self._volumes)
 
     def unclear(self, samples: Float64[np.ndarray, "m 3"], bulge: float) -> Bool[np.ndarray, " m"]:
         """Samples of a curve from the path's start to its goal, where it is not clear; none on the path itself."""
@@ -62,10 +71,16 @@ class Surroundings:
 
     def least_clearance(self, samples: Float64[np.ndarray, "m 3"]) -> float:
         """Least clearance of the polyline through some samples [m]."""
-        return self._judged(samples, [(0, len(samples))], 0.0)[0].clearance
+        grid, whole = self.map.grid, np.array([len(samples)])
+        return float(verify_paths((samples - np.array(grid.origin))[None], whole, self._local(True)).clearance[0])
+
+    def _local(self, keeps_off: bool) -> VoxelMap:
+        """The map with its origin at zero; without ground, which then counts as any obstacle does."""
+        (occupied,), (ground,) = self._volumes
+        return VoxelMap(occupied, ground if keeps_off else np.zeros_like(ground), None, self.map.grid.local)
 
     def _runs(self, off: Bool[np.ndarray, " m"], samples: Float64[np.ndarray, "m 3"]) -> list[tuple[int, int]]:
-        """Runs of samples off the path, with one more at both ends; from the start or to the goal if in its ball."""
+        """Runs of samples off the path, with one more at both ends; from the start or to the goal if exempt there."""
         edges = np.flatnonzero(np.diff(off, prepend=False, append=False))
         runs = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -76,20 +91,14 @@ class Surroundings:
             runs.append((0 if from_start else max(first - 1, 0), len(off) if to_goal else min(last + 1, len(off))))
         return runs
 
-    def _judged(
-        self, samples: Float64[np.ndarray, "m 3"], runs: list[tuple[int, int]], bulge: float
-    ) -> list[Verification]:
+    def _judged(self, samples: Float64[np.ndarray, "m 3"], runs: list[tuple[int, int]], bulge: float) -> Verdicts:
         """Verdicts on runs. At radius 0 the ground counts as any obstacle does, as the bulge must not enter it."""
-        keeps_off = self.radius > 0 and self.ground is not None
         balls = [[self.balls[0] * (first == 0), self.balls[1] * (last == len(samples))] for first, last in runs]
-        return verify_batch(
-            [samples[first:last] - np.array(self.grid.origin) for first, last in runs],
-            np.zeros(len(runs), np.int64),
-            None,
-            self.occupied[None],
-            self.grid.local,
-            ground=self.ground[None] if keeps_off and self.ground is not None else None,
-            radius=self.radius + bulge + _TOLERANCE * self.grid.spacing if bulge else 0.0,
+        grid = self.map.grid
+        return verify_paths(
+            *stacked([samples[first:last] - np.array(grid.origin) for first, last in runs]),
+            self._local(self.radius > 0),
+            radius=self.radius + bulge + _TOLERANCE * grid.spacing if bulge else 0.0,
             balls=np.array(balls).reshape(-1, 2),
         )
 
@@ -97,10 +106,11 @@ class Surroundings:
         self, samples: Float64[np.ndarray, "m 3"], verdict: Verification, bulge: float
     ) -> Bool[np.ndarray, " m"]:
         """The samples of a run that are too near, or beside the voxel that it touches; all where none is."""
-        grid = self.grid
-        found = self.clearance(samples) < self.radius + 2.0 * (bulge + _TOLERANCE * grid.spacing)
-        for end, ball in zip(self.path[[0, -1]], self.balls, strict=True):
-            found &= np.linalg.norm(samples - end, axis=1) >= ball
+        grid = self.map.grid
+        kept = np.full(len(samples), self.radius)
+        for end, own, ball in zip(self.path[[0, -1]], self.clearance(self.path[[0, -1]]), self.balls, strict=True):
+            kept = np.where(np.linalg.norm(samples - end, axis=1) < ball, np.minimum(kept, own), kept)
+        found = self.clearance(samples) < kept + 2.0 * (bulge + _TOLERANCE * grid.spacing)
         if verdict.first_hit is not None:
             centre = np.array(grid.origin) + grid.spacing * np.array(verdict.first_hit)
             found |= np.linalg.norm(samples - centre, axis=1) < _BESIDE * grid.spacing

@@ -3,8 +3,8 @@
     mission → stretches → trajectory of each (`trajectories.schedule`) → pauses between them → Trajectory
 
 It rests at a waypoint where that is asked for, where the path turns back by more than 120 degrees, where the waypoint
-stands in a ball, and where the radius changes: on both sides of a rest the judge is asked about one radius. All other
-waypoints are flown through, within `FlightLimits.deviation` of them.
+has an exemption, and where the radius changes: on both sides of a rest the verifier is asked about one radius. All
+other waypoints are flown through, within `FlightLimits.deviation` of them.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import itertools
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories import spline
-from maxjax.trajectories.clear_curve import Surroundings
+from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.schedule import scheduled
 from maxjax.trajectories.trajectory import Trajectory
@@ -30,12 +29,8 @@ from maxjax.trajectories.yaw_profile import headings
 _TURNED_BACK = math.cos(math.radians(120.0))
 _ABOUT = 5.0  # [m]; rounded corners make a way this much shorter at most
 
-Volume = Bool[np.ndarray, "nx ny nz"]
 
-
-def scheduled_mission(
-    mission: Mission, limits: FlightLimits, occupied: Volume | None, ground: Volume | None, grid: Grid
-) -> Trajectory:
+def scheduled_mission(mission: Mission, limits: FlightLimits) -> Trajectory:
     """The trajectory of a mission; see `maxjax.trajectory`.
 
     Raises:
@@ -47,10 +42,7 @@ def scheduled_mission(
     parts = []
     for first, last in itertools.pairwise(rests):
         plan = _stretch(mission, first, last)
-        around = None
-        if occupied is not None:
-            around = Surroundings(occupied, ground, grid, plan.path, plan.radius, plan.balls)
-        parts.append(scheduled(plan, limits, {}, around, _speeds(mission, first, last, limits)))
+        parts.append(scheduled(plan, limits, {}, ClearCurve.of(plan), _speeds(mission, first, last, limits)))
     return _end_to_end(mission, rests, parts)
 
 
@@ -108,11 +100,12 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
         clearance=float(np.min([part.clearance for part in parts])),
         rests=np.concatenate(stops[:-1]),
         passes=np.concatenate(passes),
+        plan=mission,
     )
 
 
 def _ball(mission: Mission, k: int) -> float:
-    """Radius of the ball around a waypoint in which the legs to and from it need not keep theirs [m]."""
+    """Radius of the exemption around a waypoint, in which the legs to and from it need not keep theirs [m]."""
     before = mission.legs[k - 1].balls[1] if k > 0 else 0.0
     if k == len(mission.legs) or mission.legs[k].balls[0] == 0.0:
         return before

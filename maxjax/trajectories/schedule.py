@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float64
 
 from maxjax.core.status import Status
 from maxjax.planning.plan import Plan
-from maxjax.trajectories.clear_curve import Surroundings, project
+from maxjax.trajectories.clear_curve import ClearCurve, project
 from maxjax.trajectories.corner_rounding import Curve
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.parametrise import STEP, cutting, timed
@@ -47,7 +47,7 @@ class _Course(NamedTuple):
     local: Float64[np.ndarray, "n 3"]
     hovers: Mapping[int, float]
     limits: FlightLimits
-    around: Surroundings | None
+    around: ClearCurve
     speeds: Float64[np.ndarray, " e"]  # greatest speed on each edge of the path [m/s]
 
 
@@ -55,7 +55,7 @@ def scheduled(
     plan: Plan,
     limits: FlightLimits,
     hovers: Mapping[int, float],
-    around: Surroundings | None,
+    around: ClearCurve,
     speeds: Float64[np.ndarray, " e"] | None = None,
 ) -> Trajectory:
     """The trajectory of a plan; see `maxjax.trajectory`.
@@ -64,7 +64,7 @@ def scheduled(
         plan: with a path.
         limits: to keep.
         hovers: times [s] to rest at points of the path, by index.
-        around: the map around its path. None: nothing is known of it, and no corner is rounded.
+        around: its path in the map.
         speeds: greatest speed on each edge of the path [m/s]. None: that of the limits.
 
     Raises:
@@ -73,7 +73,7 @@ def scheduled(
     path = _checked(plan, hovers)
     speeds = np.full(len(path) - 1, limits.speed) if speeds is None else speeds
     course = _Course(plan, path - path[0], hovers, limits, around, speeds)
-    shares = np.full(len(path), 0.0 if around is None else 1.0)
+    shares = np.full(len(path), 1.0)
     shares[list(hovers)] = 0.0
     for tries in itertools.count():
         if tries == _TRIES:
@@ -87,13 +87,11 @@ def scheduled(
                 break
         _lower(shares, unclear, curves)
     control, step = found
-    clearance = math.nan
-    if around is not None:
-        clearance = around.least_clearance(path[0] + _knots(control))
+    clearance = around.least_clearance(path[0] + _knots(control))
     yaw = headings(control, step, limits.yaw_rate)
     x, y, z = path[0].tolist()
     ends = np.array([0.0, duration(control, step)])
-    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.balls, clearance, rests, ends)
+    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.balls, clearance, rests, ends, plan)
 
 
 def _checked(plan: Plan, hovers: Mapping[int, float]) -> Float64[np.ndarray, "n 3"]:
@@ -131,8 +129,6 @@ def _curves(course: _Course, shares: Float64[np.ndarray, " n"]) -> list[Curve]:
 
 def _unclear_geometry(course: _Course, curves: list[Curve]) -> Float64[np.ndarray, " k"]:
     """Arc lengths of the path where the rounded curves are not clear."""
-    if course.around is None:
-        return np.zeros(0)
     points, bulge = [], 1e-6
     for curve in curves:
         s = curve.samples()
@@ -147,8 +143,6 @@ def _unclear_geometry(course: _Course, curves: list[Curve]) -> Float64[np.ndarra
 
 def _unclear_flight(course: _Course, found: tuple[Float64[np.ndarray, "n 3"], float]) -> Float64[np.ndarray, " k"]:
     """Arc lengths of the path where the trajectory is not clear."""
-    if course.around is None:
-        return np.zeros(0)
     control, step = found
     samples = _knots(control) + course.plan.path[0]
     bulge = course.limits.acceleration * step**2 / 8.0
@@ -214,12 +208,7 @@ def _caps(
 
 def _clearance(course: _Course, curve: Curve, stations: Float64[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
     """Clearance of places of a curve [m]."""
-    plan, points = course.plan, curve.at(stations)[0] + course.plan.path[0]
-    if course.around is not None:
-        return course.around.clearance(points)
-    away = np.linalg.norm(points[:, None] - plan.path, axis=2)
-    known: Float64[np.ndarray, " k"] = np.maximum((plan.clearance_at - away).max(axis=1), plan.radius)
-    return known
+    return course.around.clearance(curve.at(stations)[0] + course.plan.path[0])
 
 
 def _knots(control: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:

@@ -14,6 +14,9 @@ from jaxtyping import Float64
 from numpy.typing import ArrayLike
 
 from maxjax.core.grid import Point3
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.mission import Mission
+from maxjax.planning.plan import Plan
 from maxjax.trajectories import spline
 from maxjax.trajectories.limits import FlightLimits
 
@@ -41,7 +44,7 @@ class Motion:
     yaw_rate: Float64[np.ndarray, " t"]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Trajectory:
     """A plan in time.
 
@@ -52,12 +55,12 @@ class Trajectory:
         step: time between control points [s].
         limits: that it keeps.
         radius: distance to obstacles that it keeps outside `balls` [m], as its plan.
-        balls: radii of the balls in which it does not [m], one around each waypoint of `passes`; 0: none.
-        clearance: least distance to the cube of an occupied voxel [m], ground left out, to a millimetre; NaN where no
-            map was given.
+        balls: radii of the exemptions in which it does not [m], one around each waypoint of `passes`; 0: none.
+        clearance: least distance to the cube of an occupied voxel [m], ground left out, to a millimetre.
         rests: (k,) times at which it rests between start and goal [s], where asked or where no rounded corner is clear.
         passes: (w,) times at which it is at the waypoints of its mission, or nearest to them [s]; it leaves one that it
             hovers at later. Of a plan: start and goal.
+        plan: that it times, or the mission.
     """
 
     origin: Point3
@@ -70,6 +73,12 @@ class Trajectory:
     clearance: float
     rests: Float64[np.ndarray, " k"]
     passes: Float64[np.ndarray, " w"]
+    plan: Plan | Mission = dataclasses.field(repr=False)
+
+    @property
+    def map(self) -> VoxelMap:
+        """That the plan was verified in."""
+        return self.plan.map
 
     @property
     def duration(self) -> float:

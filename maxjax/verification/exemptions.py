@@ -1,4 +1,4 @@
-"""Zones of a path: its segments cut exactly where they enter or leave balls around its ends, in float64 NumPy.
+"""Zones of a path: its segments cut exactly where they enter or leave spheres around its ends, in float64 NumPy.
 
 A segment a + t d crosses the sphere of radius r around c where
 
@@ -6,7 +6,8 @@ A segment a + t d crosses the sphere of radius r around c where
 
 Between two neighbouring roots in [0, 1] it lies inside or outside as a whole, as its midpoint does.
 
-Zones are nested: zone k is outside the balls of k levels, each level's no smaller than those of the level before.
+Zones are nested: zone k is outside the spheres of k levels, each level's no smaller than those of the level before.
+The first level's are the exemptions of the ends.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
-# Of a path that is judged: in the balls of its ends, beside its ends, and cruising.
+# Of a path that is verified: exempt, near its ends, and cruising.
 ZONES = 3
 
 
@@ -27,13 +28,15 @@ class Parts(NamedTuple):
     Attributes:
         segment: that each is a part of.
         start, step: as the segments'.
-        zone: outside the balls of how many levels; on a sphere is outside.
+        zone: outside the spheres of how many levels; on a sphere is outside.
+        exempt: inside which of the first level's spheres.
     """
 
     segment: Int64[np.ndarray, " k"]
     start: Float64[np.ndarray, "k 3"]
     step: Float64[np.ndarray, "k 3"]
     zone: Int64[np.ndarray, " k"]
+    exempt: Bool[np.ndarray, "k n"]
 
 
 def cut(
@@ -42,7 +45,7 @@ def cut(
     centres: Float64[np.ndarray, "s n 3"],
     radii: Float64[np.ndarray, "s l n"],
 ) -> Parts:
-    """Cut segments a + t d, t ∈ [0, 1], by l levels of n balls; one that crosses no sphere stays whole, to the bit."""
+    """Cut segments a + t d, t ∈ [0, 1], by l levels of n spheres; one that crosses none stays whole, to the bit."""
     offset = a[:, None] - centres
     square = np.einsum("si,si->s", d, d)[:, None, None]
     half = np.einsum("si,sni->sn", d, offset)[:, None]
@@ -64,4 +67,5 @@ def cut(
     start, step = a[segment] + t_0[:, None] * d[segment], (t_1 - t_0)[:, None] * d[segment]
     gap = (start + 0.5 * step)[:, None] - centres[segment]
     outside = np.einsum("kni,kni->kn", gap, gap)[:, None] >= radii[segment] ** 2
-    return Parts(segment, start, step, np.add.reduce(outside.all(axis=2), axis=1, dtype=np.int64))
+    zone = np.add.reduce(outside.all(axis=2), axis=1, dtype=np.int64)
+    return Parts(segment, start, step, zone, ~outside[:, 0])

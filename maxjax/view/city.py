@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from maxjax.airspace.airspace import Area
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.view.nodes import Frame, point3
 
 Band = tuple[float | None, float | None]
@@ -27,9 +28,7 @@ class City:
 
     Attributes:
         name: of the map.
-        occupied: occupied voxels, ground included.
-        ground: those that are ground.
-        grid: where they lie.
+        voxels: occupied, ground included, and where they lie.
         points: of the scan or the file it was made of [m]; None: of none.
         areas: to keep out of, or to keep in.
         above_start: greatest height above the start [m]; None: any.
@@ -37,13 +36,26 @@ class City:
     """
 
     name: str
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    ground: Bool[np.ndarray, "nx ny nz"]
-    grid: Grid
+    voxels: VoxelMap
     points: Float[np.ndarray, "n 3"] | None = None
     areas: tuple[Area, ...] = ()
     above_start: float | None = None
     level: float | None = None
+
+    @property
+    def grid(self) -> Grid:
+        """Where the voxels lie."""
+        return self.voxels.grid
+
+    @property
+    def occupied(self) -> Bool[np.ndarray, "nx ny nz"]:
+        """Occupied voxels, ground included."""
+        return np.asarray(self.voxels.occupied)
+
+    @property
+    def ground(self) -> Bool[np.ndarray, "nx ny nz"]:
+        """Those that are ground."""
+        return np.asarray(self.voxels.ground)
 
     @functools.cached_property
     def terrain(self) -> Terrain:

@@ -16,7 +16,7 @@ from maxjax.view.air import air_lines, air_scene
 from maxjax.view.city import City
 from maxjax.view.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.view.film import flown
-from maxjax.view.question import Answer, task_of
+from maxjax.view.question import Answer
 from maxjax.view.share import playing_page
 
 
@@ -34,31 +34,28 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
-    mission = found.mission
-    assert mission is not None
-    flight = _timed(city, found)
+    flight = _timed(found)
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"
-        export(file, mission, flight, earth, city.floor)
+        export(file, flight, earth=earth, ground=city.floor)
         return file.name, file.read_bytes()
 
 
-def _timed(city: City, found: Answer) -> Trajectory:
+def _timed(found: Answer) -> Trajectory:
     """The trajectory of an answer that is OK, which keeps to its rules of the air as well."""
     assert found.mission is not None
-    task = task_of(city, found.question)
     limits = dataclasses.replace(
         PX4, speed=max([found.question.speed, *(stop.speed or 0.0 for stop in found.question.stops)])
     )
-    return trajectory(found.mission, limits, task.occupied, city.grid, ground=task.ground)
+    return trajectory(found.mission, limits)
 
 
 def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     """The page of an answer that is OK: map, path, and a vehicle that flies its trajectory."""
     mission = found.mission
     assert mission is not None
-    flight = _timed(city, found)
+    flight = _timed(found)
     ends = ends_scene(found.question.waypoints, city.frame)
     air = air_scene(city, found.question)
     film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame), air), city.frame)

@@ -16,9 +16,11 @@ from jaxtyping import Float
 from maxjax.airspace.airspace import Airspace, Reasons
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.methods import method_named
+from maxjax.fields.price import Price
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
 from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
 from maxjax.trajectories.limits import PX4
 from maxjax.verification.verifier import verify
 from maxjax.view.city import Band, City
@@ -43,16 +45,18 @@ class Question:
         details: of a mission's file, for each waypoint: how long to hover, and speed, radius and margin of the leg that
             leads there; empty: none of this is given.
         speed: greatest on the way [m/s].
+        price: what a metre costs below the margin.
     """
 
     waypoints: tuple[Point3, ...]
-    method: str = "solver"
+    method: str = "field"
     radius: float = 1.0
     margin: float = 8.0
     beside: bool = False
     band: Band | None = None
     details: tuple[Waypoint, ...] = ()
     speed: float = PX4.speed
+    price: Price = Price()  # noqa: RUF009 (frozen)
 
     @property
     def stops(self) -> tuple[Waypoint, ...]:
@@ -103,7 +107,7 @@ def answer(city: City, question: Question) -> Answer:
     along = nothing
     if mission.status == Status.OK:
         dense = refined(mission.path, 0.5 * city.grid.spacing)
-        along = dense, verify(dense, None, city.occupied, city.grid, ground=city.ground).clearance_at
+        along = dense, verify(dense, city.voxels).clearance_at
     why = _closed_end(city, question, mission)
     return Answer(question, mission, rival, *along, why, time.perf_counter() - began)
 
@@ -115,12 +119,13 @@ def task_of(city: City, question: Question, ends: slice = slice(None)) -> Task:
         ValueError: for distances or rules that the map cannot have.
     """
     starts, goals = legs_of(question.stops)
-    distances = Distances.of(question.radius, question.margin)
-    task = Task.of(city.occupied, starts[ends], goals[ends], city.grid, distances, city.ground)
+    distances = Distances(question.radius, question.margin, question.price)
+    task = Task.of(city.voxels, starts[ends], goals[ends], distances)
     highest = city.highest(question.waypoints[0])
     if question.band is None and highest is None and not city.areas:
         return task
-    return task.closing(_closed(city, question.band or (None, None), highest))
+    closed = _closed(city, question.band or (None, None), highest)
+    return dataclasses.replace(task, map=task.map.closing(closed))
 
 
 @functools.lru_cache(maxsize=8)
@@ -141,8 +146,7 @@ def _closed_end(city: City, question: Question, mission: Mission) -> str:
 
 
 def _planned(city: City, question: Question, method: str) -> Mission:
-    chosen = method_named(method)
-    return plan_mission(task_of(city, question), question.stops, chosen.finder(), chosen.name)
+    return plan_mission(task_of(city, question), question.stops, planner_named(method))
 
 
 def refined(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:

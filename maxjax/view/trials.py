@@ -29,7 +29,7 @@ from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, togeth
 from maxjax.view.film import Cue, Film
 from maxjax.view.nodes import Dots, Frame, Node, Scene, point3
 from maxjax.view.surface import surface
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.worlds.scenes import make_scene
 
 # The cities of all maps, above their ground.
 _GRID = Grid((150, 150, 67), 2.0, (-149.0, -149.0, 1.0))
@@ -68,8 +68,7 @@ def open_folder(folder: Path) -> tuple[str, Ledger]:
 @functools.lru_cache(maxsize=4)
 def city_of(name: str, seed: int) -> City:
     """The true city of a trial; its ground is the plane z = 0."""
-    occupied, ground = occupancy(make_scene(name, seed).geoms, _GRID)
-    return City(f"{name}:{seed}", np.asarray(occupied), np.asarray(ground), _GRID)
+    return City(f"{name}:{seed}", make_scene(name, seed).voxels(_GRID))
 
 
 def headline(outcome: Outcome) -> str:

@@ -73,7 +73,7 @@ def _obstacle(geoms: Geoms) -> Bool[np.ndarray, "nx ny nz"]:
 def _title(campaign: Campaign, city: int) -> str:
     """The city, the method, and the disturbances."""
     strengths = [f"{name.replace('_', ' ')} {value:g}" for name, value in campaign.strengths.items() if value]
-    return ", ".join([f"{campaign.map}:{city}", f"method {campaign.method.name}", *strengths])
+    return ", ".join([f"{campaign.map}:{city}", f"method {campaign.config.planner.name}", *strengths])
 
 
 def _caption(flown: Sequence[Outcome], shown: Sequence[Outcome]) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.viz.plan_view import View, draw_field, draw_plan, level_of, view_around
@@ -31,23 +32,6 @@ _ROW = 0.17  # of the legend [in]
 
 # A box on the page: left, bottom, width, height [in].
 Box = tuple[float, float, float, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Voxels:
-    """A map.
-
-    Attributes:
-        occupied: obstacles and ground, without any safety margin.
-        ground: the part that is ground; shown in the section, left out of the plan view.
-        grid: where the voxels lie.
-        closed: free voxels that are closed to flight; None: none.
-    """
-
-    occupied: Bool[np.ndarray, "nx ny nz"]
-    ground: Bool[np.ndarray, "nx ny nz"]
-    grid: Grid
-    closed: Bool[np.ndarray, "nx ny nz"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,7 +109,7 @@ class _Page:
 
 
 def figure_plan(
-    voxels: Voxels,
+    where: VoxelMap,
     paths: Mapping[str, Float[np.ndarray, "_ 3"]],
     start: Float[np.ndarray, "3"],
     goal: Float[np.ndarray, "3"],
@@ -134,7 +118,7 @@ def figure_plan(
     """Plan view and section of one or more paths through a map.
 
     Args:
-        voxels: the map.
+        where: the map.
         paths: points (t, 3) [m] by name, at least two each. The section follows the first.
         start, goal: where the paths begin and end [m].
         overlay: what else is shown.
@@ -145,12 +129,15 @@ def figure_plan(
         ImportError: if matplotlib is missing; names the extra.
     """
     rc_context, new_figure = load_matplotlib()
-    _check(voxels, paths, overlay)
-    grid, main = voxels.grid, np.asarray(next(iter(paths.values())), np.float64)
+    _check(where, paths, overlay)
+    where = where.on_host()
+    occupied, ground = np.asarray(where.occupied), np.asarray(where.ground)
+    closed = None if where.closed is None else np.asarray(where.shut)
+    grid, main = where.grid, np.asarray(next(iter(paths.values())), np.float64)
     ends = np.stack([start, goal]).astype(np.float64)
     view = view_around(grid, np.concatenate([*paths.values(), ends]), overlay.around)
-    section = section_along(voxels.occupied, voxels.ground, grid, main, voxels.closed, overlay.within)
-    shown = (overlay.log_potential, overlay.points, overlay.nearness, voxels.closed, overlay.within)
+    section = section_along(occupied, ground, grid, main, closed, overlay.within)
+    shown = (overlay.log_potential, overlay.points, overlay.nearness, closed, overlay.within)
     rows = max(len(paths), 3 + sum(part is not None for part in shown))
     page = _Page.of(view, section, rows, bool(overlay.title))
 
@@ -158,16 +145,16 @@ def figure_plan(
         figure = new_figure(figsize=page.size)
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
         altitude = float(np.median(main[:, 2]))
-        draw_plan(plan, bar, voxels.occupied & ~voxels.ground, grid, view, altitude)
+        draw_plan(plan, bar, occupied & ~ground, grid, view, altitude)
         if overlay.within is not None:
             draw_outside(plan, overlay.within, grid)
-        if voxels.closed is not None:
-            draw_closed(plan, voxels.closed[:, :, level_of(grid, altitude)], grid)
+        if closed is not None:
+            draw_closed(plan, closed[:, :, level_of(grid, altitude)], grid)
         draw_section(side, section, grid)
         draw_ends(plan, ends[:, 0], ends[:, 1], labelled=True)
         draw_ends(side, horizontal_distance(main)[[0, -1]], main[[0, -1], 2], labelled=False)
         if overlay.log_potential is not None:
-            draw_field(plan, overlay.log_potential, voxels.occupied, grid, main)
+            draw_field(plan, overlay.log_potential, occupied, grid, main)
         if overlay.points is not None:
             draw_returns(plan, overlay.points, "scan return")
         lines = []
@@ -206,13 +193,13 @@ def _draw_nearness(plan: Axes, side: Axes, bar: Axes, nearness: Nearness) -> Non
     draw_mark(side, float(along[at]), float(least[2]), dataclasses.replace(mark, label=None))
 
 
-def _check(voxels: Voxels, paths: Mapping[str, np.ndarray], overlay: Overlay) -> None:
+def _check(where: VoxelMap, paths: Mapping[str, np.ndarray], overlay: Overlay) -> None:
     """Raise a ValueError for what does not fit together."""
-    volumes = {"occupied": voxels.occupied, "ground": voxels.ground, "closed": voxels.closed}
+    volumes = {"occupied": where.occupied, "ground": where.ground, "closed": where.closed}
     volumes["log_potential"] = overlay.log_potential
     for name, volume in volumes.items():
         if volume is not None:
-            voxels.grid.check_volume(name, volume)
+            where.grid.check_volume(name, volume)
     if not paths:
         raise ValueError("paths: expected at least one path, given none")
     for name, path in paths.items():

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.mission import Mission
-from maxjax.planning.task import Task
 from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.verification.verifier import verify
 from maxjax.viz.areas import draw_closed, draw_outside
@@ -61,17 +61,16 @@ class _Course:
         return f", to {_FAR:g}" if self.clearance.max() >= _FAR else ""
 
     @classmethod
-    def of(cls, trajectory: Trajectory, task: Task) -> _Course:
-        """The course of a trajectory through the map of a task."""
-        motion, grid = trajectory.sampled(_EVERY), task.grid
-        verdict = verify(motion.position, None, task.occupied, grid, ground=task.ground)
+    def of(cls, trajectory: Trajectory) -> _Course:
+        """The course of a trajectory through the map of its plan."""
+        motion, where = trajectory.sampled(_EVERY), trajectory.map.on_host()
+        grid, verdict = where.grid, verify(motion.position, where)
         index = np.floor((motion.position - np.array(grid.origin)) / grid.spacing + 0.5).astype(int)
         x, y, z = np.clip(index, 0, np.array(grid.shape) - 1).T
-        solid = task.occupied if task.closed is None else task.occupied & (task.closed == Closure.OPEN)
-        closed = np.zeros(grid.shape, bool) if task.closed is None else task.closed != Closure.OPEN
         below = np.arange(grid.shape[2]) <= z[:, None]
-        terrain, roofs, floor = (_highest(volume[x, y] & below, grid) for volume in (task.terrain, solid, closed))
-        ceiling = -_highest((closed[x, y] & ~below)[:, ::-1], grid) + grid.lower[2] + grid.upper[2]
+        volumes = where.ground, where.occupied, where.shut
+        terrain, roofs, floor = (_highest(np.asarray(volume)[x, y] & below, grid) for volume in volumes)
+        ceiling = -_highest((np.asarray(where.shut)[x, y] & ~below)[:, ::-1], grid) + grid.lower[2] + grid.upper[2]
         return cls(motion, np.minimum(verdict.clearance_at, _FAR), terrain, roofs, floor, ceiling)
 
 
@@ -84,7 +83,6 @@ def _highest(columns: Bool[np.ndarray, "t nz"], grid: Grid) -> Float64[np.ndarra
 def figure_mission(
     mission: Mission,
     trajectory: Trajectory,
-    task: Task,
     title: str | None = None,
     within: Bool[np.ndarray, "nx ny"] | None = None,
 ) -> Figure:
@@ -93,7 +91,6 @@ def figure_mission(
     Args:
         mission: one that is OK.
         trajectory: of it.
-        task: the map that it was planned on.
         title: headline.
         within: columns of the map that lie within its data; the others are drawn as unknown. None: all do.
 
@@ -101,8 +98,8 @@ def figure_mission(
         ImportError: if matplotlib is missing; names the extra.
     """
     rc_context, new_figure = load_matplotlib()
-    course = _Course.of(trajectory, task)
-    view = view_around(task.grid, course.motion.position, _AROUND)
+    course, where = _Course.of(trajectory), trajectory.map.on_host()
+    view = view_around(where.grid, course.motion.position, _AROUND)
     lower, upper = view
     width, height = _WIDTH * (upper - lower) / (upper - lower).max()
     strips = 3 * (_STRIP + _GAP)
@@ -120,10 +117,10 @@ def figure_mission(
             figure.add_axes(share(_LEFT + width + 0.12, base + k * (half + 0.2), 0.1, min(half, 1.8))) for k in (1, 0)
         ]
         altitude = float(np.median(course.motion.position[:, 2]))
-        draw_plan(plan, bars[0], task.occupied & ~task.ground, task.grid, view, altitude)
+        draw_plan(plan, bars[0], np.asarray(where.occupied & ~where.ground), where.grid, view, altitude)
         if within is not None:
-            draw_outside(plan, within, task.grid)
-        draw_closed(plan, _closed_columns(task, course), task.grid)
+            draw_outside(plan, within, where.grid)
+        draw_closed(plan, _closed_columns(where, course), where.grid)
         _draw_way(plan, bars[1], course, trajectory.passes)
         _draw_waypoints(plan, mission)
         bottoms = [_BOTTOM + k * (_STRIP + _GAP) for k in (2, 1, 0)]
@@ -138,13 +135,13 @@ def figure_mission(
     return figure
 
 
-def _closed_columns(task: Task, course: _Course) -> Bool[np.ndarray, "nx ny"]:
+def _closed_columns(where: VoxelMap, course: _Course) -> Bool[np.ndarray, "nx ny"]:
     """Columns that an area closes, somewhere between the lowest and the highest that is flown."""
-    if task.closed is None:
-        return np.zeros(task.grid.shape[:2], bool)
+    if where.closed is None:
+        return np.zeros(where.grid.shape[:2], bool)
     z = course.motion.position[:, 2]
-    levels = slice(level_of(task.grid, float(z.min())), level_of(task.grid, float(z.max())) + 1)
-    found: Bool[np.ndarray, "nx ny"] = (task.closed[:, :, levels] == Closure.AREA).any(axis=2)
+    levels = slice(level_of(where.grid, float(z.min())), level_of(where.grid, float(z.max())) + 1)
+    found: Bool[np.ndarray, "nx ny"] = np.any(np.asarray(where.closed)[:, :, levels] == Closure.AREA, axis=2)
     return found
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.grid import Index3
-from maxjax.core.status import Closure, Status
-from maxjax.methods import METHODS
+from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.methods import climbs, label_of
 from maxjax.planning.corridor import coarse_task
 from maxjax.planning.execution import problem_in
 from maxjax.planning.field_planner import potential_field
@@ -22,7 +23,7 @@ from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import solve_potential
 from maxjax.verification.verifier import verify
-from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
+from maxjax.viz.figures import Nearness, Overlay, figure_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,32 +33,23 @@ if TYPE_CHECKING:
 _FINE = 2**20
 
 
-def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: Task | None = None) -> Figure:
+def figure_plans(task: Task, plans: Mapping[str, Plan], overlay: Overlay, city: VoxelMap | None = None) -> Figure:
     """The figure of one or more plans of a task.
 
     Args:
         task: one problem, on one map.
         plans: by method; those without a path are left out.
         overlay: title, returns, and width of the map around the paths.
-        city: the map to show, if another one, on the same grid; None: that of `task`.
+        city: the map to show, if another one, on the same grid; None: that of the task.
     """
-    shown = task if city is None else city
-    paths = {METHODS[name].label: plan.path for name, plan in plans.items() if plan.status == Status.OK}
+    shown = task.map if city is None else city
+    paths = {label_of(name): plan.path for name, plan in plans.items() if plan.status == Status.OK}
     first = next(iter(plans.values()))
-    if METHODS[first.method].climbs:
+    if climbs(first.method):
         overlay = dataclasses.replace(overlay, log_potential=_log_potential(task))
     if first.status == Status.OK:
         overlay = dataclasses.replace(overlay, nearness=_nearness(task, first))
-    voxels = voxels_of(shown)
-    return figure_plan(voxels, paths, task.starts[0], task.goals[0], overlay)
-
-
-def voxels_of(task: Task) -> Voxels:
-    """What a figure shows of the map of a task: what is closed to flight neither stands there nor is it ground."""
-    if task.closed is None:
-        return Voxels(task.occupied, task.ground, task.grid)
-    closed = task.closed != Closure.OPEN
-    return Voxels(task.occupied & ~closed, task.ground & ~closed, task.grid, closed)
+    return figure_plan(shown, paths, task.starts[0], task.goals[0], overlay)
 
 
 def _nearness(task: Task, plan: Plan) -> Nearness:
@@ -66,13 +58,13 @@ def _nearness(task: Task, plan: Plan) -> Nearness:
     ends = zip(plan.path[:-1], plan.path[1:], np.maximum(steps, 1).tolist(), strict=True)
     pieces = [np.linspace(a, b, n, endpoint=False) for a, b, n in ends]
     points = np.concatenate([*pieces, plan.path[-1:]])
-    verdict = verify(points, None, task.occupied, task.grid, ground=task.ground, balls=plan.balls)
+    verdict = verify(points, task.map, balls=plan.balls)
     return Nearness(points, verdict.clearance_at, verdict.cruise_nearest)
 
 
 def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
     """Logarithm of φ of a plan's own problem, −inf where no current flows; of a large map in coarse voxels."""
-    factor = math.ceil((task.occupied.size / _FINE) ** (1 / 3))
+    factor = math.ceil((math.prod(task.grid.shape) / _FINE) ** (1 / 3))
     if factor == 1:
         return _field_in(View(task))
     view = rounded(coarse_task(task, 0.5, factor))

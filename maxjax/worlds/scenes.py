@@ -1,7 +1,7 @@
 """Scenes: a procedural city as a MuJoCo model, for C MuJoCo and MJX alike.
 
     scene = make_scene("downtown", seed=3)        # the same city for the same seed on every machine
-    occupied, ground = occupancy(scene.geoms, grid)
+    city = scene.voxels(grid)                     # its true map
 
 All geoms are static (fixed to the world, no contacts): the model serves ray casting and distances; it has no
 degrees of freedom and cannot be stepped. A batch of scenes is one MJX model whose geom arrays carry a leading
@@ -19,7 +19,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, UInt32
 
+from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import named
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.programs.executable import stored
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
 from maxjax.worlds.layouts import MAPS, layout
@@ -53,6 +55,11 @@ class Scene:
         import mujoco  # plans and flights do without
 
         return mujoco.MjModel.from_xml_string(scene_xml(self.geoms))
+
+    def voxels(self, grid: Grid) -> VoxelMap:
+        """The true map of the city on a grid, its ground below z = 0."""
+        solid, ground = occupancy(self.geoms, grid)
+        return VoxelMap.on(grid, solid | ground, ground)
 
 
 def scene_xml(geoms: Geoms) -> str:

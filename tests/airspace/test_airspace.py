@@ -16,6 +16,7 @@ from maxjax.airspace.airspace import Reasons
 from maxjax.core.earth import TangentPlane
 from maxjax.core.status import Closure
 from maxjax.core.terrain import Terrain
+from maxjax.methods import planner_named
 
 shapely = pytest.importorskip("shapely", reason="needs shapely (extra dev)")
 
@@ -180,9 +181,22 @@ def test_a_path_keeps_every_rule_wherever_it_is_sampled(method: str) -> None:
     occupied, ground = town()
     school = np.array([[15.0, 14.0], [33.0, 10.0], [30.0, 40.0], [17.0, 36.0]])
     airspace = Airspace(floor=4.0, ceiling=20.0, highest=19.0, areas=(Area("school", (school,), ceiling=40.0),))
-    plan = maxjax.plan(occupied, START, GOAL, AIR, method=method, margin=4.0, ground=ground, airspace=airspace)
+    plan = maxjax.plan(
+        maxjax.VoxelMap.on(AIR, occupied, ground),
+        START,
+        GOAL,
+        planner=planner_named(method),
+        distances=maxjax.Distances(margin=4.0),
+        airspace=airspace,
+    )
     assert plan.status == Status.OK
-    free = maxjax.plan(occupied, START, GOAL, AIR, method=method, margin=4.0, ground=ground)
+    free = maxjax.plan(
+        maxjax.VoxelMap.on(AIR, occupied, ground),
+        START,
+        GOAL,
+        planner=planner_named(method),
+        distances=maxjax.Distances(margin=4.0),
+    )
     assert plan.length > free.length + 3.0
     for path, kept in ((plan.path, True), (free.path, False)):
         t = np.linspace(0, len(path) - 1, 20_001)
@@ -192,7 +206,7 @@ def test_a_path_keeps_every_rule_wherever_it_is_sampled(method: str) -> None:
         assert points[:, 2].min() >= 4.0
         assert points[:, 2].max() <= 19.0
     limits = maxjax.FlightLimits(speed=5.0)
-    motion = maxjax.trajectory(plan, limits, occupied, AIR, ground=ground, airspace=airspace)
+    motion = maxjax.trajectory(plan, limits)
     at = motion.at(np.arange(0.0, motion.duration, 0.01)).position
     assert not shapely.contains_xy(shapely.Polygon(school), at[:, 0], at[:, 1]).any()
     assert at[:, 2].max() <= 19.0
@@ -202,7 +216,9 @@ def test_an_area_has_no_price_and_does_not_count_as_an_obstacle() -> None:
     occupied, ground = town()
     occupied = ground
     strip = Airspace(areas=(Area("strip", (np.array([[2.0, 29.0], [46.0, 29.0], [46.0, 31.0], [2.0, 31.0]]),)),))
-    plan = maxjax.plan(occupied, START, GOAL, AIR, margin=8.0, ground=ground, airspace=strip)
+    plan = maxjax.plan(
+        maxjax.VoxelMap.on(AIR, occupied, ground), START, GOAL, distances=maxjax.Distances(margin=8.0), airspace=strip
+    )
     assert plan.status == Status.OK
     assert plan.length == pytest.approx(math.dist(START, GOAL), abs=0.01)
     assert plan.cost == pytest.approx(plan.length, rel=1e-4)
@@ -212,8 +228,14 @@ def test_an_area_has_no_price_and_does_not_count_as_an_obstacle() -> None:
 def test_buildings_in_a_closed_area_stay_obstacles() -> None:
     occupied, ground = town()
     everywhere = Airspace(areas=(Area("block", (square(24.0, 12.0, 6.0),)),))
-    plan = maxjax.plan(occupied, START, GOAL, AIR, margin=4.0, ground=ground, airspace=everywhere)
-    alone = maxjax.plan(occupied, START, GOAL, AIR, margin=4.0, ground=ground)
+    plan = maxjax.plan(
+        maxjax.VoxelMap.on(AIR, occupied, ground),
+        START,
+        GOAL,
+        distances=maxjax.Distances(margin=4.0),
+        airspace=everywhere,
+    )
+    alone = maxjax.plan(maxjax.VoxelMap.on(AIR, occupied, ground), START, GOAL, distances=maxjax.Distances(margin=4.0))
     assert plan.status == alone.status == Status.OK
     assert math.isfinite(plan.clearance)
 
@@ -242,7 +264,14 @@ def test_ends_in_closed_airspace_have_a_status_of_their_own(
     airspace: Airspace, start: tuple[float, ...], goal: tuple[float, ...], status: Status
 ) -> None:
     occupied, ground = town()
-    plan = maxjax.plan(occupied, start, goal, AIR, method="astar", margin=4.0, ground=ground, airspace=airspace)
+    plan = maxjax.plan(
+        maxjax.VoxelMap.on(AIR, occupied, ground),
+        start,
+        goal,
+        planner=maxjax.AStar(),
+        distances=maxjax.Distances(margin=4.0),
+        airspace=airspace,
+    )
     assert plan.status == status
     assert len(plan.path) == 0
 
@@ -253,10 +282,13 @@ def test_batches_and_fleets_keep_the_rules_and_name_them() -> None:
     airspace = Airspace(areas=(SCHOOL,))
     starts = np.array([START, (10.0, 40.0, 9.0)])
     goals = np.array([GOAL, GOAL])
-    options: dict[str, Any] = {"margin": 4.0, "airspace": airspace}
-    batch = maxjax.plan_batch(occupied, starts, goals, AIR, ground=ground, **options)
-    several = maxjax.plan_batch(np.stack([occupied] * 2), starts, goals, AIR, ground=np.stack([ground] * 2), **options)
-    fleet = maxjax.plan_fleet(occupied, starts, GOAL, AIR, ground=ground, **options)
+    options: dict[str, Any] = {"distances": maxjax.Distances(margin=4.0), "airspace": airspace}
+    where = maxjax.VoxelMap.on(AIR, occupied, ground)
+    maps = maxjax.VoxelMap.on(AIR, np.stack([occupied] * 2), np.stack([ground] * 2))
+    batch = maxjax.plan_batch(where, starts, goals, **options)
+    several = maxjax.plan_batch(maps, starts, goals, **options)
+    fleet = maxjax.plan_fleet(where, starts, GOAL, **options)
+    np.testing.assert_array_equal(batch[1].map.closed, airspace.closed(ground, AIR))
     expected = [Status.START_IN_CLOSED_AREA, Status.OK]
     assert batch.status.tolist() == several.status.tolist() == fleet.status.tolist() == expected
 

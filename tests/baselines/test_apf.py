@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maxjax import Grid, Status, plan
+from maxjax import APF, AStar, Distances, Grid, Status, VoxelMap, plan
 from maxjax.baselines.apf import descend, distance_field, look
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
@@ -50,7 +50,13 @@ def test_the_gradient_is_that_of_the_distance() -> None:
 
 
 def test_empty_space_is_crossed_on_the_straight_line() -> None:
-    found = plan(np.zeros(GRID.shape, bool), START, GOAL, GRID, method="apf", radius=0.0, margin=0.0)
+    found = plan(
+        VoxelMap.on(GRID, np.zeros(GRID.shape, bool)),
+        START,
+        GOAL,
+        planner=APF(),
+        distances=Distances(radius=0.0, margin=0.0),
+    )
     assert found.status is Status.OK
     assert found.method == "apf"
     assert found.length == pytest.approx(np.linalg.norm(np.subtract(GOAL, START)), rel=1e-4)
@@ -60,7 +66,7 @@ def test_empty_space_is_crossed_on_the_straight_line() -> None:
 def test_a_convex_obstacle_is_passed_by() -> None:
     x, y, z = np.indices(GRID.shape)
     ball = (x - 12) ** 2 + (y - 10.5) ** 2 + (z - 12) ** 2 <= 9
-    found = plan(ball, START, GOAL, GRID, method="apf", radius=0.0, margin=0.0)
+    found = plan(VoxelMap.on(GRID, ball), START, GOAL, planner=APF(), distances=Distances(radius=0.0, margin=0.0))
     assert found.status is Status.OK
     assert found.clearance > 0.05
     assert 18.0 < found.length < 1.25 * 18.0
@@ -86,10 +92,13 @@ def test_a_dead_end_is_a_local_minimum_and_has_no_path() -> None:
             index: list[int | slice] = [slice(8, 15), slice(6, 19), slice(6, 19)]
             index[axis] = side
             cup[tuple(index)] = True
-    stuck = plan(cup, START, GOAL, GRID, method="apf", radius=0.0, margin=0.0)
+    stuck = plan(VoxelMap.on(GRID, cup), START, GOAL, planner=APF(), distances=Distances(radius=0.0, margin=0.0))
     assert stuck.status is Status.PATH_STALLED
     assert stuck.path.shape == (0, 3)
-    assert plan(cup, START, GOAL, GRID, radius=0.0, margin=0.0, method="astar").status is Status.OK
+    assert (
+        plan(VoxelMap.on(GRID, cup), START, GOAL, planner=AStar(), distances=Distances(radius=0.0, margin=0.0)).status
+        is Status.OK
+    )
 
 
 @pytest.mark.parametrize(("density", "radius"), [(0.005, 0.0), (0.02, 0.0), (0.1, 0.0), (0.005, 0.5), (0.02, 0.5)])
@@ -101,7 +110,13 @@ def test_clutter_is_never_touched(density: float, radius: float) -> None:
         start, goal = rng.uniform(1, 23, (2, 3)).astype(np.float32)
         for end in (start, goal):
             blocked[tuple(np.floor(end + 0.5).astype(int))] = False
-        found = plan(blocked, start, goal, GRID, method="apf", radius=radius, margin=6 * radius)
+        found = plan(
+            VoxelMap.on(GRID, blocked),
+            start,
+            goal,
+            planner=APF(),
+            distances=Distances(radius=radius, margin=6 * radius),
+        )
         # A path that touches something would be PATH_IN_COLLISION.
         assert found.status in (Status.OK, Status.PATH_STALLED, Status.NO_VALID_PATH)
         arrived += found.status is Status.OK

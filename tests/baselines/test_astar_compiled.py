@@ -148,7 +148,13 @@ def plan_by_astar() -> maxjax.Plan:
     grid = maxjax.Grid((9, 8, 7), 2.0, (0.0, 0.0, 0.0))
     occupied = np.zeros(grid.shape, bool)
     occupied[4, 2:, :] = True
-    return maxjax.plan(occupied, (2.0, 12.0, 6.0), (14.0, 12.0, 6.0), grid, radius=0.0, margin=2.0, method="astar")
+    return maxjax.plan(
+        maxjax.VoxelMap.on(grid, occupied),
+        (2.0, 12.0, 6.0),
+        (14.0, 12.0, 6.0),
+        planner=maxjax.AStar(),
+        distances=maxjax.Distances(radius=0.0, margin=2.0),
+    )
 
 
 def script(folder: Path, text: str) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maxjax import Grid, Plan, Status, plan, verify
-from maxjax.baselines.rrt_star import _grow, cost_of_segments, line_of_sight, rrt_star
-from maxjax.planning.execution import plan_one
-from maxjax.planning.task import Distances, Task
+from maxjax import Grid, Plan, RRTStar, Status, VoxelMap, plan, verify
+from maxjax.baselines.rrt_star import _grow, cost_of_segments, line_of_sight
+from maxjax.planning.distances import Distances
+from maxjax.planning.execution import plan_task
+from maxjax.planning.task import Task
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
 START, GOAL = np.array([3, 12, 12], np.float32), np.array([21, 12, 12], np.float32)
@@ -27,9 +28,8 @@ def wall(gap: bool) -> np.ndarray:
 
 
 def grow(occupied: np.ndarray, iterations: int, seed: int = 1) -> Plan:
-    return plan_one(
-        Task.of(occupied, START[None], GOAL, GRID, Distances(0.0, 0.0)), rrt_star(iterations, seed), "rrtstar"
-    )
+    task = Task.of(VoxelMap.on(GRID, occupied), START[None], GOAL, Distances(0.0, 0.0))
+    return plan_task(task, RRTStar(iterations, seed))[0]
 
 
 @pytest.mark.parametrize("density", [0.02, 0.05])
@@ -40,7 +40,7 @@ def test_edges_are_clear_exactly_where_verify_says_so(density: float) -> None:
     counts = {True: 0, False: 0}
     for a in rng.uniform(0, 24, (200, 3)):
         b = np.clip(a + rng.normal(0, 4, 3), 0, 24)
-        verdict = verify(np.stack([a, b]), blocked, blocked, GRID)
+        verdict = verify(np.stack([a, b]), VoxelMap.on(GRID, blocked))
         seen = clear(a, b)
         counts[seen] += 1
         if seen:
@@ -110,9 +110,8 @@ def test_an_edge_costs_the_integral_of_its_price() -> None:
 def test_a_missing_ompl_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is computed: the first plan of a process compiles for seconds."""
     monkeypatch.setitem(sys.modules, "ompl", None)
-    monkeypatch.setattr("maxjax.api.plan_task", None)
     with pytest.raises(ImportError, match=r"maxjax\[bench\]"):
-        plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", radius=0.0, margin=0.0)
+        RRTStar()
 
 
 class TestTree:
@@ -123,7 +122,13 @@ class TestTree:
         pytest.importorskip("ompl", reason="RRT* is OMPL's: pip install 'maxjax[bench]'")
 
     def test_a_wall_is_passed_through_its_gap(self) -> None:
-        found = plan(wall(gap=True), START, GOAL, GRID, method="rrtstar", radius=0.0, margin=0.0)
+        found = plan(
+            VoxelMap.on(GRID, wall(gap=True)),
+            START,
+            GOAL,
+            planner=RRTStar(),
+            distances=Distances(radius=0.0, margin=0.0),
+        )
         assert found.status is Status.OK
         assert found.method == "rrtstar"
         assert np.array_equal(found.path[[0, -1]], np.stack([START, GOAL]))
@@ -168,4 +173,4 @@ class TestTree:
             occupied[tuple(START.astype(int))] = occupied[tuple(GOAL.astype(int))] = False
             found = grow(occupied, 600)
             assert found.status is Status.OK
-            assert verify(found.path, occupied, occupied, GRID).ok
+            assert verify(found.path, VoxelMap.on(GRID, occupied)).ok

@@ -32,7 +32,7 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, summarise
 from maxjax.campaigns.trials import Trial
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.sim import flight, replan
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World, watch
@@ -44,11 +44,12 @@ from maxjax.worlds.solids import upright_boxes
 # --- The bookkeeping, on flights along the straight line; some of them end badly. ---
 
 BAD_DRAW = 5
-SOLVER = METHODS["solver"]
+PLANNER = planner_named("field")
+CALM = FlightConfig(planner=PLANNER)
 
 
 def windy(speed: float) -> FlightConfig:
-    return FlightConfig(Disturbances(wind=speed), find=SOLVER.flying())
+    return FlightConfig(Disturbances(wind=speed), planner=PLANNER)
 
 
 def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
@@ -108,10 +109,10 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.usefixtures("quick")
 def test_a_trial_alone_equals_the_same_in_a_batch() -> None:
-    together = {outcome.trial: outcome for outcome in flown(Campaign("suburb", 3, range(10), method=SOLVER), batch=4)}
+    together = {outcome.trial: outcome for outcome in flown(Campaign("suburb", 3, range(10), config=CALM), batch=4)}
     assert sorted(together) == list(range(10))
     for trial in (0, 7, 9):
-        (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1), method=SOLVER))
+        (alone,) = flown(Campaign("suburb", 3, range(trial, trial + 1), config=CALM))
         assert alone == together[trial]
     assert len({outcome.duration for outcome in together.values()}) > 3
 
@@ -140,14 +141,14 @@ def test_on_a_cpu_each_flight_is_watched_by_itself(monkeypatch: pytest.MonkeyPat
 @pytest.mark.usefixtures("quick")
 def test_another_map_or_seed_is_another_campaign() -> None:
     (one,), (two,), (three,) = (
-        flown(Campaign(*which, method=SOLVER)) for which in (("suburb", 0), ("downtown", 0), ("suburb", 1))
+        flown(Campaign(*which, config=CALM)) for which in (("suburb", 0), ("downtown", 0), ("suburb", 1))
     )
     assert len({one.flown_length, two.flown_length, three.flown_length}) == 3
 
 
 @pytest.mark.usefixtures("quick")
 def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
-    campaign = Campaign("suburb", 0, range(7), method=SOLVER)
+    campaign = Campaign("suburb", 0, range(7), config=CALM)
     outcomes = {outcome.trial: outcome for outcome in flown(campaign, batch=2)}
     assert outcomes[BAD_DRAW].status == INVALID_DRAW
     assert outcomes[BAD_DRAW].start is None
@@ -155,14 +156,14 @@ def test_a_trial_without_ends_is_reported_and_not_flown() -> None:
     summary = summarise(list(outcomes.values()))
     assert (summary["trials"], summary["flown"], summary["invalid_draws"]) == (7, 6, 1)
     assert BAD_DRAW not in [failure["index"] for failure in summary["failures"]]
-    (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1), method=SOLVER))
+    (only,) = flown(Campaign("suburb", 0, range(BAD_DRAW, BAD_DRAW + 1), config=CALM))
     assert only == outcomes[BAD_DRAW]
     assert summarise([only])["success_rate"] is None
 
 
 @pytest.mark.usefixtures("quick")
 def test_the_summary_is_that_of_its_outcomes() -> None:
-    campaign = Campaign("suburb", 0, range(30), method=SOLVER)
+    campaign = Campaign("suburb", 0, range(30), config=CALM)
     outcomes = flown(campaign, batch=8)
     found = summarise(outcomes[::-1])
     arrived = [outcome for outcome in outcomes if outcome.status == "OK"]
@@ -191,7 +192,7 @@ def test_the_summary_is_that_of_its_outcomes() -> None:
 @pytest.mark.parametrize("lines", [0, 1, 4, 6, 9])
 @pytest.mark.parametrize("torn", [b"", b'{"trial": 7, "ci'])
 def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, torn: bytes) -> None:
-    campaign = Campaign("suburb", 0, range(10), method=SOLVER, config=windy(3.0))
+    campaign = Campaign("suburb", 0, range(10), config=windy(3.0))
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     expected = flown(campaign, batch=4, folder=whole)
     shutil.copytree(whole, broken)
@@ -204,7 +205,7 @@ def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, to
 
 @pytest.mark.usefixtures("quick")
 def test_each_batch_is_on_the_disk_when_it_is_yielded(tmp_path: Path) -> None:
-    campaign = Campaign("suburb", 0, range(9), method=SOLVER)
+    campaign = Campaign("suburb", 0, range(9), config=CALM)
     run = fly_trials(campaign, batch=3, folder=tmp_path)
     yielded = [*next(run), *next(run)]
     run.close()
@@ -218,23 +219,23 @@ def test_each_batch_is_on_the_disk_when_it_is_yielded(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
-    flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
+    flown(Campaign("suburb", 0, range(2), config=CALM), folder=tmp_path)
     with pytest.raises(ValueError, match=r"another campaign: seed was 0 there, is 1 here"):
-        flown(Campaign("suburb", 1, range(2), method=SOLVER), folder=tmp_path)
+        flown(Campaign("suburb", 1, range(2), config=CALM), folder=tmp_path)
     with pytest.raises(ValueError, match=r"disturbances was .*choose another folder"):
-        flown(Campaign("suburb", 0, range(2), method=SOLVER, config=windy(1.0)), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), config=windy(1.0)), folder=tmp_path)
     rows = tmp_path / bookkeeping.ROWS
     rows.write_text("nonsense\n" + rows.read_text())
     with pytest.raises(ValueError, match="line 1 is no outcome"):
-        flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), config=CALM), folder=tmp_path)
     (tmp_path / bookkeeping.CONFIG).unlink()
     with pytest.raises(ValueError, match=r"no config\.json"):
-        flown(Campaign("suburb", 0, range(2), method=SOLVER), folder=tmp_path)
+        flown(Campaign("suburb", 0, range(2), config=CALM), folder=tmp_path)
 
 
 @pytest.mark.usefixtures("quick")
 def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign, most, real = Campaign("suburb", 0, range(9), method=SOLVER), 2, module.fly_batch
+    campaign, most, real = Campaign("suburb", 0, range(9), config=CALM), 2, module.fly_batch
     expected = flown(campaign, batch=2)
 
     def small(campaign: Campaign, drawn: Any, rows: Any, size: int, devices: Any) -> dict[str, np.ndarray]:
@@ -257,20 +258,20 @@ def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monke
 def test_a_batch_beyond_the_computers_memory_is_split_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_size, "free_memory", lambda device: 1e9 + 3 * 70e6 + 1)
     warnings: list[str] = []
-    assert len(flown(Campaign("suburb", 0, range(5), method=SOLVER), batch=8, warn=warnings.append)) == 5
+    assert len(flown(Campaign("suburb", 0, range(5), config=CALM), batch=8, warn=warnings.append)) == 5
     assert "going on with 2" in warnings[-1]
 
 
 def test_no_batch_is_refused() -> None:
     with pytest.raises(ValueError, match="batch"):
-        next(fly_trials(Campaign("suburb", method=SOLVER), batch=0))
+        next(fly_trials(Campaign("suburb", config=CALM), batch=0))
 
 
 # --- Real flights, in a process of their own. ---
 
 # Coarse steps of physics and long periods: nearly all that such a flight costs is planning.
 TINY = FlightConfig(
-    find=METHODS["astar"].flying(),
+    planner=planner_named("astar"),
     shape=(25, 25, 11),
     spacing=4.0,
     lidar=Lidar(rays=4096, channels=32),
@@ -338,7 +339,7 @@ def _real_flights(out: Path) -> None:
     watched = list(watch(World(*world, TINY.disturbances), TINY))
     module.fly, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = fake_part
-    campaign = Campaign("suburb", 0, range(9), method=SOLVER)
+    campaign = Campaign("suburb", 0, range(9), config=CALM)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
     np.savez(
         out / "found.npz",
@@ -403,7 +404,7 @@ def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
 
 # --- An interrupt, in a process of its own. ---
 
-SLOW = Campaign("suburb", 0, range(10), method=SOLVER)
+SLOW = Campaign("suburb", 0, range(10), config=CALM)
 
 
 def _interrupted(folder: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, named, stream
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.sim.flight import FlightConfig, fly
 from maxjax.worlds.geoms import ground_plane
 
@@ -50,4 +50,4 @@ def test_the_keys_are_those_of_recorded_results() -> None:
 def test_a_flight_longer_than_its_streams_is_refused() -> None:
     ends = jnp.array([0.0, 0.0, 5.0]), jnp.array([20.0, 0.0, 5.0])
     with pytest.raises(ValueError, match=f"plans: expected 1 to {ITERATIONS}, given {ITERATIONS + 1}"):
-        fly(ground_plane(), *ends, KEY, FlightConfig(find=METHODS["solver"].flying(), plans=ITERATIONS + 1))
+        fly(ground_plane(), *ends, KEY, FlightConfig(planner=planner_named("field"), plans=ITERATIONS + 1))

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.common import safety
 from experiments import clearance
 from experiments.problem_sets import Instance, problem_set
-from maxjax import Grid, Status
+from maxjax import Grid, Status, VoxelMap
 
 NONE = np.zeros((0, 3))
 
@@ -78,7 +78,7 @@ def test_figures_count_what_was_possible() -> None:
     occupied[20] = True
     occupied[20, 14:17, 1:] = occupied[20, 24:33, 1:] = False
     ends = np.array([[8.0, 40, 10], [72.0, 40, 10]])
-    instances = [Instance(occupied, ground, ends[0], ends[1], grid)] * 3
+    instances = [Instance(VoxelMap.on(grid, occupied, ground), ends[0], ends[1])] * 3
     near = np.array([[4.0, 20, 5], [20, 15, 5], [36, 20, 5]])
     wide = np.array([[4.0, 20, 5], [20, 28, 5], [36, 20, 5]])
     through = np.array([[4.0, 20, 5], [36.0, 20, 5]])

@@ -17,6 +17,7 @@ import maxjax
 from benchmarks.common.problems import problems, seal
 from experiments import offline_many
 from experiments.offline_many import TINY, cities_of, draw, main, section
+from maxjax import VoxelMap
 from maxjax.planning.task import Task
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -79,16 +80,16 @@ def test_cities_are_those_of_the_offline_protocol_and_labels_tell_what_is_sealed
     for (task, possible), problem in zip(city, problems("suburb", 10, 0, GRID), strict=True):
         np.testing.assert_array_equal(task.starts, problem.starts)
         np.testing.assert_array_equal(task.goals, problem.goals)
-        np.testing.assert_array_equal(task.occupied, problem.occupied)
+        np.testing.assert_array_equal(task.barred, problem.occupied)
         assert possible
     assert not np.array_equal(city[0][0].occupied, other[0][0].occupied)
 
     def walled(*asked: Any) -> list[Task]:
         """A wall of voxels between west and east, the same for all."""
         tasks = problems(*asked)
-        wall = tasks[0].occupied.copy()
+        wall = tasks[0].barred.copy()
         wall[25] = True
-        return [dataclasses.replace(task, occupied=wall) for task in tasks]
+        return [dataclasses.replace(task, map=VoxelMap.on(task.grid, wall, task.map.ground)) for task in tasks]
 
     monkeypatch.setattr(offline_many, "problems", walled)
     sealed = draw(("suburb", 0, GRID, 8.0))

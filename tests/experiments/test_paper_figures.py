@@ -20,9 +20,10 @@ from experiments.paper_figures.planned import Choice, planned
 from experiments.paper_figures.study import TINY, main
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import apply, init
+from maxjax.sim.flight import FlightConfig
 
 
 def outcome(trial: int, status: str, flown: float) -> Outcome:
@@ -35,7 +36,8 @@ def outcome(trial: int, status: str, flown: float) -> Outcome:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A campaign of four flights: two straight, one that wanders, one that failed."""
-    ledger = Campaign("suburb", 0, range(4), method=METHODS["solver"]).ledger(tmp_path / "flights")
+    config = FlightConfig(planner=planner_named("field"))
+    ledger = Campaign("suburb", 0, range(4), config=config).ledger(tmp_path / "flights")
     along = np.linspace(0, 1, 50)[:, None]
     start, goal = np.array([-40.0, 0.0, 4.0]), np.array([30.0, 10.0, 12.0])
     bulge = np.sin(np.pi * along) * np.array([0.0, 30.0, 0.0])

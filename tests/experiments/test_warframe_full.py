@@ -49,7 +49,7 @@ def test_the_box_around_a_maze_has_the_shortest_paths_of_the_whole_map(tmp_path:
         lengths = [np.linalg.norm(np.diff(found.path, axis=0), axis=1).sum() for found in (inside, whole)]
         assert lengths[0] == pytest.approx(lengths[1])
         assert lengths[0] > np.linalg.norm(goal - start) + 1  # there is something in the way
-        assert maxjax.verify(inside.path + np.array(grid.origin), maze.occupied, maze.occupied, maze.grid).ok
+        assert maxjax.verify(inside.path + np.array(grid.origin), maxjax.VoxelMap.on(maze.grid, maze.occupied)).ok
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_a_map_tells_what_lies_within(tmp_path: Path) -> None:
     file = tmp_path / "a.geojson"
     file.write_text(json.dumps({"type": "FeatureCollection", "features": [house]}))
     found = maxjax.load_map(file)
-    assert found.within.shape == found.grid.shape[:2]
+    assert found.file.within.shape == found.grid.shape[:2]
     obstacle = (found.occupied & ~found.ground).any(axis=2)
-    assert found.within[obstacle].all()
-    assert 0.1 < found.within.mean() < 0.7  # by default there is room around a map
+    assert found.file.within[obstacle].all()
+    assert 0.1 < found.file.within.mean() < 0.7  # by default there is room around a map

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maxjax import Reading
 from maxjax.core.earth import project
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
@@ -77,7 +78,7 @@ def test_octrees_have_the_leaves_of_their_tree(tmp_path: Path, name: str, kind: 
         np.testing.assert_allclose(given, expected)
     whole = load_map(tmp_path / name)
     assert whole.grid.spacing == 0.5
-    free = load_map(tmp_path / name, unknown="free", bounds=[whole.grid.lower, whole.grid.upper])
+    free = load_map(tmp_path / name, bounds=[whole.grid.lower, whole.grid.upper], reading=Reading(unknown="free"))
     # On the tree's own lattice, leaf by leaf.
     volume = sum(edge**3 for odds, _, edge in leaves if odds > 0)
     known = sum(edge**3 for _, _, edge in leaves)
@@ -253,7 +254,7 @@ def test_geojson_in_degrees_and_in_metres(tmp_path: Path) -> None:
     hole = {"type": "MultiPolygon", "coordinates": [[ring, square(85_010, 447_010, 20)]]}
     path.rename(tmp_path / "a.json").write_text(geojson({"geometry": hole, "properties": {"levels": 3}}, crs=crs))
     town = load_map(tmp_path / "a.json")
-    assert (town.crs, town.origin) == ("EPSG:28992", None)
+    assert (town.file.crs, town.file.origin) == ("EPSG:28992", None)
     solid = town.occupied & ~town.ground
     x, y = (town.grid.origin[i] + 2.0 * np.arange(town.grid.shape[i]) for i in (0, 1))
     inside = ((x >= 85_000) & (x <= 85_040))[:, None] & ((y >= 447_000) & (y <= 447_040))

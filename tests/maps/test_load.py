@@ -106,7 +106,7 @@ def test_prisms_fill_every_column_that_their_footprint_touches() -> None:
 def test_delft_agrees_with_its_model_column_by_column(data: Path) -> None:
     path = data / "ahn3_delft" / "testarea.city.json"
     town = maxjax.load_map(path)
-    assert town.crs == "EPSG:7415"
+    assert town.file.crs == "EPSG:7415"
     x, y = (town.grid.origin[i] + 2.0 * np.arange(0, town.grid.shape[i], 4) for i in (0, 1))
     base, roof, _ = column_heights(path, x, y)
     solid = (town.occupied & ~town.ground)[::4, ::4]
@@ -143,13 +143,13 @@ def test_what_a_crown_hides_is_solid_and_what_a_bridge_hides_is_not() -> None:
 def test_delft_is_planned_from_end_to_end(data: Path) -> None:
     pytest.importorskip("laspy")
     ends = (84_815.0, 447_420.0, 25.0), (84_990.0, 447_635.0, 25.0)
-    town = maxjax.load_map(data / "ahn3_delft" / "ahn3_cropped_1.laz", ends=ends, spacing=4.0)
-    assert town.read["points"] == 640_510
-    assert town.counts == {"inside": 640_510, "outside": 0, "missing": 0}
+    town = maxjax.load_map(data / "ahn3_delft" / "ahn3_cropped_1.laz", spacing=4.0, reading=maxjax.Reading(ends=ends))
+    assert town.file.read["points"] == 640_510
+    assert town.file.counts == {"inside": 640_510, "outside": 0, "missing": 0}
     for end in ends:
         index = np.round((np.array(end) - np.array(town.grid.origin)) / 4).astype(int)
         assert ((index > 0) & (index < town.grid.shape)).all()
-    plan = maxjax.plan(town.occupied, *ends, town.grid, ground=town.ground, method="astar")
+    plan = maxjax.plan(town, *ends, planner=maxjax.AStar())
     assert plan.status == maxjax.Status.OK
 
 
@@ -158,7 +158,7 @@ def test_a_voxel_map_keeps_its_grid_but_for_bounds(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", occupied=occupied, spacing=0.5, origin=np.array([1.0, 2.0, 3.0]))
     whole = maxjax.load_map(tmp_path / "a.npz", crs="EPSG:1234")
     np.testing.assert_array_equal(whole.occupied, occupied)
-    assert (whole.crs, whole.grid.spacing) == ("EPSG:1234", 0.5)
+    assert (whole.file.crs, whole.grid.spacing) == ("EPSG:1234", 0.5)
     part = maxjax.load_map(tmp_path / "a.npz", bounds=((1.75, 2.75, 3.75), (3.25, 4.25, 5.25)))
     np.testing.assert_array_equal(part.occupied, occupied[2:5, 2:5, 2:5])
     assert part.grid.origin == (2.0, 3.0, 4.0)
@@ -173,4 +173,5 @@ def test_a_voxel_map_keeps_its_grid_but_for_bounds(tmp_path: Path) -> None:
 def test_every_number_of_a_map_can_be_written_as_json(data: Path) -> None:
     for name in ("octomap/geb079.bt", "la_venice/buildings-addresses-060372733002.osm"):
         found = maxjax.load_map(data / name)
-        assert json.loads(json.dumps([found.read, found.dropped, found.counts, found.remarks, found.origin]))
+        file = found.file
+        assert json.loads(json.dumps([file.read, file.dropped, file.counts, file.remarks, file.origin]))

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planners import bare_plan
 
 import maxjax
 from maxjax.core.earth import TangentPlane
 from maxjax.missions.export import export
-from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.task import Distances
+from maxjax.planning.plan import Plan
 
 EARTH = TangentPlane(52.07, 4.3, 10.0)
 GROUND = 1.5
@@ -32,18 +32,18 @@ PLACED = ("a.plan", "a.waypoints", "a.geojson", "a.kml")
 
 @functools.cache
 def plan() -> Plan:
-    nothing = no_plan(maxjax.Status.OK, "solver", Distances.of(1.0, 8.0))
-    return dataclasses.replace(nothing, path=PATH, length=120.0, clearance=5.0, clearance_at=np.full(len(PATH), 5.0))
+    grid = maxjax.Grid((61, 61, 31), 2.0, (-60.0, -60.0, 0.0))
+    where = maxjax.VoxelMap.on(grid, np.zeros(grid.shape, bool))
+    return bare_plan(where, PATH, length=120.0, clearance=5.0, clearance_at=np.full(len(PATH), 5.0))
 
 
 @functools.cache
 def trajectory() -> maxjax.Trajectory:
-    grid = maxjax.Grid((61, 61, 31), 2.0, (-60.0, -60.0, 0.0))
-    return maxjax.trajectory(plan(), maxjax.FlightLimits(speed=7.0), np.zeros(grid.shape, bool), grid)
+    return maxjax.trajectory(plan(), maxjax.FlightLimits(speed=7.0))
 
 
 def written(folder: Path, name: str) -> Path:
-    export(folder / name, plan(), trajectory(), EARTH, GROUND)
+    export(folder / name, trajectory(), earth=EARTH, ground=GROUND)
     return folder / name
 
 
@@ -136,12 +136,16 @@ def mission() -> maxjax.Mission:
     places = [maxjax.Waypoint((x, y, z)) for x, y, z in PATH[[0, 1, 3]].tolist()]
     places[1:] = [dataclasses.replace(places[1], hover=4.0), dataclasses.replace(places[2], speed=2.5)]
     legs = tuple(dataclasses.replace(plan(), path=p, clearance_at=np.full(len(p), 5.0)) for p in (PATH[:2], PATH[1:]))
-    return maxjax.Mission(maxjax.Status.OK, tuple(places), legs, PATH, np.array([0, 1, 3]), 120.0, 5.0, {})
+    return maxjax.Mission(maxjax.Status.OK, tuple(places), legs, PATH, np.array([0, 1, 3]), 120.0, 5.0, {}, plan().map)
+
+
+def of_mission() -> maxjax.Trajectory:
+    return dataclasses.replace(trajectory(), plan=mission())
 
 
 def test_a_mission_holds_and_changes_its_speed(tmp_path: Path, link: tuple[Any, Any]) -> None:
     for name in ("b.plan", "b.waypoints"):
-        export(tmp_path / name, mission(), trajectory(), EARTH, GROUND)
+        export(tmp_path / name, of_mission(), earth=EARTH, ground=GROUND)
     items = json.loads((tmp_path / "b.plan").read_text())["mission"]["items"]
     assert [item["doJumpId"] for item in items] == [1, 2, 3, 4, 5, 6]
     reader, _ = link
@@ -159,7 +163,7 @@ def test_a_mission_holds_and_changes_its_speed(tmp_path: Path, link: tuple[Any, 
 
 def test_geojson_and_kml_hold_the_legs_of_a_mission(tmp_path: Path) -> None:
     for name in ("b.geojson", "b.kml"):
-        export(tmp_path / name, mission(), trajectory(), EARTH)
+        export(tmp_path / name, of_mission(), earth=EARTH)
     features = json.loads((tmp_path / "b.geojson").read_text())["features"]
     assert [feature["geometry"]["type"] for feature in features] == ["LineString", "LineString", "Point"]
     assert [feature["properties"]["name"] for feature in features] == ["leg 1", "leg 2", "waypoint 1"]
@@ -247,18 +251,18 @@ def test_names_that_cannot_be_written_are_refused(tmp_path: Path, name: str) -> 
 def test_a_format_that_needs_more_says_so(tmp_path: Path) -> None:
     for name in PLACED:
         with pytest.raises(ValueError, match="expected a place on Earth"):
-            export(tmp_path / name, plan(), trajectory())
+            export(tmp_path / name, trajectory())
     for name in TIMED:
         with pytest.raises(ValueError, match="expected a trajectory"):
-            export(tmp_path / name, plan(), None, EARTH)
+            export(tmp_path / name, plan(), earth=EARTH)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_plan_without_a_path_is_not_written(tmp_path: Path) -> None:
-    failed = no_plan(maxjax.Status.NO_VALID_PATH, "solver", Distances.of(1.0, 8.0))
+    failed = dataclasses.replace(plan(), status=maxjax.Status.NO_VALID_PATH, path=np.zeros((0, 3)))
     for name in (*PLACED, *TIMED):
         with pytest.raises(ValueError, match="expected a plan that is OK, given NO_VALID_PATH"):
-            export(tmp_path / name, failed, trajectory(), EARTH)
+            export(tmp_path / name, dataclasses.replace(trajectory(), plan=failed), earth=EARTH)
     assert not list(tmp_path.iterdir())
 
 

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from nn.scenes import GRID, MINI, Boxes
 
-from maxjax import Status, conductivity, plan, plan_batch, solve_potential
-from maxjax.campaigns.campaign import Campaign
-from maxjax.methods import METHODS
+from maxjax import Distances, Network, Status, VoxelMap, conductivity, plan, plan_batch, solve_potential
+from maxjax.methods import planner_named
 from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init
@@ -152,7 +151,9 @@ def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(sh
     occupied = np.zeros(GRID.shape, bool)
     occupied[5:7, :9] = True
     start, goal = [2.0, 2.0, 10.0], [20.0, 3.0, 8.0]
-    ours = plan(occupied, start, goal, GRID, method="network", radius=0.0, margin=0.0)
+    ours = plan(
+        VoxelMap.on(GRID, occupied), start, goal, planner=Network(), distances=Distances(radius=0.0, margin=0.0)
+    )
     assert ours.status is Status.OK
     assert ours.method == "network"
     assert ours.certified
@@ -160,7 +161,11 @@ def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(sh
     shortest = math.hypot(7, 15) + 4 + math.hypot(7, 14)
     assert shortest < ours.length < 1.1 * shortest
     (batched,) = plan_batch(
-        occupied, np.array([start]), np.array([goal]), GRID, method="network", radius=0.0, margin=0.0
+        VoxelMap.on(GRID, occupied),
+        np.array([start]),
+        np.array([goal]),
+        planner=Network(),
+        distances=Distances(radius=0.0, margin=0.0),
     )
     assert batched.status is Status.OK
     assert batched.certified
@@ -168,6 +173,6 @@ def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(sh
 
 def test_a_plan_by_network_without_weights_says_what_is_missing(shipped: Path) -> None:
     with pytest.raises(ValueError, match="no weights of 'maxjax'"):
-        plan(np.zeros(GRID.shape, bool), [1.0, 1.0, 1.0], [9.0, 9.0, 9.0], GRID, method="network")
+        plan(VoxelMap.on(GRID, np.zeros(GRID.shape, bool)), [1.0, 1.0, 1.0], [9.0, 9.0, 9.0], planner=Network())
     with pytest.raises(ValueError, match="no weights of 'maxjax'"):
-        Campaign("suburb", method=METHODS["network"])
+        planner_named("network")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from references import component_of, direct_potential, keeps, random_blocks, random_free, serpentine
 
-from maxjax import Grid, verify
+from maxjax import Grid, VoxelMap, verify
 from maxjax.planning.ascent import Ascent, ascend
 from maxjax.planning.line_of_sight import sight_of
 
@@ -41,7 +41,7 @@ def field(blocked: np.ndarray, goal: np.ndarray, length: float = 2.0) -> np.ndar
 def check(blocked: np.ndarray, path: np.ndarray, start: np.ndarray, goal: np.ndarray) -> None:
     np.testing.assert_array_equal(path[0], start)
     np.testing.assert_array_equal(path[-1], goal)
-    verdict = verify(path, blocked, blocked, Grid(blocked.shape, 1.0, (0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+    verdict = verify(path, VoxelMap.on(Grid(blocked.shape, 1.0, (0.0, 0.0, 0.0)), blocked))  # type: ignore[arg-type]
     assert verdict.ok, verdict
     voxels = np.floor(path + 0.5).astype(int)
     entered = np.concatenate([[True], (np.diff(voxels, axis=0) != 0).any(axis=1)])

@@ -5,18 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 
+from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.planning import corridor
 from maxjax.planning import execution as execute
 from maxjax.planning import focus_window as focus
+from maxjax.planning.distances import Distances
 from maxjax.planning.plan import Plan
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.task import Task
 from maxjax.verification.verifier import verify
 
 GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))
-FIND = METHODS["solver"].finder()
+FIND = planner_named("field")
 
 
 @pytest.fixture(autouse=True)
@@ -42,16 +44,16 @@ def town() -> tuple[np.ndarray, np.ndarray]:
 
 def across(occupied: np.ndarray, ground: np.ndarray) -> Task:
     ends = np.array([[2.0, 2.0, 3.0], [63.0, 41.0, 3.0]]) * GRID.spacing + np.array(GRID.origin)
-    return Task.of(occupied, ends[:1], ends[1:], GRID, Distances(1.0, 6.0), ground)
+    return Task.of(VoxelMap.on(GRID, occupied, ground), ends[:1], ends[1:], Distances(1.0, 6.0))
 
 
 def planned(task: Task) -> Plan:
-    (plan,) = execute.plan_task(task, FIND, "solver")
+    (plan,) = execute.plan_task(task, FIND)
     return plan
 
 
 def whole(task: Task) -> Plan:
-    (plan,) = execute.plan_task(task, dataclasses.replace(FIND, focused=False), "solver")  # type: ignore[type-var]
+    (plan,) = execute.plan_task(task, dataclasses.replace(FIND, focus=False))  # type: ignore[type-var]
     return plan
 
 
@@ -61,8 +63,8 @@ def test_a_route_in_a_corridor_passes_the_judge_and_is_about_the_shortest() -> N
     plan, other = planned(task), whole(task)
     assert plan.status == other.status == Status.OK
     assert plan.certified
-    assert plan.method == "solver"
-    assert verify(plan.path, None, occupied, GRID, ground=ground, radius=1.0, balls=plan.balls).ok
+    assert plan.method == "field"
+    assert verify(plan.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, balls=plan.balls).ok
     assert np.array_equal(plan.path[0], task.starts[0])
     assert np.array_equal(plan.path[-1], task.goals[0])
     assert plan.cost <= 1.02 * other.cost

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 import maxjax
+from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
+from maxjax.methods import planner_named
 from maxjax.planning import execution as execute
 from maxjax.planning import focus_window as focus
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
-from maxjax.planning.plan import Plan
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.plan import Plans
+from maxjax.planning.task import Task
 
 SMALL = ((10, 10, 8), (16, 16, 12))
 # One grid for most tests, so that they share programs.
@@ -28,13 +30,13 @@ def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(focus, "SHAPES", SMALL)
 
 
-def with_and_without(task: Task) -> tuple[list[Plan], list[Plan]]:
+def with_and_without(task: Task) -> tuple[Plans, Plans]:
     """Plans of a task in windows, and in whole maps."""
-    find = METHODS["solver"].finder()
-    return plan_task(task, find, "solver"), plan_task(task, dataclasses.replace(find, focused=False), "solver")  # type: ignore[type-var]
+    find = planner_named("field")
+    return plan_task(task, find), plan_task(task, dataclasses.replace(find, focus=False))  # type: ignore[type-var]
 
 
-def check_same(task: Task) -> list[Plan]:
+def check_same(task: Task) -> Plans:
     """Plans in windows, after a comparison with those in whole maps."""
     windowed, whole = with_and_without(task)
     for one, other in zip(windowed, whole, strict=True):
@@ -122,7 +124,7 @@ def test_no_window_for_ends_that_are_not_inside_the_map() -> None:
 def test_what_a_window_is_shown_is_the_map_with_a_halo_and_nothing_beyond() -> None:
     rng = np.random.default_rng(2)
     occupied = rng.random((20, 21, 22)) < 0.5
-    window = focus.Window((0, 5, 14), (8, 8, 8), 10.0)
+    window = focus.FocusWindow((0, 5, 14), (8, 8, 8), 10.0)
     shown = np.zeros((14, 14, 14), bool)
     window.cut(occupied, 3, shown)
     padded = np.pad(occupied, 3)
@@ -171,7 +173,7 @@ def test_statuses_and_costs_are_those_of_the_whole_map(
     world = np.array([np.array(grid.origin) + 2.0 * ends for _, _, ends in maps])
     volumes = (np.stack([m[k] for m in maps]) for k in (0, 1))
     occupied, ground = volumes
-    plans = check_same(Task.of(occupied, world[:, 0], world[:, 1], grid, Distances(1.5, 4.0), ground))
+    plans = check_same(Task.of(VoxelMap.on(grid, occupied, ground), world[:, 0], world[:, 1], Distances(1.5, 4.0)))
     assert {Status.OK, Status.NO_VALID_PATH} <= {plan.status for plan in plans}
 
 
@@ -180,7 +182,7 @@ def test_a_way_along_the_rim_of_a_flat_map_stays_inside_it(small_windows: None) 
     occupied = np.zeros(grid.shape, bool)
     occupied[19:22, :, :6] = True  # only the highest layer leads over the wall
     ends = np.array(grid.origin) + grid.spacing * np.array([[16.0, 18.0, 5.0], [25.0, 18.0, 5.0]])
-    (plan,) = check_same(Task.of(occupied, ends[:1], ends[1:], grid, DISTANCES))
+    (plan,) = check_same(Task.of(VoxelMap.on(grid, occupied), ends[:1], ends[1:], DISTANCES))
     assert plan.status == Status.OK
     assert plan.path[:, 2].max() <= grid.upper[2]
 
@@ -202,7 +204,7 @@ def corridor(outer: bool) -> np.ndarray:
 @pytest.mark.parametrize("outer", [True, False])
 def test_a_way_that_leaves_the_window_and_comes_back_is_found(small_windows: None, outer: bool) -> None:
     ends = np.array(GRID.origin) + GRID.spacing * np.array([[17.0, 14.0, 2.5], [17.0, 16.0, 2.5]])
-    (plan,) = check_same(Task.of(corridor(outer), ends[:1], ends[1:], GRID, DISTANCES))
+    (plan,) = check_same(Task.of(VoxelMap.on(GRID, corridor(outer)), ends[:1], ends[1:], DISTANCES))
     assert plan.status == (Status.OK if outer else Status.NO_VALID_PATH)
     if outer:
         # From the window in the middle to all four sides of the map.
@@ -217,9 +219,9 @@ def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pyte
     occupied[:, 16:18, 13:17, :16] = True
     starts = np.array(GRID.origin) + 2.0 * rng.uniform((12, 12, 8), (14, 16, 12), (6, 3))
     goals = np.array(GRID.origin) + 2.0 * rng.uniform((20, 12, 8), (22, 16, 12), (6, 3))
-    task = Task.of(occupied, starts, goals, GRID, DISTANCES)
-    find = METHODS["solver"].finder()
-    in_chunks, alone = plan_task(task, find, "solver", chunk=4), plan_task(task, find, "solver")
+    task = Task.of(VoxelMap.on(GRID, occupied), starts, goals, DISTANCES)
+    find = planner_named("field")
+    in_chunks, alone = plan_task(task, find, chunk=4), plan_task(task, find)
     for one, other in zip(in_chunks, alone, strict=True):
         assert one.status == other.status == Status.OK
         assert one.length == pytest.approx(other.length, rel=1e-3)
@@ -232,10 +234,10 @@ def test_the_public_argument_chooses_the_whole_map(small_windows: None, monkeypa
     occupied = np.zeros(GRID.shape, bool)
     occupied[16:18, 12:16, :18] = True
     ends = np.array(GRID.origin) + GRID.spacing * np.array([[13.0, 13.5, 9.0], [21.0, 13.5, 9.0]])
-    distances = {"radius": DISTANCES.radius, "margin": DISTANCES.margin}
-    whole = maxjax.plan(occupied, *ends, GRID, focus=False, **distances)
+    where = VoxelMap.on(GRID, occupied)
+    whole = maxjax.plan(where, *ends, planner=maxjax.Field(focus=False), distances=DISTANCES)
     assert not planned
-    windowed = maxjax.plan(occupied, *ends, GRID, focus=True, **distances)
+    windowed = maxjax.plan(where, *ends, planner=maxjax.Field(focus=True), distances=DISTANCES)
     assert planned
     assert windowed.status == whole.status == Status.OK
     assert windowed.cost == pytest.approx(whole.cost, rel=2e-3)

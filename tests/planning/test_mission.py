@@ -31,7 +31,8 @@ def town() -> np.ndarray:
 
 
 def planned(*waypoints: Any, **options: Any) -> Mission:
-    return maxjax.plan_mission(town(), waypoints, GRID, **{"method": "astar", "margin": 6.0} | options)
+    given = {"planner": maxjax.AStar(), "distances": maxjax.Distances(margin=6.0)} | options
+    return maxjax.plan_mission(maxjax.VoxelMap.on(GRID, town()), waypoints, **given)
 
 
 @functools.cache
@@ -42,7 +43,7 @@ def tour() -> Mission:
 
 @functools.cache
 def flown() -> maxjax.Trajectory:
-    return maxjax.trajectory(tour(), LIMITS, town(), GRID)
+    return maxjax.trajectory(tour(), LIMITS)
 
 
 def norm(values: np.ndarray) -> np.ndarray:
@@ -56,7 +57,13 @@ def test_legs_are_plans_and_the_whole_is_one_line() -> None:
     assert len(mission.legs) == 4
     np.testing.assert_array_equal(mission.path[mission.places], [A, B, C, D, A])
     for k, (start, goal, radius) in enumerate([(A, B, 1.0), (B, C, 1.0), (C, D, 1.5), (D, A, 1.0)]):
-        alone = maxjax.plan(town(), start, goal, GRID, method="astar", radius=radius, margin=6.0)
+        alone = maxjax.plan(
+            maxjax.VoxelMap.on(GRID, town()),
+            start,
+            goal,
+            planner=maxjax.AStar(),
+            distances=maxjax.Distances(radius=radius, margin=6.0),
+        )
         np.testing.assert_array_equal(mission.leg_path(k), alone.path)
         assert mission.legs[k].radius == radius
     assert mission.length == pytest.approx(norm(np.diff(mission.path, axis=0)).sum())
@@ -76,10 +83,10 @@ def test_legs_of_one_goal_share_a_field(monkeypatch: pytest.MonkeyPatch) -> None
     real = missions.plan_fleet
     monkeypatch.setattr(missions, "plan_fleet", counted)
     ways = A, B, A, C, A
-    shared = planned(*ways, method="solver")
+    shared = planned(*ways, planner=maxjax.Field())
     assert fleets == [2]
     monkeypatch.setattr(missions, "_LARGEST_SHARED", 0)
-    alone = planned(*ways, method="solver")
+    alone = planned(*ways, planner=maxjax.Field())
     assert fleets == [2]
     assert (shared.status, alone.status) == (Status.OK, Status.OK)
     assert [leg.certified for leg in shared.legs] == [True] * 4
@@ -99,7 +106,12 @@ def test_what_is_wrong_with_a_leg_stays_with_it() -> None:
         A: (Status.START_EQUALS_GOAL, Status.OK),
     }
     for waypoint, statuses in middle.items():
-        mission = maxjax.plan_mission(occupied, [A, waypoint, C, D], GRID, method="astar", margin=6.0)
+        mission = maxjax.plan_mission(
+            maxjax.VoxelMap.on(GRID, occupied),
+            [A, waypoint, C, D],
+            planner=maxjax.AStar(),
+            distances=maxjax.Distances(margin=6.0),
+        )
         assert tuple(leg.status for leg in mission.legs) == (*statuses, Status.OK)
         assert mission.status == statuses[0]
         assert mission.failed == ((0,) if waypoint == A else (0, 1))
@@ -107,11 +119,11 @@ def test_what_is_wrong_with_a_leg_stays_with_it() -> None:
         assert math.isnan(mission.length)
         assert math.isnan(mission.clearance)
         with pytest.raises(ValueError, match=f"mission: expected one that is OK, given {statuses[0].name}"):
-            maxjax.trajectory(mission, LIMITS, occupied, GRID)
+            maxjax.trajectory(mission, LIMITS)
 
 
 def test_the_first_legs_are_a_mission_of_their_own() -> None:
-    task = missions.Task.of(town(), *missions.legs_of([Waypoint(p) for p in (A, B, C)]), GRID, missions.Distances())
+    task = missions.Task.of(maxjax.VoxelMap.on(GRID, town()), *missions.legs_of([Waypoint(p) for p in (A, B, C)]))
     mission = planned(A, B, (400.0, 0.0, 9.0), C)
     part = missions.first_legs(mission, task)
     assert part is not None
@@ -124,8 +136,8 @@ def test_the_judge_sees_the_joined_path(monkeypatch: pytest.MonkeyPatch) -> None
     """A leg that the planner would let pass, and that touches something, is refused with the whole mission."""
     through = np.zeros(GRID.shape, bool)
     through[20, :, :] = True
-    task = missions.Task.of(through, *missions.legs_of([Waypoint(A), Waypoint(B)]), GRID, missions.Distances())
-    free = maxjax.plan(np.zeros(GRID.shape, bool), A, B, GRID, method="astar")
+    task = missions.Task.of(maxjax.VoxelMap.on(GRID, through), *missions.legs_of([Waypoint(A), Waypoint(B)]))
+    free = maxjax.plan(maxjax.VoxelMap.on(GRID, np.zeros(GRID.shape, bool)), A, B, planner=maxjax.AStar())
     mission = missions.joined([Waypoint(A), Waypoint(B)], [free], task, {})
     assert mission.status == Status.PATH_IN_COLLISION
     assert mission.path.shape == (0, 3)
@@ -172,8 +184,8 @@ def test_a_trajectory_keeps_the_radius_of_each_leg() -> None:
 def test_a_way_back_and_hovers_at_both_ends_are_flown() -> None:
     empty = np.zeros(GRID.shape, bool)
     ways = [Waypoint(A, hover=2.0), Waypoint(B), Waypoint(A, hover=1.0)]
-    mission = maxjax.plan_mission(empty, ways, GRID, method="astar")
-    trajectory = maxjax.trajectory(mission, LIMITS, empty, GRID)
+    mission = maxjax.plan_mission(maxjax.VoxelMap.on(GRID, empty), ways, planner=maxjax.AStar())
+    trajectory = maxjax.trajectory(mission, LIMITS)
     motion = trajectory.sampled(0.01)
     assert motion.position[:, 0].max() <= B[0] + 1e-9
     assert norm(motion.velocity[motion.time < 2.0]).max() < 1e-9
@@ -214,6 +226,6 @@ def test_what_is_no_mission_is_refused() -> None:
     with pytest.raises(ValueError, match="margin: expected at least the radius, 3 m, given 2"):
         planned(A, Waypoint(B, radius=3.0, margin=2.0))
     with pytest.raises(ValueError, match="hovers: a mission's waypoints say"):
-        maxjax.trajectory(tour(), LIMITS, town(), GRID, hovers={1: 1.0})
+        maxjax.trajectory(tour(), LIMITS, hovers={1: 1.0})
     with pytest.raises(ValueError, match="limits: expected ones with which a path takes at most"):
-        maxjax.trajectory(planned(A, Waypoint(B, speed=1e-9)), LIMITS, town(), GRID)
+        maxjax.trajectory(planned(A, Waypoint(B, speed=1e-9)), LIMITS)

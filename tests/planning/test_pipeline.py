@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from references import random_blocks, random_free, serpentine
 
-from maxjax import Grid, Plan, Status, solve_potential, verify
+from maxjax import Grid, Plans, Status, VoxelMap, solve_potential, verify
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.execution import plan_one, plan_task, staged
-from maxjax.planning.field_planner import Climb
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.distances import Distances
+from maxjax.planning.execution import plan_task
+from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.task import Task
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 7
@@ -38,10 +39,10 @@ def problems() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 STEPS = 48, 192
 
 
-def _batch(problems: tuple[np.ndarray, ...], chunk: int | None = 3, steps: int = STEPS[0]) -> list[Plan]:
+def _batch(problems: tuple[np.ndarray, ...], chunk: int | None = 3, steps: int = STEPS[0]) -> Plans:
     occupied, ground, starts, goals = problems
-    task = Task.of(occupied, starts, goals, GRID, DISTANCES, ground)
-    return plan_task(task, Climb(solve_potential, Ascent(steps=steps)), "solver", chunk=chunk)
+    task = Task.of(VoxelMap.on(GRID, occupied, ground), starts, goals, DISTANCES)
+    return plan_task(task, FieldPlanner(solve_potential, Ascent(steps=steps)), chunk=chunk)
 
 
 def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> None:
@@ -54,13 +55,13 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
         np.testing.assert_allclose([one.cost, one.length], [other.cost, other.length], rtol=1e-3)
         np.testing.assert_allclose(one.path, other.path, atol=1e-3)
         occupied, ground, starts, goals = (array[k] for array in problems)
-        task = Task.of(occupied | ground, starts[None], goals, GRID, DISTANCES, ground)
-        alone = plan_one(task, staged(Climb(solve_potential, Ascent(steps=STEPS[1]))), "solver")
+        task = Task.of(VoxelMap.on(GRID, occupied | ground, ground), starts[None], goals, DISTANCES)
+        alone = plan_task(task, FieldPlanner(solve_potential, Ascent(steps=STEPS[1]), focus=False))[0]
         assert alone.status == one.status
         np.testing.assert_allclose(alone.balls, one.balls, atol=1e-5)
         if one.status is Status.OK:
             assert one.length == pytest.approx(alone.length, rel=1e-3)
-            verdict = verify(one.path, None, occupied, GRID, ground=ground, radius=1.0, balls=one.balls)
+            verdict = verify(one.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, balls=one.balls)
             assert verdict.ok
             assert verdict.clearance == pytest.approx(one.clearance, rel=1e-9)
     assert whole[5].status is Status.NO_VALID_PATH

@@ -10,25 +10,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from planners import ByFunction
 from references import random_blocks, random_free, serpentine
 
-from maxjax import Grid, Plan, Status, plan, solve_potential, verify
+from maxjax import Grid, Plan, Status, VoxelMap, plan, solve_potential, verify
 from maxjax.planning import execution as execute
 from maxjax.planning.ascent import Ascent
-from maxjax.planning.execution import plan_one, plan_task, staged, with_longer_ascents
-from maxjax.planning.field_planner import Climb
-from maxjax.planning.plan import judged
+from maxjax.planning.distances import Distances
+from maxjax.planning.execution import plan_task, with_longer_ascents
+from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.problem import Problem
-from maxjax.planning.route import PathFinder, Route, failed, found
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.route import Route, RouteFn, Routes, failed, found
+from maxjax.planning.task import Task
+from maxjax.planning.verifying import verified
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 EMPTY = np.zeros(GRID.shape, bool)
 START, GOAL = np.array([-8.3, 5.1, 3.7]), np.array([18.9, 36.2, 38.4])
 
 
-def run(find: PathFinder, occupied: np.ndarray = EMPTY, goal: np.ndarray = GOAL) -> Plan:
-    return plan_one(Task.of(occupied, START[None], goal, GRID, Distances(1.0, 2.0)), find, "test")
+def run(find: RouteFn | FieldPlanner, occupied: np.ndarray = EMPTY, goal: np.ndarray = GOAL) -> Plan:
+    planner = find if isinstance(find, FieldPlanner) else ByFunction(find)
+    return plan_task(Task.of(VoxelMap.on(GRID, occupied), START[None], goal, Distances(1.0, 2.0)), planner)[0]
 
 
 def check_failed(plan: Plan, status: Status) -> None:
@@ -38,7 +41,7 @@ def check_failed(plan: Plan, status: Status) -> None:
     assert math.isnan(plan.clearance)
 
 
-def returning(path: Callable[[Problem], np.ndarray]) -> PathFinder:
+def returning(path: Callable[[Problem], np.ndarray]) -> RouteFn:
     return lambda problem, grid: found(path(problem), certified=True)
 
 
@@ -69,15 +72,15 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
     beside = EMPTY.copy()
     x, y, z = np.floor((START - GRID.origin) / GRID.spacing + 0.5).astype(int)
     beside[x - 1, y, z] = True
-    task = Task.of(beside, START[None], GOAL, GRID, Distances(1.9))
-    loose = Task.of(beside, START[None], GOAL, GRID, Distances(0.0))
+    task = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(1.9))
+    loose = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(0.0))
     bare = found((np.stack([START, GOAL]) - GRID.origin) / GRID.spacing, certified=True)
     numbers = {"balls": np.float32([3, 0]), "geodesic": np.bool_(True), "cost": np.float32(99.5)}
     excused = dataclasses.replace(bare, **{name: np.asarray(number) for name, number in numbers.items()})
-    check_failed(judged([bare], task, "test")[0], Status.PATH_IN_COLLISION)
-    (plan,) = judged([excused], task, "test")
-    (free,) = judged([bare], loose, "test")
-    verdict = verify(plan.path, None, beside, GRID)
+    check_failed(verified(Routes.of([bare]).route, task, "test")[0], Status.PATH_IN_COLLISION)
+    (plan,) = verified(Routes.of([excused]).route, task, "test")
+    (free,) = verified(Routes.of([bare]).route, loose, "test")
+    verdict = verify(plan.path, VoxelMap.on(GRID, beside))
     assert plan.status is free.status is Status.OK
     assert (plan.radius, plan.balls, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
     assert (free.radius, free.balls, free.cost, free.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
@@ -100,8 +103,8 @@ def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
 @pytest.mark.large
 def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(execute, "_FACTORS", (1, 1))  # no number of steps would do
-    check_failed(run(staged(Climb(capped))), Status.NOT_CONVERGED)  # type: ignore[arg-type]
-    check_failed(run(staged(Climb(flat))), Status.PATH_STALLED)  # type: ignore[arg-type]
+    check_failed(run(FieldPlanner(capped, focus=False)), Status.NOT_CONVERGED)  # type: ignore[arg-type]
+    check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)  # type: ignore[arg-type]
 
 
 def test_a_wrong_problem_is_never_handed_to_a_path_finder() -> None:
@@ -121,11 +124,14 @@ def test_a_maze_without_a_price_is_climbed_alone_and_in_a_batch() -> None:
     maze = np.repeat(serpentine(15, 18, 1), 20, axis=2)
     maze = np.concatenate([maze, np.ones((1, 18, 20), bool)])
     start, goal = (np.array(GRID.origin) + 2 * np.array(v) for v in ([0, 0, 9], [14, 0, 9]))
-    climb, task = Climb(solve_potential, Ascent(steps=256)), Task.of(maze, start[None], goal, GRID, Distances(0.0, 0.0))
-    alone = plan_one(task, staged(climb), "solver")
-    batch = plan_task(task, climb, "solver", chunk=1)
+    climb, task = (
+        FieldPlanner(solve_potential, Ascent(steps=256)),
+        Task.of(VoxelMap.on(GRID, maze), start[None], goal, Distances(0.0, 0.0)),
+    )
+    alone = plan_task(task, dataclasses.replace(climb, focus=False))[0]
+    batch = plan_task(task, climb, chunk=1)
     assert alone.status is Status.OK
-    assert verify(alone.path, maze, maze, GRID).ok
+    assert verify(alone.path, VoxelMap.on(GRID, maze)).ok
     assert batch[0].status is Status.OK
     assert batch[0].length == pytest.approx(alone.length, rel=1e-3)
 
@@ -136,12 +142,12 @@ def test_a_way_that_is_longer_than_sixteen_ascents_is_climbed_and_pulled_taut() 
     maze = serpentine(131, 131, 1)
     assert (~maze).sum() > 16 * Ascent().steps
     grid, ends = Grid(maze.shape, 2.0, (0.0, 0.0, 0.0)), 2.0 * np.array([[0, 0, 0], [130, 130, 0]])
-    task = Task.of(maze, ends[:1], ends[1], grid, Distances(0.0, 0.0))
-    one = plan_one(task, staged(Climb(solve_potential, Ascent(steps=64 * Ascent().steps))), "solver")
+    task = Task.of(VoxelMap.on(grid, maze), ends[:1], ends[1], Distances(0.0, 0.0))
+    one = plan_task(task, FieldPlanner(solve_potential, Ascent(steps=64 * Ascent().steps), focus=False))[0]
     assert one.status is Status.OK
     assert one.certified
     assert one.length > 2 * 16 * Ascent().steps
-    assert verify(one.path, None, maze, grid).ok
+    assert verify(one.path, VoxelMap.on(grid, maze)).ok
 
 
 @pytest.mark.large
@@ -150,11 +156,11 @@ def test_a_plan_that_is_not_safe_names_the_largest_radius_that_joins() -> None:
     wall[8] = True
     wall[8, 8:11, 9:12] = False  # a door whose middle keeps 1.5 voxels
     ends = [np.array(GRID.origin) + 2.0 * np.array(v) for v in ([0, 9, 10], [15, 9, 10])]
-    tight = plan(wall, *ends, GRID, radius=3.4, margin=4.0)
+    tight = plan(VoxelMap.on(GRID, wall), *ends, distances=Distances(radius=3.4, margin=4.0))
     assert tight.status is Status.NO_SAFE_PATH
     assert tight.path.shape == (0, 3)
     assert tight.radius == pytest.approx(3.0)
-    wide = plan(wall, *ends, GRID, radius=tight.radius, margin=4.0)
+    wide = plan(VoxelMap.on(GRID, wall), *ends, distances=Distances(radius=tight.radius, margin=4.0))
     assert wide.status is Status.OK
     assert wide.clearance == pytest.approx(3.0, abs=2e-3)
 
@@ -165,11 +171,11 @@ def test_random_problems_are_solved_verified_and_certified() -> None:
     for _ in range(30):
         occupied = random_blocks(rng, GRID.shape, int(rng.integers(1, 40)), 5)
         ends = np.array(GRID.origin) + GRID.spacing * (random_free(rng, occupied, 2) + rng.uniform(-0.4, 0.4, (2, 3)))
-        one = plan(occupied, *ends, GRID, margin=4.0)
+        one = plan(VoxelMap.on(GRID, occupied), *ends, distances=Distances(margin=4.0))
         outcomes.append(one.status)
         if one.status is Status.OK:
             assert one.certified
-            verdict = verify(one.path, None, occupied, GRID, radius=1.0, balls=one.balls)
+            verdict = verify(one.path, VoxelMap.on(GRID, occupied), radius=1.0, balls=one.balls)
             assert verdict.ok
             assert one.cost >= one.length * (1 - 1e-5)
             assert verdict.length == pytest.approx(one.length, rel=1e-12)
@@ -186,7 +192,7 @@ def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
     """Problem k needs 10^k steps; the one that fails otherwise is left alone."""
     attempts: list[tuple[list[int], int]] = []
 
-    def attempt(which: np.ndarray, settings: Ascent) -> list[Route]:
+    def attempt(which: np.ndarray, settings: Ascent) -> Routes:
         attempts.append((which.tolist(), settings.steps))
         assert settings.rate == 0.2
 
@@ -199,21 +205,22 @@ def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
                 else failed(Status.PATH_STALLED)
             )
 
-        return [route(k) for k in which.tolist()]
+        return Routes.of([route(k) for k in which.tolist()])
 
-    routes = with_longer_ascents(attempt, 5, Ascent(steps=8, rate=0.2))
+    routes = with_longer_ascents(attempt, 5, Ascent(steps=8, rate=0.2)).route
     assert attempts == [
         ([0, 1, 2, 3, 4], 8), ([2, 3, 4], 32), ([2, 3, 4], 128), ([3, 4], 512), ([3, 4], 2048), ([4], 8192),
     ]  # fmt: skip
-    assert [Status(int(route.status)) for route in routes] == [
+    assert [Status(status) for status in routes.status.tolist()] == [
         Status.OK, Status.NOT_CERTIFIED, Status.OK, Status.OK, Status.PATH_STALLED,
     ]  # fmt: skip
-    assert float(routes[2].path[0, 0]) == 2
+    assert float(routes.path[2, 0, 0]) == 2
 
 
 def test_a_default_ascent_may_grow_to_half_a_million_steps() -> None:
-    def attempt(which: np.ndarray, settings: Ascent) -> list[Route]:
+    def attempt(which: np.ndarray, settings: Ascent) -> Routes:
         arrives = settings.steps > 500_000
-        return [found(np.zeros((1, 3)), certified=True) if arrives else failed(Status.PATH_STALLED) for _ in which]
+        one = found(np.zeros((1, 3)), certified=True) if arrives else failed(Status.PATH_STALLED)
+        return Routes.of([one] * len(which))
 
-    assert [int(route.status) for route in with_longer_ascents(attempt, 2, Ascent())] == [Status.OK] * 2
+    assert with_longer_ascents(attempt, 2, Ascent()).route.status.tolist() == [Status.OK] * 2

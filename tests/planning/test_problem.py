@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, random_blocks, random_free
+from references import component_of, distances_to_cubes, random_blocks, random_free
 
 from maxjax import Grid, Price, Status
+from maxjax.planning.distances import Distances
 from maxjax.planning.line_of_sight import stands_free
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.task import Distances
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 NO_GROUND = np.zeros(GRID.shape, bool)
@@ -101,10 +101,11 @@ def test_an_end_on_a_face_above_the_ground_needs_no_level() -> None:
 
 
 @pytest.mark.parametrize("radius", [0.0, 1.0, 2.5])
-def test_ends_stand_where_they_have_room_and_balls_hold_the_rest(radius: float) -> None:
-    rng, moved = np.random.default_rng(5), 0
-    for _ in range(20):
-        occupied = random_blocks(rng, GRID.shape, 12, 5)
+def test_ends_go_straight_to_where_there_is_room_and_keep_what_they_have(radius: float) -> None:
+    """Outside the exemption the radius, inside it the end's own distance if that is less."""
+    rng, moved, exempt = np.random.default_rng(5), 0, 0
+    for _ in range(30):
+        occupied = random_blocks(rng, GRID.shape, 30, 5)
         index = random_free(rng, occupied, 2)
         exact = index + rng.uniform(-0.49, 0.49, (2, 3))
         found = formulated(occupied, NO_GROUND, *(world(x) for x in exact), radius)
@@ -115,16 +116,19 @@ def test_ends_stand_where_they_have_room_and_balls_hold_the_rest(radius: float) 
         for x, inner, voxel, ball in zip(exact, (found.start, found.goal), index, found.balls, strict=True):
             assert stands_free(found.blocked, inner, found.room)
             still = np.allclose(inner, x, atol=1e-5)
-            assert still or np.array_equal(inner, voxel)
+            assert still or np.array_equal(inner, np.floor(np.asarray(inner) + 0.5))
+            assert np.abs(np.asarray(inner) - voxel).max() <= 1
             moved += not still
-            # The way in between: as near as the radius only within the ball.
             way = x + np.linspace(0, 1, 50)[:, None] * (np.asarray(inner) - x)
-            gap = np.maximum(np.abs(way[:, None] - np.argwhere(occupied)[None]) - 0.5, 0)
-            near = GRID.spacing * np.sqrt((gap**2).sum(axis=-1)).min(axis=1, initial=np.inf) < radius - 1e-4
+            kept = GRID.spacing * distances_to_cubes(way, occupied)
             away = GRID.spacing * np.linalg.norm(way - x, axis=1)
-            assert (away[near] <= float(ball) + 1e-4).all()
-            assert ball > 0 or not near.any()
+            assert (away[kept < radius - 1e-3] <= float(ball) + 1e-4).all()
+            assert (kept >= min(radius, kept[0]) - 1e-3).all()
+            assert (ball > 0) == (kept[0] < radius - 1e-3)
+            exempt += ball > 0
+        np.testing.assert_array_equal(found.goal_index, np.floor(np.asarray(found.goal) + 0.5))
     assert (moved > 0) == (radius > 0)
+    assert (exempt > 0) == (radius > 0)
 
 
 def test_the_price_is_that_of_the_distance_to_the_nearest_cube() -> None:

@@ -13,10 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import maxjax
+from maxjax import VoxelMap
 from maxjax.fields.geodesic import geodesic
+from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import Climb
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.task import Task
 
 GRID = maxjax.Grid((49, 49, 33), 2.0, (-48.0, -48.0, 0.0))
 
@@ -38,8 +40,8 @@ def farthest(points: np.ndarray, path: np.ndarray) -> float:
 def test_paths_are_those_of_the_planner_before_prices_to_a_centimetre() -> None:
     stored = np.load(Path(__file__).with_name("stored_paths.npz"))
     blocked = np.unpackbits(stored["blocked"], axis=-1, count=GRID.shape[2]).astype(bool)
-    task = Task.of(blocked, stored["start"], stored["goal"], GRID, Distances(0.0, 0.0))
-    for plan, path in zip(plan_task(task, Climb(with_its_length), "solver"), stored["path"], strict=True):
+    task = Task.of(VoxelMap.on(GRID, blocked), stored["start"], stored["goal"], Distances(0.0, 0.0))
+    for plan, path in zip(plan_task(task, FieldPlanner(with_its_length)), stored["path"], strict=True):
         assert plan.status is maxjax.Status.OK
         assert plan.balls == (0.0, 0.0)
         assert plan.cost == plan.length

@@ -12,7 +12,7 @@ from references import component_of, grid_graph, keeps, random_blocks, random_fr
 from scipy import ndimage
 from scipy.sparse import csgraph
 
-from maxjax import Grid, Status, verify
+from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.baselines.astar import astar
 from maxjax.planning.line_of_sight import clear_and_paid, sight_of
 from maxjax.planning.string_pulling import WINDOW, tighten
@@ -38,7 +38,7 @@ def check(blocked: np.ndarray, path: np.ndarray) -> float:
     assert taut.shape == path.shape
     np.testing.assert_array_equal(taut[0], path[0])
     np.testing.assert_array_equal(taut[-1], path[-1])
-    verdict = verify(taut, blocked, blocked, Grid(blocked.shape, 1.0, (0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+    verdict = verify(taut, VoxelMap.on(Grid(blocked.shape, 1.0, (0.0, 0.0, 0.0)), blocked))  # type: ignore[arg-type]
     assert verdict.ok, verdict
     assert length(taut) <= length(path) * (1 + 1e-6)
     return length(taut)

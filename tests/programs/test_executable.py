@@ -18,7 +18,7 @@ from jax.experimental.compilation_cache import compilation_cache
 from maxjax.core.grid import Grid
 from maxjax.fields.conductivity import conductivity
 from maxjax.fields.occupancy import squared_distance
-from maxjax.planning.task import Distances
+from maxjax.planning.distances import Distances
 from maxjax.programs import cache, executable
 from maxjax.programs.executable import Stored, stored
 from maxjax.programs.threads import concurrently
@@ -184,7 +184,7 @@ def test_compiling_for_several_devices_at_a_time_traces_once() -> None:
 def test_words_differ_where_programs_do() -> None:
     values = [
         None, True, 1, 1.0, "1", (1,), [1], {"a": 1}, {"b": 1}, np.float32(1), np.zeros(2), np.zeros(3), np.ones(2),
-        jnp.ones(2, jnp.int32), Grid(), Grid((3, 3, 3)), Distances(), Distances.of(1.0, 5.0, Distances().price),
+        jnp.ones(2, jnp.int32), Grid(), Grid((3, 3, 3)), Distances(), Distances(1.0, 5.0, Distances().price),
         conductivity, squared_distance, functools.partial(squared_distance, reach=2),
         functools.partial(squared_distance, reach=3), Grid,
     ]  # fmt: skip

@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import METHODS
-from maxjax.planning.task import Distances
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, World, watch
@@ -24,7 +25,7 @@ from maxjax.worlds.solids import upright_boxes
 
 LIDAR = Lidar(rays=8192, channels=64)
 CONFIG = FlightConfig(
-    find=METHODS["solver"].flying(), shape=(45, 45, 17), lidar=LIDAR, plans=40, distances=Distances(1.0, 4.0)
+    planner=planner_named("field"), shape=(45, 45, 17), lidar=LIDAR, plans=40, distances=Distances(1.0, 4.0)
 )
 START, GOAL = np.array([-24.0, 1.0, 6.0], np.float32), np.array([14.0, -2.0, 8.0], np.float32)
 KEY = jax.random.key(5)
@@ -107,7 +108,7 @@ def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[
         moved = np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])
         # Steps aside are straight and keep the radius as well, where they begin outside of it.
         radius, ball = CONFIG.distances.radius, 3 * CONFIG.spacing
-        found = verify(path[moved], None, occupied, grid, ground=ground, radius=radius, balls=(ball, ball))
+        found = verify(path[moved], VoxelMap.on(grid, occupied, ground), radius=radius, balls=(ball, ball))
         assert found.ok, (flight.log.planning_iterations, found)
         judged += 1
     assert judged >= 5

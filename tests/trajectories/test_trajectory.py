@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from planners import bare_plan
 from references import random_blocks
 from scipy.spatial import cKDTree
 
 import maxjax
-from maxjax.planning.plan import Plan, no_plan
-from maxjax.planning.task import Distances
+from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4, PX4_MISSION
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (500.0, -40.0, 1.0))
@@ -39,11 +39,17 @@ def cases() -> list[Case]:
         low, high = np.array(GRID.lower) + 2.0, np.array(GRID.upper) - 2.0
         start = rng.uniform(low, low + (high - low) * [0.2, 1.0, 1.0])
         goal = rng.uniform(low + (high - low) * [0.8, 0.0, 0.0], high)
-        plan = maxjax.plan(occupied, start, goal, GRID, method="astar", radius=1.0, margin=6.0)
+        plan = maxjax.plan(
+            maxjax.VoxelMap.on(GRID, occupied),
+            start,
+            goal,
+            planner=maxjax.AStar(),
+            distances=maxjax.Distances(radius=1.0, margin=6.0),
+        )
         seed += 1
         if plan.status == maxjax.Status.OK:
             limits = (PX4, PX4_MISSION)[len(found) % 2]
-            found.append(Case(occupied, plan, limits, maxjax.trajectory(plan, limits, occupied, GRID)))
+            found.append(Case(occupied, plan, limits, maxjax.trajectory(plan, limits)))
     return found
 
 
@@ -62,15 +68,14 @@ def distances(points: np.ndarray, occupied: np.ndarray, reach: float) -> np.ndar
 
 def polyline(points: np.ndarray) -> Plan:
     """A plan by hand, in a map without obstacles."""
-    nothing = no_plan(maxjax.Status.OK, "solver", Distances.of(1.0, 8.0))
+    # Longer than the others' map, as some paths are.
+    where = maxjax.VoxelMap.on(dataclasses.replace(GRID, shape=(301, 41, 21)), np.zeros((301, 41, 21), bool))
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    return dataclasses.replace(
-        nothing, path=np.asarray(points, float), length=length, clearance_at=np.full(len(points), np.inf)
-    )
+    return bare_plan(where, points, length=length, clearance_at=np.full(len(points), np.inf))
 
 
 def flown(points: Any, limits: maxjax.FlightLimits = PX4, **options: Any) -> maxjax.Trajectory:
-    return maxjax.trajectory(polyline(np.array(points, float)), limits, np.zeros(GRID.shape, bool), GRID, **options)
+    return maxjax.trajectory(polyline(np.array(points, float)), limits, **options)
 
 
 def norm(values: np.ndarray) -> np.ndarray:
@@ -123,15 +128,16 @@ def test_it_rests_at_both_ends_of_the_plan() -> None:
 
 
 def test_the_hard_radius_is_kept_between_all_samples() -> None:
-    """Ten samples a control interval, by distances that maxjax does not compute; outside the plan's balls."""
+    """Ten samples a control interval, by distances that maxjax does not compute; in exemptions an end's own."""
     for case in cases():
         trajectory = case.trajectory
         points = trajectory.sampled(trajectory.step / 10.0).position
-        outside = np.ones(len(points), bool)
-        for end, ball in zip(case.plan.path[[0, -1]], case.plan.balls, strict=True):
-            outside &= norm(points - end) > ball
-        least = distances(points[outside], case.occupied, 3.0)
-        assert least.min(initial=np.inf) >= case.plan.radius - 2e-3 * GRID.spacing
+        kept = np.full(len(points), case.plan.radius)
+        own = distances(case.plan.path[[0, -1]], case.occupied, 3.0)
+        for end, distance, ball in zip(case.plan.path[[0, -1]], own, case.plan.balls, strict=True):
+            exempt = norm(points - end) <= ball
+            kept[exempt] = np.minimum(kept[exempt], distance)
+        assert (distances(points, case.occupied, 3.0) >= kept - 2e-3 * GRID.spacing).all()
         within = distances(points, case.occupied, 3.0).min()
         assert within > 0.0
         assert trajectory.clearance == pytest.approx(within, abs=2e-3) or within >= 3.0
@@ -155,9 +161,16 @@ def test_corners_are_rounded_within_the_deviation() -> None:
         assert norm(motion.velocity[(motion.time > 1.0) & (motion.time < motion.time[-1] - 1.0)]).min() > 1.0
 
 
-def test_without_a_map_it_stays_on_the_plan() -> None:
-    corner = np.array([[520.0, -30.0, 20.0], [550.0, -30.0, 20.0], [550.0, 10.0, 20.0]])
-    trajectory = maxjax.trajectory(polyline(corner))
+def test_where_no_rounding_is_clear_it_stays_on_the_plan() -> None:
+    """In a channel of one voxel, where the path keeps the radius and nothing beside it does."""
+    corner = np.array([[520.0, -30.0, 21.0], [550.0, -30.0, 21.0], [550.0, 10.0, 21.0]])
+    occupied = np.ones(GRID.shape, bool)
+    (first, x, y), (_, turn, _), (_, _, last) = [np.round((p - GRID.origin) / 2).astype(int)[[2, 0, 1]] for p in corner]
+    occupied[x : turn + 1, y, first] = occupied[turn, y : last + 1, first] = False
+    where = maxjax.VoxelMap.on(GRID, occupied)
+    plan = bare_plan(where, corner, maxjax.Distances(radius=1.0), clearance_at=np.ones(3), radius=1.0)
+    assert maxjax.verify(corner, where, radius=1.0).ok
+    trajectory = maxjax.trajectory(plan)
     motion = trajectory.sampled(0.01)
     off = np.minimum(
         norm(motion.position[:, [1, 2]] - corner[0, [1, 2]]), norm(motion.position[:, [0, 2]] - corner[1, [0, 2]])
@@ -202,7 +215,7 @@ def test_times_are_near_those_of_toppra() -> None:
     ratios = []
     for case in cases():
         limits = dataclasses.replace(case.limits, jerk=100.0)
-        trajectory = maxjax.trajectory(case.plan, limits, case.occupied, GRID)
+        trajectory = maxjax.trajectory(case.plan, limits)
         if len(trajectory.rests):
             continue
         points = trajectory.sampled(0.01).position
@@ -257,7 +270,7 @@ def test_limits_are_positive_numbers(name: str, value: Any) -> None:
 
 
 def test_plans_without_a_path_are_refused() -> None:
-    failed = no_plan(maxjax.Status.NO_SAFE_PATH, "solver", Distances.of(1.0, 8.0))
+    failed = dataclasses.replace(polyline(np.eye(3)), status=maxjax.Status.NO_SAFE_PATH, path=np.zeros((0, 3)))
     with pytest.raises(ValueError, match="expected one that is OK, given NO_SAFE_PATH"):
         maxjax.trajectory(failed)
 
@@ -277,9 +290,3 @@ def test_hovers_are_times_at_points_in_between(hovers: dict[int, float]) -> None
 def test_times_run_forwards(time: Any) -> None:
     with pytest.raises(ValueError, match="time: expected"):
         flown([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]]).at(time)
-
-
-def test_a_map_of_another_shape_is_refused() -> None:
-    plan = polyline(np.array([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]]))
-    with pytest.raises(ValueError, match="occupied: expected bool of shape"):
-        maxjax.trajectory(plan, PX4, np.zeros((3, 3, 3), bool), GRID)

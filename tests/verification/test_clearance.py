@@ -13,9 +13,9 @@ from references import to_world
 from scipy.ndimage import binary_erosion
 from scipy.optimize import lsq_linear
 
-from maxjax import Grid, Status
+from maxjax import Grid, Status, VoxelMap
 from maxjax.baselines.astar import astar
-from maxjax.verification.verifier import verify, verify_batch
+from maxjax.verification.verifier import stacked, verify, verify_paths
 
 
 def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.ndarray | int = 1) -> float:
@@ -49,7 +49,9 @@ def test_clearance_is_the_least_distance(
     segments = list(itertools.pairwise(path)) or [(path[0], path[0])]
     expected = min(bounded_distance(a, b, v) for a, b in segments for v in voxels)
     ground = ~occupied & (rng.random(grid.shape) < rng.choice([0.0, 0.3]))
-    result = verify(to_world(path, grid), np.zeros(grid.shape, bool), occupied | ground, grid, ground=ground)
+    result = verify(
+        to_world(path, grid), VoxelMap.on(grid, occupied | ground, ground), blocked=np.zeros(grid.shape, bool)
+    )
     assert result.clearance == pytest.approx(spacing * expected, rel=1e-6, abs=1e-6 * spacing)
     assert result.length == pytest.approx(spacing * sum(np.linalg.norm(b - a) for a, b in segments))
 
@@ -70,7 +72,8 @@ def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, lar
     free, which = np.broadcast_to(False, occupied.shape), np.array([1, 0, 1, 1])
     ground = ~occupied & (np.arange(grid.shape[2]) < rng.integers(0, 3))
     filled = occupied | ground
-    verdicts = verify_batch([to_world(path, grid) for path in paths], which, free, filled, grid, ground=ground)
+    points = stacked([to_world(path, grid) for path in paths])
+    verdicts = verify_paths(*points, VoxelMap.on(grid, filled, ground), map_of=which, blocked=free)
     for path, k, verdict in zip(paths, which, verdicts, strict=True):
         ends = list(itertools.pairwise(path)) or [(path[0], path[0])]
         boxes = list(zip(corners[k], sizes[k], strict=True))
@@ -84,7 +87,7 @@ def test_a_far_voxel_that_is_found_first_hides_no_nearer_one() -> None:
     occupied = np.zeros(grid.shape, bool)
     occupied[30, 9, 10] = occupied[20, 20, 22] = True
     path = np.array([[10.0, 10.0, 10.0], [30.0, 30.0, 10.0]])
-    assert verify(path, occupied, occupied, grid).clearance == 12
+    assert verify(path, VoxelMap.on(grid, occupied)).clearance == 12
 
 
 def test_city_at_full_size_agrees_with_dense_sampling() -> None:
@@ -100,7 +103,7 @@ def test_city_at_full_size_agrees_with_dense_sampling() -> None:
         plan = astar(occupied, tuple(start), tuple(goal))
         assert plan.status is Status.OK
         path = (np.array(grid.origin) + grid.spacing * plan.path).astype(np.float32)
-        result = verify(path, occupied, occupied, grid)
+        result = verify(path, VoxelMap.on(grid, occupied))
         assert result.ok
         assert result.length == pytest.approx(grid.spacing * plan.length, rel=1e-6)
         u = plan.path + 0.5

@@ -1,4 +1,4 @@
-"""Distances are kept outside the balls of a path's ends: against dense samples and brute force over all cubes."""
+"""Distances are kept outside exemptions, and the ends' own inside: by dense samples, brute force over all cubes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from references import to_world
 from scipy.ndimage import binary_dilation
 
-from maxjax import Grid
+from maxjax import Grid, VoxelMap
 from maxjax.verification.exemptions import cut
 from maxjax.verification.verifier import CRUISE, Verification, verify, verify_batch
 
@@ -47,8 +47,13 @@ def check(verdict: Verification, path: np.ndarray, occupied: np.ndarray, ground:
     solid, held = distances(points, occupied & ~ground), distances(points, occupied)
     beside = distances(points, binary_dilation(ground))
     from_ends = np.linalg.norm(points[:, None] - path[[0, -1]], axis=2)
-    outer, cruising = (from_ends >= kept[1:]).all(axis=1), (from_ends >= CRUISE / SPACING).all(axis=1)
-    cruising &= outer
+    exempt, cruising = from_ends < kept[1:], (from_ends >= CRUISE / SPACING).all(axis=1)
+    cruising &= ~exempt.any(axis=1)
+    # What each sample has to keep: the radius, or the own distance of an end whose exemption holds it.
+    own = np.minimum(distances(path[[0, -1]], occupied & ~ground), kept[0])
+    required = np.where(exempt, own, kept[0]).min(axis=1)
+    end_beside = distances(path[[0, -1]], binary_dilation(ground) & ~occupied) <= 1e-3
+    apart = ~(exempt & end_beside).any(axis=1)
     assert within(verdict.clearance, solid)
     assert within(verdict.cruise_clearance, solid[cruising] if cruising.any() else solid)
     np.testing.assert_allclose(verdict.clearance_at / SPACING, distances(path, occupied & ~ground), atol=1e-9)
@@ -61,10 +66,12 @@ def check(verdict: Verification, path: np.ndarray, occupied: np.ndarray, ground:
             u = (np.array(place) - GRID.origin) / SPACING + 0.5
             assert SPACING * distances(u[None], occupied & ~ground)[0] == pytest.approx(least, abs=1e-9)
             assert np.linalg.norm(points - u, axis=1).min() < STEP
-    near, touch = solid[outer].min(initial=math.inf) - kept[0], beside[outer].min(initial=math.inf)
-    if 0 < held.min() < STEP or -1e-2 < near < STEP or (kept[0] and 0 < touch < STEP):
+    near, touch = (solid - required).min(initial=math.inf), beside[apart].min(initial=math.inf)
+    # Where a path has to keep what its end has, it does so only just: the tolerance counts for it.
+    just = exempt.any() and abs(near) < 1e-9
+    if 0 < held.min() < STEP or (-1e-2 < near < STEP and not just) or (kept[0] and 0 < touch < STEP):
         return False  # samples do not tell
-    assert verdict.too_near == (kept[0] > 0 and near < 0)
+    assert verdict.too_near == (kept[0] > 0 and near < 0 and not just)
     hit = held.min() == 0 or (kept[0] > 0 and touch == 0)
     assert (verdict.first_hit is not None) == hit
     assert verdict.ok == (not hit and not verdict.too_near)
@@ -102,43 +109,61 @@ WALL[:, 0] = True
 LONG = Grid(WALL.shape, SPACING)
 
 
-@pytest.mark.parametrize("at", [0, 1, 2, 9])
+@pytest.mark.parametrize("at", [1, 2, 9])
+@pytest.mark.parametrize("own", [0.3, 0.45])
 @pytest.mark.parametrize("end", [0, -1])
-def test_a_ball_excuses_what_lies_inside_it_and_nothing_else(at: int, end: int) -> None:
-    """The path keeps 2 voxels, but 0.3 voxel at a point `at` voxels from an end."""
-    path = np.array([[1.0, 3.0, 3.5], [19.0, 3.0, 3.5]])
-    dip = path[end] + np.array([at if end == 0 else -at, -1.7, 0.0])
-    path = np.stack([path[0], dip, path[1]]) if at else np.where(np.array([[1], [-1]]) == 2 * end + 1, dip, path)
+def test_an_exemption_excuses_what_its_end_does_and_nothing_else(at: int, own: float, end: int) -> None:
+    """An end is `own` voxels off the wall; the path dips to 0.3 voxel at a point `at` voxels from it."""
+    path = np.array([[1.0, 1.0 + own, 3.5], [2.0, 3.0, 3.5], [1.0 + at, 1.3, 3.5], [19.0, 3.0, 3.5]])
+    path = path if end == 0 else path[::-1] * np.array([-1.0, 1.0, 1.0]) + np.array([20.0, 0.0, 0.0])
 
-    def judged(ball: float, other: float = 0.0) -> Verification:
-        balls = (SPACING * ball, SPACING * other)
+    def verdict(radius: float, other: float = 0.0) -> Verification:
+        balls = (SPACING * radius, SPACING * other)
         world = to_world(path, LONG)
-        return verify(world, None, WALL, LONG, radius=1.0, balls=balls if end == 0 else balls[::-1])
+        return verify(world, VoxelMap.on(LONG, WALL), radius=1.0, balls=balls if end == 0 else balls[::-1])
 
-    assert judged(0.0, other=2.0).too_near
+    assert verdict(0.0, other=2.0).too_near
+    assert not verdict(0.05).ok
     # The dip is nearer than half a voxel along less than 3 voxels of the path.
-    reach = np.linalg.norm(dip - path[end]) + 3.0
-    assert not judged(0.4).ok
-    assert judged(reach).ok
-    assert judged(reach).clearance == pytest.approx(SPACING * 0.3)
-    assert judged(12.0, other=12.0).ok  # they overlap
-    assert judged(reach).cruise_clearance > 1.1
-    cruise = verify(to_world(path, LONG), None, WALL, LONG).cruise_clearance
-    assert cruise == pytest.approx(SPACING * 0.3) if at == 9 else cruise > 1.1
+    assert verdict(at + 3.0).too_near == (own > 0.3)
+    assert verdict(at + 3.0).clearance == pytest.approx(SPACING * 0.3)
+    # Where they overlap, that of the other end, which keeps the radius, excuses nothing, and takes nothing away.
+    assert verdict(at + 3.0, other=30.0).too_near == (own > 0.3)
+    assert verdict(0.0, other=30.0).too_near
     through = path.copy()
-    through[1 if at else end, 1] = 0.9
-    assert not verify(to_world(through, LONG), None, WALL, LONG, radius=1.0, balls=(99.0, 99.0)).ok
+    through[0 if end == 0 else -1, 1] = 0.9
+    assert not verify(to_world(through, LONG), VoxelMap.on(LONG, WALL), radius=1.0, balls=(99.0, 99.0)).ok
+
+
+def test_an_end_that_keeps_the_radius_excuses_nothing() -> None:
+    """However large the exemption that is claimed around it."""
+    dips = np.array([[1.0, 3.0, 3.5], [5.0, 1.3, 3.5], [19.0, 3.0, 3.5]])
+    for balls in ((0.0, 0.0), (40.0, 0.0), (0.0, 40.0), (40.0, 40.0)):
+        verdict = verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=1.0, balls=balls)
+        assert verdict.too_near
+        assert not verdict.ok
+    assert verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=0.6, balls=(0.0, 0.0)).ok
+
+
+def test_only_an_end_beside_the_ground_may_come_by_it() -> None:
+    """Voxels beside the ground begin at 1, and end at 2 voxels off it."""
+    for start, allowed in ((1.4, True), (2.0, True), (2.01, False), (3.0, False)):
+        path = to_world(np.array([[1.0, start, 3.0], [3.0, 1.5, 3.0], [5.0, 3.0, 3.0], [19.0, 3.0, 3.0]]), LONG)
+        found = verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, balls=(SPACING * 4.0, 0.0))
+        assert found.ok == allowed
+        assert not verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, balls=(SPACING * 1.0, 0.0)).ok
+        assert verify(path, VoxelMap.on(LONG, WALL, WALL)).ok
 
 
 def test_half_a_voxel_is_kept_to_a_thousandth() -> None:
     """Planning keeps half a voxel less 2.5e-4; what is a hundredth short of it is refused."""
     for short, ok in ((0.0, True), (2.5e-4, True), (9e-4, True), (1.1e-3, False), (1e-2, False)):
         path = to_world(np.array([[1.0, 1.5 - short, 3.0], [19.0, 1.5 - short, 3.0]]), LONG)
-        assert verify(path, None, WALL, LONG, radius=1.0).ok == ok
-        assert verify(path, None, WALL, LONG, radius=1.0, ground=WALL).first_hit is not None
-        assert verify(path, None, WALL, LONG, ground=WALL).ok
+        assert verify(path, VoxelMap.on(LONG, WALL), radius=1.0).ok == ok
+        assert verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0).first_hit is not None
+        assert verify(path, VoxelMap.on(LONG, WALL, WALL)).ok
     above = to_world(np.array([[1.0, 2.01, 3.0], [19.0, 2.01, 3.0]]), LONG)
-    assert verify(above, None, WALL, LONG, radius=9.0, ground=WALL).ok
+    assert verify(above, VoxelMap.on(LONG, WALL, WALL), radius=9.0).ok
 
 
 def test_parts_of_segments_lie_inside_or_outside_as_a_whole() -> None:

@@ -12,9 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from references import to_world, touched
 
-from maxjax import Grid
+from maxjax import Grid, VoxelMap
 from maxjax.verification.contacts import touched_voxels
-from maxjax.verification.verifier import verify, verify_batch
+from maxjax.verification.verifier import stacked, verify, verify_paths
 
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates
@@ -75,7 +75,7 @@ def test_first_hit_is_the_first_blocked_cube_along_the_path(seed: int, length: i
     rng = np.random.default_rng(seed)
     path = rng.integers(0, 4 * np.array(UNIT.shape) + 1, (length, 3)) / 4
     blocked = rng.random(UNIT.shape) < density
-    result = verify(path, blocked, blocked, UNIT)
+    result = verify(path, VoxelMap.on(UNIT, blocked))
     hits = []
     for k, (a, b) in enumerate(itertools.pairwise(path if length > 1 else [*path, *path])):
         hits += [(k, t, v) for v, t in touched(a, b, UNIT.shape).items() if blocked[v]]
@@ -92,11 +92,11 @@ def test_diagonals_between_closed_corners_are_hits() -> None:
     grid = Grid((2, 2, 2), 2.0, (-100.0, -100.0, -100.0))
     diagonal = np.array([[-100, -100, -100], [-98, -98, -98]], np.float32)
     free = np.zeros(grid.shape, bool)
-    assert verify(diagonal, free, free, grid).ok
+    assert verify(diagonal, VoxelMap.on(grid, free)).ok
     for corner in set(np.ndindex(grid.shape)) - {(0, 0, 0), (1, 1, 1)}:
         blocked = free.copy()
         blocked[corner] = True
-        result = verify(diagonal, blocked, blocked, grid)
+        result = verify(diagonal, VoxelMap.on(grid, blocked))
         assert not result.ok
         assert result.first_hit == corner
         assert result.clearance == pytest.approx(0, abs=1e-6)
@@ -106,7 +106,7 @@ def test_contact_with_a_face_counts_from_both_sides() -> None:
     blocked = np.zeros(UNIT.shape, bool)
     blocked[2, 1, 1] = True
     for x, ok in ((1.999, True), (2.0, False), (3.0, False), (3.001, True)):
-        result = verify(np.array([[x, 0.5, 1.5], [x, 3.5, 1.5]]), blocked, blocked, UNIT)
+        result = verify(np.array([[x, 0.5, 1.5], [x, 3.5, 1.5]]), VoxelMap.on(UNIT, blocked))
         assert result.ok == ok
         assert result.clearance == pytest.approx(max(2 - x, 0, x - 3))
 
@@ -115,20 +115,20 @@ def test_points_and_repeated_points_are_legal_paths() -> None:
     blocked = np.zeros(UNIT.shape, bool)
     blocked[0, 0, 0] = True
     point = np.array([[3.5, 0.5, 0.5]])
-    once = verify(point, blocked, blocked, UNIT)
+    once = verify(point, VoxelMap.on(UNIT, blocked))
     assert (once.ok, once.length, once.clearance) == (True, 0.0, 2.5)
-    assert verify(point.repeat(5, axis=0), blocked, blocked, UNIT) == once
+    assert verify(point.repeat(5, axis=0), VoxelMap.on(UNIT, blocked)) == once
     line = np.array([[3.5, 0.5, 0.5], [1.5, 0.5, 0.5]])
-    assert verify(line.repeat(3, axis=0), blocked, blocked, UNIT) == verify(line, blocked, blocked, UNIT)
+    assert verify(line.repeat(3, axis=0), VoxelMap.on(UNIT, blocked)) == verify(line, VoxelMap.on(UNIT, blocked))
 
 
 def test_leaving_the_volume_is_not_inside() -> None:
     free = np.zeros(UNIT.shape, bool)
     for outside in ([5.001, 1, 1], [1, -0.001, 1], [1, 1, 1e300], [1e300, -1e300, 1e300]):
-        result = verify(np.array([[1.0, 1.0, 1.0], outside]), free, free, UNIT)
+        result = verify(np.array([[1.0, 1.0, 1.0], outside]), VoxelMap.on(UNIT, free))
         assert (result.ok, result.inside, result.finite, result.first_hit) == (False, False, True, None)
         assert math.isnan(result.clearance)
-    edge = verify(np.array([[0.0, 0.0, 0.0], UNIT.shape]), free, free, UNIT)
+    edge = verify(np.array([[0.0, 0.0, 0.0], UNIT.shape]), VoxelMap.on(UNIT, free))
     assert edge.ok
     assert edge.clearance == math.inf
     assert len(touched_voxels(np.array([-3.0, 1, 1]), np.array([-1.0, 1, 1]), UNIT)) == 0
@@ -140,7 +140,7 @@ def test_leaving_the_volume_is_not_inside() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_nan_and_infinity_are_a_verdict_not_an_exception(bad: float) -> None:
     free = np.zeros(UNIT.shape, bool)
-    result = verify(np.array([[1, 1, 1], [1, bad, 1]], np.float32), free, free, UNIT)
+    result = verify(np.array([[1, 1, 1], [1, bad, 1]], np.float32), VoxelMap.on(UNIT, free))
     assert (result.ok, result.inside, result.finite, result.first_hit) == (False, False, False, None)
     assert math.isnan(result.length)
 
@@ -171,10 +171,10 @@ def test_grid_beyond_the_resolution_of_a_path_is_refused() -> None:
     rounded = path.astype(np.float32)
     refused = r"path of float32 resolves 0\.5 m.*5799999\.75.*float64"
     with pytest.raises(ValueError, match=refused):
-        verify(rounded, free, free, grid)
+        verify(rounded, VoxelMap.on(grid, free))
     with pytest.raises(ValueError, match=refused):
         touched_voxels(rounded[0], rounded[0], grid)
-    assert verify(path, free, free, grid).ok
+    assert verify(path, VoxelMap.on(grid, free)).ok
     assert len(touched_voxels(path[0], path[0], grid)) == 1
 
 
@@ -192,7 +192,9 @@ def test_a_float64_path_has_one_verdict_wherever_its_map_lies(spacing: float) ->
     paths = [rng.uniform(0.5, np.array(shape) - 0.5, (n, 3)) for n in rng.integers(1, 7, 90)]
     which = rng.integers(0, 3, len(paths))
     near, *far = (
-        verify_batch([to_world(path, grid) for path in paths], which, grown, maps, grid)
+        verify_paths(
+            *stacked([to_world(path, grid) for path in paths]), VoxelMap.on(grid, maps), map_of=which, blocked=grown
+        )
         for grid in (Grid(shape, spacing, origin) for origin in ORIGINS)
     )
     assert 10 < sum(verdict.ok for verdict in near) < 80
@@ -217,7 +219,7 @@ def test_a_thousandth_of_a_voxel_is_told_apart_at_every_origin(
     for outside in (1e-3, -1e-3):
         path = cube + 0.5 + np.outer([-1, 1], rng.uniform(-2, 2, 3))
         path[:, axis] = cube[axis] + 0.5 + side * (0.5 + outside)
-        verdict = verify(to_world(path, grid), blocked, blocked, grid)
+        verdict = verify(to_world(path, grid), VoxelMap.on(grid, blocked))
         assert verdict.ok == (outside > 0)
         assert verdict.first_hit == (None if outside > 0 else tuple(cube))
         assert verdict.clearance == pytest.approx(max(outside, 0), abs=1e-8)
@@ -232,16 +234,16 @@ def test_a_batch_is_its_paths_one_by_one() -> None:
     paths = [np.array(grid.lower) + rng.uniform(-0.02, 1.02, (n, 3)) * size for n in rng.integers(1, 9, 60)]
     paths[7][0, 1] = np.nan
     which = rng.integers(0, 4, 60)
-    verdicts = verify_batch(paths, which, grown, maps, grid)
+    verdicts = verify_paths(*stacked(paths), VoxelMap.on(grid, maps), map_of=which, blocked=grown)
     assert 3 < sum(verdict.ok for verdict in verdicts) < 57
     assert 3 < sum(not verdict.inside for verdict in verdicts) < 57
     for path, k, verdict in zip(paths, which, verdicts, strict=True):
         # repr, since NaN equals nothing.
-        assert repr(verdict) == repr(verify(path, grown[k], maps[k], grid))
+        assert repr(verdict) == repr(verify(path, VoxelMap.on(grid, maps[k]), blocked=grown[k]))
 
 
 def test_every_path_of_a_batch_has_a_map() -> None:
     free = np.zeros((2, *UNIT.shape), bool)
-    with pytest.raises(ValueError, match="which: expected the map, 0 to 1, of 1 paths"):
-        verify_batch([np.ones((2, 3))], np.array([2]), free, free, UNIT)
-    assert verify_batch([], np.zeros(0, int), free, free, UNIT) == []
+    with pytest.raises(ValueError, match="map_of: expected the map, 0 to 1, of 1 paths"):
+        verify_paths(np.ones((1, 2, 3)), np.array([2]), VoxelMap.on(UNIT, free), map_of=np.array([2]))
+    assert len(verify_paths(*stacked([]), VoxelMap.on(UNIT, free), map_of=np.zeros(0, int))) == 0

@@ -20,7 +20,8 @@ def city_of(towers: list[tuple[slice, slice]], lower: float = 0.0) -> City:
     ground = occupied.copy()
     for i, j in towers:
         occupied[i, j, :60] = True
-    return City("town", occupied, ground, maxjax.Grid(occupied.shape, 2.0, (lower + 1.0, lower + 1.0, 1.0)))
+    origin = lower + 1.0, lower + 1.0, 1.0
+    return City("town", maxjax.VoxelMap.of(occupied, spacing=2.0, origin=origin, ground=ground))
 
 
 def hidden(city: City, position: np.ndarray) -> float:

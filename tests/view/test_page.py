@@ -34,14 +34,14 @@ def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
     occupied[20:26, 8:25, 1:9] = True
     ground = np.zeros_like(occupied)
     ground[:, :, 0] = True
-    return City("town", occupied, ground, maxjax.Grid(occupied.shape, 2.0, origin))
+    return City("town", maxjax.VoxelMap.of(occupied, spacing=2.0, origin=origin, ground=ground))
 
 
 def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None:
     city = town(FAR)
     ends = tuple((FAR[0] + x, FAR[1] + y, FAR[2] + z) for x, y, z in ((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))
     found = answer(city, Question(ends))  # type: ignore[arg-type]
-    plan = maxjax.plan(city.occupied, *ends, city.grid, ground=city.ground)
+    plan = maxjax.plan(city.voxels, *ends)
     assert found.ok
     assert found.mission is not None
     np.testing.assert_array_equal(found.mission.path, plan.path)
@@ -77,7 +77,7 @@ def test_a_path_keeps_the_altitude_band() -> None:
     assert kept.dense[:, 2].max() <= 2.0 + 14.0
     assert answer(city, Question(above)).ok
     assert not answer(city, Question(above, band=(4.0, 14.0))).ok
-    assert "ground" in told(answer(City("bare", city.occupied, ~city.occupied & False, city.grid), kept.question))
+    assert "ground" in told(answer(City("bare", maxjax.VoxelMap.on(city.grid, city.occupied)), kept.question))
 
 
 def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
@@ -159,7 +159,9 @@ def test_the_map_drawn_is_what_is_seen_of_it() -> None:
 def test_first_ends_are_free_and_a_ray_meets_roofs_and_ground() -> None:
     city = town()
     start, goal = first_ends(city)
-    assert maxjax.plan(city.occupied, start, goal, city.grid, ground=city.ground).status == maxjax.Status.OK
+    assert (
+        maxjax.plan(maxjax.VoxelMap.on(city.grid, city.occupied, city.ground), start, goal).status == maxjax.Status.OK
+    )
     roof = hit(city, (22.0, 30.0, 200.0), (0.0, 0.0, -1.0))
     assert roof is not None
     assert roof[2] == pytest.approx(28.0, abs=0.5)

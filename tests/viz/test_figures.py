@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.maps import ground_mask, read_map, solidify
-from maxjax.viz.figures import Nearness, Overlay, Voxels, figure_plan
+from maxjax.viz.figures import Nearness, Overlay, figure_plan
 from maxjax.viz.style import save_figure
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -46,9 +47,9 @@ def figure(**changes: object) -> matplotlib.figure.Figure:
     occupied, ground = town()
     given = {"occupied": occupied, "ground": ground, "grid": GRID, "paths": paths(), "start": START, "goal": GOAL}
     given |= changes
-    voxels = Voxels(*(given.pop(name) for name in ("occupied", "ground", "grid")))
+    where = VoxelMap.on(*(given.pop(name) for name in ("grid", "occupied", "ground")))
     drawn, start, goal = (given.pop(name) for name in ("paths", "start", "goal"))
-    return figure_plan(voxels, drawn, start, goal, Overlay(**given))
+    return figure_plan(where, drawn, start, goal, Overlay(**given))
 
 
 def texts(drawn: matplotlib.figure.Figure) -> list[str]:
@@ -268,13 +269,12 @@ def test_delft_and_warframe_at_full_size(data: Path, tmp_path: Path) -> None:
     grid = Grid.centered((4.0, 27.0, 60.0))
     ground = ground_mask(cloud, grid)
     over = np.array([[-40.0, -20.0, 8.0], [-10.0, 20.0, 20.0], [30.0, 60.0, 8.0]])
-    drawn = figure_plan(Voxels(solidify(cloud, grid) | ground, ground, grid), {"over": over}, over[0], over[2])
+    drawn = figure_plan(VoxelMap.on(grid, solidify(cloud, grid) | ground, ground), {"over": over}, over[0], over[2])
     save_figure(drawn, tmp_path / "delft.png")
     assert drawn.axes[0].images[0].get_array().max() > 10
     voxels = read_map(data / "warframe" / "crop101_Complex.npz")
     with np.load(data / "warframe" / "crop101_Complex.npz") as archive:
         ends = np.stack([archive["start"][0], archive["goal"][0]]) + np.array(voxels.origin)
-    nothing = np.zeros_like(voxels.occupied)
-    drawn = figure_plan(Voxels(voxels.occupied, nothing, voxels.grid), {"line": ends}, *ends)
+    drawn = figure_plan(VoxelMap.on(voxels.grid, voxels.occupied), {"line": ends}, *ends)
     save_figure(drawn, tmp_path / "warframe.png")
     assert "ground" not in texts(drawn)

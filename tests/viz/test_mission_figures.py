@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import maxjax
-from maxjax.planning.mission import Mission, legs_of
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.mission import Mission
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
@@ -30,25 +29,24 @@ WAYPOINTS = (
 
 
 @functools.cache
-def flown(ground: bool = True) -> tuple[Mission, maxjax.Trajectory, Task]:
+def flown(ground: bool = True) -> tuple[Mission, maxjax.Trajectory]:
     soil = np.zeros(GRID.shape, bool)
     soil[:, :, :2] = ground
     occupied = soil.copy()
     occupied[25:33, 27:33, :12] = True
-    task = Task.of(occupied, *legs_of(WAYPOINTS), GRID, Distances(), soil)
-    mission = maxjax.plan_mission(occupied, WAYPOINTS, GRID, method="astar", ground=soil)
-    return mission, maxjax.trajectory(mission, LIMITS, occupied, GRID, ground=soil), task
+    mission = maxjax.plan_mission(maxjax.VoxelMap.on(GRID, occupied, soil), WAYPOINTS, planner=maxjax.AStar())
+    return mission, maxjax.trajectory(mission, LIMITS)
 
 
 def test_strips_over_time_show_height_clearance_and_speed() -> None:
-    mission, trajectory, task = flown()
+    mission, trajectory = flown()
     height, clearance, speed = figure_mission(*flown()).axes[3:]
     motion = trajectory.sampled(0.1)
     line = height.lines[0]
     np.testing.assert_allclose(line.get_xdata(), motion.time)
     # The ground ends at z = 4 m.
     np.testing.assert_allclose(line.get_ydata(), motion.position[:, 2] - 4.0)
-    verdict = maxjax.verify(motion.position, None, task.occupied, GRID, ground=task.ground)
+    verdict = maxjax.verify(motion.position, mission.map)
     np.testing.assert_allclose(clearance.lines[0].get_ydata(), np.minimum(verdict.clearance_at, 30.0))
     np.testing.assert_allclose(speed.lines[0].get_ydata(), np.linalg.norm(motion.velocity, axis=1))
     np.testing.assert_array_equal(speed.lines[1].get_ydata(), [6.0, 3.0, 6.0, 6.0])

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from maxjax import VoxelMap
 from maxjax.core.grid import Grid
-from maxjax.planning.task import Distances, Task
+from maxjax.planning.distances import Distances
+from maxjax.planning.task import Task
 from maxjax.viz import planned
 
 GRID = Grid((40, 33, 18), 2.0, (5.0, -3.0, 1.0))
@@ -27,7 +29,7 @@ def test_the_coarse_field_of_a_map_is_about_its_own(monkeypatch: pytest.MonkeyPa
     occupied = np.zeros(GRID.shape, bool)
     occupied[14:18, :22, :] = True
     ends = np.array(GRID.origin) + GRID.spacing * np.array([[4.0, 5.0, 8.0], [34.0, 6.0, 9.0]])
-    task = Task.of(occupied, ends[:1], ends[1:], GRID, Distances(1.0, 4.0))
+    task = Task.of(VoxelMap.on(GRID, occupied), ends[:1], ends[1:], Distances(1.0, 4.0))
     own = planned._log_potential(task)
     monkeypatch.setattr(planned, "_FINE", GRID.shape[0] * GRID.shape[1] * GRID.shape[2] // 4)
     coarse = planned._log_potential(task)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maxjax import Grid, verify
+from maxjax import Grid, VoxelMap, verify
 from maxjax.worlds.corners import corners
 from maxjax.worlds.scenes import make_scene, occupancy
 
@@ -20,9 +20,9 @@ def test_corners_are_repeatable_and_their_sensors_look_into_both_streets() -> No
         sensor, start, goal = map(np.array, (corner.sensor, corner.start, corner.goal))
         assert 60 <= np.linalg.norm((goal - start)[:2]) <= 90
         for end in (start, goal):
-            assert verify(np.stack([sensor, end]), buildings, buildings, grid).ok
+            assert verify(np.stack([sensor, end]), VoxelMap.on(grid, buildings)).ok
         # Towers stand between the ends.
-        assert not verify(np.stack([start, goal]), buildings, buildings, grid).ok
+        assert not verify(np.stack([start, goal]), VoxelMap.on(grid, buildings)).ok
 
 
 def test_a_city_without_a_corner_is_refused_by_its_seed() -> None:

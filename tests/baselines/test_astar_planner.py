@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from maxjax.baselines.astar import astar
-from maxjax.baselines.astar_finder import POINTS, corners_of, search, search_in_flight
+from maxjax.baselines.astar_planner import AStar
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.ascent import Ascent
+from maxjax.planning.distances import Distances
 from maxjax.planning.line_of_sight import clear, sight_of
+from maxjax.planning.planner import POINTS, corners_of, in_flight
 from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.task import Distances
 
 
 def problem_of(seed: int) -> tuple[Problem, Grid]:
@@ -36,7 +37,7 @@ def problem_of(seed: int) -> tuple[Problem, Grid]:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_astar_in_the_loop_is_astar(seed: int) -> None:
     problem, grid = problem_of(seed)
-    route = jax.jit(search_in_flight, static_argnums=1)(problem, grid)
+    route = jax.jit(in_flight(AStar()), static_argnums=1)(problem, grid)
     path, status, certified = route.path, route.status, route.certified
     expected = astar(np.asarray(problem.blocked), (1, 1, 1), (12, 10, 7))
     assert path.shape == (POINTS, 3) == (Ascent().steps + 1, 3)
@@ -62,9 +63,9 @@ def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
     problems = [problem_of(seed)[0] for seed in (0, 1, 2)]
     grid = problem_of(0)[1]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *problems)
-    routes = jax.vmap(lambda one: search_in_flight(one, grid))(batch)
+    routes = jax.vmap(lambda one: in_flight(AStar())(one, grid))(batch)
     for problem, path, status in zip(problems, routes.path, routes.status, strict=True):
-        alone = search_in_flight(problem, grid)
+        alone = in_flight(AStar())(problem, grid)
         np.testing.assert_array_equal(path, alone.path)
         assert status == alone.status
 
@@ -72,7 +73,7 @@ def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_on_the_host_every_voxel_on_the_way_is_a_point(seed: int) -> None:
     problem, grid = problem_of(seed)
-    route = search(problem, grid)
+    route = AStar().route(problem, grid)
     expected = astar(np.asarray(problem.blocked), (1, 1, 1), (12, 10, 7))
     assert route.status == Status.OK
     np.testing.assert_array_equal(route.path[1:-1], expected.path)

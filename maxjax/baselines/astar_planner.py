@@ -1,0 +1,50 @@
+"""A* as a planner: between the voxels of start and goal, joined to the exact ends.
+
+Searched is by the compiled A* where there is one (`baselines.astar_compiled`), and else by the one in Python: the path
+is the same. A plan's `timings` say which: "search" or "search in Python", and "compile" where it was built first.
+
+A flight differs in nothing: same scans, map, margin, verification and controller (`planning.planner.in_flight`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.baselines import astar_compiled
+from maxjax.baselines.astar import astar
+from maxjax.core.grid import Grid, Index3
+from maxjax.core.status import Status
+from maxjax.planning.problem import Problem
+from maxjax.planning.route import Route, failed, found
+from maxjax.programs.stage_timer import timed
+
+
+@dataclasses.dataclass(frozen=True)
+class AStar:
+    """The planner that searches the inflated grid: start, centres of voxels, goal, at the least price."""
+
+    name: ClassVar[str] = "astar"
+    batched: ClassVar[bool] = False
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
+        """The cheapest route on the lattice; it counts in voxels and needs no more of the grid."""
+        with timed("compile"):
+            compiled = astar_compiled.available()
+        with timed("search" if compiled else "search in Python"):
+            start, goal = np.asarray(problem.start), np.asarray(problem.goal)
+            price = None if problem.price is None else np.asarray(problem.price)
+            find = astar_compiled.astar if compiled else astar
+            result = find(np.asarray(problem.blocked), voxel_of(start), voxel_of(goal), price)
+            if result.status != Status.OK:
+                return failed(result.status)
+            return found(np.concatenate([start[None], result.path, goal[None]]), certified=False)
+
+
+def voxel_of(x: Float[np.ndarray, " 3"]) -> Index3:
+    """The voxel that holds a point in index coordinates."""
+    i, j, k = np.floor(x + 0.5)
+    return int(i), int(j), int(k)

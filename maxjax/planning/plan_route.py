@@ -1,0 +1,68 @@
+"""One problem from a map to a route, as a pure function: for `jit`, `vmap` and flights.
+
+    (map, start, goal) → formulate → planner.route → completed → Route [m]
+
+    routes = jax.vmap(maxjax.plan_route, (None, 0, 0))(map, starts, goals)
+
+A route is certified, not verified: only `maxjax.plan` and its like hand out paths that the verifier has passed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.planning.distances import Distances
+from maxjax.planning.planner import Planner, checked_planner, in_flight
+from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.route import Route, completed
+
+
+def routed(where: VoxelMap, ends: Float[Array, "2 3"], distances: Distances, planner: Planner) -> tuple[Problem, Route]:
+    """The problem of two ends in a map, and its route between the exact ends; both in index coordinates.
+
+    Args:
+        where: one map.
+        ends: start and goal, index coordinates.
+        distances: to keep. Static.
+        planner: how. Static.
+    """
+    law, price = distances.split(where.grid)
+    occupied, ground = jnp.asarray(where.barred), jnp.asarray(where.kept_off)
+    problem = formulate(occupied, ground, ends, law, where.grid)
+    if price is not None:
+        problem = dataclasses.replace(problem, price=jnp.asarray(price))
+    return problem, completed(problem, in_flight(planner)(problem, where.grid), where.grid)
+
+
+def plan_route(
+    where: VoxelMap, start: Float[Any, " 3"], goal: Float[Any, " 3"], planner: Planner, distances: Distances
+) -> Route:
+    """A route through a map, its path in metres; arguments and errors as those of `maxjax.plan_route`."""
+    single = checked_map(where)
+    if single.batch is not None:
+        raise ValueError(f"map: expected one map, given a batch of {single.batch}; use jax.vmap")
+    kept, finder = distances.within(single.grid), checked_planner(planner)
+    ends = jnp.stack([_index("start", start, single.grid), _index("goal", goal, single.grid)])
+    local = VoxelMap(single.occupied, single.ground, single.closed, single.grid.local)
+    _, route = routed(local, ends, kept, finder)
+    return dataclasses.replace(
+        route, path=single.grid.to_world(jnp.asarray(route.path)), geodesic=jnp.asarray(route.geodesic)
+    )
+
+
+def _index(name: str, given: Any, grid: Grid) -> Float[Array, " 3"]:
+    """Index coordinates of a position [m]: in float64 on the host, unless it is traced."""
+    if jnp.shape(given) != (3,):
+        raise ValueError(f"{name}: expected shape (3,) [m], given {jnp.shape(given)}; use jax.vmap for batches")
+    if isinstance(given, jax.core.Tracer):
+        return grid.fractional_index(given.astype(jnp.float32))
+    index = (np.asarray(given, np.float64) - np.array(grid.origin)) / grid.spacing
+    return jnp.asarray(index, jnp.float32)
