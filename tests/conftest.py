@@ -91,7 +91,7 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
     """Whether a test stands in one of some folders or files, given by how their names begin."""
-    return str(item.path.relative_to(Path(__file__).parent)).startswith(places)
+    return item.path.relative_to(Path(__file__).parent).as_posix().startswith(places)
 
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
