@@ -20,7 +20,7 @@ os.environ.setdefault(
         Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "maxjax-tests", f"jaxlib-{version('jaxlib')}")
     ),
 )
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.02")
 # Executables that maxjax keeps itself would not be traced again, and tracing is where shapes and dtypes are checked;
 # they also know all sources of maxjax, and a line that is changed anywhere would compile everything again.
 os.environ.setdefault("MAXJAX_CACHE", "off")
