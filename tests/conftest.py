@@ -20,7 +20,7 @@ os.environ.setdefault(
         Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "maxjax-tests", f"jaxlib-{version('jaxlib')}")
     ),
 )
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.02")
 # Executables that maxjax keeps itself would not be traced again, and tracing is where shapes and dtypes are checked;
 # they also know all sources of maxjax, and a line that is changed anywhere would compile everything again.
 os.environ.setdefault("MAXJAX_CACHE", "off")
@@ -40,10 +40,26 @@ jaxtyping.install_import_hook("maxjax", "beartype.beartype")
 # A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
 UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "test_cli", "test_readme", "test_origins")
 
+# Left out by `make check`, with what is marked so by itself.
+LARGE = (
+    *(f"benchmarks/test_{name}" for name in ("benchmarks", "page_benchmark", "potential_benchmark")),
+    "campaigns/test_trials",
+    *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
+    *(f"experiments/test_{name}" for name in ("network", "offline", "paper", "real", "trajectories", "warframe")),
+    *(f"planning/test_{name}" for name in ("corridor", "fleet", "pipeline", "stored_paths")),
+    "nn/test_weights",
+    "sim/test_flight",
+    "solvers/test_sharding",
+    "test_cli_interrupted",
+    "test_origins",
+)
+
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
 KEPT = 14 * 86400.0
 """How long a compiled program is kept that no test asks for [s]."""
 
+# Tracing makes many objects and little garbage: looking for it less often saves a seventh of what the tests take.
+gc.set_threshold(200_000, 20, 50)
 # Memory of a test process beyond which it forgets the programs that it compiled [bytes].
 ENOUGH = 2e9
 
@@ -75,7 +91,15 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
     """Whether a test stands in one of some folders or files, given by how their names begin."""
-    return str(item.path.relative_to(Path(__file__).parent)).startswith(places)
+    return item.path.relative_to(Path(__file__).parent).as_posix().startswith(places)
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of large files."""
+    for item in items:
+        if of(item, LARGE):
+            item.add_marker(pytest.mark.large)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -145,6 +145,7 @@ def test_a_map_far_from_the_origin_gives_the_same_path_there(terminal: Terminal,
     np.testing.assert_allclose(np.array(json.loads(away)["path"]) - shift, json.loads(here)["path"], atol=2e-6)
 
 
+@pytest.mark.large
 def test_national_coordinates_are_kept_to_the_millimetre(terminal: Terminal, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     # The README's tower at half its size: 30 x 30 m wide, 40 m high, across the straight line; the second time in Dutch
@@ -423,6 +424,7 @@ def test_a_scan_without_a_return_in_the_grid_is_empty(terminal: Terminal, tmp_pa
     assert "points inside the grid 0" in err
 
 
+@pytest.mark.large
 def test_scan_counts_rays_as_c_mujoco_does_and_plan_reads_it_back(terminal: Terminal, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     pose = (-68.0, 2.0, 6.8)
@@ -482,6 +484,7 @@ def test_plan_in_a_simulated_city(terminal: Terminal) -> None:
     assert found["configuration"]["returns"] == {}
 
 
+@pytest.mark.large
 def test_demo_passes_a_corner_and_draws_it(terminal: Terminal, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     code, text, _ = terminal("demo", "--out", tmp_path)
@@ -509,6 +512,7 @@ def test_demo_passes_a_corner_and_draws_it(terminal: Terminal, tmp_path: Path) -
     assert verify(np.array(found["path"]), VoxelMap.on(grid, buildings)).clearance > 4
 
 
+@pytest.mark.large
 def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = terminal("check")
     assert code == 0
@@ -587,6 +591,7 @@ def test_help_waits_for_no_heavy_library(tmp_path: Path) -> None:
     assert "loaded []" in done.stdout
 
 
+@pytest.mark.large
 def test_delft_over_a_row_of_houses(terminal: Terminal, data: Path, tmp_path: Path) -> None:
     pytest.importorskip("laspy")
     pytest.importorskip("matplotlib")
@@ -627,6 +632,7 @@ def test_the_help_of_training_names_every_recipe() -> None:
     assert sorted(named) == sorted(RECIPES.keys() - {"tiny"})
 
 
+@pytest.mark.large
 def test_training_leaves_weights_and_their_record_and_goes_on_from_there(terminal: Terminal, tmp_path: Path) -> None:
     train = ("train", "--tiny", "--epochs", 1, "--out", tmp_path, "--cache", tmp_path / "cache")
     code, out, err = terminal(*train)

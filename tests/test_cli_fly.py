@@ -174,6 +174,7 @@ def test_out_holds_lines_summary_and_picture_and_goes_on_where_it_was(fly: Termi
     assert "another campaign" in err
 
 
+@pytest.mark.large
 def test_one_trial_is_filmed(fly: Terminal, tmp_path: Path) -> None:
     _, batch, _ = fly("suburb", "--trials", 8, "--json")
     for trial in (0, json.loads(batch)["failures"][0]["index"]):

@@ -30,6 +30,7 @@ def fly(*arguments: object) -> int:
     return main(["fly", *map(str, arguments)])
 
 
+@pytest.mark.large
 def test_a_flight_is_told_and_written(town: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert fly(town, *ENDS, "--method", "astar", "--wind", 4, "--json", "--out", out) == 0

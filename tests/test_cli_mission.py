@@ -206,6 +206,7 @@ def test_every_option_of_plan_may_stand_in_a_file() -> None:
     assert known == options - {"start", "goal", "via", "out", "json", "export"}
 
 
+@pytest.mark.large
 def test_three_waypoints_and_a_keep_out_area_in_venice(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

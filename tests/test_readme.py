@@ -22,6 +22,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.large
 def test_the_example_runs_word_for_word() -> None:
     (example,) = blocks("python")
     # As a user runs it: without the run-time type checks of the tests, and optimised.
@@ -69,6 +70,7 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calls == [*first, "check", "scanning", "planning", "planning", "flying", "planning", "planning", "flying"]
 
 
+@pytest.mark.large
 def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All commands but `check` and `fly`, which have tests of their own."""
     (tmp_path / "docs").symlink_to(readme.ROOT / "docs")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from short_programs import shorten
 
 import maxjax
@@ -30,6 +31,7 @@ def _plans() -> list[dict[str, Any]]:
     return [{"status": int(plan.status), "path": np.asarray(plan.path).tolist()} for plan in (one, *many)]
 
 
+@pytest.mark.large
 def test_plans_agree_with_those_in_float32() -> None:
     root = Path(__file__).parents[1]
     path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])

@@ -175,6 +175,7 @@ def town() -> tuple[np.ndarray, np.ndarray]:
     return occupied, ground
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("method", ["solver", "astar"])
 def test_a_path_keeps_every_rule_wherever_it_is_sampled(method: str) -> None:
     occupied, ground = town()
@@ -275,6 +276,7 @@ def test_ends_in_closed_airspace_have_a_status_of_their_own(
     assert len(plan.path) == 0
 
 
+@pytest.mark.large
 def test_batches_and_fleets_keep_the_rules_and_name_them() -> None:
     occupied, ground = town()
     airspace = Airspace(areas=(SCHOOL,))

@@ -83,6 +83,7 @@ def test_equals_dijkstra_among_boxes() -> None:
             check(blocked, start, goal, distance[goal])
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", ["Complex", "Simple"])
 def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Path) -> None:
     with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:

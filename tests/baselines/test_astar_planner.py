@@ -33,6 +33,7 @@ def problem_of(seed: int) -> tuple[Problem, Grid]:
     return formulate(jnp.asarray(occupied), nothing, ends, Distances(0.0, 0.0), grid), grid
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_astar_in_the_loop_is_astar(seed: int) -> None:
     problem, grid = problem_of(seed)
@@ -57,6 +58,7 @@ def test_astar_in_the_loop_is_astar(seed: int) -> None:
     assert all(clear(bits, jnp.asarray(a), jnp.asarray(b)) for a, b in itertools.pairwise(inner))
 
 
+@pytest.mark.large
 def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
     problems = [problem_of(seed)[0] for seed in (0, 1, 2)]
     grid = problem_of(0)[1]

@@ -375,6 +375,7 @@ def fly_elsewhere(out: Path) -> dict[str, np.ndarray]:
         return dict(archive)
 
 
+@pytest.mark.large
 def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
     # One test, since several would each start the process anew where tests run in parallel.
     found = fly_elsewhere(tmp_path)
@@ -427,6 +428,7 @@ def _interrupted(folder: Path) -> None:
         os._exit(130)
 
 
+@pytest.mark.large
 @pytest.mark.usefixtures("quick")
 def test_an_interrupt_ends_a_running_batch_and_the_folder_goes_on(tmp_path: Path) -> None:
     folder, whole = tmp_path / "interrupted", tmp_path / "whole"

@@ -108,6 +108,7 @@ def test_from_outside_or_an_obstacle_reaches_nothing() -> None:
         assert not steps.any()
 
 
+@pytest.mark.large
 def test_under_vmap_equals_a_loop() -> None:
     """Also for a map that is counted through long before another, one map with several seeds, and a vmap of vmaps."""
     rng = np.random.default_rng(8)

@@ -235,6 +235,7 @@ def outcome(path: Path) -> str:
     return "map"
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", SAMPLES)
 def test_mutated_files_are_refused_or_finite(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

@@ -75,6 +75,7 @@ def test_bad_files_and_names_are_refused(file: Path, tmp_path: Path, monkeypatch
         save_model(tmp_path / "nan.npz", "mini", {"w": jnp.float32(1e30)})
 
 
+@pytest.mark.large
 def test_the_prediction_fills_the_slot_and_sweeps_certify_it(model: Model) -> None:
     solve = jax.jit(solve_potential)
     alone = jax.jit(functools.partial(predict_potential, model))
@@ -144,6 +145,7 @@ def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     load_model.cache_clear()
 
 
+@pytest.mark.large
 def test_plans_by_network_are_certified_and_hardly_longer_than_the_way_around(shipped: Path) -> None:
     save_model(shipped / "maxjax.npz", "maxjax", init_params(jax.random.key(0), MINI))
     occupied = np.zeros(GRID.shape, bool)

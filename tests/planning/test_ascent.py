@@ -50,6 +50,7 @@ def check(blocked: np.ndarray, path: np.ndarray, start: np.ndarray, goal: np.nda
     assert np.abs(np.diff(path, axis=0)).max() <= 3
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", list(SETTINGS))
 def test_arrives_on_every_random_scene(name: str) -> None:
     rng = np.random.default_rng(1)
@@ -67,6 +68,7 @@ def test_arrives_on_every_random_scene(name: str) -> None:
             check(blocked, path, start, target)
 
 
+@pytest.mark.large
 def test_with_room_it_arrives_on_every_scene_and_keeps_half_a_voxel() -> None:
     rng = np.random.default_rng(2)
     for count in (15, 40, 80):
@@ -85,6 +87,7 @@ def test_with_room_it_arrives_on_every_scene_and_keeps_half_a_voxel() -> None:
             assert keeps(path, blocked, 0.5 - 1e-3)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", ["momentum", "smoothed", "adam"])
 def test_arrives_through_a_corridor_one_voxel_wide(name: str) -> None:
     blocked = np.ones(SHAPE, bool)

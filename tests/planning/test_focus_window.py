@@ -162,6 +162,7 @@ def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[
     return occupied, ground, ends + rng.choice([0.0, 0.5, -0.5, 0.3], (2, 3)) * (rng.random((2, 3)) < 0.3)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((3, 60, 40), 30), ((40, 36, 7), 30)])
 def test_statuses_and_costs_are_those_of_the_whole_map(
     small_windows: None, shape: tuple[int, int, int], cases: int
@@ -210,6 +211,7 @@ def test_a_way_that_leaves_the_window_and_comes_back_is_found(small_windows: Non
         assert plan.length > 2 * (12 + 13 + 28 + 11 + 11)
 
 
+@pytest.mark.large
 def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(focus, "SHAPES", SMALL[1:])
     rng = np.random.default_rng(5)

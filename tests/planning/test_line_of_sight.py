@@ -213,6 +213,7 @@ def test_what_is_paid_is_the_integral_of_the_price() -> None:
     assert error[1].mean() < 0.05 * rough.mean()
 
 
+@pytest.mark.large
 def test_stands_free_touches_what_a_point_touches() -> None:
     rng = np.random.default_rng(6)
     blocked = rng.random(SHAPE) < 0.3

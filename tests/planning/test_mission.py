@@ -71,6 +71,7 @@ def test_legs_are_plans_and_the_whole_is_one_line() -> None:
     assert mission.timings["judge"] > 0.0
 
 
+@pytest.mark.large
 def test_legs_of_one_goal_share_a_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """And are the plans that each has by itself."""
     fleets = []

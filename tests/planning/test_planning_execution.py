@@ -102,6 +102,7 @@ def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
     return dataclasses.replace(potential, log_phi=jnp.where(sigma > 0, jnp.float32(0), -jnp.inf))
 
 
+@pytest.mark.large
 def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(execute, "_FACTORS", (1, 1))  # no number of steps would do
     check_failed(run(FieldPlanner(capped, focus=False)), Status.NOT_CONVERGED)  # type: ignore[arg-type]
@@ -119,6 +120,7 @@ def test_a_wrong_problem_is_never_handed_to_a_path_finder() -> None:
     check_failed(run(never, sealed), Status.NO_VALID_PATH)
 
 
+@pytest.mark.large
 def test_a_maze_without_a_price_is_climbed_alone_and_in_a_batch() -> None:
     """The answer is the same for one problem and for many; where steps do not suffice: test_pipeline.py."""
     maze = np.repeat(serpentine(15, 18, 1), 20, axis=2)
@@ -136,6 +138,7 @@ def test_a_maze_without_a_price_is_climbed_alone_and_in_a_batch() -> None:
     assert batch[0].length == pytest.approx(alone.length, rel=1e-3)
 
 
+@pytest.mark.large
 def test_a_way_that_is_longer_than_sixteen_ascents_is_climbed_and_pulled_taut() -> None:
     """One voxel wide, in a flat map, with the steps of the fourth attempt of `plan`."""
     maze = serpentine(131, 131, 1)
@@ -149,6 +152,7 @@ def test_a_way_that_is_longer_than_sixteen_ascents_is_climbed_and_pulled_taut() 
     assert verify(one.path, VoxelMap.on(grid, maze)).ok
 
 
+@pytest.mark.large
 def test_a_plan_that_is_not_safe_names_the_largest_radius_that_joins() -> None:
     wall = EMPTY.copy()
     wall[8] = True

@@ -76,6 +76,7 @@ def test_random_scenes_are_certified_and_equal_elimination_voxel_by_voxel(seed: 
     np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("seed", range(6))
 def test_directions_are_right_at_the_default_tolerance(seed: int) -> None:
     """95 % of free voxels within 1 degree of elimination, 99.9 % within 5."""
@@ -138,6 +139,7 @@ def test_a_slab_is_a_hyperbolic_cosine() -> None:
     np.testing.assert_allclose(np.ravel(potential.phi), expected, rtol=1e-3)
 
 
+@pytest.mark.large
 @pytest.mark.full_speed
 @pytest.mark.parametrize("name", ["Complex", "Simple"])
 def test_real_maps_with_sealed_pockets_are_certified(name: str, data: Path) -> None:
@@ -222,6 +224,7 @@ def test_long_detours_need_no_longer_screening(turns: int) -> None:
     assert least == pytest.approx(-2 * np.arcsinh(1 / (2 * SCREENING_LENGTH)) * (sigma.sum() - 1), rel=0.03)
 
 
+@pytest.mark.large
 def test_prices_equal_elimination_and_make_phi_decay_as_they_say() -> None:
     sigma, goal = scene(1)
     price = 1 + 4 * np.random.default_rng(0).random(sigma.shape)
@@ -266,6 +269,7 @@ def test_the_derivative_in_the_price_equals_finite_differences() -> None:
         np.testing.assert_allclose(float(slope), float(expected), rtol=1e-6)
 
 
+@pytest.mark.large
 def test_where_nothing_else_certifies_the_floods_distance_does() -> None:
     sigma, goal = scene(1)
     found = solve(sigma, goal, setting=Screened(max_iterations=0, max_sweeps=0))
@@ -287,6 +291,7 @@ def test_jit_equals_eager() -> None:
     assert eager.status == jitted.status
 
 
+@pytest.mark.large
 def test_vmap_over_goals_and_over_scenes_equals_a_loop() -> None:
     sigma, goal = scene(3)
     goals = random_free(np.random.default_rng(3), sigma == 0, 3).astype(np.int32)
@@ -379,6 +384,7 @@ def test_gradient_equals_central_differences(name: str, setting: str) -> None:
             assert by_length == 0
 
 
+@pytest.mark.large
 def test_forward_reverse_and_second_derivatives_agree() -> None:
     with jax.enable_x64(True):
         rng = np.random.default_rng(13)
@@ -404,6 +410,7 @@ def test_forward_reverse_and_second_derivatives_agree() -> None:
         assert float((curvature * other).sum()) == pytest.approx(float((crossed * direction).sum()), rel=1e-8)
 
 
+@pytest.mark.large
 def test_derivatives_are_finite_and_vanish_where_no_current_flows() -> None:
     """At walls, in sealed pockets, and by default of the screening length too."""
     sigma, goal = scene(1)

@@ -82,6 +82,7 @@ def norm(values: np.ndarray) -> np.ndarray:
     return np.linalg.norm(values, axis=-1)
 
 
+@pytest.mark.large
 def test_limits_hold_at_every_millisecond() -> None:
     more = 1.0 + 1e-6
     for case in cases():
@@ -202,6 +203,7 @@ def test_a_vertical_path_and_a_path_that_turns_back_are_flown() -> None:
     assert back.sampled(0.01).position[:, 0].max() <= 560.0 + 1e-9
 
 
+@pytest.mark.large
 def test_times_are_near_those_of_toppra() -> None:
     """On the flown curve, under the same limits of speed, climb, acceleration and clearance; toppra knows no jerk.
 

@@ -26,6 +26,7 @@ def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.n
     return math.sqrt(2 * lsq_linear(matrix, -a, bounds, method="bvls", tol=1e-14).cost)
 
 
+@pytest.mark.large
 @settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -56,6 +57,7 @@ def test_clearance_is_the_least_distance(
     assert result.length == pytest.approx(spacing * sum(np.linalg.norm(b - a) for a, b in segments))
 
 
+@pytest.mark.large
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), largest=st.sampled_from([1, 6, 40]))
 def test_clearance_is_the_least_distance_for_each_path_of_a_batch(seed: int, largest: int) -> None:

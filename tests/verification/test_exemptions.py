@@ -190,9 +190,9 @@ def test_parts_of_segments_lie_inside_or_outside_as_a_whole() -> None:
 
 
 def test_radius_and_balls_that_are_no_distances_are_refused() -> None:
-    judge, path = inspect.unwrap(verify), np.ones((2, 3))
+    unchecked, path = inspect.unwrap(verify), np.ones((2, 3))
     for bad in (-1.0, math.nan, math.inf):
         with pytest.raises(ValueError, match=r"radius: expected a distance \[m\] of at least 0, given"):
-            judge(path, None, WALL, LONG, radius=bad)
+            unchecked(path, VoxelMap.on(LONG, WALL), radius=bad)
         with pytest.raises(ValueError, match="balls: expected two radii"):
-            judge(path, None, WALL, LONG, balls=(1.0, bad))
+            unchecked(path, VoxelMap.on(LONG, WALL), balls=(1.0, bad))

@@ -53,6 +53,7 @@ def test_a_film_moves_at_ten_frames_a_second() -> None:
     assert not pyplot.get_fignums()
 
 
+@pytest.mark.large
 def test_a_film_that_is_too_large_loses_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     content, _ = film()
     monkeypatch.setattr(gif, "LARGEST", len(content) // 2)

@@ -85,6 +85,7 @@ def test_no_interior_point_lies_in_an_unoccupied_voxel(name: str) -> None:
             assert np.all(occupied[tuple(index.T)])
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", MAPS)
 def test_occupied_voxels_are_confirmed_by_sampling_or_by_mujoco(name: str) -> None:
     """Sampling finds most of them; the slivers that it misses, and the free ones, are judged by C MuJoCo."""

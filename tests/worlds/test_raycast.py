@@ -42,6 +42,7 @@ def disagreements(given: np.ndarray, expected: np.ndarray) -> int:
     return int(np.sum((np.isfinite(given) != np.isfinite(expected)) | (gap > TOLERANCE)))
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("name", MAPS)
 def test_full_scans_agree_with_c_mujoco(name: str) -> None:
     """32,768 rays from turned sensors, above streets and inside buildings.

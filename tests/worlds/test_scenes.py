@@ -116,6 +116,7 @@ def test_starts_clear_of_buildings_exist(name: str) -> None:
     assert clear.mean() > 0.02
 
 
+@pytest.mark.large
 def test_batch_of_scenes_is_one_vmapped_model(name: str) -> None:
     keys = jax.random.split(jax.random.key(7), 3)
     origin = jnp.array([1.0, 2.0, 30.0])
