@@ -94,7 +94,7 @@ def plan_task(task: Task, find: PathFinder, method: str, *, chunk: int | None = 
 
 
 def with_largest_radii(plans: list[Plan], task: Task) -> list[Plan]:
-    """The plans of a task; those that end as NO_SAFE_PATH with the largest radius that joins their ends."""
+    """The plans of a task; those that end as NO_SAFE_PATH with a radius that joins their ends."""
 
     def largest(plan: Plan, k: int) -> Plan:
         if plan.status != Status.NO_SAFE_PATH:

@@ -51,7 +51,7 @@ def formulated(parts: Parts, distances: Distances, grid: Grid) -> Problem:
 
 
 def largest(parts: Parts, distances: Distances, grid: Grid) -> Float[Array, ""]:
-    """The largest radius [m] below the one asked for that joins the ends of its parts; static as in `formulated`."""
+    """A radius [m] below the one asked for that joins the ends of its parts; static as in `formulated`."""
     return largest_joining(parts["occupied"] | parts["ground"], parts["ground"], parts["ends"], distances, grid)
 
 
