@@ -68,7 +68,7 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
 
 
 def plans_of(routes: Routes, task: Task, method: str) -> Plans:
-    """Plans of routes: verified, with a radius that joins where the one asked for does not, and what closes the ends."""
+    """Plans of routes: verified, with a radius that joins where the one asked for does not, and with closures."""
     with recording() as recorder:
         plans = verified(routes.route, task, method)
         plans = with_closures(with_largest_radii(plans))
