@@ -36,7 +36,7 @@ docs: setup
 
 results: setup
 	$(BIN)/python -m experiments.report
-	$(BIN)/python -m benchmarks.readme
+	$(BIN)/python -m benchmarks.measured
 
 lint: setup
 	$(BIN)/ruff check .

@@ -1,7 +1,8 @@
-"""The README keeps its word: its example runs, its commands parse, its links and its figures exist."""
+"""README and CONTRIBUTING keep their word: the example runs, commands parse, links and files exist."""
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -12,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import readme
-from maxjax.cli import check, demo, flying, main, mapping, mission, planning, scanning, training
+from maxjax.cli import commands, main
 
-TEXT = readme.README.read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str) -> list[str]:
@@ -31,12 +32,12 @@ def test_the_example_runs_word_for_word() -> None:
         [sys.executable, "-c", example],
         capture_output=True,
         text=True,
-        cwd=readme.ROOT,
+        cwd=ROOT,
         env=os.environ | as_a_user,
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    first, second, third = done.stdout.splitlines()
+    first, second, third, fourth = done.stdout.splitlines()
     assert re.fullmatch(r"\(\d+, 3\) 1\.0 True", first)
     printed = re.fullmatch(r"(\d+\.\d) m long, (\d+\.\d) m clear of the tower", second)
     assert printed is not None
@@ -47,33 +48,33 @@ def test_the_example_runs_word_for_word() -> None:
     timed = re.fullmatch(r"(\d+\.\d) s \((\d+), 3\) \(\2, 3\) \(\2,\)", third)
     assert timed is not None
     assert length / 8.0 < float(timed[1]) < 2.0 * length / 8.0
+    assert re.fullmatch(r"\[0 0\] \[1\d\d\.\d+ 1\d\d\.\d+\]", fourth)
 
 
 def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for module in (check, demo, flying, mapping, mission, planning, scanning, training):
-        name = module.__name__
+    for command, (_, module, function) in commands._COMMANDS.items():
 
-        def run(*_: object, name: str = name) -> int:
-            calls.append(name.rpartition(".")[2])
+        def run(*_: object, command: str = command) -> int:
+            calls.append(command)
             return 0
 
-        monkeypatch.setattr(module, "run", run)
+        monkeypatch.setattr(importlib.import_module(f"maxjax.cli.{module}"), function, run)
     lines = [shlex.split(line, comments=True) for block in blocks("bash") for line in block.splitlines()]
     for program, *arguments in lines:
         if program == "maxjax":
             assert main(arguments) == 0
         else:
             assert program == "make"
-            assert re.search(rf"^{arguments[0]}:", (readme.ROOT / "Makefile").read_text(), re.MULTILINE)
-    first = ["mapping", "mission", "mission"]
-    assert calls == [*first, "check", "scanning", "planning", "planning", "flying", "planning", "planning", "flying"]
+            assert re.search(rf"^{arguments[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    first = ["map", "mission", "mission"]
+    assert calls == [*first, "check", "scan", "plan", "plan", "fly", "plan", "plan", "fly"]
 
 
 @pytest.mark.large
 def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All commands but `check` and `fly`, which have tests of their own."""
-    (tmp_path / "docs").symlink_to(readme.ROOT / "docs")
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     for block in blocks("bash"):
         for line in block.splitlines():
@@ -98,28 +99,15 @@ def test_every_link_leads_somewhere() -> None:
     links = [link for link in re.findall(r"\]\(([^)]+)\)", TEXT) if not link.startswith("https://")]
     assert "docs/demo.png" in links
     for link in links:
-        assert (readme.ROOT / link).is_file(), link
+        assert (ROOT / link).is_file(), link
 
 
 def test_every_path_in_the_overview_exists() -> None:
-    (overview,) = [block for block in blocks("text") if "maxjax/api.py" in block]
-    for line in overview.splitlines():
-        assert (readme.ROOT / line.split()[0]).exists(), line
-
-
-def test_the_measured_figures_are_those_of_the_result_files() -> None:
-    assert readme.rewritten(TEXT, readme.block()) == TEXT, "run: python -m benchmarks.readme"
-
-
-def test_markers_are_wanted_once_and_in_order() -> None:
-    assert readme.rewritten(f"a\n{readme.BEGIN}old\n{readme.END}b\n", "new\n") == (
-        f"a\n{readme.BEGIN}new\n{readme.END}b\n"
-    )
-    for text in ("", readme.BEGIN, readme.END + readme.BEGIN, 2 * (readme.BEGIN + readme.END)):
-        with pytest.raises(ValueError, match="expected one"):
-            readme.rewritten(text, "new\n")
-
-
-def test_a_missing_result_names_the_command(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"plan\.json is missing; run: python -m benchmarks\.plan"):
-        readme.block(tmp_path)
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (overview,) = re.findall(r"^```text\n(maxjax/.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    named = [line.split()[0] for line in overview.splitlines()]
+    named += re.findall(r"`((?:maxjax|tests|docs)/[\w/.]+)`", text)
+    named += re.findall(r"\]\(([^)]+)\)", text)
+    assert "maxjax/maps/reader.py" in named
+    for path in named:
+        assert (ROOT / path).exists() or path == "maxjax/baselines/mine.py" or "format.py" in path, path

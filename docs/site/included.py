@@ -19,7 +19,12 @@ DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 
 # Files of the repository that are pages of the site under another name.
-PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "experiments/RESULTS.md": "results.md"}
+PAGES = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "experiments/RESULTS.md": "results.md",
+}
 
 _INCLUDE = re.compile(r"^<!-- include ([\w./-]+)(?:: (.+?))? -->$", re.MULTILINE)
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")

@@ -1,6 +1,6 @@
-"""The measured part of the README, written from the result files and from nothing else.
+"""The tables of docs/measured.md, written from the result files and from nothing else.
 
-    python -m benchmarks.readme
+    python -m benchmarks.measured
 
 rewrites what stands between `<!-- measured -->` and `<!-- /measured -->`. A test compares both, so that no figure there
 can differ from the run that it names.
@@ -15,7 +15,7 @@ from benchmarks import tables
 from benchmarks.common.markdown import Document, sources
 
 ROOT = Path(__file__).parents[1]
-README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "measured.md"
 BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 
 # File: the command that writes it, for the reader of the message that it is missing.
@@ -46,11 +46,17 @@ def block(root: Path = ROOT) -> str:
         tables.plans(plan, plan_gpu),
         tables.solves(potential, potential_gpu),
     ]
-    return "\n".join([*parts, "### Where these figures come from\n\n" + sources(found)])
+    return "\n".join(
+        [
+            *parts,
+            "### Where these figures come from\n\n"
+            + sources({f"../{name}": document for name, document in found.items()}),
+        ]
+    )
 
 
 def rewritten(text: str, measured: str) -> str:
-    """The README's text with its measured part replaced.
+    """The page's text with its measured part replaced.
 
     Raises:
         ValueError: unless both markers are there, once and in order.
@@ -58,13 +64,13 @@ def rewritten(text: str, measured: str) -> str:
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end) or BEGIN in rest or END in after:
-        raise ValueError(f"README.md: expected one {BEGIN.strip()} and, after it, one {END.strip()}")
+        raise ValueError(f"{PAGE.name}: expected one {BEGIN.strip()} and, after it, one {END.strip()}")
     return before + BEGIN + measured + END + after
 
 
 def main() -> None:
-    """Rewrite the README's measured part."""
-    README.write_text(rewritten(README.read_text(encoding="utf-8"), block()), encoding="utf-8")
+    """Rewrite the page's measured part."""
+    PAGE.write_text(rewritten(PAGE.read_text(encoding="utf-8"), block()), encoding="utf-8")
 
 
 if __name__ == "__main__":
