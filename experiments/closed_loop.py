@@ -43,7 +43,7 @@ class Config:
     Attributes:
         trials: a map.
         maps: to fly in; nothing was ever tuned or trained on another seed of them.
-        methods: path finders.
+        methods: planners by name.
         conditions: names of `maxjax.sim.disturbances.SETS`.
         seed: of the first city; 50 trials share a city.
         batch: flights at a time; None: what suits the device.

@@ -68,7 +68,7 @@ class Config:
         windows: a city.
         problems: offline, a window.
         trials: closed loop, a window; more than 50 are rounded up to a multiple of 50.
-        methods: path finders of the closed loop.
+        methods: planners of the closed loop.
         half: half extent of a window [m].
         tolerance: of the boxes [m].
         margin: [m], offline.
@@ -104,7 +104,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
 
     Args:
         config: settings.
-        flight: how to fly, None: the defaults; `config.methods` take the place of its path finder.
+        flight: how to fly, None: the defaults; `config.methods` take the place of its planner.
     """
     cities = {
         name: windows(tuple(config.data / file for file in files), config.half, config.tolerance)[: config.windows]

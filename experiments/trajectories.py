@@ -131,7 +131,7 @@ def judge(asked: Asked) -> Judged:
 
     points = found.sampled(found.step / 10.0).position
     outside = np.ones(len(points), bool)
-    for end, ball in zip(plan.path[[0, -1]], plan.balls, strict=True):
+    for end, ball in zip(plan.path[[0, -1]], plan.exemptions, strict=True):
         outside &= np.linalg.norm(points - end, axis=1) > ball
     spare = float((clearance(points[outside]) - plan.radius).min(initial=math.inf))
     fastest, least = 0.0, 0.0 if asked.oracle else math.nan

@@ -51,11 +51,11 @@ def test_a_batch_equals_single_plans(problems: tuple[np.ndarray, np.ndarray, np.
         single = plan(VoxelMap.on(GRID, occupied), start, goal, distances=Distances(margin=4.0))
         assert given.status is single.status
         assert given.certified is single.certified
-        assert given.balls == pytest.approx(single.balls, abs=1e-5)
+        assert given.exemptions == pytest.approx(single.exemptions, abs=1e-5)
         if single.status is Status.OK:
             # Rounding may choose another of two equal ways around.
             assert given.length == pytest.approx(single.length, rel=2e-3)
-            assert verify(given.path, VoxelMap.on(GRID, occupied), radius=1.0, balls=given.balls).ok
+            assert verify(given.path, VoxelMap.on(GRID, occupied), radius=1.0, exemptions=given.exemptions).ok
             np.testing.assert_array_equal(given.path[[0, -1]], [start, goal])
     assert batch.status.tolist()[3:] == [Status.NO_VALID_PATH, Status.GOAL_OCCUPIED]
     assert (batch.status == Status.OK).sum() == 3
@@ -66,7 +66,7 @@ def test_a_batch_is_a_sequence_of_plans_and_its_numbers_are_arrays(batch: Plans)
     assert [one.length for one in batch[1:3]] == pytest.approx(batch.length[1:3], nan_ok=True)
     with pytest.raises(IndexError):
         batch[COUNT]
-    for name in ("status", "certified", "length", "clearance", "cruise_clearance", "cost", "radius", "balls"):
+    for name in ("status", "certified", "length", "clearance", "cruise_clearance", "cost", "radius", "exemptions"):
         np.testing.assert_array_equal(getattr(batch, name), [getattr(p, name) for p in batch])
         assert len(getattr(batch, name)) == COUNT
     for k, one in enumerate(batch):

@@ -104,7 +104,7 @@ def test_json_alone_on_stdout_holds_the_plan(terminal: Terminal, small: str) -> 
     assert tuple(path[-1]) == GOAL
     # An independent look: the path keeps the radius, and its figures are its own.
     judged = verify(
-        path, VoxelMap.on(Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)), town()), radius=1.0, balls=tuple(found["balls"])
+        path, VoxelMap.on(Grid(SHAPE, 2.0, (0.0, 0.0, 0.0)), town()), radius=1.0, exemptions=tuple(found["exemptions"])
     )
     assert judged.ok
     assert found["length"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), abs=1e-4)
@@ -543,7 +543,7 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
         "clearance": 3.0,
         "cruise_clearance": 3.0,
         "radius": 1.0,
-        "balls": (0.0, 2.5),
+        "exemptions": (0.0, 2.5),
     }
     plan = bare_plan(task.map, path, method="astar", **numbers)
     assert verdict.cruise_clearance == 3.0
@@ -552,7 +552,7 @@ def test_a_way_close_to_walls_and_an_end_in_a_ball_are_warned_of(capfd: pytest.C
     assert "goal (36, 8, 8) stands nearer to an obstacle than the radius of 1 m; within 2.5 m" in ball
     near = r"within 3\.00 m of an obstacle at \(1[79]\.\d, 8\.0, 8\.0\) m, less than half the margin of 8 m"
     assert re.search(near, least)
-    report.warn(dataclasses.replace(plan, cruise_clearance=4.0, balls=(0.0, 0.0)), task)
+    report.warn(dataclasses.replace(plan, cruise_clearance=4.0, exemptions=(0.0, 0.0)), task)
     assert not capfd.readouterr().err
 
 
@@ -601,7 +601,7 @@ def test_delft_over_a_row_of_houses(terminal: Terminal, data: Path, tmp_path: Pa
     assert code == 0
     found = json.loads((tmp_path / "plan.json").read_text())
     assert (found["status"], found["certified"]) == ("OK", True)
-    assert (found["radius"], found["balls"]) == (1.0, [0.0, 0.0])
+    assert (found["radius"], found["exemptions"]) == (1.0, [0.0, 0.0])
     assert found["cruise_clearance"] >= 4
     path = np.array(found["path"])
     assert path[0].tolist() == list(start)

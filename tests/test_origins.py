@@ -55,7 +55,7 @@ def problem() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def same(here: Plan, away: Plan, shift: tuple[float, float, float]) -> None:
     assert away.status is here.status
     assert (away.radius, away.certified, away.method) == (here.radius, here.certified, here.method)
-    np.testing.assert_allclose(away.balls, here.balls, atol=1e-6)
+    np.testing.assert_allclose(away.exemptions, here.exemptions, atol=1e-6)
     assert away.path.dtype == np.float64
     np.testing.assert_allclose(away.path - shift, here.path, rtol=0, atol=1e-6)
     np.testing.assert_allclose([away.length, away.clearance], [here.length, here.clearance], rtol=1e-9)
@@ -82,7 +82,7 @@ def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray,
         same(here, away, shift)
         if away.status is Status.OK:
             np.testing.assert_array_equal(away.path[[0, -1]], ends)
-            assert verify(away.path, VoxelMap.on(grid, occupied), radius=away.radius, balls=away.balls).ok
+            assert verify(away.path, VoxelMap.on(grid, occupied), radius=away.radius, exemptions=away.exemptions).ok
         same(scan, plan_scan(cloud + shift, *ends, grid, **options), shift)
         goals = np.stack([goal + shift] * len(many))
         elsewhere = plan_batch(VoxelMap.on(grid, occupied), many + shift, goals, **options)

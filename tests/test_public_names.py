@@ -75,7 +75,7 @@ IN_CODE = r"(?<![\w/.:-])((?:[a-z_]+/)+[\w.*-]*\w|\w+\.(?:py|md|json))(?![\w/])"
     sorted({*found(WRITTEN_OUT), *((page, path) for page, code in CODE for path in re.findall(IN_CODE, code))}),
 )
 def test_every_path_leads_to_a_file(page: str, path: str) -> None:
-    """A bare file name lies anywhere; what is no file, as `fields/geodesic.geodesic`, is a name in a module."""
+    """A bare file name lies anywhere; other words, as `fields/geodesic.geodesic`, is a name in a module."""
     if path in EXAMPLES:
         return
     if "/" not in path:

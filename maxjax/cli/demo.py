@@ -52,7 +52,7 @@ def choose(scene: Scene, seed: int) -> Corner:
     for corner in found:
         given, _ = look(scene, corner)
         plan = planning.plan_in(given, planner_named("field"))
-        if plan.status == Status.OK and plan.balls == (0.0, 0.0):
+        if plan.status == Status.OK and plan.exemptions == (0.0, 0.0):
             city = city_task(scene, corner.start, corner.goal)
             if _clearance_in(city, plan) > 0.5 * given.task.distances.margin:
                 return corner

@@ -71,7 +71,7 @@ def read_mission(options: MissionOptions) -> Asked:
     """The mission of a file.
 
     Raises:
-        ValueError: for what is no such file, with what was expected and what was given.
+        ValueError: if it is not such a file, with what was expected and what was given.
         OSError: if it cannot be read.
     """
     content = _content(options.file)

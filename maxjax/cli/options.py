@@ -70,7 +70,7 @@ class RouteOptions:
             height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
         method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
-        radius: Distance that nothing on the path comes under [m], but in a small ball around an end that stands nearer.
+        radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
         margin: Distance where obstacles cost nothing [m].
         price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
             none: its length.

@@ -122,7 +122,7 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "cruise_clearance": plan.cruise_clearance,
         "clearance_at": np.round(plan.clearance_at, 6).tolist(),
         "radius": plan.radius,
-        "balls": list(plan.balls),
+        "exemptions": list(plan.exemptions),
         "cost": plan.cost,
         "certified": plan.certified,
         "potential": plan.potential,
@@ -204,14 +204,14 @@ def warn(plan: Plan, task: Task) -> None:
     if plan.status != Status.OK:
         return
     what = "an obstacle" if task.map.closed is None else "an obstacle or to closed airspace"
-    for end, ball, point in zip(("start", "goal"), plan.balls, (task.starts[0], task.goals[0]), strict=True):
-        if ball:
+    for end, exempt, point in zip(("start", "goal"), plan.exemptions, (task.starts[0], task.goals[0]), strict=True):
+        if exempt:
             complain(
                 f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to {what} than the radius of "
-                f"{plan.radius:g} m; within {ball:g} m of it the path keeps no more than that."
+                f"{plan.radius:g} m; within {exempt:g} m of it the path keeps no more than that."
             )
     if plan.cruise_clearance < 0.5 * task.distances.margin:
-        found = verify(plan.path, plan.map, balls=plan.balls)
+        found = verify(plan.path, plan.map, exemptions=plan.exemptions)
         place = "" if found.cruise_nearest is None else f" at {_place(found.cruise_nearest)}"
         complain(
             f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "

@@ -79,7 +79,7 @@ def _legs(task: Task, points: Points, find: RouteViews) -> Routes:
 
 def _sound(legs: Routes) -> bool:
     """Whether all legs have a path, and none needs an exemption where it is handed over."""
-    inner = np.concatenate([legs.route.balls[:-1, 1], legs.route.balls[1:, 0]])
+    inner = np.concatenate([legs.route.exemptions[:-1, 1], legs.route.exemptions[1:, 0]])
     return bool(legs.ok.all() and not inner.any())
 
 
@@ -208,7 +208,7 @@ def _joined(legs: Routes) -> Route:
         _whole(legs)[None],
         np.full(1, int(Status.OK), np.int32),
         np.array([route.certified.all()]),
-        balls=np.array([[route.balls[0, 0], route.balls[-1, 1]]], np.float32),
+        exemptions=np.array([[route.exemptions[0, 0], route.exemptions[-1, 1]]], np.float32),
         geodesic=np.array([route.geodesic.any()]),
         cost=np.array([route.cost.sum()]),
     )

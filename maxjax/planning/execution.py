@@ -176,8 +176,10 @@ def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
         return dataclasses.replace(route, path=np.zeros((0, 3), np.float32))
     path = np.asarray(route.path)
     path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
-    (path, cost), balls = fetched((_PRICE(problem.ends, problem.price, path), problem.balls))
-    return dataclasses.replace(route, path=path, balls=balls, cost=np.asarray(grid.spacing * cost, np.float32))
+    (path, cost), exemptions = fetched((_PRICE(problem.ends, problem.price, path), problem.exemptions))
+    return dataclasses.replace(
+        route, path=path, exemptions=exemptions, cost=np.asarray(grid.spacing * cost, np.float32)
+    )
 
 
 # Paths are filled up to whole multiples of so many points, so that searches share programs.

@@ -50,7 +50,7 @@ class Places(NamedTuple):
 
     inner: Float[Array | np.ndarray, "n 2 3"]
     exact: Float[Array | np.ndarray, "n 2 3"]
-    balls: Float[Array | np.ndarray, "n 2"]
+    exemptions: Float[Array | np.ndarray, "n 2"]
 
 
 @jax.tree_util.register_dataclass
@@ -104,8 +104,8 @@ def formulate_fleet(
     starts = exemptions(around, located(ends[:, 0], grid.shape), radius)
     goal = jax.tree.map(lambda x: x[0], goals)
     blocked = goal.open_in(around.inflated)
-    inner, balls = inner_places(blocked, starts, distances, grid)
-    last_inner, last_ball = inner_places(blocked, goals, distances, grid)
+    inner, radii = inner_places(blocked, starts, distances, grid)
+    last_inner, last_radius = inner_places(blocked, goals, distances, grid)
 
     def beside(rows: Array, last: Array) -> Array:
         """Of each start, and of the goal."""
@@ -123,7 +123,7 @@ def formulate_fleet(
         blocked=blocked,
         status=jnp.where((faults == Status.OK) & ~opens, joined, faults).astype(jnp.int32),
         opens=opens,
-        places=Places(beside(inner, last_inner), beside(starts.place, goals.place), beside(balls, last_ball)),
+        places=Places(beside(inner, last_inner), beside(starts.place, goals.place), beside(radii, last_radius)),
         goal_index=goal.first,
     )
 
@@ -192,7 +192,7 @@ def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Prob
         yield Group(members, fleet.blocked, jax.tree.map(lambda x: np.asarray(x)[members], fleet.places))
     for k, problem in alone.items():
         if status[k] == Status.OK:
-            places = Places(jnp.stack([problem.start, problem.goal]), problem.ends, problem.balls)
+            places = Places(jnp.stack([problem.start, problem.goal]), problem.ends, problem.exemptions)
             yield Group(np.array([k]), problem.blocked, jax.tree.map(lambda x: np.asarray(x)[None], places))
 
 
@@ -216,7 +216,7 @@ def _routes(group: Group, fleet: Fleet, planner: FieldPlanner, task: Task) -> Ro
         paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
         status = np.where(arrived, Status.OK, Status.PATH_STALLED).astype(np.int32)
         costs = (task.grid.spacing * costs).astype(np.float32)
-        return Routes(Route(paths, status, certified[which], places.balls[which], geodesic[which], costs))
+        return Routes(Route(paths, status, certified[which], places.exemptions[which], geodesic[which], costs))
 
     return with_longer_ascents(attempt, count, planner.ascent)
 

@@ -1,8 +1,8 @@
 """Missions: waypoints in order, a plan for each leg between them, and a verdict on the whole.
 
-    waypoints → legs; those of one goal share its field → paths end to end → judge → Mission
+    waypoints → legs; those of one goal share its field → paths end to end → verifier → Mission
 
-The judge sees the whole path once more: that it is one line and touches nothing, and that each leg keeps its own radius
+The verifier sees the whole path once more: it has to be one line, to touch nothing, and to keep each leg's own radius
 on it. A mission is OK only if all of that holds; what is wrong with a leg stays with this leg.
 """
 
@@ -46,7 +46,8 @@ class Waypoint:
         radius, margin: distances of the leg [m], as in `maxjax.plan`. None: those of the mission.
 
     Raises:
-        ValueError: for what is no position, a time that is negative or above an hour, or a speed that is not positive.
+        ValueError: if the position is not three finite numbers, the time negative or above an hour, or the speed not
+            positive.
     """
 
     position: Point3
@@ -82,14 +83,14 @@ class Mission:
     """Plans from waypoint to waypoint, verified one by one and as a whole.
 
     Attributes:
-        status: OK if every leg is and the whole path passed the judge; else that of the first leg that failed.
+        status: OK if every leg is and the whole path passed the verifier; else that of the first leg that failed.
         waypoints: in order, the start first; the leg k leads from waypoint k to waypoint k + 1.
         legs: plans.
         path: (t, 3) float64 [m], ENU, over all legs; empty unless OK.
         places: index in the path of each waypoint; empty unless OK.
         length: of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
-        timings: seconds by stage, as in `Plan`, over all legs, and `judge`.
+        timings: seconds by stage, as in `Plan`, over all legs, and `verify`.
         map: that it was planned and verified in.
     """
 
@@ -179,7 +180,7 @@ def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) ->
 
 
 def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spent: Mapping[str, float]) -> Mission:
-    """The mission of some legs, judged.
+    """The mission of some legs, verified.
 
     Args:
         waypoints: one more than legs.
@@ -209,7 +210,7 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
         places.append(places[-1] + len(leg.path) - same)
     path = np.concatenate(parts)
     whole = dataclasses.replace(nothing, path=path, places=np.array(places))
-    with recording() as recorder, timed("judge"):
+    with recording() as recorder, timed("verify"):
         verdict = verify(path, task.map)
         kept = verdict.ok and all(_keeps(whole, k, task) for k in range(len(legs)))
     spent = added(spent, recorder.report())
@@ -223,12 +224,12 @@ def _keeps(whole: Mission, k: int, task: Task) -> bool:
     leg, path = whole.legs[k], whole.leg_path(k)
     # Where two legs' ends differ by what they were moved, the exemption covers both.
     joint = math.dist(path[0], leg.path[0])
-    start, goal = (ball + joint if ball else 0.0 for ball in leg.balls)
-    return verify(path, task.map, radius=leg.radius, balls=(start, goal)).ok
+    start, goal = (reach + joint if reach else 0.0 for reach in leg.exemptions)
+    return verify(path, task.map, radius=leg.radius, exemptions=(start, goal)).ok
 
 
 def first_legs(mission: Mission, task: Task) -> Mission | None:
-    """The mission as far as its first leg that failed, judged; None where the first one did."""
+    """The mission as far as its first leg that failed, verified; None where the first one did."""
     count = next(iter(mission.failed), len(mission.legs))
     if count == 0:
         return None

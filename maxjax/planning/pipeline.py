@@ -134,7 +134,7 @@ def _answered(planner: Planner, layout: Layout) -> Route:
         path=_blank(np.float32, _points(planner, layout) + 2, 3),
         status=_blank(np.int32),
         certified=flag,
-        balls=_blank(np.float32, 2),
+        exemptions=_blank(np.float32, 2),
         geodesic=flag,
         cost=number,
     )

@@ -34,11 +34,11 @@ class Plan:
             occupied voxel is moved off it by less than a thousandth of a voxel (1 mm at 2 m).
         length: length of the path [m]; NaN unless OK.
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
-        cruise_clearance: the least such distance more than 10 m from the ends, and outside `balls`;
+        cruise_clearance: the least such distance more than 10 m from the ends, and outside the exemptions;
             `clearance` where the path does not leave them; NaN unless OK.
         clearance_at: (t,) float64 [m], such a distance at each point of the path.
-        radius: distance [m] that the path keeps outside `balls`; with NO_SAFE_PATH one that joins the ends.
-        balls: radii [m] of the exemptions around start and goal in which it keeps their own distances, since they stand
+        radius: distance [m] that the path keeps outside the exemptions; with NO_SAFE_PATH one that joins the ends.
+        exemptions: their radii [m] around start and goal, in which it keeps these ends' own distances, since they stand
             nearer, or beside the ground; 0: none.
         cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
@@ -58,7 +58,7 @@ class Plan:
     cruise_clearance: float
     clearance_at: Float64[np.ndarray, " t"]
     radius: float
-    balls: tuple[float, float]
+    exemptions: tuple[float, float]
     cost: float
     certified: bool
     potential: str
@@ -79,7 +79,7 @@ class Plans(Sequence[Plan]):
         length, clearance, cruise_clearance, cost: (b,) float64 [m], as in `Plan`; NaN without a path.
         clearance_at: (b, t) float64 [m], at each point; NaN beyond a path.
         radius: (b,) float64 [m], as in `Plan`.
-        balls: (b, 2) float64 [m], as in `Plan`.
+        exemptions: (b, 2) float64 [m], as in `Plan`.
         certified: (b,) bool.
         geodesic: (b,) bool, whether the certified field was the flood's own distance.
         timings: (b,) float64 [s] by stage, as in `Plan`; NaN where a problem had none of that stage.
@@ -96,7 +96,7 @@ class Plans(Sequence[Plan]):
     cost: Float64[np.ndarray, " b"]
     clearance_at: Float64[np.ndarray, "b t"]
     radius: Float64[np.ndarray, " b"]
-    balls: Float64[np.ndarray, "b 2"]
+    exemptions: Float64[np.ndarray, "b 2"]
     certified: Bool[np.ndarray, " b"]
     geodesic: Bool[np.ndarray, " b"]
     timings: Seconds
@@ -135,7 +135,7 @@ class Plans(Sequence[Plan]):
 
     def _plan(self, k: int) -> Plan:
         count = int(self.counts[k])
-        start, goal = self.balls[k].tolist()
+        start, goal = self.exemptions[k].tolist()
         kind = "geodesic" if self.geodesic[k] else "maxwell" if self.certified[k] else ""
         spent = {name: float(seconds[k]) for name, seconds in self.timings.items() if not math.isnan(seconds[k])}
         return Plan(
@@ -146,7 +146,7 @@ class Plans(Sequence[Plan]):
             cruise_clearance=float(self.cruise_clearance[k]),
             clearance_at=self.clearance_at[k, :count].copy(),
             radius=float(self.radius[k]),
-            balls=(start, goal),
+            exemptions=(start, goal),
             cost=float(self.cost[k]),
             certified=bool(self.certified[k]),
             potential=kind if count else "",
@@ -171,7 +171,7 @@ def no_plans(task: Task, status: Status, method: str, timings: Seconds | None = 
         cost=nothing,
         clearance_at=np.full((count, 0), math.nan),
         radius=np.full(count, task.distances.radius),
-        balls=np.zeros((count, 2)),
+        exemptions=np.zeros((count, 2)),
         certified=none,
         geodesic=none,
         timings={} if timings is None else timings,

@@ -1,4 +1,4 @@
-"""A planning problem on the voxel grid: a task as a path finder takes it, its inputs checked.
+"""A planning problem on the voxel grid: a task as a planner takes it, its inputs checked.
 
     (maps, ends, distances) ↦ Problem        `formulate`, on the device
 
@@ -38,7 +38,7 @@ from maxjax.programs.lowering import materialise
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What a path finder needs; batch axes lead.
+    """What a planner needs; batch axes lead.
 
     Attributes:
         blocked: voxels that a path keeps out of.
@@ -46,7 +46,7 @@ class Problem:
         start, goal: index coordinates, both with room.
         ends: the exact start and goal; where one lies on the face of an occupied voxel, it is moved off that face by
             less than a thousandth of a voxel.
-        balls: radii of the exemptions around the exact ends [m], outside of which a path keeps the radius; 0: none.
+        exemptions: their radii around the exact ends [m], outside of which a path keeps the radius; 0: none.
         levels: of the exemptions; 0 where no voxel is opened.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
@@ -60,7 +60,7 @@ class Problem:
     start: Float[Array, "*batch 3"]
     goal: Float[Array, "*batch 3"]
     ends: Float[Array, "*batch 2 3"]
-    balls: Float[Array, "*batch 2"]
+    exemptions: Float[Array, "*batch 2"]
     levels: Int32[Array, "*batch 2"]
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
@@ -131,7 +131,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
     """The problem of two ends; arguments as in `formulate`."""
     both = exemptions(around, located(ends, grid.shape), Radius.of(distances.radius / grid.spacing))
     blocked = materialise(opened_by(around.inflated, both))
-    inner, balls = inner_places(blocked, both, distances, grid)
+    inner, radii = inner_places(blocked, both, distances, grid)
     joined = joined_status(around.occupied, blocked, both, distances.radius)
     if around.halo:
         joined = jnp.where(jnp.all(both.local), joined, Status.NO_VALID_PATH)
@@ -142,7 +142,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
         start=inner[0],
         goal=inner[1],
         ends=both.place,
-        balls=balls,
+        exemptions=radii,
         levels=both.level,
         goal_index=both.first[1],
         status=jnp.where(fault == Status.OK, joined, fault).astype(jnp.int32),
@@ -159,9 +159,9 @@ def located(ends: Float[Array, "n 3"], shape: tuple[int, ...]) -> End:
 def inner_places(
     blocked: Bool[Array, "nx ny nz"], ends: Exemption, distances: Distances, grid: Grid
 ) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
-    """Where a path has room at each of some ends, and the radii of the balls around their exact places [m].
+    """Where a path has room at each of some ends, and the radii of the exemptions around their exact places [m].
 
-    A ball holds what is exempt around its end: opened voxels, and the first step to where there is room.
+    An exemption is the ball around its end that holds opened voxels, and the first step to where there is room.
     """
 
     def one(end: Exemption) -> tuple[Array, Array]:

@@ -32,7 +32,7 @@ class Route:
         path: index coordinates, start first, goal last, which may be repeated to the end of the array.
         status: `Status` as int32; unless it is OK, the path means nothing.
         certified: whether the field that was climbed had no local maximum but the goal.
-        balls: radii [m] of the exemptions around start and goal; 0 where none is needed.
+        exemptions: radii [m] of the exemptions around start and goal; 0 where none is needed.
         geodesic: whether the potential was the flood's own distance.
         cost: the price paid, ∫ n ds [m]; 0: nothing was priced.
     """
@@ -40,7 +40,9 @@ class Route:
     path: Float[Array | np.ndarray, "*batch t 3"]
     status: Int32[Array | np.ndarray, "*batch"]
     certified: Bool[Array | np.ndarray, "*batch"]
-    balls: Float[Array | np.ndarray, "*batch 2"] = dataclasses.field(default_factory=lambda: np.zeros(2, np.float32))
+    exemptions: Float[Array | np.ndarray, "*batch 2"] = dataclasses.field(
+        default_factory=lambda: np.zeros(2, np.float32)
+    )
     geodesic: Bool[Array | np.ndarray, "*batch"] = dataclasses.field(default_factory=lambda: np.zeros((), bool))
     cost: Float[Array | np.ndarray, "*batch"] = dataclasses.field(default_factory=lambda: np.zeros((), np.float32))
 
@@ -64,7 +66,7 @@ def failed(status: int | Array | np.ndarray, certified: bool = False) -> Route:
 def completed(problem: Problem, route: Route, grid: Grid) -> Route:
     """A route from exact start to exact goal, with its cost and the problem's exemptions; `jit`- and `vmap`-safe."""
     path, cost = whole(problem.ends, problem.price, jnp.asarray(route.path))
-    return dataclasses.replace(route, path=path, balls=problem.balls, cost=grid.spacing * cost)
+    return dataclasses.replace(route, path=path, exemptions=problem.exemptions, cost=grid.spacing * cost)
 
 
 def whole(

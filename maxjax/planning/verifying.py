@@ -45,9 +45,9 @@ def verified(routes: Route, task: Task, method: str, timings: Seconds | None = N
         return dataclasses.replace(nothing, status=status)
     some = task.some(which)
     local, counts = _local(np.asarray(routes.path, np.float64)[which], some)
-    balls = np.asarray(routes.balls, np.float64)[which]
+    exemptions = np.asarray(routes.exemptions, np.float64)[which]
     with timed("verify"):
-        verdicts = _verdicts(local, counts, some, balls)
+        verdicts = _verdicts(local, counts, some, exemptions)
     passed = which[verdicts.ok]
     status = status.copy()
     status[which[~verdicts.ok]] = Status.PATH_IN_COLLISION
@@ -71,7 +71,7 @@ def verified(routes: Route, task: Task, method: str, timings: Seconds | None = N
         cruise_clearance=spread(verdicts.cruise_clearance, nan),
         cost=spread(cost, nan),
         clearance_at=spread(verdicts.clearance_at, nan),
-        balls=spread(balls, np.array(0.0)),
+        exemptions=spread(exemptions, np.array(0.0)),
         geodesic=spread(np.asarray(routes.geodesic, bool)[which], np.array(False)),
     )
 
@@ -116,7 +116,10 @@ def _world(local: Float64[np.ndarray, "b s 3"], task: Task) -> Float64[np.ndarra
 
 
 def _verdicts(
-    local: Float64[np.ndarray, "b s 3"], counts: Int64[np.ndarray, " b"], task: Task, balls: Float64[np.ndarray, "b 2"]
+    local: Float64[np.ndarray, "b s 3"],
+    counts: Int64[np.ndarray, " b"],
+    task: Task,
+    exemptions: Float64[np.ndarray, "b 2"],
 ) -> Verdicts:
     """Verdicts on paths of the local frame, some at a time on all cores: NumPy lets several threads work."""
     where = dataclasses.replace(task.map, closed=None, grid=task.grid.local)
@@ -124,7 +127,7 @@ def _verdicts(
     paths = Paths(local, counts, task.map_of if where.batch is not None else np.zeros(len(counts), np.int64))
 
     def some(rows: slice) -> Verdicts:
-        return verify_paths(paths.some(rows), where, radius=task.distances.radius, balls=balls[rows])
+        return verify_paths(paths.some(rows), where, radius=task.distances.radius, exemptions=exemptions[rows])
 
     parts = [slice(k, k + _TOGETHER) for k in range(0, len(counts), _TOGETHER)]
     if len(parts) == 1:

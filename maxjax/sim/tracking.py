@@ -1,4 +1,4 @@
-"""A trajectory flown: the vehicle in MJX and its controller follow given set-points, and a map judges what was flown.
+"""A trajectory flown: the vehicle in MJX and its controller follow given set-points, and a map verifies what was flown.
 
     (state, observer, gust), set-point at t  →  thrusts  →  state at t + Δt          a scan over time steps, vmap over
                                                                                      trajectories
@@ -7,7 +7,7 @@ Set-points are the trajectory's position, velocity and yaw at each time step, an
 later. The vehicle hovers at the start until its controller has found the wind, and at the goal for `AFTER` seconds.
 Scans run in pieces of `_STEPS` time steps, so that one program flies trajectories of any duration.
 
-World frame ENU [m]; on the device relative to the trajectory's origin, in float32. What was flown is judged on the host
+World frame ENU [m]; on the device relative to the trajectory's origin, in float32. What was flown is verified in NumPy
 in float64, by exact distances to the cubes of occupied voxels.
 """
 
@@ -181,8 +181,8 @@ def tracked(
     places = trajectory.at(trajectory.passes).position
     own = grid.spacing * distances_at(_index(places, grid), np.zeros(len(places), np.int64), solid, None)
     short = np.zeros(len(index))  # of the radius, where a waypoint is
-    for place, distance, ball in zip(places, own, trajectory.balls, strict=True):
-        exempt = np.linalg.norm(position - place, axis=1) < ball
+    for place, distance, reach in zip(places, own, trajectory.exemptions, strict=True):
+        exempt = np.linalg.norm(position - place, axis=1) < reach
         short[exempt] = np.maximum(short[exempt], trajectory.radius - distance)
     contact = any_solid <= np.maximum(min(VEHICLE_RADIUS, trajectory.radius) - short, 0.0)
     if not finite.all():

@@ -89,7 +89,7 @@ def input_status(medium: Medium, length: Float[Array, ""]) -> Int32[Array, ""]:
     return status.astype(jnp.int32)
 
 
-def judge(medium: Medium, progress: Progress) -> Progress:
+def decide_status(medium: Medium, progress: Progress) -> Progress:
     """Set the status; OK only where the field is finite and certified."""
     wrong = input_status(medium, progress.length)
     certified = (progress.uncertified == 0) & jnp.all(jnp.isfinite(progress.log_phi))

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.fields import stencil
 from maxjax.fields.gradient import log_potential
 from maxjax.fields.price import SCREENING_LENGTH
-from maxjax.solvers.certify import judge, sweep_until_certified
+from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
 from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, held_system, tolerance_of
 
@@ -83,7 +83,7 @@ class LinearSolver(abc.ABC):
     def stages(self) -> tuple[Stage, ...]:
         """Iterations, sweeps, status."""
         sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
-        return self.iterate, sweep, judge
+        return self.iterate, sweep, decide_status
 
     def screening_length(self, medium: Medium) -> Float[Array, ""]:
         """Such that float32 spans φ."""

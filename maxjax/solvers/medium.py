@@ -63,7 +63,7 @@ class Progress:
         residual: as the solver measures it; infinite before the first iteration.
         converged: whether it is within the solver's tolerance.
         uncertified: voxels of the component, goal aside, without a strictly higher neighbour.
-        status: `Status` as int32; NOT_CONVERGED until it is judged.
+        status: `Status` as int32; NOT_CONVERGED until the last stage decides.
         attempts: screening lengths tried, with this one.
         geodesic: whether log φ is the distance of the flood instead of a solution.
     """

@@ -29,7 +29,7 @@ from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.programs.batching import settle
 from maxjax.programs.lowering import head_start, in_this_turn
 from maxjax.solvers.aggregation import padded
-from maxjax.solvers.certify import judge, sweep_until_certified
+from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
 from maxjax.solvers.geodesic import or_geodesic
 from maxjax.solvers.krylov import Linear
@@ -97,7 +97,7 @@ class Screened:
         sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
         exact = () if self.tolerance is None else (self.fall_back,)
         last = (or_geodesic,) if self.or_geodesic else ()
-        return guess, self.iterate, *exact, sweep, *last, judge
+        return guess, self.iterate, *exact, sweep, *last, decide_status
 
     def screening_length(self, medium: Medium) -> Float[Array, ""]:
         """The same for all maps."""
@@ -129,7 +129,7 @@ class Screened:
         def first(progress: Progress) -> Progress:
             last = run((guess, cycles), medium, progress)
             stuck = uncertified(last.log_phi, medium.component, medium.goal)
-            last = judge(medium, dataclasses.replace(last, uncertified=stuck))
+            last = decide_status(medium, dataclasses.replace(last, uncertified=stuck))
             return dataclasses.replace(last, status=jnp.where(last.converged, last.status, Status.NOT_CONVERGED))
 
         return head_start(first, progress)

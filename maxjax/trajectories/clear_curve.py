@@ -37,18 +37,18 @@ class ClearCurve:
         map: that the plan was verified in.
         path: (n, 3) of the plan [m], world frame.
         radius: that it keeps [m].
-        balls: radii of the exemptions around its ends, in which it keeps their own distances if these are less [m].
+        exemptions: their radii around the ends, in which it keeps their own distances if these are less [m].
     """
 
     map: VoxelMap
     path: Float64[np.ndarray, "n 3"]
     radius: float
-    balls: tuple[float, float]
+    exemptions: tuple[float, float]
 
     @classmethod
     def of(cls, plan: Plan) -> ClearCurve:
         """That of a plan."""
-        return cls(plan.map, np.asarray(plan.path, np.float64), plan.radius, plan.balls)
+        return cls(plan.map, np.asarray(plan.path, np.float64), plan.radius, plan.exemptions)
 
     @functools.cached_property
     def _volumes(self) -> tuple[Bool[np.ndarray, "1 nx ny nz"], Bool[np.ndarray, "1 nx ny nz"]]:
@@ -65,7 +65,7 @@ class ClearCurve:
         """Samples of a curve from the path's start to its goal, where it is not clear; none on the path itself."""
         runs = self._runs(project(samples, self.path)[0] > _ON, samples)
         found = np.zeros(len(samples), bool)
-        for (first, last), verdict in zip(runs, self._judged(samples, runs, bulge), strict=True):
+        for (first, last), verdict in zip(runs, self._verified(samples, runs, bulge), strict=True):
             if not verdict.ok:
                 found[first:last] |= self._blamed(samples[first:last], verdict, bulge)
         return found
@@ -86,21 +86,23 @@ class ClearCurve:
         runs = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             from_start, to_goal = (
-                bool((np.linalg.norm(samples[first:last] - end, axis=1) < ball).any())
-                for end, ball in zip(self.path[[0, -1]], self.balls, strict=True)
+                bool((np.linalg.norm(samples[first:last] - end, axis=1) < exempt).any())
+                for end, exempt in zip(self.path[[0, -1]], self.exemptions, strict=True)
             )
             runs.append((0 if from_start else max(first - 1, 0), len(off) if to_goal else min(last + 1, len(off))))
         return runs
 
-    def _judged(self, samples: Float64[np.ndarray, "m 3"], runs: list[tuple[int, int]], bulge: float) -> Verdicts:
+    def _verified(self, samples: Float64[np.ndarray, "m 3"], runs: list[tuple[int, int]], bulge: float) -> Verdicts:
         """Verdicts on runs. At radius 0 the ground counts as any obstacle does, as the bulge must not enter it."""
-        balls = [[self.balls[0] * (first == 0), self.balls[1] * (last == len(samples))] for first, last in runs]
+        exemptions = [
+            [self.exemptions[0] * (first == 0), self.exemptions[1] * (last == len(samples))] for first, last in runs
+        ]
         grid = self.map.grid
         return verify_paths(
             Paths.of([samples[first:last] - np.array(grid.origin) for first, last in runs]),
             self._local(self.radius > 0),
             radius=self.radius + bulge + _TOLERANCE * grid.spacing if bulge else 0.0,
-            balls=np.array(balls).reshape(-1, 2),
+            exemptions=np.array(exemptions).reshape(-1, 2),
         )
 
     def _blamed(
@@ -109,8 +111,10 @@ class ClearCurve:
         """The samples of a run that are too near, or beside the voxel that it touches; all where none is."""
         grid = self.map.grid
         kept = np.full(len(samples), self.radius)
-        for end, own, ball in zip(self.path[[0, -1]], self.clearance(self.path[[0, -1]]), self.balls, strict=True):
-            kept = np.where(np.linalg.norm(samples - end, axis=1) < ball, np.minimum(kept, own), kept)
+        for end, own, exempt in zip(
+            self.path[[0, -1]], self.clearance(self.path[[0, -1]]), self.exemptions, strict=True
+        ):
+            kept = np.where(np.linalg.norm(samples - end, axis=1) < exempt, np.minimum(kept, own), kept)
         found = self.clearance(samples) < kept + 2.0 * (bulge + _TOLERANCE * grid.spacing)
         if verdict.first_hit is not None:
             centre = np.array(grid.origin) + grid.spacing * np.array(verdict.first_hit)

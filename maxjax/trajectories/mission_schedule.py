@@ -50,7 +50,7 @@ def _is_rest(mission: Mission, k: int) -> bool:
     before, after = mission.legs[k - 1], mission.legs[k]
     if mission.waypoints[k].hover is not None or before.radius != after.radius:
         return True
-    if before.balls[1] > 0.0 or after.balls[0] > 0.0 or not np.array_equal(before.path[-1], after.path[0]):
+    if before.exemptions[1] > 0.0 or after.exemptions[0] > 0.0 or not np.array_equal(before.path[-1], after.path[0]):
         return True
     arrives, leaves = before.path[-1] - before.path[-2], after.path[1] - after.path[0]
     return bool(arrives @ leaves < _TURNED_BACK * np.linalg.norm(arrives) * np.linalg.norm(leaves))
@@ -66,7 +66,7 @@ def _stretch(mission: Mission, first: int, last: int) -> Plan:
         path=path,
         # The end of the leg before comes first where its own begins aside from it.
         clearance_at=np.pad(at, (len(path) - len(at), 0), "edge"),
-        balls=(legs[0].balls[0], legs[-1].balls[1]),
+        exemptions=(legs[0].exemptions[0], legs[-1].exemptions[1]),
     )
 
 
@@ -96,7 +96,7 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
         headings=headings(control, step, first.limits.yaw_rate),
         step=step,
         radius=mission.radius,
-        balls=tuple(_ball(mission, k) for k in range(len(mission.waypoints))),
+        exemptions=tuple(_exemption(mission, k) for k in range(len(mission.waypoints))),
         clearance=float(np.min([part.clearance for part in parts])),
         rests=np.concatenate(stops[:-1]),
         passes=np.concatenate(passes),
@@ -104,14 +104,14 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
     )
 
 
-def _ball(mission: Mission, k: int) -> float:
+def _exemption(mission: Mission, k: int) -> float:
     """Radius of the exemption around a waypoint, in which the legs to and from it need not keep theirs [m]."""
-    before = mission.legs[k - 1].balls[1] if k > 0 else 0.0
-    if k == len(mission.legs) or mission.legs[k].balls[0] == 0.0:
+    before = mission.legs[k - 1].exemptions[1] if k > 0 else 0.0
+    if k == len(mission.legs) or mission.legs[k].exemptions[0] == 0.0:
         return before
     # The leg from here may begin aside from where the one before ends.
     after = mission.legs[k]
-    return max(before, after.balls[0] + math.dist(mission.path[mission.places[k]], after.path[0]))
+    return max(before, after.exemptions[0] + math.dist(mission.path[mission.places[k]], after.path[0]))
 
 
 def _passes(mission: Mission, first: int, last: int, part: Trajectory) -> Float64[np.ndarray, " w"]:

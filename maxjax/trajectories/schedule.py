@@ -1,4 +1,4 @@
-"""From a plan to a trajectory: round its corners, judge, find the times, judge again.
+"""From a plan to a trajectory: round its corners, verify, find the times, verify again.
 
     plan → rounded curves between rests → clear? → speeds and times → B-spline → clear? → Trajectory
 
@@ -41,7 +41,7 @@ _STATIONS = 0.1
 
 
 class _Course(NamedTuple):
-    """What is asked for: the path from (0, 0, 0) on, its hover times [s] by point, and what it is judged by."""
+    """What is asked for: the path from (0, 0, 0) on, its hover times [s] by point, and what verifies it."""
 
     plan: Plan
     local: Float64[np.ndarray, "n 3"]
@@ -91,7 +91,7 @@ def scheduled(
     yaw = headings(control, step, limits.yaw_rate)
     x, y, z = path[0].tolist()
     ends = np.array([0.0, duration(control, step)])
-    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.balls, clearance, rests, ends, plan)
+    return Trajectory((x, y, z), control, yaw, step, limits, plan.radius, plan.exemptions, clearance, rests, ends, plan)
 
 
 def _checked(plan: Plan, hovers: Mapping[int, float]) -> Float64[np.ndarray, "n 3"]:

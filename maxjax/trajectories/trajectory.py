@@ -54,8 +54,8 @@ class Trajectory:
         headings: (n,) control points of the yaw [rad].
         step: time between control points [s].
         limits: that it keeps.
-        radius: distance to obstacles that it keeps outside `balls` [m], as its plan.
-        balls: radii of the exemptions in which it does not [m], one around each waypoint of `passes`; 0: none.
+        radius: distance to obstacles that it keeps outside the exemptions [m], as its plan.
+        exemptions: radii in which it does not [m], one around each waypoint of `passes`; 0: none.
         clearance: least distance to the cube of an occupied voxel [m], ground left out, to a millimetre.
         rests: (k,) times at which it rests between start and goal [s], where asked or where no rounded corner is clear.
         passes: (w,) times at which it is at the waypoints of its mission, or nearest to them [s]; it leaves one that it
@@ -69,7 +69,7 @@ class Trajectory:
     step: float
     limits: FlightLimits
     radius: float
-    balls: tuple[float, ...]
+    exemptions: tuple[float, ...]
     clearance: float
     rests: Float64[np.ndarray, " k"]
     passes: Float64[np.ndarray, " w"]

@@ -17,7 +17,7 @@ The first term is that of planning: paths are found in float32 index coordinates
 times, by 2⁻²⁴ of an index each. The second is that of the world coordinates in which the path is given: u = 2⁻⁵³ for a
 float64 path and u = 2⁻²⁴ for a float32 path. Everything is computed in the grid's local frame, x − origin in float64.
 So a float64 path has the same verdict wherever its map lies (2.4e-5 voxel on 101 voxels, plus 4e-10 at a coordinate of
-1,000 km and voxels of 1 m), while a float32 path is judged by what float32 can tell apart there. Only across the outer
+1,000 km and voxels of 1 m), while a float32 path is checked to what float32 can tell apart there. Only across the outer
 faces of the map is a path allowed that much.
 """
 

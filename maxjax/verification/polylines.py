@@ -112,7 +112,7 @@ class Polylines:
         return rows
 
     def cut(self, radii: Float64[np.ndarray, "p 2 2"]) -> tuple[Parts, Int64[np.ndarray, " k"]]:
-        """The paths that are inside, cut by levels of balls [voxels] around their first and last points.
+        """The paths that are inside, cut by the radii of exemptions [voxels] around their first and last points.
 
         Returns:
             Their parts, and the path of each.

@@ -36,9 +36,9 @@ from maxjax.verification.exemptions import ZONES, Parts
 from maxjax.verification.own_distance import beside_ground, exempt_shortfall
 from maxjax.verification.polylines import Paths, Polylines
 
-# Radius of the balls around both ends [m] outside which a path cruises.
+# Distance from both ends [m] beyond which a path cruises.
 CRUISE = 10.0
-# Of the radius, and of the balls [voxels].
+# Of the radius, and of the exemptions [voxels].
 _SLACK = 1e-3
 
 
@@ -58,7 +58,7 @@ class Verification:
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out: 0 on contact,
             infinite if no voxel is occupied, NaN unless inside.
         nearest: a point of the path that has this distance [m]; None unless it is finite.
-        cruise_clearance: the least such distance outside the path's balls and those of `CRUISE` around both ends;
+        cruise_clearance: the least such distance outside the exemptions and farther than `CRUISE` from both ends;
             `clearance` where it does not leave them.
         cruise_nearest: as `nearest`, of `cruise_clearance`.
         clearance_at: (t,) float64, such a distance from each point that the path was given by.
@@ -137,7 +137,7 @@ def verify(
     where: VoxelMap,
     *,
     radius: float = 0.0,
-    balls: tuple[float, float] = (0.0, 0.0),
+    exemptions: tuple[float, float] = (0.0, 0.0),
     blocked: Bool[np.ndarray, "nx ny nz"] | None = None,
 ) -> Verification:
     """Verify a path in a map, and measure its length and clearance.
@@ -146,19 +146,19 @@ def verify(
         path: points in the world frame [m], ENU; one point, or the same point twice, is a legal path.
         where: the map. Clearance is not measured from its ground, nor from what is closed.
         radius: distance to keep outside the exemptions, and in one around an end that itself keeps it [m].
-        balls: radii of the exemptions around the path's first and last point [m]; 0: none.
+        exemptions: radii of the exemptions around the path's first and last point [m]; 0: none.
         blocked: further voxels that the path must not touch, wherever it is. None: there are none.
 
     Raises:
         ValueError: if the path is not (t, 3) with t ≥ 1, the map is no single `VoxelMap`, `blocked` is not bool of its
             shape, the path is float32 in a grid so far from the world's origin that float32 cannot tell its voxels
-            apart, or a radius or a ball is negative or not finite.
+            apart, or a radius is negative or not finite.
     """
     single, paths = checked_map(where), Paths.of([np.asarray(path)])
     if single.batch is not None:
         raise ValueError(f"map: expected one map, given a batch of {single.batch}; take one, as map[0]")
     further = None if blocked is None else np.asarray(blocked)[None]
-    return verify_paths(paths, single, radius=radius, balls=np.array([balls]), blocked=further)[0]
+    return verify_paths(paths, single, radius=radius, exemptions=np.array([exemptions]), blocked=further)[0]
 
 
 def verify_paths(
@@ -166,7 +166,7 @@ def verify_paths(
     where: VoxelMap,
     *,
     radius: float = 0.0,
-    balls: Float[np.ndarray, "p 2"] | None = None,
+    exemptions: Float[np.ndarray, "p 2"] | None = None,
     blocked: Bool[np.ndarray, "m nx ny nz"] | None = None,
 ) -> Verdicts:
     """`verify` for many paths at once: most of what one costs is the same for a hundred.
@@ -175,19 +175,19 @@ def verify_paths(
         paths: in the world frame [m], ENU.
         where: one map for all paths, or a batch of maps.
         radius: as in `verify`.
-        balls: as in `verify`, for each path. None: there are none.
+        exemptions: as in `verify`, for each path. None: there are none.
         blocked: as in `verify`, for each map.
 
     Raises:
         ValueError: as `verify`, and unless every path has a map.
     """
     maps, grid, count, which = _Maps.of(where, blocked), where.grid, len(paths), paths.map_of
-    balls = _checked_balls(radius, balls, count)
+    exemptions = _checked_exemptions(radius, exemptions, count)
     if which.shape != (count,) or (which.size and not 0 <= which.min() <= which.max() < len(maps.occupied)):
         raise ValueError(f"map_of: expected the map, 0 to {len(maps.occupied) - 1}, of {count} paths, given {which}")
     lines = Polylines.of(paths, grid, tolerance_of(paths.points.dtype, grid))
     kept, allowed = radius / grid.spacing, np.full(count, _SLACK + lines.tolerance)
-    own = np.where(balls > 0, balls / grid.spacing + allowed[:, None], 0.0)
+    own = np.where(exemptions > 0, exemptions / grid.spacing + allowed[:, None], 0.0)
     parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
     volumes = maps.occupied, maps.ground
     beside = beside_ground(lines.points[lines.ends], own > 0, allowed, which, volumes)
@@ -322,11 +322,15 @@ def _beside(
     return beside
 
 
-def _checked_balls(radius: float, balls: Float[np.ndarray, "p 2"] | None, count: int) -> Float64[np.ndarray, "p 2"]:
-    """The balls, or none; a `ValueError` unless they and the radius are distances [m], two balls for each path."""
-    balls = np.zeros((count, 2)) if balls is None else balls.astype(np.float64)
+def _checked_exemptions(
+    radius: float, exemptions: Float[np.ndarray, "p 2"] | None, count: int
+) -> Float64[np.ndarray, "p 2"]:
+    """The exemptions, or none; a `ValueError` unless they and the radius are distances [m], two for each path."""
+    exemptions = np.zeros((count, 2)) if exemptions is None else exemptions.astype(np.float64)
     if not 0 <= radius < math.inf:
         raise ValueError(f"radius: expected a distance [m] of at least 0, given {radius}")
-    if balls.shape != (count, 2) or not ((balls >= 0) & np.isfinite(balls)).all():
-        raise ValueError(f"balls: expected two radii [m] of at least 0 for each of {count} paths, given {balls}")
-    return balls
+    if exemptions.shape != (count, 2) or not ((exemptions >= 0) & np.isfinite(exemptions)).all():
+        raise ValueError(
+            f"exemptions: expected two radii [m] of at least 0 for each of {count} paths, given {exemptions}"
+        )
+    return exemptions

@@ -2,7 +2,7 @@
 
     −ℓ log φ   [m]: tends to the cost of the cheapest way to the goal (`fields.price`)        n: what a metre costs
 
-Both are of the last leg's problem in the whole map, as the judge and the figures of `viz` see it.
+Both are of the last leg's problem in the whole map, as the verifier and the figures of `viz` see it.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def _nearness(task: Task, plan: Plan) -> Nearness:
     ends = zip(plan.path[:-1], plan.path[1:], np.maximum(steps, 1).tolist(), strict=True)
     pieces = [np.linspace(a, b, n, endpoint=False) for a, b, n in ends]
     points = np.concatenate([*pieces, plan.path[-1:]])
-    verdict = verify(points, task.map, balls=plan.balls)
+    verdict = verify(points, task.map, exemptions=plan.exemptions)
     return Nearness(points, verdict.clearance_at, verdict.cruise_nearest)
 
 

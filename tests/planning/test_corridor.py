@@ -64,7 +64,7 @@ def test_a_route_in_a_corridor_passes_the_judge_and_is_about_the_shortest() -> N
     assert plan.status == other.status == Status.OK
     assert plan.certified
     assert plan.method == "field"
-    assert verify(plan.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, balls=plan.balls).ok
+    assert verify(plan.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, exemptions=plan.exemptions).ok
     assert np.array_equal(plan.path[0], task.starts[0])
     assert np.array_equal(plan.path[-1], task.goals[0])
     assert plan.cost <= 1.02 * other.cost

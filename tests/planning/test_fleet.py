@@ -69,12 +69,12 @@ def test_a_fleet_equals_its_starts_one_by_one(occupied: np.ndarray, starts: np.n
             VoxelMap.on(GRID, occupied), start, world(GOAL_INDEX), distances=Distances(radius=RADIUS, margin=MARGIN)
         )
         assert found.status is single.status
-        assert found.balls == pytest.approx(single.balls, abs=1e-4)
+        assert found.exemptions == pytest.approx(single.exemptions, abs=1e-4)
         assert found.certified is single.certified
         np.testing.assert_allclose(found.length, single.length, rtol=1e-2)
-    balls = np.array([p.balls[0] for p in fleet if p.status is Status.OK])
-    assert 3 <= (balls > 0.0).sum() < len(balls)
-    assert (balls > 4.0).any()  # some open voxels, and have a field each
+    exemptions = np.array([p.exemptions[0] for p in fleet if p.status is Status.OK])
+    assert 3 <= (exemptions > 0.0).sum() < len(exemptions)
+    assert (exemptions > 4.0).any()  # some open voxels, and have a field each
 
 
 def test_every_path_keeps_the_radius_outside_its_balls(occupied: np.ndarray, starts: np.ndarray, fleet: Plans) -> None:
@@ -84,7 +84,7 @@ def test_every_path_keeps_the_radius_outside_its_balls(occupied: np.ndarray, sta
             assert found.path.shape == (0, 3)
             assert math.isnan(found.length)
             continue
-        verdict = verify(found.path, VoxelMap.on(GRID, occupied), radius=RADIUS, balls=found.balls)
+        verdict = verify(found.path, VoxelMap.on(GRID, occupied), radius=RADIUS, exemptions=found.exemptions)
         assert verdict.ok
         np.testing.assert_allclose([verdict.length, verdict.clearance], [found.length, found.clearance], rtol=1e-9)
         np.testing.assert_array_equal(found.path[[0, -1]], [start, world(GOAL_INDEX)])

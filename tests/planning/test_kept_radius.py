@@ -47,13 +47,13 @@ def check_kept(plan: Plan, occupied: np.ndarray, ground: np.ndarray, grid: Grid,
     beside = ndimage.binary_dilation(ground, ndimage.generate_binary_structure(3, 1)) & ~occupied
     own = np.minimum(distances_to_cubes(path[[0, -1]], obstacles), r)
     touches = distances_to_cubes(path[[0, -1]], beside) <= SLACK
-    inside = np.linalg.norm(points[:, None] - path[[0, -1]], axis=2) <= np.array(plan.balls) / grid.spacing
+    inside = np.linalg.norm(points[:, None] - path[[0, -1]], axis=2) <= np.array(plan.exemptions) / grid.spacing
     required = np.where(inside, own, r).min(axis=1)
     assert (distances_to_cubes(points, obstacles) >= required - SLACK).all()
     assert (distances_to_cubes(points, occupied) > 0).all()
     apart = ~(inside & touches).any(axis=1)
     assert (distances_to_cubes(points[apart], beside) > 0).all() or radius == 0
-    for ball, distance, touch in zip(plan.balls, own, touches, strict=True):
+    for ball, distance, touch in zip(plan.exemptions, own, touches, strict=True):
         assert ball == 0 or distance < r or touch
 
 
@@ -64,9 +64,9 @@ def test_a_start_that_keeps_the_radius_does_not_lead_through_a_door_that_does_no
     found = planned(occupied, *ends, FINE)
     assert found.status is Status.NO_SAFE_PATH
     assert found.radius == 0.5
-    assert found.balls == (0.0, 0.0)
+    assert found.exemptions == (0.0, 0.0)
     again = planned(occupied, *ends, FINE, radius=found.radius)
-    assert again.balls == (0.0, 0.0)
+    assert again.exemptions == (0.0, 0.0)
     check_kept(again, occupied, np.zeros_like(occupied), FINE, 0.5)
     wider = wall(FINE, 12, (slice(9, 12), slice(7, 10)))
     check_kept(planned(wider, *ends, FINE), wider, np.zeros_like(wider), FINE, 1.0)
@@ -99,8 +99,8 @@ def test_an_end_in_a_door_leaves_it_and_keeps_its_distance() -> None:
     for goal in ((2, 6, 4), (15, 6, 4)):
         found = planned(occupied, world([8, 6, 4], COARSE), world(goal, COARSE), COARSE, radius=2.0, method="astar")
         check_kept(found, occupied, nothing, COARSE, 2.0)
-        assert found.balls[0] > 0
-        assert found.balls[1] == 0
+        assert found.exemptions[0] > 0
+        assert found.exemptions[1] == 0
         assert found.clearance == pytest.approx(1.0, abs=2e-3)
     both = planned(occupied, world([2, 6, 4], COARSE), world([15, 6, 4], COARSE), COARSE, radius=2.0)
     assert both.status is Status.NO_SAFE_PATH

@@ -51,17 +51,17 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
     assert len(whole) == len(parts) == COUNT
     for k, (one, other) in enumerate(zip(whole, parts, strict=True)):
         assert one.status is other.status
-        assert (one.balls, one.certified, one.potential) == (other.balls, other.certified, other.potential)
+        assert (one.exemptions, one.certified, one.potential) == (other.exemptions, other.certified, other.potential)
         np.testing.assert_allclose([one.cost, one.length], [other.cost, other.length], rtol=1e-3)
         np.testing.assert_allclose(one.path, other.path, atol=1e-3)
         occupied, ground, starts, goals = (array[k] for array in problems)
         task = Task.of(VoxelMap.on(GRID, occupied | ground, ground), starts[None], goals, DISTANCES)
         alone = plan_task(task, FieldPlanner(solve_potential, Ascent(steps=STEPS[1]), focus=False))[0]
         assert alone.status == one.status
-        np.testing.assert_allclose(alone.balls, one.balls, atol=1e-5)
+        np.testing.assert_allclose(alone.exemptions, one.exemptions, atol=1e-5)
         if one.status is Status.OK:
             assert one.length == pytest.approx(alone.length, rel=1e-3)
-            verdict = verify(one.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, balls=one.balls)
+            verdict = verify(one.path, VoxelMap.on(GRID, occupied, ground), radius=1.0, exemptions=one.exemptions)
             assert verdict.ok
             assert verdict.clearance == pytest.approx(one.clearance, rel=1e-9)
     assert whole[5].status is Status.NO_VALID_PATH

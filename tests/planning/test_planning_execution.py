@@ -76,15 +76,15 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
     task = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(1.9))
     loose = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(0.0))
     bare = found((np.stack([START, GOAL]) - GRID.origin) / GRID.spacing, certified=True)
-    numbers = {"balls": np.float32([3, 0]), "geodesic": np.bool_(True), "cost": np.float32(99.5)}
+    numbers = {"exemptions": np.float32([3, 0]), "geodesic": np.bool_(True), "cost": np.float32(99.5)}
     excused = dataclasses.replace(bare, **{name: np.asarray(number) for name, number in numbers.items()})
     check_failed(verified(Routes.of([bare]).route, task, "test")[0], Status.PATH_IN_COLLISION)
     (plan,) = verified(Routes.of([excused]).route, task, "test")
     (free,) = verified(Routes.of([bare]).route, loose, "test")
     verdict = verify(plan.path, VoxelMap.on(GRID, beside))
     assert plan.status is free.status is Status.OK
-    assert (plan.radius, plan.balls, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
-    assert (free.radius, free.balls, free.cost, free.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
+    assert (plan.radius, plan.exemptions, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
+    assert (free.radius, free.exemptions, free.cost, free.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
     assert plan.clearance < 1.9 < plan.cruise_clearance
     for one in (plan, free):
         assert (one.clearance, one.cruise_clearance) == pytest.approx((verdict.clearance, verdict.cruise_clearance))
@@ -109,7 +109,7 @@ def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) ->
     check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)  # type: ignore[arg-type]
 
 
-def test_a_wrong_problem_is_never_handed_to_a_path_finder() -> None:
+def test_a_wrong_problem_is_never_handed_to_a_planner() -> None:
     def never(problem: Problem, grid: Grid) -> Route:
         raise AssertionError
 
@@ -177,7 +177,7 @@ def test_random_problems_are_solved_verified_and_certified() -> None:
         outcomes.append(one.status)
         if one.status is Status.OK:
             assert one.certified
-            verdict = verify(one.path, VoxelMap.on(GRID, occupied), radius=1.0, balls=one.balls)
+            verdict = verify(one.path, VoxelMap.on(GRID, occupied), radius=1.0, exemptions=one.exemptions)
             assert verdict.ok
             assert one.cost >= one.length * (1 - 1e-5)
             assert verdict.length == pytest.approx(one.length, rel=1e-12)

@@ -129,7 +129,7 @@ def test_exemptions_are_those_of_the_rule(radius: float) -> None:
             needed, level, opened = rule
             free |= opened
             assert int(found.levels[end]) == max(level, 0)
-            assert (float(found.balls[end]) > 0) <= needed
+            assert (float(found.exemptions[end]) > 0) <= needed
             seen.append((needed, level))
         np.testing.assert_array_equal(~np.asarray(found.blocked), free)
         leaves = all(rule is not None and rule[1] >= 0 for rule in rules)
@@ -162,7 +162,7 @@ def test_ten_thousand_doors_narrower_than_the_radius_join_nothing() -> None:
     parts = [slice(k, k + 2500) for k in range(0, count, 2500)]
     found = [formulated_all(occupied[p], nothing[p], ends[p].astype(np.float32), radius) for p in parts]
     status = np.concatenate([np.asarray(one.status) for one in found])
-    balls = np.concatenate([np.asarray(one.balls) for one in found])
+    exemptions = np.concatenate([np.asarray(one.exemptions) for one in found])
 
     structure = np.zeros((3, *FACES.shape), bool)
     structure[1] = FACES
@@ -174,7 +174,7 @@ def test_ten_thousand_doors_narrower_than_the_radius_join_nothing() -> None:
     np.testing.assert_array_equal(status[sound], expected[sound])
     assert {Status.OK, Status.NO_SAFE_PATH} <= set(status[sound].tolist())
     # Ends whose centres keep the radius have no exemption; the others have one that depends on themselves alone.
-    np.testing.assert_array_equal(balls[kept], 0.0)
+    np.testing.assert_array_equal(exemptions[kept], 0.0)
     # Many at a time are each by itself.
     for k in range(0, 2500, 500):
         alone = formulated(occupied[k], nothing[k], ends[k].astype(np.float32), radius)
@@ -202,7 +202,7 @@ def test_at_radius_0_nothing_is_opened() -> None:
         found = formulated(occupied, ground, ends, 0.0)
         np.testing.assert_array_equal(found.blocked, occupied)
         assert found.levels.tolist() == [0, 0]
-        assert found.balls.tolist() == [0.0, 0.0]
+        assert found.exemptions.tolist() == [0.0, 0.0]
         a, b = (tuple(v) for v in np.floor(ends + 0.5).astype(int).tolist())
         assert found.status == (Status.OK if component_of(~occupied, a)[b] else Status.NO_VALID_PATH)
 
@@ -226,7 +226,7 @@ def test_a_part_of_a_map_says_what_the_whole_map_does_or_nothing() -> None:
         if found.status == Status.OK:
             assert whole.status == Status.OK
             np.testing.assert_array_equal(found.levels, whole.levels)
-            np.testing.assert_allclose(found.balls, whole.balls, atol=1e-5)
+            np.testing.assert_allclose(found.exemptions, whole.exemptions, atol=1e-5)
             np.testing.assert_array_equal(found.blocked, np.asarray(whole.blocked)[inner])
     assert 20 < seen.count(Status.OK) < 60
 
@@ -240,8 +240,8 @@ def test_a_part_that_begins_above_the_ground_knows_how_its_ends_leave_it() -> No
         ends = np.array([[3.2, 3.3, height], [5.0, 5.0, 2.0]], np.float32)
         found = formulated_in_part(ground, ground, ends)
         assert found.status == Status.OK
-        assert found.balls[0] > 0
-        assert found.balls[1] == 0
+        assert found.exemptions[0] > 0
+        assert found.exemptions[1] == 0
         hole = ground.copy()
         hole[halo + 4, halo + 3, :halo] = False
         assert formulated_in_part(hole, hole, ends).status == Status.NO_VALID_PATH

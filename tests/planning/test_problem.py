@@ -92,7 +92,7 @@ def test_an_end_on_a_face_above_the_ground_needs_no_level() -> None:
     assert found.levels.tolist() == [0, 0]
     assert np.flatnonzero(np.asarray(found.blocked)[4, 4]).tolist() == [0, 1]
     # From there to the centres of their voxels: half a voxel.
-    np.testing.assert_allclose(found.balls, 0.5 * GRID.spacing, rtol=1e-3)
+    np.testing.assert_allclose(found.exemptions, 0.5 * GRID.spacing, rtol=1e-3)
     # As an obstacle it would be priced, and blocked itself alone.
     assert np.asarray(found.price).max() == 1
     other = formulated(ground, NO_GROUND, start, goal)
@@ -113,7 +113,7 @@ def test_ends_go_straight_to_where_there_is_room_and_keep_what_they_have(radius:
         if found.status != Status.OK:
             continue
         np.testing.assert_allclose(found.ends, exact, atol=1e-5)
-        for x, inner, voxel, ball in zip(exact, (found.start, found.goal), index, found.balls, strict=True):
+        for x, inner, voxel, ball in zip(exact, (found.start, found.goal), index, found.exemptions, strict=True):
             assert stands_free(found.blocked, inner, found.room)
             still = np.allclose(inner, x, atol=1e-5)
             assert still or np.array_equal(inner, np.floor(np.asarray(inner) + 0.5))
@@ -136,7 +136,7 @@ def test_ends_on_faces_between_free_voxels_stay_where_they_are(radius: float) ->
     start, goal = np.array([1.5, 2.5, 3.0]), np.array([3.0, 4.5, 2.5])
     found = formulated(NO_GROUND, NO_GROUND, world(start), world(goal), radius)
     np.testing.assert_allclose([found.start, found.goal], [start, goal])
-    assert not np.asarray(found.balls).any()
+    assert not np.asarray(found.exemptions).any()
 
 
 def test_the_price_is_that_of_the_distance_to_the_nearest_cube() -> None:

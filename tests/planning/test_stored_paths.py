@@ -43,6 +43,6 @@ def test_paths_are_those_of_the_planner_before_prices_to_a_centimetre() -> None:
     task = Task.of(VoxelMap.on(GRID, blocked), stored["start"], stored["goal"], Distances(0.0, 0.0))
     for plan, path in zip(plan_task(task, FieldPlanner(with_its_length)), stored["path"], strict=True):
         assert plan.status is maxjax.Status.OK
-        assert plan.balls == (0.0, 0.0)
+        assert plan.exemptions == (0.0, 0.0)
         assert plan.cost == plan.length
         assert max(farthest(plan.path, path), farthest(path, plan.path)) < 0.01

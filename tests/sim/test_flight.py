@@ -108,7 +108,7 @@ def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[
         moved = np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])
         # Steps aside are straight and keep the radius as well, where they begin outside of it.
         radius, ball = CONFIG.distances.radius, 3 * CONFIG.spacing
-        found = verify(path[moved], VoxelMap.on(grid, occupied, ground), radius=radius, balls=(ball, ball))
+        found = verify(path[moved], VoxelMap.on(grid, occupied, ground), radius=radius, exemptions=(ball, ball))
         assert found.ok, (flight.log.planning_iterations, found)
         judged += 1
     assert judged >= 5

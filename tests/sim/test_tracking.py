@@ -100,7 +100,7 @@ def test_ground_is_touched_but_not_counted_as_clearance() -> None:
 def test_in_a_ball_only_the_centre_keeps_off() -> None:
     wall = empty()
     wall[:, 20, :] = True  # y from -1 to 1
-    asked = dataclasses.replace(ways()[1], balls=(4.0, 0.0))
+    asked = dataclasses.replace(ways()[1], exemptions=(4.0, 0.0))
     time = np.arange(0.0, 3.0, 0.1)
     beside = asked.at(time).position + np.array([0.0, 1.3, 0.0])
     flown = tracked(asked, time, beside, np.zeros_like(beside), maxjax.VoxelMap.on(GRID, wall))
@@ -118,16 +118,16 @@ def test_a_waypoint_in_between_has_its_ball_too() -> None:
     )
     assert mission.status == maxjax.Status.OK
     asked = maxjax.trajectory(mission)
-    assert asked.balls[0] == asked.balls[2] == 0.0
-    assert asked.balls[1] == max(mission.legs[0].balls[1], mission.legs[1].balls[0]) > 0.0
+    assert asked.exemptions[0] == asked.exemptions[2] == 0.0
+    assert asked.exemptions[1] == max(mission.legs[0].exemptions[1], mission.legs[1].exemptions[0]) > 0.0
     np.testing.assert_allclose(asked.at(asked.passes).position[1], places[1], atol=1e-6)
     time = np.arange(0.0, asked.duration, 0.05)
     aside = asked.at(time).position + np.array([0.0, 0.6, 0.0])  # 0.4 m from a wall
     flown = tracked(asked, time, aside, np.zeros_like(aside), mission.map)
-    in_ball = np.linalg.norm(aside - np.array(places[1]), axis=1) < asked.balls[1]
+    in_ball = np.linalg.norm(aside - np.array(places[1]), axis=1) < asked.exemptions[1]
     assert in_ball.any()
     assert not flown.contact[in_ball].any()
-    bare = dataclasses.replace(asked, balls=(0.0, 0.0, 0.0))
+    bare = dataclasses.replace(asked, exemptions=(0.0, 0.0, 0.0))
     assert tracked(bare, time, aside, np.zeros_like(aside), mission.map).contact[in_ball].any()
 
 

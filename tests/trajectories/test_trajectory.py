@@ -134,7 +134,7 @@ def test_the_hard_radius_is_kept_between_all_samples() -> None:
         points = trajectory.sampled(trajectory.step / 10.0).position
         kept = np.full(len(points), case.plan.radius)
         own = distances(case.plan.path[[0, -1]], case.occupied, 3.0)
-        for end, distance, ball in zip(case.plan.path[[0, -1]], own, case.plan.balls, strict=True):
+        for end, distance, ball in zip(case.plan.path[[0, -1]], own, case.plan.exemptions, strict=True):
             exempt = norm(points - end) <= ball
             kept[exempt] = np.minimum(kept[exempt], distance)
         assert (distances(points, case.occupied, 3.0) >= kept - 2e-3 * GRID.spacing).all()

@@ -43,7 +43,7 @@ def within(least: float, samples: np.ndarray) -> bool:
 
 
 def check(verdict: Verification, path: np.ndarray, occupied: np.ndarray, ground: np.ndarray, kept: np.ndarray) -> bool:
-    """Compare a verdict with samples; `kept` is the radius and the two balls [voxels]. Returns whether it was clear."""
+    """Compare a verdict with samples; `kept` is the radius and both exemptions [voxels]. Returns if it was clear."""
     points = sampled(path)
     solid, held = distances(points, occupied & ~ground), distances(points, occupied)
     beside = distances(points, binary_dilation(ground))
@@ -80,7 +80,7 @@ def check(verdict: Verification, path: np.ndarray, occupied: np.ndarray, ground:
 
 
 def test_every_zone_of_a_path_is_judged_by_its_own_rule() -> None:
-    """Paths through and around obstacles and above ground, balls that overlap or hold the whole path, in one batch."""
+    """Paths through and around obstacles and above ground, exemptions that overlap or hold all of a path, batched."""
     rng = np.random.default_rng(7)
     count = 40
     occupied = rng.random((4, *SHAPE)) < np.array([0.002, 0.006, 0.015, 0.0])[:, None, None, None]
@@ -91,13 +91,13 @@ def test_every_zone_of_a_path_is_judged_by_its_own_rule() -> None:
     paths = [rng.uniform(0, SHAPE, (n, 3)) for n in rng.integers(1, 6, count)]
     for path in paths[:20]:
         path[:, 2] = path[:, 2] / 4 + 3  # level, so that some keep away from the ground
-    balls = rng.choice([0.0, 0.6, 2.0, 4.0, 30.0], (count, 2), p=[0.3, 0.2, 0.2, 0.2, 0.1])
+    exemptions = rng.choice([0.0, 0.6, 2.0, 4.0, 30.0], (count, 2), p=[0.3, 0.2, 0.2, 0.2, 0.1])
     clear, seen = 0, set()
     for radius in (0.0, 0.5, 0.9):
         given = [to_world(path, GRID) for path in paths]
-        kept = {"radius": SPACING * radius, "balls": SPACING * balls}
+        kept = {"radius": SPACING * radius, "exemptions": SPACING * exemptions}
         verdicts = verify_paths(Paths.of(given, which), VoxelMap.on(GRID, occupied, ground), **kept)
-        for path, k, own, verdict in zip(paths, which, balls, verdicts, strict=True):
+        for path, k, own, verdict in zip(paths, which, exemptions, verdicts, strict=True):
             clear += check(verdict, path, occupied[k], ground[k], np.array([radius, *own]))
             seen.add((verdict.ok, verdict.too_near, verdict.first_hit is None))
     assert clear > 0.8 * 3 * count
@@ -119,9 +119,11 @@ def test_an_exemption_excuses_what_its_end_does_and_nothing_else(at: int, own: f
     path = path if end == 0 else path[::-1] * np.array([-1.0, 1.0, 1.0]) + np.array([20.0, 0.0, 0.0])
 
     def verdict(radius: float, other: float = 0.0) -> Verification:
-        balls = (SPACING * radius, SPACING * other)
+        exemptions = (SPACING * radius, SPACING * other)
         world = to_world(path, LONG)
-        return verify(world, VoxelMap.on(LONG, WALL), radius=1.0, balls=balls if end == 0 else balls[::-1])
+        return verify(
+            world, VoxelMap.on(LONG, WALL), radius=1.0, exemptions=exemptions if end == 0 else exemptions[::-1]
+        )
 
     assert verdict(0.0, other=2.0).too_near
     assert not verdict(0.05).ok
@@ -133,26 +135,26 @@ def test_an_exemption_excuses_what_its_end_does_and_nothing_else(at: int, own: f
     assert verdict(0.0, other=30.0).too_near
     through = path.copy()
     through[0 if end == 0 else -1, 1] = 0.9
-    assert not verify(to_world(through, LONG), VoxelMap.on(LONG, WALL), radius=1.0, balls=(99.0, 99.0)).ok
+    assert not verify(to_world(through, LONG), VoxelMap.on(LONG, WALL), radius=1.0, exemptions=(99.0, 99.0)).ok
 
 
 def test_an_end_that_keeps_the_radius_excuses_nothing() -> None:
     """However large the exemption that is claimed around it."""
     dips = np.array([[1.0, 3.0, 3.5], [5.0, 1.3, 3.5], [19.0, 3.0, 3.5]])
-    for balls in ((0.0, 0.0), (40.0, 0.0), (0.0, 40.0), (40.0, 40.0)):
-        verdict = verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=1.0, balls=balls)
+    for exemptions in ((0.0, 0.0), (40.0, 0.0), (0.0, 40.0), (40.0, 40.0)):
+        verdict = verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=1.0, exemptions=exemptions)
         assert verdict.too_near
         assert not verdict.ok
-    assert verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=0.6, balls=(0.0, 0.0)).ok
+    assert verify(to_world(dips, LONG), VoxelMap.on(LONG, WALL), radius=0.6, exemptions=(0.0, 0.0)).ok
 
 
 def test_only_an_end_beside_the_ground_may_come_by_it() -> None:
     """Voxels beside the ground begin at 1, and end at 2 voxels off it."""
     for start, allowed in ((1.4, True), (2.0, True), (2.01, False), (3.0, False)):
         path = to_world(np.array([[1.0, start, 3.0], [3.0, 1.5, 3.0], [5.0, 3.0, 3.0], [19.0, 3.0, 3.0]]), LONG)
-        found = verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, balls=(SPACING * 4.0, 0.0))
+        found = verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, exemptions=(SPACING * 4.0, 0.0))
         assert found.ok == allowed
-        assert not verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, balls=(SPACING * 1.0, 0.0)).ok
+        assert not verify(path, VoxelMap.on(LONG, WALL, WALL), radius=1.0, exemptions=(SPACING * 1.0, 0.0)).ok
         assert verify(path, VoxelMap.on(LONG, WALL, WALL)).ok
 
 
@@ -194,5 +196,5 @@ def test_radius_and_balls_that_are_no_distances_are_refused() -> None:
     for bad in (-1.0, math.nan, math.inf):
         with pytest.raises(ValueError, match=r"radius: expected a distance \[m\] of at least 0, given"):
             unchecked(path, VoxelMap.on(LONG, WALL), radius=bad)
-        with pytest.raises(ValueError, match="balls: expected two radii"):
-            unchecked(path, VoxelMap.on(LONG, WALL), balls=(1.0, bad))
+        with pytest.raises(ValueError, match="exemptions: expected two radii"):
+            unchecked(path, VoxelMap.on(LONG, WALL), exemptions=(1.0, bad))
