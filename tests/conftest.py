@@ -46,12 +46,17 @@ LARGE = (
     "campaigns/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
     *(f"experiments/test_{name}" for name in ("network", "offline", "paper", "real", "trajectories", "warframe")),
-    *(f"planning/test_{name}" for name in ("corridor", "fleet", "pipeline", "stored_paths")),
+    *(f"planning/test_{name}" for name in ("corridor", "fleet", "kept_radius", "pipeline", "stored_paths")),
+    "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
+    "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
     "nn/test_weights",
     "sim/test_flight",
     "solvers/test_sharding",
     "test_cli_interrupted",
     "test_origins",
+    "test_public_calls.py::test_a_strangers_planner",
+    "test_public_calls.py::test_routes_under_vmap",
+    "test_public_calls.py::test_the_calls_that_the_design_names",
 )
 
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
@@ -90,8 +95,8 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
-    """Whether a test stands in one of some folders or files, given by how their names begin."""
-    return item.path.relative_to(Path(__file__).parent).as_posix().startswith(places)
+    """Whether a test's name within this folder begins like one of these."""
+    return item.nodeid.removeprefix("tests/").startswith(places)
 
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
