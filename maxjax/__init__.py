@@ -1,7 +1,12 @@
 """Certified flight paths for UAVs in cities: a Maxwell conduction potential, solved and climbed in pure JAX."""
 
 import importlib
+import os
 from typing import TYPE_CHECKING
+
+# XLA reads kept executables with a false alarm about each, on machines with AVX-512 (jax-ml/jax issue 38445), and asks
+# for this level when it is loaded. What is wrong is raised.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
     from maxjax.airspace.airspace import Airspace, Area

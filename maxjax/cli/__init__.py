@@ -12,7 +12,6 @@ Results go to stdout, progress and complaints to stderr.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 from maxjax.core.interruption import end_on_interrupt
@@ -35,9 +34,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         end_on_interrupt(_INTERRUPTED)
-    # XLA reads executables with a false alarm about each, on machines with AVX-512 (jax-ml/jax issue 38445). It asks
-    # for this level when it is loaded; what is wrong reaches a command as an exception.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # Behind the handler, since it imports what takes long.
     from maxjax.cli.commands import run
 

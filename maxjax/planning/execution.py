@@ -68,7 +68,7 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
 
 
 def plans_of(routes: Routes, task: Task, method: str) -> Plans:
-    """Plans of routes: verified, with the largest radius where none is kept, and with what closes their ends."""
+    """Plans of routes: verified, with a radius that joins where the one asked for does not, and with closures."""
     with recording() as recorder:
         plans = verified(routes.route, task, method)
         plans = with_closures(with_largest_radii(plans))
@@ -109,7 +109,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
 
 def with_largest_radii(plans: Plans) -> Plans:
-    """The plans; those that end as NO_SAFE_PATH with the largest radius that joins their ends."""
+    """The plans; those that end as NO_SAFE_PATH with a radius that joins their ends."""
     task, radius = plans.task, plans.radius.copy()
     for k in np.flatnonzero(plans.status == Status.NO_SAFE_PATH).tolist():
         view = View(task.some(slice(k, k + 1)))

@@ -30,7 +30,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
+from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped, UInt8
 
 from maxjax.core.grid import Index3
 from maxjax.fields.stencil import cell
@@ -42,8 +42,8 @@ from maxjax.programs.lowering import shifted
 
 # More than float32 coordinates round, and less than the verifier allows, by far [voxels].
 _ROUNDING = 0.5 * TOUCH
-# A level beyond all.
-_NEVER = np.int32(2**30)
+# A level beyond all: bytes keep the loops over levels short of memory traffic.
+_NEVER = np.uint8(255)
 # Halvings of a segment: what is least is then found to less than 1e-6 of a squared voxel.
 _HALVINGS = 12
 _AROUND = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -107,7 +107,7 @@ class Exemption:
 
 def last_level(radius: float) -> int:
     """The largest level of an exemption at a radius [voxels]: 0 at radius 0, where nothing needs one."""
-    return math.ceil(radius) + 3 if radius > 0 else 0
+    return min(math.ceil(radius) + 3, int(_NEVER) - 1) if radius > 0 else 0
 
 
 @jax.named_scope("exemption")
@@ -135,11 +135,11 @@ def exemption(around: Surroundings, end: End, radius: Radius) -> Exemption:
     levels = jnp.where((levels == 0) | keeps, levels, _NEVER)
     free = levels == 0
 
-    outwards = _least_levels(levels, jnp.where(free, 0, _NEVER), jnp.zeros_like(free))
+    outwards = _least_levels(levels, jnp.where(free, np.uint8(0), _NEVER), jnp.zeros_like(free))
     i, j, k = jnp.clip(targets - corner, 0, np.array(box) - 1).T
     inside = jnp.all((targets >= corner) & (targets < corner + np.array(box)), axis=1)
     found = jnp.where(passes & inside, outwards[i, j, k], _NEVER)
-    level = jnp.min(found)
+    level = jnp.min(found).astype(jnp.int32)
     first = targets[jnp.argmin(jnp.where(found == level, _squared((targets - place).T), jnp.inf))]
     leaves = level <= radius.last
     reached = _least_levels(levels, jnp.where(cell(box, first - corner), levels, _NEVER), free)
@@ -224,19 +224,19 @@ def _keeps(
 
 def _levels(
     around: Surroundings, index: Int32[Array, " 3"], corner: Int32[Array, " 3"], box: Index3, radius: Radius
-) -> Int32[Array, "bx by bz"]:
+) -> UInt8[Array, "bx by bz"]:
     """Levels at which voxels of a box are opened, if at all; 0 where they are free at the radius."""
     squared = sum((corner[axis] + lax.broadcasted_iota(jnp.int32, box, axis) - index[axis]) ** 2 for axis in range(3))
     steps = np.arange(1, last_level(radius.widest) + 1)
-    level = 1 + jnp.sum(jnp.asarray(squared)[..., None] >= steps**2, axis=-1, dtype=jnp.int32)
+    level = 1 + jnp.sum(jnp.asarray(squared)[..., None] >= steps**2, axis=-1, dtype=jnp.uint8)
     held = lax.dynamic_slice(around.occupied, corner, box)
     blocked = lax.dynamic_slice(around.inflated, corner, box)
-    return jnp.where(blocked, jnp.where(held | (level > radius.last), _NEVER, level), 0)
+    return jnp.where(blocked, jnp.where(held | (level > radius.last), _NEVER, level), np.uint8(0))
 
 
 def _least_levels(
-    levels: Int32[Array, "bx by bz"], seeds: Int32[Array, "bx by bz"], stops: Bool[Array, "bx by bz"]
-) -> Int32[Array, "bx by bz"]:
+    levels: UInt8[Array, "bx by bz"], seeds: UInt8[Array, "bx by bz"], stops: Bool[Array, "bx by bz"]
+) -> UInt8[Array, "bx by bz"]:
     """The least level with which a voxel is reached: that of the highest voxel on the lowest way to it.
 
     Args:

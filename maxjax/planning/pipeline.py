@@ -73,7 +73,7 @@ def formulated(parts: Parts, layout: Layout) -> Problem:
 
 
 def largest(parts: Parts, layout: Layout) -> Float[Array, ""]:
-    """The largest radius [m] below the one asked for that joins the ends of its parts."""
+    """A radius [m] below the one asked for that joins the ends of its parts."""
     ground = parts["ground"]
     return largest_joining(parts["occupied"] | ground, ground, parts["ends"], layout.distances, layout.grid)
 

@@ -165,7 +165,7 @@ def inner_places(
     """
 
     def one(end: Exemption) -> tuple[Array, Array]:
-        at_home = jnp.all(jnp.floor(end.place + 0.5) == end.first)
+        at_home = jnp.max(jnp.abs(end.place - end.first)) <= 0.5  # A place on a face is at home on both its sides.
         stays = at_home & stands_free(blocked, end.place, distances.room)
         inner = jnp.where(stays, end.place, end.first)
         ball = jnp.where(end.needed, jnp.maximum(jnp.linalg.norm(end.place - inner), end.reach), 0.0)

@@ -288,7 +288,7 @@ def test_batches_and_fleets_keep_the_rules_and_name_them() -> None:
     batch = maxjax.plan_batch(where, starts, goals, **options)
     several = maxjax.plan_batch(maps, starts, goals, **options)
     fleet = maxjax.plan_fleet(where, starts, GOAL, **options)
-    np.testing.assert_array_equal(batch[1].map.closed, airspace.closed(ground, AIR))
+    np.testing.assert_array_equal(batch[1].map.closed, np.where(occupied, 0, airspace.closed(ground, AIR)))
     expected = [Status.START_IN_CLOSED_AREA, Status.OK]
     assert batch.status.tolist() == several.status.tolist() == fleet.status.tolist() == expected
 

@@ -131,11 +131,11 @@ def survey() -> PointCloud:
 
 
 def test_what_a_crown_hides_is_solid_and_what_a_bridge_hides_is_not() -> None:
-    def below(found: maxjax.Map, x: float, y: float) -> bool:
+    def below(found: maxjax.VoxelMap, x: float, y: float) -> bool:
         i, j, k = (round((p - o) / 2) for p, o in zip((x, y, 4.0), found.grid.origin, strict=True))
         return bool(found.occupied[i, j, k])
 
-    closed, opened = map_of(survey(), Window()), map_of(survey(), Window(), below="open")
+    closed, opened = map_of(survey(), Window()), map_of(survey(), Window(), maxjax.Reading(below="open"))
     assert [below(closed, x, x) for x in (14, 34, 50)] == [True, False, True]
     assert [below(opened, x, x) for x in (14, 34, 50)] == [False, False, True]
 

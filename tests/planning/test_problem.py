@@ -131,6 +131,14 @@ def test_ends_go_straight_to_where_there_is_room_and_keep_what_they_have(radius:
     assert (exempt > 0) == (radius > 0)
 
 
+@pytest.mark.parametrize("radius", [0.0, 1.0])
+def test_ends_on_faces_between_free_voxels_stay_where_they_are(radius: float) -> None:
+    start, goal = np.array([1.5, 2.5, 3.0]), np.array([3.0, 4.5, 2.5])
+    found = formulated(NO_GROUND, NO_GROUND, world(start), world(goal), radius)
+    np.testing.assert_allclose([found.start, found.goal], [start, goal])
+    assert not np.asarray(found.balls).any()
+
+
 def test_the_price_is_that_of_the_distance_to_the_nearest_cube() -> None:
     occupied = random_blocks(np.random.default_rng(6), GRID.shape, 3, 4)
     ends = np.zeros((2, 3), np.float32)
