@@ -25,7 +25,6 @@ def scenes() -> Scenes:
     return generate(Boxes(), KEY, 5, GRID, Chunks(4))
 
 
-@pytest.mark.large
 def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
     fewer = generate(Boxes(), KEY, 3, GRID, Chunks(4))
     assert same(fewer, jax.tree.map(lambda leaf: leaf[:3], scenes))
@@ -33,7 +32,6 @@ def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
     assert not same(other, fewer)
 
 
-@pytest.mark.large
 def test_targets_are_the_solvers_log_potential(scenes: Scenes) -> None:
     solve = jax.jit(lambda sigma, goal, price: solve_potential(sigma, goal, price, tolerance=1e-5))
     for i in range(5):

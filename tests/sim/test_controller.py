@@ -123,12 +123,10 @@ def tilt(state: State) -> np.ndarray:
     return np.rad2deg(np.arccos(np.clip(np.asarray(state.rotation)[..., 2, 2], -1.0, 1.0)))
 
 
-@pytest.mark.large
 def test_hover_holds(flown: tuple[State, Observer, Setpoint]) -> None:
     np.testing.assert_allclose(flown[0].position[0], np.tile([0, 0, 10.0], (STEPS, 1)), atol=1e-3)
 
 
-@pytest.mark.large
 def test_step_response_settles_with_little_overshoot(flown: tuple[State, Observer, Setpoint]) -> None:
     moved = np.asarray(flown[0].position[1])[STEPS // 2 :] - [0, 0, 10.0]
     share = moved / np.array([2.0, -1.0, 0.5])
