@@ -61,7 +61,6 @@ def plans(capsys: pytest.CaptureFixture[str]) -> Plans:
     return Plans(capsys)
 
 
-@pytest.mark.large
 def test_ends_on_earth_give_the_path_of_the_map_s_own_coordinates(plans: Plans) -> None:
     code, here, _ = plans(*ENDS, "--ground", 0)
     assert code == 0
@@ -162,7 +161,6 @@ def test_what_cannot_be_used_gets_one_sentence(plans: Plans, options: list[str],
     assert sentence in message
 
 
-@pytest.mark.large
 def test_a_map_without_a_place_or_ground_says_what_is_missing(tmp_path: Path, plans: Plans) -> None:
     box = tmp_path / "box.npz"
     np.savez(box, occupied=np.zeros((24, 16, 12), bool), spacing=2.0, origin=np.zeros(3))
@@ -187,7 +185,6 @@ def test_a_map_without_a_place_or_ground_says_what_is_missing(tmp_path: Path, pl
     assert len(found["path_geodetic"]) == len(found["path"])
 
 
-@pytest.mark.large
 def test_the_hague_by_its_own_coordinates_and_by_latitudes(data: Path, plans: Plans) -> None:
     pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     city = data / "the_hague" / "DenHaag_01.city.json"

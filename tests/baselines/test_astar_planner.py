@@ -70,6 +70,7 @@ def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
         assert status == alone.status
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("seed", [0, 1])
 def test_on_the_host_every_voxel_on_the_way_is_a_point(seed: int) -> None:
     problem, grid = problem_of(seed)

@@ -52,7 +52,6 @@ def test_the_grid_shrinks_as_in_the_paper() -> None:
     assert [space[0] for space in MAXJAX.spaces((101, 101, 101))] == [51, 25, 12, 6, 3]
 
 
-@pytest.mark.large
 def test_a_voxel_of_the_papers_bottleneck_sees_94_voxels_along_each_axis() -> None:
     """By the support of its gradient; with constant input and positive weights every maximum ties and passes all."""
     config = dataclasses.replace(PAPER, encoder=((1,),) * 5, decoder=((1,),) * 5)

@@ -25,7 +25,6 @@ def scenes() -> Scenes:
     return generate(Boxes(), KEY, 5, GRID, Chunks(4))
 
 
-@pytest.mark.large
 def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
     fewer = generate(Boxes(), KEY, 3, GRID, Chunks(4))
     assert same(fewer, jax.tree.map(lambda leaf: leaf[:3], scenes))

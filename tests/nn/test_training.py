@@ -43,7 +43,6 @@ def leaves(state: TrainingState) -> list[np.ndarray]:
     return [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
 
 
-@pytest.mark.large
 def test_one_scene_is_learnt_by_heart(tmp_path: Path, scenes: Scenes) -> None:
     one = jax.tree.map(lambda leaf: leaf[:1], scenes)
     recipe = dataclasses.replace(RECIPE, epochs=150, batch=1, turned=False, rate=5e-3, slope=0.0)
@@ -181,7 +180,6 @@ def _program() -> None:
     print(json.dumps({"devices": jax.device_count(), "found": found}))
 
 
-@pytest.mark.large
 def test_two_devices_train_as_one() -> None:
     environment = os.environ | {
         # The last flag of a name counts.

@@ -177,6 +177,7 @@ def test_statuses_and_costs_are_those_of_the_whole_map(
     assert {Status.OK, Status.NO_VALID_PATH} <= {plan.status for plan in plans}
 
 
+@pytest.mark.large
 def test_a_way_along_the_rim_of_a_flat_map_stays_inside_it(small_windows: None) -> None:
     grid = dataclasses.replace(GRID, shape=(40, 36, 7))
     occupied = np.zeros(grid.shape, bool)
@@ -201,6 +202,7 @@ def corridor(outer: bool) -> np.ndarray:
     return occupied
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("outer", [True, False])
 def test_a_way_that_leaves_the_window_and_comes_back_is_found(small_windows: None, outer: bool) -> None:
     ends = np.array(GRID.origin) + GRID.spacing * np.array([[17.0, 14.0, 2.5], [17.0, 16.0, 2.5]])

@@ -167,6 +167,7 @@ def test_a_plan_that_is_not_safe_names_the_largest_radius_that_joins() -> None:
     assert wide.clearance == pytest.approx(3.0, abs=2e-3)
 
 
+@pytest.mark.large
 def test_random_problems_are_solved_verified_and_certified() -> None:
     rng = np.random.default_rng(4)
     outcomes = []

@@ -123,7 +123,6 @@ def tilt(state: State) -> np.ndarray:
     return np.rad2deg(np.arccos(np.clip(np.asarray(state.rotation)[..., 2, 2], -1.0, 1.0)))
 
 
-@pytest.mark.large
 def test_hover_holds(flown: tuple[State, Observer, Setpoint]) -> None:
     np.testing.assert_allclose(flown[0].position[0], np.tile([0, 0, 10.0], (STEPS, 1)), atol=1e-3)
 

@@ -47,7 +47,6 @@ def calm() -> list[Tracking]:
     return fly_all(ways(), free())
 
 
-@pytest.mark.large
 def test_the_vehicle_follows() -> None:
     for asked, flown in zip(ways(), calm(), strict=True):
         assert flown.status == maxjax.Status.OK

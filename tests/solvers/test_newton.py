@@ -123,7 +123,6 @@ def refined(seed: int, edge: int) -> Scene:
     return conducting(blocked, goal), goal
 
 
-@pytest.mark.large
 @pytest.mark.parametrize(("seed", "edge"), [(0, 101), (1, 65)])
 def test_cycles_do_not_grow_with_size(seed: int, edge: int) -> None:
     cycles = []
@@ -226,7 +225,6 @@ def snake(edge: int, pitch: int) -> tuple[np.ndarray, int]:
     return blocked, int((~blocked).sum())
 
 
-@pytest.mark.large
 @pytest.mark.full_speed
 @pytest.mark.parametrize("pitch", [25])
 def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
@@ -242,7 +240,6 @@ def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
 FIRST = Screened().first_cycles
 
 
-@pytest.mark.large
 @pytest.mark.parametrize("shape", [(7, 6, 5), (24, 17, 20)])
 def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     sigma, goal = (jnp.asarray(given) for given in scene(3, shape, doors=False))
@@ -260,7 +257,6 @@ def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     np.testing.assert_allclose(ours.phi, here.phi, rtol=0.15 if int(here.iterations) < FIRST else 1e-4)
 
 
-@pytest.mark.large
 def test_accelerators_go_on_where_the_first_cycles_do_not_suffice() -> None:
     """Cycles that stall, a corridor, and a goal in a wall; alone, and all of them at once."""
     edge = 33

@@ -109,7 +109,6 @@ def test_the_cycle_is_close_to_the_inverse() -> None:
     assert spectrum.max() / spectrum.min() < 15
 
 
-@pytest.mark.large
 def test_iterations_are_flat_in_size() -> None:
     iterations = []
     for size in (33, 101):

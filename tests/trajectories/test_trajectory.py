@@ -95,6 +95,7 @@ def test_limits_hold_at_every_millisecond() -> None:
         assert np.abs(motion.yaw_rate).max() <= limits.yaw_rate * more
 
 
+@pytest.mark.large
 def test_derivatives_are_those_of_the_position() -> None:
     """Central differences of what comes before, at a distance of 1 ms."""
     for case in cases()[:4]:
