@@ -42,7 +42,7 @@ nx, ny, nz = grid.shape
 occupied = np.zeros(grid.shape, bool)
 occupied[2 * nx // 5 : 3 * nx // 5, 2 * ny // 5 : 3 * ny // 5, : 4 * nz // 5] = True
 end = 0.6 * grid.upper[0]
-assert maxjax.plan(occupied, (-end, 0, 9), (end, 0, 9), grid).status == maxjax.Status.OK
+assert maxjax.plan(maxjax.VoxelMap.on(grid, occupied), (-end, 0, 9), (end, 0, 9)).status == maxjax.Status.OK
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 

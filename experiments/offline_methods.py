@@ -10,7 +10,7 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.methods import METHODS, planner_named
+from maxjax.methods import ALIASES, METHODS, planner_named
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
 from maxjax.planning.ascent import Ascent
@@ -30,7 +30,7 @@ def finder(method: str) -> Planner | str:
     """
     if method == "fast marching":
         return FastMarching()
-    if method not in METHODS or method == "network":
+    if ALIASES.get(method, method) not in METHODS or method == "network":
         potential = network(method)
         return potential if isinstance(potential, str) else FieldPlanner(potential, focus=False, name=method)
     try:

@@ -118,7 +118,7 @@ def test_every_condition_of_the_closed_loop_is_flown(tmp_path: Path, monkeypatch
                 failed_plans=0,
                 margins={"8": 20},
                 certified=1.0,
-                command=campaign.command(k),
+                command="maxjax fly",
             )
             for k in campaign.trials
         ]

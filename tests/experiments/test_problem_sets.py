@@ -25,7 +25,7 @@ def test_ends_in_a_surveyed_city_stand_off_its_solids(data: Path, monkeypatch: p
         np.testing.assert_array_equal([one.start, one.goal], [other.start, other.goal])
     for k, one in enumerate(found):
         ends = np.stack([one.start, one.goal])
-        assert not one.barred[tuple(voxels_of(ends, one.grid).T)].any()
+        assert not one.map.barred[tuple(voxels_of(ends, one.map.grid).T)].any()
         geoms = city(tiles[k % 2].rows, len(tiles[k % 2].rows))
         off = jax.vmap(distance, in_axes=(None, 0))(geoms, jnp.asarray(ends, jnp.float32))
         assert np.all(np.asarray(off) >= 1.5 - 1e-4)
@@ -36,4 +36,4 @@ def test_random_problems_are_those_of_the_offline_protocol() -> None:
     (one,) = problem_sets.problem_set("suburb", 1, half=24.0)
     (task,) = problem_sets.problems("suburb", 1, 0, one.grid)
     np.testing.assert_array_equal([one.start, one.goal], [task.starts[0], task.goals[0]])
-    np.testing.assert_array_equal(one.barred, task.barred)
+    np.testing.assert_array_equal(one.map.barred, task.barred)
