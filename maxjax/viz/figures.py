@@ -166,10 +166,15 @@ def figure_plan(
             _draw_nearness(plan, side, figure.add_axes(page.share(page.scale)), overlay.nearness)
         _draw_legends(figure, page, lines, plan, side)
         if overlay.title:
-            left, _, width, _ = page.plan
-            across, top = (left + 0.5 * width) / page.size[0], 1 - 0.08 / page.size[1]
-            figure.suptitle(overlay.title, x=across, y=top, va="top", fontsize=9)
+            _draw_title(figure, page, overlay.title)
     return figure
+
+
+def _draw_title(figure: Figure, page: _Page, title: str) -> None:
+    """A title above the plan view."""
+    left, _, width, _ = page.plan
+    across, top = (left + 0.5 * width) / page.size[0], 1 - 0.08 / page.size[1]
+    figure.suptitle(title, x=across, y=top, va="top", fontsize=9)
 
 
 def _draw_nearness(plan: Axes, side: Axes, bar: Axes, nearness: Nearness) -> None:
