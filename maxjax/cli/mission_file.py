@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from maxjax.cli.options import MissionOptions, PlanOptions
-from maxjax.methods import METHODS
+from maxjax.methods import ALIASES, METHODS
 from maxjax.planning.mission import Waypoint
 
 _MOST_BYTES = 2**20
@@ -37,11 +37,11 @@ NUMBERS = ("spacing", "radius", "margin", "ground", "speed", "floor", "ceiling",
 VECTORS = {"bounds": 6, "center": 3, "place": 3}
 WORDS: Mapping[str, tuple[str, ...]] = {
     "frame": ("map", "agl", "amsl"),
-    "method": tuple(METHODS),
+    "method": (*METHODS, *ALIASES),
     "below": ("closed", "open"),
     "unknown": ("occupied", "free"),
 }
-TEXTS = ("crs",)
+TEXTS = ("crs", "price")
 FILES = ("map", "airspace")
 FLAGS = ("return_to_start",)
 _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
@@ -106,7 +106,7 @@ def value_of(key: str, given: Any) -> Any:
     """The value of an option.
 
     Raises:
-        ValueError: for a key that is none, or a value of another kind.
+        ValueError: for an unknown key, or a value of another kind.
     """
     if key in NUMBERS:
         return _number(key, given)
@@ -126,7 +126,7 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
     """Waypoints of tables, the start first.
 
     Raises:
-        ValueError: for what is none, with what was expected and what was given.
+        ValueError: if there are none, with what was expected and what was given.
     """
     if not isinstance(given, list) or len(given) < 2 or not all(isinstance(table, dict) for table in given):
         raise ValueError("waypoint: expected at least two tables [[waypoint]], the start first, given " + _shown(given))

@@ -28,6 +28,7 @@ from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.places import point_at
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
+from maxjax.methods import method_named
 from maxjax.missions.export import ON_EARTH
 from maxjax.planning.distances import Distances
 from maxjax.planning.task import Task
@@ -167,7 +168,7 @@ def airspace_of(options: PlanOptions, given: MapTask) -> Airspace | None:
 
 def _in_file(source: Contents, options: PlanOptions) -> MapTask:
     earth = earth_in(source, options)
-    most = MOST_FOCUSED if options.method == "solver" else MOST_VOXELS
+    most = MOST_FOCUSED if method_named(options.method).name == "field" else MOST_VOXELS
     ends = _ends(options)
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
     with timed("voxelise"):

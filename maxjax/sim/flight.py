@@ -178,6 +178,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         certified=none,
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
+    course = sample(path, config.limits, config.sampling)
     return Flight(
         vehicle=vehicle,
         observer=control.init(vehicle),
@@ -188,7 +189,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         path=path,
         pending_path=path,
         pending_valid=jnp.array(False),
-        reference=profile(sample(path, config.limits), jnp.zeros(config.limits.samples), zero, config.limits),
+        reference=profile(course, jnp.zeros_like(course.arclength), zero, config.limits),
         reference_time=zero,
         yaw=zero,
         viewpoints=none,

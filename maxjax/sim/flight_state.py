@@ -23,7 +23,8 @@ from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
 from maxjax.sim.lidar import Lidar, Scan
-from maxjax.trajectories.online import Limits, Reference
+from maxjax.trajectories.limits import FlightLimits
+from maxjax.trajectories.online import Reference, Sampling
 from maxjax.worlds.geoms import Geoms
 
 Path = Float[Array, "n 3"]
@@ -40,7 +41,9 @@ class FlightConfig:
     Attributes:
         disturbances: strengths; may carry batch axes.
         planner: finds paths inside the compiled flight; one that is not batched is called back on the host.
-        lidar, vehicle, controller, limits, gusts: see there.
+        lidar, vehicle, controller, gusts: see there.
+        limits: of the reference: speed, acceleration and deviation.
+        sampling: of the reference.
         shape: of the rolling map, voxels.
         spacing: of its voxels [m].
         distances: that paths keep from obstacles.
@@ -58,7 +61,10 @@ class FlightConfig:
     lidar: Lidar = dataclasses.field(default=Lidar(), metadata={"static": True})
     vehicle: physics.Vehicle = dataclasses.field(default=physics.Vehicle(), metadata={"static": True})
     controller: control.Controller = dataclasses.field(default=control.Controller(), metadata={"static": True})
-    limits: Limits = dataclasses.field(default=Limits(), metadata={"static": True})
+    limits: FlightLimits = dataclasses.field(
+        default=FlightLimits(speed=5.0, acceleration=3.0, deviation=0.3), metadata={"static": True}
+    )
+    sampling: Sampling = dataclasses.field(default=Sampling(), metadata={"static": True})
     gusts: physics.Gusts = dataclasses.field(default=physics.Gusts(), metadata={"static": True})
     shape: Index3 = dataclasses.field(default=(101, 101, 101), metadata={"static": True})
     spacing: float = dataclasses.field(default=2.0, metadata={"static": True})

@@ -218,13 +218,13 @@ def _sidestep(
 
 def _unseen(flight: Flight, candidate: Candidate, position: Float[Array, "3"], config: FlightConfig) -> UnseenPath:
     """The unseen part of a path; without a path, a point straight up."""
-    grid, limits, ok = config.grid, config.limits, candidate.ok
-    points = sample(candidate.path, limits).points
+    grid, sampling, ok = config.grid, config.sampling, candidate.ok
+    points = sample(candidate.path, config.limits, sampling).points
     voxels, known = _known(flight, points, position, config)
     first = jnp.where(jnp.all(known), 0, jnp.argmin(known))
-    rows = first + jnp.arange(_UNSEEN) * round(1.0 / limits.spacing)
+    rows = first + jnp.arange(_UNSEEN) * round(1.0 / sampling.spacing)
     above = candidate.start + jnp.array([0.0, 0.0, _FURTHER])
-    further = jnp.where(ok, points[min(round(_FURTHER / limits.spacing), limits.samples - 1)], above)
+    further = jnp.where(ok, points[min(round(_FURTHER / sampling.spacing), sampling.samples - 1)], above)
     further = grid.fractional_index(to_local(flight, config, further))
     on_path = voxels[jnp.minimum(rows, len(voxels) - 1)]
     return UnseenPath(jnp.where(ok, on_path, jnp.floor(further + 0.5).astype(jnp.int32)), further)
@@ -258,7 +258,7 @@ def _refer(
     A path that leads sideways from a fast flight is not valid either: the turn would carry the vehicle far beside it.
     """
     limits = config.limits
-    fresh = sample(path, limits)
+    fresh = sample(path, limits, config.sampling)
     _, across = _along(flight.vehicle.velocity, fresh.tangent[0])
     valid = valid & (across <= _SIDEWAYS)
     remaining = _remaining(flight.reference, flight.reference_time)

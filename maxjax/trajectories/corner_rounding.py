@@ -5,14 +5,22 @@ width b_i on both sides of each corner,
 
     x̃(s) = x(s) + Σ_i Δu_i G_i(s),    G_i(s) = b_i/6 (1 − |s − s_i| / b_i)³₊.
 
-It is a cubic between corners and ends of blends, straight where nothing turns, and blends may overlap. It deviates
-from the polyline by at most D if b_i T_i(b_i) ≤ 6 D, T_i(b) = sum of |Δu_j| over |s_j − s_i| ≤ 2 b
-(`trajectories.online` derives this). No blend reaches an end of the polyline.
+It is a cubic between corners and ends of blends, straight where nothing turns, and its second derivative, a sum of hats
+Δu_i/b_i (1 − |s − s_i|/b_i)₊, is continuous; for equal widths it is x smoothed by a triangular kernel. The deviation is
+bounded by
+
+    |x̃ − x| ≤ Σ_i |Δu_i| G_i ≤ D    if  b_i T_i(b_i) ≤ 6 D,    T_i(b) = sum of |Δu_j| over |s_j − s_i| ≤ 2 b.
+
+(G_i is convex on either side of s_i, so the sum is greatest at a corner s_j. The widest of the corners that reach s_j
+has all the others within twice its width; hence the sum is at most b T / 6 of that corner.)
+
+`widths_within` and `blend` take arrays of NumPy (trajectories) and of JAX (flights, `trajectories.online`) alike.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -24,6 +32,36 @@ _BLEND, _SPACING = 17, 0.25
 _FEWEST = 8  # intervals of a short curve
 # Samples closer than this are one [m].
 _SAME = 1e-5
+
+
+def widths_within(deviation: float, arclength: Any, angle: Any, widths: Any) -> Any:
+    """The widest blends [m] that keep the curve within a deviation of its polyline.
+
+    Args:
+        deviation: D [m].
+        arclength: (n,) of the polyline's points [m].
+        angle: (n,) |Δu| of its corners.
+        widths: (k,) candidates [m]. Of each, b = min(width, 6 D / T) is valid, as T only falls with b.
+
+    Returns:
+        (n,) [m].
+    """
+    xp = arclength.__array_namespace__()
+    turned = xp.concatenate([xp.zeros(1, angle.dtype), xp.cumsum(angle)])
+    reach = 2.0 * widths[:, None]
+    up_to = xp.searchsorted(arclength, arclength + reach, side="right")
+    below = xp.searchsorted(arclength, arclength - reach, side="left")
+    around = xp.maximum(turned[up_to] - turned[below], angle)
+    widest = xp.where(around > 0.0, 6.0 * deviation / xp.where(around > 0.0, around, 1.0), xp.inf)
+    return xp.max(xp.minimum(widths[:, None], widest), axis=0)
+
+
+def blend(away: Any, width: Any) -> tuple[Any, Any, Any]:
+    """G_i(s) and its first two derivatives, at s − s_i `away` from a corner [m]; arrays that broadcast."""
+    xp = away.__array_namespace__()
+    near = xp.maximum(1.0 - xp.abs(away) / width, 0.0)
+    # At the corner itself the edge is the one after it; the sign agrees with that.
+    return near**3 * width / 6.0, xp.where(away < 0.0, 0.5, -0.5) * near**2, near / width
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,11 +96,7 @@ class Curve:
     def rounded(self, deviation: float, shares: Float64[np.ndarray, " n"]) -> Curve:
         """The curve whose blends are as wide as `deviation` [m] allows, times a share of each corner (0 to 1)."""
         s, angle = self.arclength, np.linalg.norm(self.turns, axis=1)
-        turned = np.concatenate([[0.0], np.cumsum(angle)])
-        reach = 2.0 * _WIDTHS[:, None]
-        around = turned[np.searchsorted(s, s + reach, "right")] - turned[np.searchsorted(s, s - reach, "left")]
-        widest = 6.0 * deviation / np.maximum(around, 1e-12)
-        width = np.max(np.minimum(_WIDTHS[:, None], widest), axis=0)
+        width = widths_within(deviation, s, angle, _WIDTHS)
         width = np.minimum(np.minimum(width, s), s[-1] - s)
         return dataclasses.replace(self, widths=width * shares)
 
@@ -86,9 +120,6 @@ class Curve:
             width, turn = self.widths[i], turns[i]
             low, high = np.searchsorted(s, self.arclength[i] + np.array([-width, width]))
             away = s[low:high] - self.arclength[i]
-            near = (1.0 - np.abs(away) / width)[:, None]
-            point[low:high] += near**3 * (width / 6.0) * turn
-            # At the corner itself `edge` is the edge after it; the sign agrees with that.
-            slope[low:high] += np.where(away < 0.0, 0.5, -0.5)[:, None] * near**2 * turn
-            bend[low:high] += near / width * turn
+            for curve, part in zip((point, slope, bend), blend(away[:, None], width), strict=True):
+                curve[low:high] += part * turn
         return point, slope, bend

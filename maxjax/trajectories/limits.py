@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import jax
 
+
+@jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class FlightLimits:
-    """Limits of a trajectory; the defaults are those of PX4 at full speed.
+    """Limits of a trajectory; static. The defaults are those of PX4 at full speed.
 
     Attributes:
         speed: greatest speed [m/s] (MPC_XY_VEL_MAX).
@@ -16,7 +19,7 @@ class FlightLimits:
         jerk: greatest rate of change of the acceleration [m/s³] (MPC_JERK_MAX).
         ascent, descent: greatest speeds of climb and of sinking [m/s] (MPC_Z_VEL_MAX_UP, MPC_Z_VEL_MAX_DN).
         yaw_rate: greatest rate of change of the heading [rad/s] (MPC_YAWRAUTO_MAX).
-        near: speed at the hard radius [m/s]. Further out, the speed is such that braking at `acceleration` brings it
+        near: speed at the radius [m/s]. Further out, the speed is such that braking at `acceleration` brings it
             down to `near` within what is left of the clearance: v² ≤ near² + 2 acceleration (clearance − radius).
         deviation: greatest distance of rounded corners from the path [m].
 

@@ -1,24 +1,13 @@
-"""From a path to a time-parameterised reference: round the corners, find the speed, integrate the time.
+"""From a path to a time-parameterised reference on the device: round the corners, find the speed, integrate the time.
 
-The path is a polyline x(s) over its arc length s, with unit directions u and a turn Δu_i at the corner s_i. Each
-corner is blended over a width b_i on both of its sides,
+Corners are those of `trajectories.corner_rounding`, x̃ = x + Σ_i Δu_i G_i. Turns mirrored at the start with the opposite
+sign keep x̃(0) = x(0), and widths that end before the path does keep its last point.
 
-    x̃(s) = x(s) + Σ_i Δu_i G_i(s),    G_i(s) = b_i/6 (1 − |s − s_i| / b_i)³₊,
-
-which for equal widths is x smoothed by a triangular kernel: straight where nothing turns, and its second derivative,
-a sum of hats Δu_i/b_i (1 − |s − s_i|/b_i)₊, is continuous. The deviation is bounded by
-
-    |x̃ − x| ≤ Σ_i |Δu_i| G_i ≤ D    if  b_i T_i(b_i) ≤ 6 D,    T_i(b) = sum of |Δu_j| over |s_j − s_i| ≤ 2 b.
-
-(G_i is convex on either side of s_i, so the sum is greatest at a corner s_j. The widest of the corners that reach s_j
-has all the others within twice its width; hence the sum is at most b T / 6 of that corner.) Turns mirrored at the
-start with the opposite sign keep x̃(0) = x(0), and widths that end before the path does keep its last point.
-
-Speed ṡ = v along s, in three limits: v ≤ caps and limits.speed; |x̃''| v² ≤ lateral; |v̇| ≤ acceleration. With v² for
-the unknown, the last is a bound of the slope: the backward pass is the lower envelope min_j (v_j² + 2 a |s − s_j|) over
-later points, the forward pass that over earlier points, each one cumulative minimum. v̇ is constant between samples. As
-|x̃'| ≤ 1 up to the interplay of unequal widths (which is divided out), no acceleration exceeds acceleration +
-lateral.
+Speed ṡ = v along s, in three limits: v ≤ caps and limits.speed; |x̃''| v² ≤ limits.acceleration, and |v̇| ≤ that as
+well. With v² for the unknown, the last is a bound of the slope: the backward pass is the lower envelope
+min_j (v_j² + 2 a |s − s_j|) over later points, the forward pass that over earlier points, each one cumulative minimum.
+v̇ is constant between samples. As |x̃'| ≤ 1 up to the interplay of unequal widths (which is divided out), no acceleration
+exceeds twice the limit. Of `FlightLimits`, a reference keeps speed, acceleration and deviation.
 """
 
 from __future__ import annotations
@@ -31,6 +20,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maxjax.programs.lowering import matmul
+from maxjax.trajectories.corner_rounding import blend, widths_within
+from maxjax.trajectories.limits import FlightLimits
 
 # Edges shorter than this [m] count as repeated points.
 _SHORTEST = 1e-3
@@ -40,40 +31,31 @@ _WIDTHS = tuple(4.0 * 2.0 ** (-k / 2) for k in range(10))
 _NEVER = 1e6
 
 
+# Braking where the start speed is too high for the acceleration to meet a cap, as a multiple of that.
+BRAKING = 2.0
+
+
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
-class Limits:
-    """Limits of a reference; static.
+class Sampling:
+    """How a reference is sampled; static.
 
     Attributes:
-        speed: greatest speed [m/s].
-        acceleration: along the path, speeding up and braking [m/s²].
-        lateral: across the path, in curves [m/s²].
-        braking: deceleration where the start speed is too high for `acceleration` to meet a cap [m/s²].
-        deviation: greatest distance of rounded corners from the path [m].
         spacing: of the samples, arc length of the path [m].
         samples: their number; the reference ends after spacing * (samples - 1) metres of path.
 
     Raises:
-        ValueError: for values outside these meanings.
+        ValueError: unless the spacing is positive and there are two samples or more.
     """
 
-    speed: float = 5.0
-    acceleration: float = 3.0
-    lateral: float = 3.0
-    braking: float = 6.0
-    deviation: float = 0.3
     spacing: float = 0.25
     samples: int = 256
 
     def __post_init__(self) -> None:
-        for name in ("speed", "acceleration", "lateral", "deviation", "spacing"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"Limits.{name}: expected a positive number, given {getattr(self, name)}")
-        if not self.braking >= self.acceleration:
-            raise ValueError(f"Limits.braking: expected at least {self.acceleration} m/s², given {self.braking}")
+        if not self.spacing > 0.0:
+            raise ValueError(f"Sampling.spacing: expected a positive number of metres, given {self.spacing}")
         if self.samples < 2:
-            raise ValueError(f"Limits.samples: expected at least 2, given {self.samples}")
+            raise ValueError(f"Sampling.samples: expected at least 2, given {self.samples}")
 
 
 @jax.tree_util.register_dataclass
@@ -104,7 +86,7 @@ class Reference:
         speed: ds/dt at the samples [m/s].
         time: at which each sample is reached, from the start of the reference [s]; 1e6 and more for "never".
         duration: time at which it comes to rest [s].
-        excess: greatest speed beyond a cap [m/s]: 0, unless the start speed is too high even for `limits.braking`.
+        excess: greatest speed beyond a cap [m/s]: 0, unless the start speed is too high even for that.
     """
 
     course: Course
@@ -154,15 +136,16 @@ def _directions(path: Float[Array, "n 3"]) -> tuple[Float[Array, "e 3"], Float[A
     return unit[source], length
 
 
-def sample(path: Float[Array, "n 3"], limits: Limits) -> Course:
+def sample(path: Float[Array, "n 3"], limits: FlightLimits, sampling: Sampling = Sampling()) -> Course:
     """Round the corners of a path and sample it evenly.
 
     Args:
         path: polyline [m]; the last point is repeated to the end of the array, a path of one point is allowed.
-        limits: static.
+        limits: of the deviation; static.
+        sampling: static.
 
     Returns:
-        `limits.samples` samples, `limits.spacing` apart along the path, the first one its start. No point of the
+        `sampling.samples` samples, `sampling.spacing` apart along the path, the first one its start. No point of the
         curve through them is further than `limits.deviation` from the path. Longer paths are cut off.
 
     Raises:
@@ -175,33 +158,22 @@ def sample(path: Float[Array, "n 3"], limits: Limits) -> Course:
     total = corner[-1]
     turn = jnp.pad(jnp.diff(unit, axis=0), ((1, 1), (0, 0)))
     angle = _norm(turn)
-
-    # T_i for each width of the list; b = min(width, 6 D / T) is valid for each, as T only falls with b.
-    turned = jnp.concatenate([jnp.zeros(1), jnp.cumsum(angle)])
-    reach = 2.0 * jnp.asarray(_WIDTHS)[:, None]
-    up_to = jnp.searchsorted(corner, corner + reach, side="right")
-    below = jnp.searchsorted(corner, corner - reach, side="left")
-    around = jnp.maximum(turned[up_to] - turned[below], angle)
-    widest = jnp.where(around > 0.0, 6.0 * limits.deviation / jnp.where(around > 0.0, around, 1.0), jnp.inf)
-    width = jnp.max(jnp.minimum(jnp.asarray(_WIDTHS)[:, None], widest), axis=0)
+    width = widths_within(limits.deviation, corner, angle, jnp.asarray(_WIDTHS))
     width = jnp.maximum(jnp.minimum(width, total - corner), _SHORTEST)
 
-    s = jnp.minimum(limits.spacing * jnp.arange(limits.samples, dtype=path.dtype), total)
+    s = jnp.minimum(sampling.spacing * jnp.arange(sampling.samples, dtype=path.dtype), total)
     edge = jnp.clip(jnp.searchsorted(corner, s, side="right") - 1, 0, length.size - 1)
-    away = s[:, None] - corner
-    near = jnp.maximum(1.0 - jnp.abs(away) / width, 0.0)
-    mirrored = jnp.maximum(1.0 - (s[:, None] + corner) / width, 0.0)
-    shift = matmul((near**3 - mirrored**3) * width / 6.0, turn)
-    # At a corner itself `edge` is the edge after it; the sign here agrees with that.
-    lean = matmul(0.5 * (jnp.where(away < 0.0, near**2, -(near**2)) + mirrored**2), turn)
-    nearest = jnp.maximum(1.0 - jnp.maximum(jnp.abs(away) - 0.5 * limits.spacing, 0.0) / width, 0.0)
-    image = jnp.maximum(1.0 - (s[:, None] + corner + 0.5 * limits.spacing) / width, 0.0)
-    bend = matmul((nearest - image) / width, angle)
+    after, image = s[:, None] - corner, s[:, None] + corner
+    (shift, slope, _), (back, mirrored, _) = blend(after, width), blend(image, width)
+    half = 0.5 * sampling.spacing
+    nearest, mirrored_bend = (blend(x, width)[2] for x in (jnp.maximum(jnp.abs(after) - half, 0.0), image + half))
+    bend = matmul(nearest - mirrored_bend, angle)
     along = (s - corner[edge])[:, None] * unit[edge]
-    return Course(path[edge] + along + shift, unit[edge] + lean, s, bend)
+    points = path[edge] + along + matmul(shift - back, turn)
+    return Course(points, unit[edge] + matmul(slope - mirrored, turn), s, bend)
 
 
-def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, ""], limits: Limits) -> Reference:
+def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, ""], limits: FlightLimits) -> Reference:
     """The fastest speeds within caps and limits, and the times that follow.
 
     Args:
@@ -209,26 +181,26 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
         caps: greatest speed at each sample [m/s]. The reference comes to rest at the first sample whose cap is not
             above 0 (NaN included), and stays.
         start_speed: along the path, at its start [m/s].
-        limits: static, those of `sample`.
+        limits: of speed and acceleration; static.
 
     Returns:
         The reference. It begins with `start_speed` whatever the caps are: where `limits.acceleration` cannot meet
-        them it brakes with the least sufficient deceleration up to `limits.braking`; `excess` remains above the caps.
+        them it brakes with the least sufficient deceleration up to `BRAKING` times it; `excess` remains above the caps.
 
     Raises:
         ValueError: for wrong shapes.
     """
     s = course.arclength
-    if s.shape != (limits.samples,) or caps.shape != s.shape or start_speed.shape != ():
+    if s.ndim != 1 or caps.shape != s.shape or start_speed.shape != ():
         raise ValueError(
-            f"profile: expected {limits.samples} samples and caps and one start speed, given {s.shape}, {caps.shape} "
+            f"profile: expected as many caps as samples and one start speed, given {s.shape}, {caps.shape} "
             f"and {start_speed.shape}; use vmap for batches"
         )
     moving = lax.cummin(((caps > 0.0) & (s < s[-1])).astype(jnp.int32)).astype(bool)
     # The three limits as squares; without bend or length there is no limit.
     allowed = jnp.minimum(
         jnp.square(limits.speed / jnp.maximum(_norm(course.tangent), 1.0)),
-        limits.lateral / jnp.maximum(course.bend, 1e-6),
+        limits.acceleration / jnp.maximum(course.bend, 1e-6),
     )
     allowed = jnp.where(moving, jnp.minimum(allowed, jnp.square(jnp.where(moving, caps, 0.0))), 0.0)
 
@@ -238,7 +210,7 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
     # The least deceleration that meets every cap, then the speed that remains with it.
     later = s > 0.0
     needed = jnp.max(jnp.where(later, (start - allowed) / jnp.where(later, 2.0 * s, 1.0), 0.0))
-    unavoidable = start - 2.0 * jnp.clip(needed, limits.acceleration, limits.braking) * s
+    unavoidable = start - 2.0 * jnp.clip(needed, limits.acceleration, BRAKING * limits.acceleration) * s
     forward = jnp.maximum(backward, unavoidable).at[0].set(start)
     square = jnp.maximum(lax.cummin(forward - rise) + rise, 0.0)
     speed = _sqrt(square)

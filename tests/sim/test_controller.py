@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 from maxjax.sim import controller as control
 from maxjax.sim.controller import Controller, Observer, mix
 from maxjax.sim.vehicle import Gusts, State, Vehicle, advance, gust, hover
-from maxjax.trajectories.online import Limits, Setpoint, profile, sample, setpoint_at
+from maxjax.trajectories.limits import FlightLimits
+from maxjax.trajectories.online import Sampling, Setpoint, profile, sample, setpoint_at
 
 VEHICLE = Vehicle()
 CONTROLLER = Controller()
-LIMITS = Limits(samples=160)
+LIMITS, SAMPLING = FlightLimits(speed=5.0, acceleration=3.0, deviation=0.3), Sampling(samples=160)
 DT = VEHICLE.timestep
 # Two seconds to find the wind, then the flight.
 SETTLE, STEPS = 200, 1600
@@ -45,8 +46,8 @@ def fly(
 
     `jump` is added to the positions asked for after half the time, `spin` to the heading once a second.
     """
-    course = sample(path, LIMITS)
-    reference = profile(course, jnp.full(LIMITS.samples, LIMITS.speed), jnp.float32(0.0), LIMITS)
+    course = sample(path, LIMITS, SAMPLING)
+    reference = profile(course, jnp.full(SAMPLING.samples, LIMITS.speed), jnp.float32(0.0), LIMITS)
     times = DT * (jnp.arange(STEPS, dtype=jnp.float32) - SETTLE)
     setpoints = jax.vmap(lambda t: setpoint_at(reference, t, 0.0, CONTROLLER.lead))(times)
     shift = jnp.where(jnp.arange(STEPS)[:, None] >= STEPS // 2, jump, 0.0)

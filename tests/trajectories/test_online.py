@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from maxjax.trajectories.online import Course, Limits, Reference, Setpoint, profile, sample, setpoint_at
+from maxjax.trajectories.limits import FlightLimits
+from maxjax.trajectories.online import BRAKING, Course, Reference, Sampling, Setpoint, profile, sample, setpoint_at
 
-LIMITS = Limits()
+LIMITS = FlightLimits(speed=5.0, acceleration=3.0, deviation=0.3)
+SAMPLING = Sampling()
 POINTS = 64
 BATCH = 24
 TIMES = 1200
 DT = 0.02
-OPEN = jnp.full(LIMITS.samples, 9.0, jnp.float32)
+OPEN = jnp.full(SAMPLING.samples, 9.0, jnp.float32)
 
 
 def build(path: Array, caps: Array, start_speed: Array) -> tuple[Reference, Setpoint]:
@@ -80,7 +82,7 @@ def lengths(path: np.ndarray) -> float:
 
 def test_curve_keeps_ends_and_the_bounded_deviation(still: tuple[Reference, Setpoint]) -> None:
     reference, setpoints = still
-    horizon = LIMITS.spacing * (LIMITS.samples - 1)
+    horizon = SAMPLING.spacing * (SAMPLING.samples - 1)
     widest = 0.0
     for k, path in enumerate(PATHS):
         points = np.asarray(reference.course.points[k])
@@ -120,7 +122,7 @@ def test_limits_hold_by_finite_differences(still: tuple[Reference, Setpoint]) ->
         middle = 0.5 * (velocity[1:] + velocity[:-1])
         assert np.abs(moved - middle).max() < 0.05
         change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / DT
-        total = LIMITS.acceleration + LIMITS.lateral
+        total = 2.0 * LIMITS.acceleration
         # The peak of a hat between two samples is met by the cubic to a tenth.
         assert change.max() < 1.1 * total
         assert np.linalg.norm(setpoints.acceleration[k], axis=1).max() < 1.1 * total
@@ -129,7 +131,7 @@ def test_limits_hold_by_finite_differences(still: tuple[Reference, Setpoint]) ->
         apart = np.diff(s)
         slope = np.diff(v**2)[apart > 0.02] / (2.0 * apart[apart > 0.02])
         assert np.abs(slope).max(initial=0.0) < LIMITS.acceleration * 1.01
-        assert np.all(v**2 * np.asarray(reference.course.bend[k]) < LIMITS.lateral * 1.001)
+        assert np.all(v**2 * np.asarray(reference.course.bend[k]) < LIMITS.acceleration * 1.001)
 
 
 def test_straight_line_takes_the_time_of_a_trapezoid(still: tuple[Reference, Setpoint]) -> None:
@@ -151,7 +153,7 @@ def test_short_edges_do_not_stop_the_flight(still: tuple[Reference, Setpoint]) -
     # A bend of radius 6 m in edges of a hand's breadth is flown nearly like that bend, v² / 6 m = lateral, and two
     # kinks 5 cm apart like one corner.
     reference, _ = still
-    assert np.asarray(reference.speed[8])[14:24].min() > 0.88 * np.sqrt(6.0 * LIMITS.lateral)
+    assert np.asarray(reference.speed[8])[14:24].min() > 0.88 * np.sqrt(6.0 * LIMITS.acceleration)
     assert np.asarray(reference.speed[5])[4:80].min() > 1.0
 
 
@@ -166,7 +168,7 @@ def straight(caps: Array, start_speed: float) -> tuple[Reference, Setpoint]:
 
 
 def test_caps_are_kept_and_a_cap_of_zero_is_final() -> None:
-    where = LIMITS.spacing * np.arange(LIMITS.samples)
+    where = SAMPLING.spacing * np.arange(SAMPLING.samples)
     caps = OPEN.at[40:60].set(2.0).at[120:122].set(0.0)
     for closed in (caps, caps.at[120].set(jnp.nan)):
         reference, setpoints = straight(closed, 3.0)
@@ -194,8 +196,8 @@ def test_start_speed_is_continued_and_braking_grows_with_the_need() -> None:
     # Closed after 1 m: even 6 m/s² cannot; it says by how much and brakes at that.
     reference, setpoints = straight(OPEN.at[4:].set(0.0), 5.0)
     assert float(reference.excess) == pytest.approx(np.sqrt(25.0 - 12.0), abs=1e-2)
-    assert np.asarray(setpoints.position)[-1, 0] == pytest.approx(25.0 / 12.0, abs=LIMITS.spacing)
-    assert np.asarray(setpoints.acceleration)[:, 0].min() > -LIMITS.braking * 1.01
+    assert np.asarray(setpoints.position)[-1, 0] == pytest.approx(25.0 / 12.0, abs=SAMPLING.spacing)
+    assert np.asarray(setpoints.acceleration)[:, 0].min() > -BRAKING * LIMITS.acceleration * 1.01
     # Closed everywhere, at rest: it stays.
     reference, setpoints = straight(0.0 * OPEN, 0.0)
     np.testing.assert_allclose(setpoints.position, np.tile([0, 0, 10.0], (TIMES, 1)), atol=1e-6)
@@ -229,10 +231,10 @@ def test_batch_equals_loop_and_nan_stays_within_its_trial(still: tuple[Reference
 
 
 def test_derivatives_are_finite_where_nothing_moves() -> None:
-    limits = Limits(samples=16)
+    few = Sampling(samples=16)
 
     def end(path: Array, caps: Array, speed: Array, time: Array) -> Array:
-        reference = profile(sample(path, limits), caps, speed, limits)
+        reference = profile(sample(path, LIMITS, few), caps, speed, LIMITS)
         setpoint = setpoint_at(reference, time, lead=0.1)
         return jnp.sum(setpoint.position) + jnp.sum(setpoint.velocity) + jnp.sum(setpoint.acceleration)
 
@@ -250,17 +252,15 @@ def test_derivatives_are_finite_where_nothing_moves() -> None:
 
 def test_bad_settings_and_shapes_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for setting, match in (
-        ({"speed": 0.0}, "speed"),
-        ({"deviation": -0.1}, "deviation"),
-        ({"braking": 1.0}, "braking"),
+        ({"spacing": 0.0}, "spacing"),
         ({"samples": 1}, "samples"),
-        ({"lateral": float("nan")}, "lateral"),
+        ({"spacing": float("nan")}, "spacing"),
     ):
         with pytest.raises(ValueError, match=match):
-            Limits(**setting)
+            Sampling(**setting)
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match=r"path \(n, 3\)"):
         sample(jnp.zeros((4, 2)), LIMITS)
     course = Course(jnp.zeros((4, 3)), jnp.zeros((4, 3)), jnp.zeros(4), jnp.zeros(4))
-    with pytest.raises(ValueError, match="256 samples"):
-        profile(course, jnp.zeros(4), jnp.float32(0.0), LIMITS)
+    with pytest.raises(ValueError, match="as many caps as samples"):
+        profile(course, jnp.zeros(3), jnp.float32(0.0), LIMITS)
