@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -160,10 +160,10 @@ def run(stages: Iterable[Stage], medium: Medium, progress: Progress) -> Progress
     return functools.reduce(lambda progress, stage: stage(medium, progress), stages, progress)
 
 
-def check_caps(max_iterations: int, max_sweeps: int) -> None:
-    """Raise a ValueError for a cap that is no number of turns."""
+def check_caps(max_iterations: Any, max_sweeps: Any) -> None:
+    """Check caps; raise a ValueError for one that is not a whole number, 0 or more."""
     for name, cap in (("max_iterations", max_iterations), ("max_sweeps", max_sweeps)):
-        if cap < 0 or cap != int(cap):
+        if isinstance(cap, bool) or not isinstance(cap, int) or cap < 0:
             raise ValueError(f"{name}: expected a whole number, 0 or more, given {cap}")
 
 
