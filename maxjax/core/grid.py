@@ -10,6 +10,7 @@ program, never data.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -85,12 +86,12 @@ class Grid:
         world: Float64[np.ndarray, "*batch 3"] = np.array(self.origin) + self.spacing * np.asarray(fractional_index)
         return world
 
-    @property
+    @functools.cached_property
     def local(self) -> Grid:
         """The same grid with its origin at zero: what a program is compiled for, wherever the map lies."""
         return Grid(self.shape, self.spacing, (0.0, 0.0, 0.0))
 
-    @property
+    @functools.cached_property
     def unit(self) -> Grid:
         """The grid of the same shape in index coordinates: what is compiled where metres do not matter."""
         return Grid(self.shape, 1.0, (0.0, 0.0, 0.0))

@@ -106,13 +106,14 @@ class Routes:
 
     @classmethod
     def of(cls, routes: Sequence[Route], timings: Sequence[Mapping[str, float]] = ()) -> Routes:
-        """Single routes, and what each took."""
-        found = cls.blank(len(routes))
-        for k, route in enumerate(routes):
-            one = jax.tree.map(lambda x: np.asarray(x)[None], route)
-            spent = {name: np.array([seconds]) for name, seconds in (timings[k] if timings else {}).items()}
-            found = found.put(np.array([k]), Routes(one, spent))
-        return found
+        """Those of single routes, at least one, and what each took."""
+        longest = max((len(route.path) for route in routes), default=0)
+        paths = [_filled_up(np.asarray(route.path, np.float64)[None], longest) for route in routes]
+        rest = [field.name for field in dataclasses.fields(Route) if field.name != "path"]
+        joined = {name: np.stack([np.asarray(getattr(route, name)) for route in routes]) for name in rest}
+        stages = dict.fromkeys(name for spent in timings for name in spent)
+        seconds = {name: np.array([spent.get(name, np.nan) for spent in timings]) for name in stages}
+        return cls(Route(np.concatenate(paths), **joined), seconds)
 
     def __len__(self) -> int:
         return len(self.route.status)
@@ -130,7 +131,7 @@ class Routes:
         """Others in place of some of these; the seconds add up."""
         mine, theirs = self.route, others.route
         count = max(mine.path.shape[1], theirs.path.shape[1])
-        path = _filled_up(np.asarray(mine.path, np.float64), count)
+        path = np.array(_filled_up(np.asarray(mine.path, np.float64), count))
         path[rows] = _filled_up(np.asarray(theirs.path, np.float64), count)
 
         def merged(old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -147,11 +148,14 @@ class Routes:
         timings = {name: np.array(values) for name, values in self.timings.items()}
         for name, values in seconds.items():
             own = timings.setdefault(name, np.full(len(self), np.nan))
-            own[rows] = np.where(np.isnan(own[rows]), values, own[rows] + np.nan_to_num(values))
+            before = own[rows]
+            own[rows] = np.where(np.isnan(before), values, before + np.where(np.isnan(values), 0.0, values))
         return Routes(self.route, timings)
 
 
 def _filled_up(path: Float64[np.ndarray, "b t 3"], count: int) -> Float64[np.ndarray, "b n 3"]:
     """Paths of so many points, their last ones repeated; zeros where there is no point."""
+    if path.shape[1] == count:
+        return path
     beyond = ((0, 0), (0, count - path.shape[1]), (0, 0))
     return np.pad(path, beyond, mode="edge" if path.shape[1] else "constant")
