@@ -281,6 +281,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.large
 def test_a_large_map_is_planned_in_windows_and_its_figure_left_out(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "large.npz").write_bytes(sparse((300, 300, 200)))
     out = tmp_path / "out"

@@ -173,6 +173,7 @@ def test_a_strangers_planner_is_flown_and_a_strangers_stage_runs() -> None:
         assert np.isfinite(float(log.flown_length))
 
 
+@pytest.mark.large
 def test_prices_are_a_law_a_function_or_a_number_for_each_voxel() -> None:
     """A dear half of the map is avoided; a function equals the law that it is."""
     where = VoxelMap.on(TOWN, np.zeros(TOWN.shape, bool))

@@ -62,6 +62,7 @@ def test_command_lines_of_pages_parse(page: Path, monkeypatch: pytest.MonkeyPatc
             assert main(arguments) == 0, line
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_python_that_is_only_shown_runs(page: Path, tmp_path: Path) -> None:
     """Cells are executed by the build; blocks of plain Python run here, those of a page in a row."""

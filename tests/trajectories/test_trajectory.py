@@ -119,6 +119,7 @@ def test_it_is_twice_continuously_differentiable() -> None:
             np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-6)
 
 
+@pytest.mark.large
 def test_it_rests_at_both_ends_of_the_plan() -> None:
     for case in cases():
         motion = case.trajectory.at([-1.0, 0.0, case.trajectory.duration, case.trajectory.duration + 5.0])

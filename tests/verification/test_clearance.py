@@ -91,6 +91,7 @@ def test_a_far_voxel_that_is_found_first_hides_no_nearer_one() -> None:
     assert verify(path, VoxelMap.on(grid, occupied)).clearance == 12
 
 
+@pytest.mark.large
 def test_city_at_full_size_agrees_with_dense_sampling() -> None:
     """A* through a dense city is legal, and samples along its path bracket the clearance."""
     grid, rng = Grid(), np.random.default_rng(5)
