@@ -48,7 +48,7 @@ def load_airspace(
 
     Args:
         path: the file (docs/airspace.md).
-        earth: where the map lies, as `Map.earth`.
+        earth: where the map lies, as the file of a loaded map says.
         grid: the map's.
         floor, ceiling, highest: as in `Airspace`.
 

@@ -45,7 +45,7 @@ def test_a_tiny_run_plans_flies_and_reports(data: Path, tmp_path: Path, monkeypa
     from experiments import real_cities as module
 
     monkeypatch.setattr(module, "CITIES", {"Venice": module.CITIES["Venice"][:1]})
-    monkeypatch.setattr(module, "fly", fake_fly)
+    monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "draw", fake_draw)
     config = dataclasses.replace(module.TINY, data=data, trials=3, out=tmp_path)
     geometry, offline, flown = module.main(config)
