@@ -85,7 +85,7 @@ class TangentPlane:
         """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
 
         Raises:
-            ValueError: for what is not on Earth, or more than 100 km away.
+            ValueError: if a place is not on Earth, or more than 100 km away.
         """
         found: Float64[np.ndarray, "n 3"] = (_geocentric(_on_earth(places)) - self._centre()) @ self._axes()
         return _near(found, places)
@@ -137,7 +137,7 @@ class Projected:
         """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
 
         Raises:
-            ValueError: for what is not on Earth, or where the system has no coordinates.
+            ValueError: if a place is not on Earth, or the system has no coordinates there.
         """
         latitude, longitude, height = _on_earth(places).T
         x, y = _to_degrees(self.crs).transform(longitude, latitude, direction="INVERSE")
@@ -171,7 +171,7 @@ class Degrees:
         """Points of the map [m] at some latitudes, longitudes [degrees] and heights [m].
 
         Raises:
-            ValueError: for what is not on Earth, or more than 100 km away, where the plane is none.
+            ValueError: if a place is not on Earth, or more than 100 km away, where the Earth is not flat.
         """
         latitude, longitude, height = _on_earth(places).T
         longitude = longitude - 360.0 * np.round((longitude - self.longitude) / 360.0)

@@ -38,7 +38,7 @@ class Window:
         most: voxels at most.
 
     Raises:
-        ValueError: for what is not finite, empty bounds, a spacing that is not positive, or both bounds and a centre.
+        ValueError: if a number is not finite, bounds are empty, the spacing is not positive, or bounds and a centre are given.
     """
 
     spacing: float | None = None

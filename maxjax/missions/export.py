@@ -47,7 +47,7 @@ def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
         in_time: whether there will be a trajectory.
 
     Raises:
-        ValueError: for an ending that is no format's, or one whose format needs what is not there.
+        ValueError: if the ending names no format, or its format needs a place on Earth or times that are missing.
         ImportError: where a package is missing that the format needs.
     """
     ending = file.suffix.lower()

@@ -43,7 +43,7 @@ class Waypoint:
         position: [m], ENU.
         hover: seconds to rest there, 0 to stop without waiting. None: it is flown through.
         speed: greatest speed on the leg [m/s]. None: that of the flight limits.
-        radius, margin: distances of the leg [m], as in `maxjax.plan`. None: those of the mission.
+        radius, margin: distances of the leg [m], as in `Distances`. None: those of the mission.
 
     Raises:
         ValueError: if the position is not three finite numbers, the time negative or above an hour, or the speed not

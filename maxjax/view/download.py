@@ -30,7 +30,7 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         found: the answer.
 
     Raises:
-        ValueError: for a format that needs what is not there.
+        ValueError: if the format needs a place on Earth that is missing.
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
