@@ -38,7 +38,8 @@ class Window:
         most: voxels at most.
 
     Raises:
-        ValueError: if a number is not finite, bounds are empty, the spacing is not positive, or bounds and a centre are given.
+        ValueError: if a number is not finite, bounds are empty, the spacing is not positive, or both bounds and a
+            centre are given.
     """
 
     spacing: float | None = None
