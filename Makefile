@@ -13,7 +13,7 @@ $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "maxjax needs Python 3.11 or newer; set PYTHON=python3.x")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,docs,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,geotiff,docs,dev]'
 	@# Some peers come as source only: without a compiler they are left out, and the tests that need them say so.
 	$(BIN)/python -m pip install --quiet --editable '.[bench]' || echo 'bench: peers left out, see above'
 	touch $@

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
-    from maxjax.maps.contents import Reading
     from maxjax.maps.load import LoadedMap, load_map
+    from maxjax.maps.reading import Reading
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
     from maxjax.nn.planner import Network
@@ -126,7 +126,7 @@ _MODULES = {
         "voxelize",
     ),
     "maxjax.fields.price": ("Price",),
-    "maxjax.maps.contents": ("Reading",),
+    "maxjax.maps.reading": ("Reading",),
     "maxjax.maps.load": (
         "LoadedMap",
         "load_map",

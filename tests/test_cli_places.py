@@ -186,7 +186,6 @@ def test_a_map_without_a_place_or_ground_says_what_is_missing(tmp_path: Path, pl
 
 
 def test_the_hague_by_its_own_coordinates_and_by_latitudes(data: Path, plans: Plans) -> None:
-    pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     city = data / "the_hague" / "DenHaag_01.city.json"
     crs = ["--crs", "EPSG:28992"]
     code, here, _ = plans("--start", 78420.3, 457800.4, 30, "--goal", 78800.6, 458080.3, 30, *crs, map=city)

@@ -25,8 +25,9 @@ def run_map(options: MapOptions) -> int:
     report.check_output(options.out)
     window = Window(options.spacing, options.bounds, options.center, (), options.ground)
     with progress(f"Reading {options.map}"):
-        contents = read_map(options.map)
-        found = map_of(contents, window, reading_of(options), options.crs)
+        reading = reading_of(options)
+        contents = read_map(options.map, reading)
+        found = map_of(contents, window, reading)
         extent = facts(contents).extent
     content = report.plain(_document(found, extent))
     picture = None if options.out is None else _draw(found, options.out)

@@ -19,7 +19,7 @@ from maxjax.cli import exporting, report
 from maxjax.cli.mission_file import Asked, read_mission
 from maxjax.cli.options import MissionOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, reading_of, task_in
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
@@ -52,7 +52,7 @@ def run_asked(asked: Asked) -> int:
     check_options(options)
     planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"), recording() as recorder:
-        given = task_in(load_source(options.map), options)
+        given = task_in(load_source(options.map, reading_of(options)), options)
     exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
@@ -92,7 +92,7 @@ def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
     check_options(options)
     planner, limits = planner_named(options.method), _limits(asked)
     with progress(f"Reading {options.map}"):
-        given = task_in(load_source(options.map), options)
+        given = task_in(load_source(options.map, reading_of(options)), options)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     waypoints = located(asked, given)

@@ -17,6 +17,7 @@ _Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
 _OptionalXyz = Annotated[Point3 | None, tyro.conf.arg(metavar="X Y Z")]
 _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
 _OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
+_OptionalUnit = Annotated[str | None, tyro.conf.arg(metavar="UNIT")]
 _OptionalMetre = Annotated[float | None, tyro.conf.arg(metavar="M")]
 _Bounds = Annotated[tuple[float, float, float, float, float, float] | None, tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1")]
 _Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
@@ -44,8 +45,13 @@ class ReadOptions:
             between start and goal.
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
-        unknown: What space is that an OctoMap or a surface model tells nothing of; by default occupied.
+        unknown: What space is that a file tells nothing of (an OctoMap, a surface model, a survey); by default
+            occupied.
         crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
+        unit: Unit of the map's coordinates: m, ft, us-ft, or a number of metres; by default the file's own.
+        vertical_unit: Unit of its heights; by default the file's own.
+        band: Band of a raster that holds heights, from 1 on; by default the only one.
+        drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
     """
 
     spacing: _OptionalMetre = None
@@ -55,6 +61,10 @@ class ReadOptions:
     below: Literal["closed", "open"] | None = None
     unknown: Literal["occupied", "free"] | None = None
     crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
+    unit: _OptionalUnit = None
+    vertical_unit: _OptionalUnit = None
+    band: _Count = None
+    drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
 
 
 @dataclasses.dataclass(frozen=True)

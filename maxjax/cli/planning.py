@@ -11,7 +11,7 @@ from maxjax.cli import exporting, mission, report
 from maxjax.cli.mission_file import Asked
 from maxjax.cli.options import PlanOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, task_in
+from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, reading_of, task_in
 from maxjax.core.status import Status
 from maxjax.methods import climbs, label_of, method_named, planner_named
 from maxjax.planning.execution import plan_task
@@ -38,7 +38,7 @@ def run_plan(options: PlanOptions) -> int:
     check_options(options)
     method, planner = method_named(options.method).name, planner_named(options.method)
     with progress(f"Reading {options.map}"), recording() as recorder:
-        given = task_in(load_source(options.map), options)
+        given = task_in(load_source(options.map, reading_of(options)), options)
     exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")

@@ -19,17 +19,19 @@ from maxjax.cli.options import PlanOptions, ReadOptions, RouteOptions
 from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
+from maxjax.core.reference_system import reference_system
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.price import Price
 from maxjax.maps import Contents, Window, map_of, read_map
-from maxjax.maps.contents import Reading, facts
+from maxjax.maps.contents import facts
+from maxjax.maps.footprints import Footprints
 from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.places import point_at
+from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.methods import method_named
-from maxjax.missions.export import ON_EARTH
 from maxjax.planning.distances import Distances
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
@@ -79,8 +81,8 @@ class MapTask:
         return tuple(start), tuple(goal)
 
 
-def load_source(text: str) -> Source:
-    """The city or the file that MAP names.
+def load_source(text: str, reading: Reading = PLAIN) -> Source:
+    """The city or the file that MAP names, read as options say (`reading_of`).
 
     Raises:
         ValueError: for a city that does not exist, or a file that cannot be used.
@@ -90,7 +92,7 @@ def load_source(text: str) -> Source:
         return make_scene(match[1], int(match[2]))
     if not Path(text).exists() and (":" in text or text in MAPS):
         raise FileError(f"{text}: expected a file, or one of {_CITIES} with a whole number for SEED")
-    return read_map(text)
+    return read_map(text, reading)
 
 
 def load_scene(text: str) -> Scene:
@@ -115,6 +117,8 @@ def check_options(options: PlanOptions) -> None:
     if options.place is not None and options.crs is not None:
         raise ValueError("--crs: expected one of --place and --crs, given both; leave one out")
     earth_of(options, None, None)
+    if options.crs is not None:
+        reference_system(options.crs)
     Airspace(options.floor, options.ceiling, options.ceiling_above_start)
 
 
@@ -184,37 +188,36 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
 
 def reading_of(options: ReadOptions) -> Reading:
     """What options say of what a file leaves open."""
-    return Reading(below=options.below, unknown=options.unknown)
+    return Reading(
+        below=options.below,
+        unknown=options.unknown,
+        crs=options.crs,
+        unit=options.unit,
+        vertical_unit=options.vertical_unit,
+        band=options.band,
+        drop_classes=options.drop_class,
+    )
 
 
 def earth_in(source: Contents, options: PlanOptions) -> Earth | None:
     """Where a file's map lies on Earth, as options or the file say it; raises as `earth_of`."""
     known = facts(source)
-    if options.crs is not None and known.origin is not None:
+    if options.crs is not None and isinstance(source, Footprints) and known.origin is not None:
         raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
     return earth_of(options, known.crs, known.origin)
 
 
 def earth_of(options: PlanOptions, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:
-    """Where a map lies on Earth, as options or the file say it; None where neither does, or nothing asks for it.
+    """Where a map lies on Earth: at the place of some options, else where its file, read as they say, has it.
 
     Raises:
-        ValueError: for a system without metres, or that pyproj does not know.
-        ImportError: where pyproj is missing, and something asks for it.
+        ValueError: if the place is none.
     """
     if options.place is not None:
         return TangentPlane(*options.place)
     if origin is not None:
         return Degrees(*origin)
-    if options.crs is None and crs is None:
-        return None
-    asked = options.crs is not None or options.frame != "map" or options.airspace is not None
-    try:
-        return Projected(options.crs or str(crs))
-    except (ImportError, ValueError):
-        if asked or any(file.suffix.lower() in ON_EARTH for file in options.export):
-            raise
-        return None
+    return None if crs is None else Projected(crs)
 
 
 def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
@@ -225,10 +228,10 @@ def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
 def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     if options.ground is not None:
         raise ValueError("--ground: a simulated city has its own ground (z = 0); leave the option out")
-    for name in ("spacing", "bounds", "below", "unknown"):
-        if getattr(options, name) is not None:
+    for name in ("spacing", "bounds", "below", "unknown", "unit", "vertical_unit", "band", "drop_class"):
+        if getattr(options, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
-    earth, ends = earth_of(options, None, None), _ends(options)
+    earth, ends = earth_of(options, options.crs, None), _ends(options)
     if options.frame != "map":
         if earth is None:
             raise ValueError(f"--frame {options.frame}: a simulated city lies nowhere on Earth; {_PLACE}")

@@ -20,7 +20,7 @@ from maxjax.cli.mission_file import read_mission
 from maxjax.cli.options import FlyOptions, MissionOptions, PlanOptions
 from maxjax.cli.planning import plan_in
 from maxjax.cli.progress import progress
-from maxjax.cli.task import load_source, task_in
+from maxjax.cli.task import load_source, reading_of, task_in
 from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
@@ -69,7 +69,7 @@ def fly_given(options: FlyOptions) -> int:
     shared = {field.name for field in dataclasses.fields(PlanOptions)} & {*GIVEN, "map", "method"}
     wanted = PlanOptions(**{name: getattr(options, name) for name in shared})
     with progress(f"Reading {options.map}"):
-        given = task_in(load_source(options.map), wanted)
+        given = task_in(load_source(options.map, reading_of(wanted)), wanted)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     with progress(f"Planning, method {options.method}"):

@@ -95,7 +95,7 @@ def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
     options = shown.options
     if (options.start is None) != (options.goal is None):
         raise ValueError("--start and --goal: expected both or none, given one")
-    source = load_source(options.map)
+    source = load_source(options.map, reading_of(options))
     waypoints: tuple[Waypoint, ...] = ()
     speed = PX4.speed
     if options.start is None:

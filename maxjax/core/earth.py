@@ -5,7 +5,7 @@
     (X, Y, Z) = (X₀, Y₀, Z₀) + R(φ, λ) (x, y, z),    X₀ = (N + h) cos φ cos λ, …,    N = a / √(1 − e² sin² φ),
 
 and back by Bowring's formula, tan φ = (Z + e′² b sin³ u) / (p − e² a cos³ u), repeated until it stands still.
-`Projected`: the map's coordinates are those of a coordinate reference system, by pyproj. `Degrees`: the map was read
+`Projected`: the map's coordinates are those of a coordinate reference system. `Degrees`: the map was read
 from a file in degrees. Heights are counted as those of the place or of the map are: sea level stays sea level.
 
 Each has `geodetic`, from the map to latitude, longitude and height, and `local`, which undoes it.
@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from maxjax.core.files import FileError
+from maxjax.core.reference_system import reference_system
 
 _A = 6378137.0  # half axis of the ellipsoid [m]
 _F = 1.0 / 298.257223563
@@ -105,32 +106,28 @@ class TangentPlane:
 
 @dataclasses.dataclass(frozen=True)
 class Projected:
-    """A map in the coordinates of a reference system, easting first.
+    """A map in the coordinates of a projected reference system, easting first, in metres whatever the system's unit.
 
     Attributes:
         crs: its name, as `EPSG:28992`.
         height: of the map's z = 0 [m].
 
     Raises:
-        ImportError: without pyproj.
-        ValueError: for a system that pyproj does not know, or one whose unit is not the metre.
+        ValueError: for a system that is none (`reference_system`), or is not projected.
     """
 
     crs: str
     height: float = 0.0
 
     def __post_init__(self) -> None:
-        pyproj = _pyproj()
-        try:
-            system = pyproj.CRS.from_user_input(self.crs)
-        except pyproj.exceptions.CRSError as error:
-            raise ValueError(f"crs: expected the name of a reference system, given {self.crs!r}: {error}") from error
-        if not system.is_projected or system.axis_info[0].unit_conversion_factor != 1.0:
-            raise ValueError(f"crs: expected a projected system in metres, given {self.crs!r} ({system.name})")
+        system = reference_system(self.crs)
+        if system.kind != "projected":
+            raise ValueError(f"crs: expected a projected system, given {self.crs!r} ({system.title})")
 
     def geodetic(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
         """Latitude, longitude [degrees] and height [m] of points of the map [m]."""
-        longitude, latitude = _to_degrees(self.crs).transform(points[:, 0], points[:, 1])
+        system = reference_system(self.crs)
+        longitude, latitude = system.geodetic(points[:, :2] / system.unit).T
         return np.column_stack([latitude, longitude, points[:, 2] + self.height])
 
     def local(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
@@ -140,8 +137,9 @@ class Projected:
             ValueError: if a place is not on Earth, or the system has no coordinates there.
         """
         latitude, longitude, height = _on_earth(places).T
-        x, y = _to_degrees(self.crs).transform(longitude, latitude, direction="INVERSE")
-        found = np.column_stack([x, y, height - self.height])
+        system = reference_system(self.crs)
+        plane = system.coordinates(np.column_stack([longitude, latitude])) * system.unit
+        found = np.column_stack([plane, height - self.height])
         if not np.isfinite(found).all():
             place = places[~np.isfinite(found).all(axis=1)][0, :2].tolist()
             raise ValueError(f"place: expected one where {self.crs} has coordinates, given {place}; swapped?")
@@ -205,20 +203,6 @@ def _near(found: Float64[np.ndarray, "n 3"], places: Float64[np.ndarray, "n 3"])
             f"{places[far][0, :2].tolist()}; swapped?"
         )
     return found
-
-
-def _to_degrees(crs: str) -> Any:
-    """Coordinates of a system to longitudes and latitudes."""
-    return _pyproj().Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-
-
-def _pyproj() -> Any:
-    """The module."""
-    try:
-        import pyproj
-    except ImportError as error:
-        raise ImportError("reference systems need the extra geo: pip install 'maxjax[geo]'") from error
-    return pyproj
 
 
 def _geocentric(places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:

@@ -18,6 +18,8 @@ from jaxtyping import Bool, Float
 
 from maxjax.core.files import FileError, read_text
 from maxjax.core.grid import Grid, Point3
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reference import METRES, UNREFERENCED, Reference, cube_of_metres, on_its_axes, reference
 
 COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
 MAX_BOXES = 20_000_000
@@ -34,6 +36,7 @@ class Boxes:
         free: those of space that is known to be free; None where the file does not tell it from the unknown.
         spacing: edge of the smallest box that the file may hold [m]; None where there is none.
         lattice: a corner of the lattice of those [m].
+        reference: of its coordinates.
     """
 
     corners: Float[np.ndarray, "n 2 3"]
@@ -41,9 +44,10 @@ class Boxes:
     free: Float[np.ndarray, "m 2 3"] | None = None
     spacing: float | None = None
     lattice: Point3 = (0.0, 0.0, 0.0)
+    reference: Reference = UNREFERENCED
 
 
-def load_boxes(path: Path) -> Boxes:
+def load_boxes(path: Path, reading: Reading = PLAIN) -> Boxes:
     """The boxes of a CSV file.
 
     Raises:
@@ -76,7 +80,24 @@ def load_boxes(path: Path) -> Boxes:
         raise FileError(
             f"{path}: box {row + 1}: expected finite minima below the maxima, found {corners[row].tolist()}"
         )
-    return Boxes(corners, path.name)
+    return boxes_in_metres(Boxes(corners, path.name), path, reading)
+
+
+def boxes_in_metres(boxes: Boxes, path: Path, reading: Reading) -> Boxes:
+    """Boxes of a file through the gate; raises as `reference`, and where its axes are none of a plane in metres."""
+    known = boxes.corners if boxes.free is None else np.concatenate([boxes.corners, boxes.free])
+    around = np.array([known[:, 0, :2].min(axis=0), known[:, 1, :2].max(axis=0)])
+    how = on_its_axes(reference(METRES, reading, around, path), path)
+    if how.unit == how.vertical_unit == 1.0:
+        return dataclasses.replace(boxes, reference=how)
+    scale = np.array([how.unit, how.unit, how.vertical_unit])
+    free = None if boxes.free is None else boxes.free * scale
+    spacing = boxes.spacing
+    if spacing is not None:
+        cube_of_metres(how, path)
+        spacing = spacing * how.unit
+    x, y, z = (np.array(boxes.lattice) * scale).tolist()
+    return Boxes(boxes.corners * scale, boxes.source, free, spacing, (x, y, z), how)
 
 
 def filled(corners: Float[np.ndarray, "n 2 3"], grid: Grid, *, whole: bool = False) -> Bool[np.ndarray, "nx ny nz"]:

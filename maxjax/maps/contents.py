@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,40 +21,13 @@ from maxjax.maps.heights import Heights
 from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import PointCloud, StoredVoxels
 from maxjax.maps.prisms import prism_voxels
+from maxjax.maps.reading import PLAIN, Below, Reading, Unknown
+from maxjax.maps.reference import Reference
 
 Contents = PointCloud | StoredVoxels | Mesh | Footprints | Boxes | Heights
 Volume = Bool[np.ndarray, "nx ny nz"]
-Below = Literal["closed", "open"]
-Unknown = Literal["occupied", "free"]
 
 _CHUNK = 2**20  # points at a time
-
-
-@dataclasses.dataclass(frozen=True)
-class Reading:
-    """How a file is read where it leaves something open.
-
-    Attributes:
-        center: middle of a window of 101 x 101 x 101 voxels [m], in place of bounds. None: the bounds say.
-        ends: points that the window has to hold [m], such as start and goal.
-        below: `closed`: what points hide from the air is solid down to the ground; `open`: only buildings are. None:
-            closed where the file has classes, as .las and .laz.
-        unknown: what space is that an OctoMap or a surface model tells nothing of. None: occupied.
-    """
-
-    center: Point3 | None = None
-    ends: tuple[Point3, ...] = ()
-    below: Below | None = None
-    unknown: Unknown | None = None
-
-    def __post_init__(self) -> None:
-        center = None if self.center is None else tuple(float(x) for x in self.center)
-        ends = tuple(tuple(float(x) for x in end) for end in self.ends)
-        if any(len(point) != 3 for point in (*ends, center or (0, 0, 0))):
-            given = f"{self.center!r}, {self.ends!r}"
-            raise ValueError(f"center, ends: expected three coordinates each [m], given {given}")
-        object.__setattr__(self, "center", center)
-        object.__setattr__(self, "ends", ends)
 
 
 # Points by what became of them: `inside` and `outside` of the grid, and `missing` (without a return).
@@ -98,12 +70,15 @@ def facts(contents: Contents) -> Facts:
         case StoredVoxels():
             corners = np.array([contents.grid.lower, contents.grid.upper])
             read = {"voxels": contents.occupied.size, "occupied": int(contents.occupied.sum())}
-            return Facts(corners, read, spacing=contents.spacing, lattice=contents.origin)
+            return _referred(
+                Facts(corners, read, spacing=contents.spacing, lattice=contents.origin), contents.reference
+            )
         case Mesh():
             corners = np.concatenate([contents.triangles.reshape(-1, 3), contents.points])
             read = {"triangles": len(contents.triangles), "closed bodies": contents.closed_bodies}
             read |= {"open bodies": contents.open_bodies, "loose vertices": len(contents.points)}
-            return Facts(_around(corners), read, remarks=(contents.remark,) if contents.remark else ())
+            remarks = (contents.remark,) if contents.remark else ()
+            return _referred(Facts(_around(corners), read, remarks=remarks), contents.reference)
         case Footprints():
             return _of_footprints(contents)
         case Boxes():
@@ -112,11 +87,18 @@ def facts(contents: Contents) -> Facts:
             read |= {} if contents.free is None else {"free boxes": len(contents.free)}
             half = 0.5 * (contents.spacing or 0.0)
             x, y, z = (float(corner) + half for corner in contents.lattice)
-            return Facts(_around(known.reshape(-1, 3)), read, spacing=contents.spacing, lattice=(x, y, z))
+            boxes = Facts(_around(known.reshape(-1, 3)), read, spacing=contents.spacing, lattice=(x, y, z))
+            return _referred(boxes, contents.reference)
         case Heights():
             known = np.isfinite(contents.height)
             dropped = {"cells without a height": int((~known).sum())}
-            return Facts(contents.extent, {"cells": int(known.sum())}, dropped, crs=contents.crs)
+            cells = Facts(contents.extent, {"cells": int(known.sum())}, dropped, contents.remarks)
+            return _referred(cells, contents.reference)
+
+
+def _referred(known: Facts, how: Reference) -> Facts:
+    """The same with a reference system and what it says."""
+    return dataclasses.replace(known, crs=how.crs, origin=how.origin, remarks=(*how.remarks, *known.remarks))
 
 
 def _of_points(cloud: PointCloud) -> Facts:
@@ -127,13 +109,13 @@ def _of_points(cloud: PointCloud) -> Facts:
     if cloud.classes is not None:
         numbers, counts = np.unique(cloud.classes, return_counts=True)
         read |= {f"class {number}": count for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)}
-    dropped = {"noise or withheld": cloud.withdrawn} if cloud.withdrawn else {}
+    dropped = dict(cloud.withdrawn)
     if not finite.all():
         dropped["without a return"] = int((~finite).sum())
     remarks = () if cloud.classes is None or cloud.ground.any() else ("no point is classified as ground",)
     # Without a return at all, the window is about (0, 0, 0), and the plan says what is wrong.
     corners = cloud.points[finite].astype(np.float64) if finite.any() else np.zeros((1, 3))
-    return Facts(_around(corners) + cloud.offset, read, dropped, remarks, crs=cloud.crs)
+    return _referred(Facts(_around(corners) + cloud.offset, read, dropped, remarks), cloud.reference)
 
 
 def _of_footprints(found: Footprints) -> Facts:
@@ -157,7 +139,7 @@ def _around(corners: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
-def voxels(contents: Contents, grid: Grid, reading: Reading = Reading()) -> tuple[VoxelMap, Counts]:
+def voxels(contents: Contents, grid: Grid, reading: Reading = PLAIN) -> tuple[VoxelMap, Counts]:
     """A file's contents on a grid, and of points how many lie where.
 
     Args:

@@ -1,25 +1,21 @@
-"""Surface models: one height a cell, seen from above, as GeoTIFF (extra `geotiff`: rasterio).
+"""Surface models: one height a cell, seen from above.
 
     occupied = { voxels of a column up to the highest cell that its square shares an area with }
 
-Columns without a height are unknown. The model does not tell buildings from the ground.
+Columns without a height are unknown. The model does not tell buildings from the ground. Files of them are read in
+`maps.readers.geotiff`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import warnings
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.maps.model import FARTHEST
+from maxjax.maps.reference import UNREFERENCED, Reference
 
-MAX_CELLS = 2**27
-_MISSING = "reading GeoTIFF needs the extra geotiff: pip install 'maxjax[geotiff]'"
 _TOUCH = 1e-6  # [voxels]
 
 
@@ -32,7 +28,8 @@ class Heights:
         west, south: corner of the first cell [m].
         cell: edges of a cell along x and y [m].
         source: the file's name.
-        crs: the file's coordinate reference system, as EPSG:28992; None where it names none.
+        reference: of the file's coordinates.
+        remarks: sentences on what a user should know.
     """
 
     height: Float[np.ndarray, "nx ny"]
@@ -40,7 +37,8 @@ class Heights:
     south: float
     cell: tuple[float, float]
     source: str
-    crs: str | None = None
+    reference: Reference = UNREFERENCED
+    remarks: tuple[str, ...] = ()
 
     @property
     def extent(self) -> Float[np.ndarray, "2 3"]:
@@ -76,42 +74,3 @@ class Heights:
             (np.where(unknown, grid.lower[2] - grid.spacing, highest.T) - grid.lower[2]) / grid.spacing - _TOUCH
         )
         return np.arange(nz) < top[:, :, None], unknown
-
-
-def load_geotiff(path: Path) -> Heights:
-    """The first band of a GeoTIFF.
-
-    Raises:
-        FileError: if the extra is missing, or the file is unreadable, too large, turned, or without heights in metres.
-    """
-    try:
-        import rasterio
-    except ImportError as error:
-        raise FileError(f"{path}: {_MISSING}") from error
-    try:
-        # Without the warning about a file that has no place, which is refused below.
-        with warnings.catch_warnings(action="ignore"), rasterio.open(path, driver="GTiff") as file:
-            if file.width * file.height > MAX_CELLS:
-                raise FileError(
-                    f"{path}: claims {file.width} x {file.height} cells, expected at most {MAX_CELLS}; crop it"
-                )
-            place = file.transform
-            crs = None if file.crs is None else f"EPSG:{file.crs.to_epsg()}" if file.crs.to_epsg() else str(file.crs)
-            if file.crs is not None and file.crs.is_geographic:
-                raise FileError(f"{path}: expected a projected system in metres, found {crs} in degrees; reproject it")
-            band = file.read(1, masked=True, out_dtype="float32")
-    except FileError:
-        raise
-    except Exception as error:
-        raise FileError(f"{path}: expected an intact GeoTIFF: {error}") from error
-    numbers = [place.a, place.b, place.c, place.d, place.e, place.f]
-    if place.b or place.d or not place.a > 0 > place.e or not np.abs(numbers).max() <= FARTHEST:
-        raise FileError(
-            f"{path}: expected a place, and cells along the axes, north up, within {FARTHEST:g} m, found {numbers}"
-        )
-    height = np.asarray(band.filled(np.nan)).T[:, ::-1]
-    height = np.where(np.abs(height) < 1e4, height, np.nan)  # beyond any height on Earth
-    if not np.isfinite(height).any():
-        raise FileError(f"{path}: holds no height, expected at least one")
-    south = place.f + place.e * height.shape[1]
-    return Heights(height, place.c, south, (place.a, -place.e), path.name, crs)

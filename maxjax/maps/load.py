@@ -18,11 +18,12 @@ from maxjax.core.earth import Degrees, Earth, Projected
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.maps.contents import Contents, Facts, Reading, facts, voxels
+from maxjax.maps.contents import Contents, Facts, facts, voxels
 from maxjax.maps.coverage import within_data
 from maxjax.maps.model import StoredVoxels
 from maxjax.maps.places import Frame, check_in_map, point_at
 from maxjax.maps.reader import read_map
+from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.window import Window
 
 _TOUCH = 1e-9  # [m]
@@ -104,7 +105,7 @@ def load_map(
     bounds: Sequence[Any] | np.ndarray | None = None,
     ground: float | None = None,
     crs: str | None = None,
-    reading: Reading = Reading(),  # noqa: B008 (frozen)
+    reading: Reading = PLAIN,
 ) -> LoadedMap:
     """Read a map file of any known format as voxels: a `VoxelMap` with its place on Earth and what the file says.
 
@@ -114,8 +115,8 @@ def load_map(
         spacing: edge of a voxel [m]; None: the file's own, else 2 m.
         bounds: lowest and highest corner of the window, (2, 3) or six numbers [m]; None: map and ends, with room.
         ground: height of flat ground [m], in place of the map's own.
-        crs: coordinate reference system, in place of the file's.
-        reading: a window by its centre or its ends, and what is taken of what the file leaves open.
+        crs: coordinate reference system, in place of the file's; that of `reading` too.
+        reading: a window by its centre or its ends, what is taken of what the file leaves open, and units.
 
     Raises:
         FileError: if the file cannot be used (a ValueError: it says what was found and expected).
@@ -125,14 +126,14 @@ def load_map(
     if corners is not None and len(corners) != 6:
         raise ValueError(f"bounds: expected six numbers of metres, given {bounds!r}")
     window = Window(spacing, corners, reading.center, list(reading.ends), ground)
-    return map_of(read_map(path), window, reading, crs)
+    reading = reading if crs is None else dataclasses.replace(reading, crs=crs)
+    return map_of(read_map(path, reading), window, reading)
 
 
 def map_of(
     contents: Contents,
     window: Window,
-    reading: Reading = Reading(),  # noqa: B008 (frozen)
-    crs: str | None = None,
+    reading: Reading = PLAIN,
 ) -> LoadedMap:
     """What a file holds as voxels in a window; arguments and errors as those of `load_map`."""
     known = facts(contents)
@@ -148,7 +149,7 @@ def map_of(
         dropped["outside of the window"] = counts["outside"]
     file = MapFile(
         source=contents.source,
-        crs=crs or known.crs,
+        crs=known.crs,
         origin=known.origin,
         read=known.read,
         dropped=dropped,
@@ -165,7 +166,7 @@ def map_with(
     places: Sequence[Point3],
     frame: Frame,
     earth: Earth,
-    reading: Reading = Reading(),  # noqa: B008 (frozen)
+    reading: Reading = PLAIN,
 ) -> tuple[LoadedMap, list[Point3]]:
     """What a file holds around some places, and where these are in it: the map that `map_of` makes around the points.
 

@@ -18,6 +18,8 @@ from jaxtyping import Float, Int, Int64
 from maxjax.core.files import FileError
 from maxjax.core.geometry.triangles import Triangles, Volume, enclosed, touched
 from maxjax.core.grid import Grid
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reference import UNREFERENCED, Reference, Stated, reference
 
 MAX_FACES = 10_000_000
 _WELD = 1e-6  # [m]
@@ -34,6 +36,7 @@ class Mesh:
         points: vertices that no face uses [m]; obstacles as they are.
         open_bodies: how many bodies are open.
         source: the file's name.
+        reference: of its coordinates.
     """
 
     triangles: Triangles
@@ -41,6 +44,7 @@ class Mesh:
     points: Float[np.ndarray, "n 3"]
     open_bodies: int
     source: str
+    reference: Reference = UNREFERENCED
 
     @property
     def closed_bodies(self) -> int:
@@ -68,16 +72,20 @@ class Mesh:
         return solid
 
 
-def mesh_of(vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"], path: Path) -> Mesh:
+def mesh_of(
+    vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"], path: Path, reading: Reading = PLAIN
+) -> Mesh:
     """A mesh of what a file holds.
 
     Args:
-        vertices: [m].
+        vertices: as the file has them.
         faces: three indices of vertices each.
         path: for messages.
+        reading: of its coordinates.
 
     Raises:
-        FileError: for no face at all, too many, an index without a vertex, or a coordinate that is not finite.
+        FileError: for no face at all, too many, an index without a vertex, or a coordinate that is not finite; as
+            `reference`.
     """
     if not len(faces):
         raise FileError(f"{path}: expected a mesh, found no face")
@@ -89,12 +97,13 @@ def mesh_of(vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"],
     if not np.isfinite(vertices).all():
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
-    welded, index = _welded(vertices)
+    how = reference(Stated(), reading, np.array([vertices.min(axis=0), vertices.max(axis=0)])[:, :2], path)
+    welded, index = _welded(how.metres(vertices))
     faces = index[faces]
     body, open_bodies = _bodies(faces, len(welded))
     loose = np.ones(len(welded), bool)
     loose[faces] = False
-    return Mesh(welded[faces], body, welded[loose], open_bodies, path.name)
+    return Mesh(welded[faces], body, welded[loose], open_bodies, path.name, how)
 
 
 def fans(corners: Int64[np.ndarray, " n"], lengths: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "t 3"]:

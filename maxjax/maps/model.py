@@ -10,13 +10,16 @@ coordinates stay.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped, UInt8
+from jaxtyping import Bool, Float, Float64, Shaped, UInt8
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reference import METRES, UNREFERENCED, Reference, Stated, cube_of_metres, on_its_axes, reference
 
 MAX_POINTS = 50_000_000
 
@@ -42,8 +45,8 @@ class PointCloud:
             ground.
         source: the file's name.
         classes: of each point, as the ASPRS numbers them; None where the file has none.
-        crs: the file's coordinate reference system, as EPSG:28992; None where it names none.
-        withdrawn: points of the file that are left out, as the survey itself calls them noise or withheld.
+        reference: of its coordinates.
+        withdrawn: points of the file that are left out, by reason.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -52,8 +55,8 @@ class PointCloud:
     solid: Bool[np.ndarray, " n"]
     source: str
     classes: UInt8[np.ndarray, " n"] | None = None
-    crs: str | None = None
-    withdrawn: int = 0
+    reference: Reference = UNREFERENCED
+    withdrawn: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def hiding(self) -> Bool[np.ndarray, " n"]:
@@ -71,6 +74,7 @@ class StoredVoxels:
         origin: position of the centre of voxel (0, 0, 0) [m], ENU.
         source: the file's name.
         ground: the voxels that are ground, occupied as well; None where the file does not say.
+        reference: of its coordinates.
     """
 
     occupied: Bool[np.ndarray, "nx ny nz"]
@@ -78,6 +82,7 @@ class StoredVoxels:
     origin: Point3
     source: str
     ground: Bool[np.ndarray, "nx ny nz"] | None = None
+    reference: Reference = UNREFERENCED
 
     @property
     def grid(self) -> Grid:
@@ -86,38 +91,80 @@ class StoredVoxels:
         return Grid((nx, ny, nz), self.spacing, self.origin)
 
 
+@dataclasses.dataclass(frozen=True)
+class Labels:
+    """What a file says of each of its points; None: nothing. Attributes as those of `PointCloud`."""
+
+    ground: Bool[np.ndarray, " n"] | None = None
+    solid: Bool[np.ndarray, " n"] | None = None
+    classes: UInt8[np.ndarray, " n"] | None = None
+    withdrawn: Mapping[str, int] = dataclasses.field(default_factory=dict)
+
+
 def local_cloud(
     points: Shaped[np.ndarray, "n 3"],
     path: Path,
-    *,
-    ground: Bool[np.ndarray, " n"] | None = None,
-    solid: Bool[np.ndarray, " n"] | None = None,
+    reading: Reading = PLAIN,
+    stated: Stated = Stated(),  # noqa: B008 (frozen)
+    labels: Labels = Labels(),
 ) -> PointCloud:
-    """A cloud from coordinates as a file gives them (any integer or float type) [m]; flags default to False.
+    """A cloud from coordinates as a file gives them, of any integer or float type.
+
+    Args:
+        points: what is not finite, or farther out than anything on Earth, is no position.
+        path: for messages.
+        reading, stated: of the coordinates.
+        labels: of the points.
 
     Raises:
-        FileError: if there is no point.
+        FileError: if there is no point; as `reference`.
     """
     count = len(points)
     if count == 0:
         raise FileError(f"{path}: holds no point, expected at least one")
-    offset = np.array([_round_middle(points[:, axis]) for axis in range(3)])
+    how = reference(stated, reading, _extent(points), path)
+    if how.origin is not None:
+        place = np.where(np.abs(points) <= FARTHEST, points, np.nan).astype(np.float64)
+        points = how.metres(place)
+    # Axis by axis, so that a large cloud is never in memory twice in float64.
+    units = [1.0] * 3 if how.origin is not None else [how.unit, how.unit, how.vertical_unit]
+    offset = np.array([_round_middle(points[:, axis], unit) for axis, unit in enumerate(units)])
     local = np.empty((count, 3), np.float32)
-    # Axis by axis, so that a large cloud is never in memory twice in float64. What is farther out than anything on
-    # Earth is no position.
     with np.errstate(over="ignore", invalid="ignore"):
-        for axis in range(3):
-            along = points[:, axis].astype(np.float64)
+        for axis, unit in enumerate(units):
+            along = points[:, axis].astype(np.float64) * unit
             local[:, axis] = np.where(np.abs(along) <= FARTHEST, along - offset[axis], np.nan)
     none = np.zeros(count, bool)
-    ground, solid = none if ground is None else ground, none if solid is None else solid
-    return PointCloud(local, offset, ground, solid, path.name)
+    ground, solid = (none if flags is None else flags for flags in (labels.ground, labels.solid))
+    return PointCloud(local, offset, ground, solid, path.name, labels.classes, how, labels.withdrawn)
 
 
-def _round_middle(coordinates: Shaped[np.ndarray, " n"]) -> float:
-    """Middle of one axis to the next 100 m if some coordinates lie 10 km or farther from zero, else 0."""
+def voxels_in_metres(stored: StoredVoxels, path: Path, reading: Reading) -> StoredVoxels:
+    """Voxels of a file through the gate; raises as `reference`, and where its axes are none of a plane in metres."""
+    around = np.array([stored.grid.lower, stored.grid.upper])[:, :2]
+    how = on_its_axes(reference(METRES, reading, around, path), path)
+    if how.unit == how.vertical_unit == 1.0:
+        return dataclasses.replace(stored, reference=how)
+    cube_of_metres(how, path)
+    x, y, z = (how.unit * number for number in stored.origin)
+    return dataclasses.replace(stored, spacing=how.unit * stored.spacing, origin=(x, y, z), reference=how)
+
+
+def _extent(points: Shaped[np.ndarray, "n 3"]) -> Float64[np.ndarray, "2 2"]:
+    """Lowest and highest x and y of what has a position; 0 without any."""
+    found = np.zeros((2, 2))
+    for axis in range(2):
+        along = points[:, axis]
+        finite = along[np.isfinite(along) & (np.abs(along) <= FARTHEST)]
+        if len(finite):
+            found[:, axis] = finite.min(), finite.max()
+    return found
+
+
+def _round_middle(coordinates: Shaped[np.ndarray, " n"], unit: float) -> float:
+    """Middle of one axis [m] to the next 100 m if some coordinates lie 10 km or farther from zero, else 0."""
     finite = coordinates[np.isfinite(coordinates) & (np.abs(coordinates) <= FARTHEST)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    low, high = (unit * float(finite.min()), unit * float(finite.max())) if len(finite) else (0.0, 0.0)
     if max(abs(low), abs(high)) < _FAR:
         return 0.0
     return _ROUND * round((0.5 * low + 0.5 * high) / _ROUND)

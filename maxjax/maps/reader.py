@@ -15,10 +15,10 @@ import numpy as np
 from maxjax.core.files import MAX_FILE_BYTES, FileError
 from maxjax.maps.boxes import load_boxes
 from maxjax.maps.contents import Contents, facts
-from maxjax.maps.heights import load_geotiff
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.readers.cityjson import load_cityjson
 from maxjax.maps.readers.geojson import load_geojson
+from maxjax.maps.readers.geotiff import load_geotiff
 from maxjax.maps.readers.glb import load_glb
 from maxjax.maps.readers.las import load_las
 from maxjax.maps.readers.moving_ai import load_3dmap
@@ -29,12 +29,13 @@ from maxjax.maps.readers.osm import load_osm
 from maxjax.maps.readers.pcd import load_pcd
 from maxjax.maps.readers.ply import load_ply
 from maxjax.maps.readers.stl import load_stl
+from maxjax.maps.reading import PLAIN, Reading
 
 _PEEK = 65_536
 _LONGEST = 500  # characters of a message: files may hold texts of any length
 
 
-def _load_json(path: Path) -> Contents:
+def _load_json(path: Path, reading: Reading) -> Contents:
     with open(path, "rb") as file:
         start = file.read(_PEEK)
     # A CityJSON may hold anything first, but names itself; GeoJSON has no CityObjects.
@@ -42,7 +43,7 @@ def _load_json(path: Path) -> Contents:
     return load_cityjson(path) if city else load_geojson(path)
 
 
-READERS: dict[str, Callable[[Path], Contents]] = {
+READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".npz": load_npz,
     ".ply": load_ply,
     ".pcd": load_pcd,
@@ -52,9 +53,9 @@ READERS: dict[str, Callable[[Path], Contents]] = {
     ".stl": load_stl,
     ".glb": load_glb,
     ".json": _load_json,
-    ".osm": load_osm,
-    ".xml": load_osm,
-    ".geojson": load_geojson,
+    ".osm": lambda path, _: load_osm(path),
+    ".xml": lambda path, _: load_osm(path),
+    ".geojson": lambda path, _: load_geojson(path),
     ".bt": load_octomap,
     ".ot": load_octomap,
     ".tif": load_geotiff,
@@ -64,7 +65,7 @@ READERS: dict[str, Callable[[Path], Contents]] = {
 }
 
 
-def read_map(path: str | os.PathLike[str]) -> Contents:
+def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents:
     """Read a map file as what it holds: points, voxels, a mesh, buildings, boxes or heights.
 
     Raises:
@@ -89,7 +90,7 @@ def read_map(path: str | os.PathLike[str]) -> Contents:
     try:
         # Numbers too large for their type become infinite or NaN without a warning, and are refused as such.
         with np.errstate(all="ignore"):
-            contents = reader(path)
+            contents = reader(path, reading)
             extent = facts(contents).extent
     except Exception as error:  # see the module
         sentence = " ".join(str(error).split())

@@ -360,7 +360,6 @@ def test_an_area_across_the_antimeridian_lies_where_it_is(tmp_path: Path) -> Non
 
 
 def test_coordinates_of_a_reference_system_are_taken_as_such(tmp_path: Path) -> None:
-    pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     delft, grid = maxjax.Projected("EPSG:28992"), maxjax.Grid((8, 8, 4), 2.0, (85000.0, 447000.0, 0.0))
     ring = square(85008.0, 447008.0, 4.0)
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::28992"}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pyproj
 import pytest
 
 from maxjax.core.earth import Degrees, Projected, TangentPlane, project
@@ -27,7 +28,6 @@ def metres_apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_tangent_plane_is_that_of_pyproj(place: tuple[float, float, float]) -> None:
-    pyproj = pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     latitude, longitude, height = place
     to_east_north_up = pyproj.Transformer.from_pipeline(
         "+proj=pipeline +step +proj=cart +ellps=WGS84 "
@@ -47,7 +47,6 @@ def test_there_and_back(place: tuple[float, float, float]) -> None:
 
 
 def test_a_projected_map_is_that_of_pyproj() -> None:
-    pyproj = pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     given = np.array([[84888.0, 447501.0, 6.0], [155000.0, 463000.0, 0.0]])
     found = Projected("EPSG:28992", height=2.0).geodetic(given)
     to_map = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:28992")
@@ -62,9 +61,16 @@ def test_a_map_in_degrees_goes_back_to_them() -> None:
     np.testing.assert_allclose(found, np.column_stack([given[:, ::-1], [6.0, 7.0]]), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:2263", "EPSG:0", "nonsense"])
-def test_systems_that_are_no_metres_are_refused(crs: str) -> None:
-    pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
+def test_a_projected_map_is_in_metres_whatever_the_unit_of_its_system() -> None:
+    foot = 1200 / 3937
+    there = Projected("EPSG:2263").geodetic(np.array([[988_000.0 * foot, 198_000.0 * foot, 5.0]]))
+    longitude, latitude = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:4326", always_xy=True).transform(988e3, 198e3)
+    np.testing.assert_allclose(there, [[latitude, longitude, 5.0]], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(Projected("EPSG:2263").local(there), [[988e3 * foot, 198e3 * foot, 5.0]], atol=1e-4)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:5703", "EPSG:0", "nonsense"])
+def test_systems_that_are_no_plane_are_refused(crs: str) -> None:
     with pytest.raises(ValueError, match="crs: expected"):
         Projected(crs)
 

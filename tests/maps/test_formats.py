@@ -319,7 +319,7 @@ def test_geotiff(tmp_path: Path) -> None:
         file.write(height, 1)
     found = read_map(tmp_path / "a.tif")
     assert isinstance(found, Heights)
-    assert (found.crs, found.west, found.south) == ("EPSG:28992", 85_000.0, 447_000.0)
+    assert (found.reference.crs, found.west, found.south) == ("EPSG:28992", 85_000.0, 447_000.0)
     np.testing.assert_array_equal(found.height, [[8, 4, np.nan], [9, 5, 1], [10, 6, 2], [11, 7, 3]])
     whole = (tmp_path / "a.tif").read_bytes()
     (tmp_path / "a.tif").write_bytes(whole[: len(whole) // 2])

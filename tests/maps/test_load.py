@@ -156,9 +156,9 @@ def test_delft_is_planned_from_end_to_end(data: Path) -> None:
 def test_a_voxel_map_keeps_its_grid_but_for_bounds(tmp_path: Path) -> None:
     occupied = np.random.default_rng(0).random((8, 9, 10)) < 0.5
     np.savez(tmp_path / "a.npz", occupied=occupied, spacing=0.5, origin=np.array([1.0, 2.0, 3.0]))
-    whole = maxjax.load_map(tmp_path / "a.npz", crs="EPSG:1234")
+    whole = maxjax.load_map(tmp_path / "a.npz", crs="EPSG:28992")
     np.testing.assert_array_equal(whole.occupied, occupied)
-    assert (whole.file.crs, whole.grid.spacing) == ("EPSG:1234", 0.5)
+    assert (whole.file.crs, whole.grid.spacing) == ("EPSG:28992", 0.5)
     part = maxjax.load_map(tmp_path / "a.npz", bounds=((1.75, 2.75, 3.75), (3.25, 4.25, 5.25)))
     np.testing.assert_array_equal(part.occupied, occupied[2:5, 2:5, 2:5])
     assert part.grid.origin == (2.0, 3.0, 4.0)

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 
 import maxjax
@@ -20,7 +21,6 @@ PLANE = TangentPlane(52.0, 4.3, 7.0)
 
 
 def earths() -> list[Earth]:
-    pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     return [PLANE, Degrees(8.0, 47.0, 7.0), Degrees(179.999, -17.0), Projected("EPSG:32632", 7.0)]
 
 
@@ -33,7 +33,6 @@ def test_local_undoes_geodetic() -> None:
 
 
 def test_projected_places_are_those_of_pyproj() -> None:
-    pyproj = pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     places = np.array([[52.1044, 4.2726, 20.0], [52.0, 4.4, 0.0]])
     theirs = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:28992").transform(*places[:, :2].T)
     found = Projected("EPSG:28992", height=2.0).local(places)
@@ -136,5 +135,4 @@ def test_a_map_that_lies_nowhere_says_so(tmp_path: Path) -> None:
     assert found.earth is None
     with pytest.raises(ValueError, match="says where it lies on Earth"):
         found.point((52.0, 4.3, 5.0))
-    pytest.importorskip("pyproj", reason="needs pyproj (extra geo)")
     assert maxjax.load_map(tmp_path / "a.npz", crs="EPSG:28992").earth == Projected("EPSG:28992")

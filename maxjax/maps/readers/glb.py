@@ -20,6 +20,7 @@ from jaxtyping import Float, Int64
 from maxjax.core.files import MAX_TEXT_BYTES, FileError, parse_json, read_bytes
 from maxjax.maps.mesh import MAX_FACES, Mesh, mesh_of
 from maxjax.maps.model import MAX_POINTS
+from maxjax.maps.reading import PLAIN, Reading
 
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -27,7 +28,7 @@ _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "M
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def load_glb(path: Path) -> Mesh:
+def load_glb(path: Path, reading: Reading = PLAIN) -> Mesh:
     """The primitives of a .glb file's scene, z up.
 
     Raises:
@@ -61,7 +62,7 @@ def load_glb(path: Path) -> Mesh:
             vertices.append((points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]) @ _UPRIGHT.T)
     if not faces:
         raise FileError(f"{path}: expected a mesh, found none in its scene")
-    return mesh_of(np.concatenate(vertices), np.concatenate(faces), path)
+    return mesh_of(np.concatenate(vertices), np.concatenate(faces), path, reading)
 
 
 def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:

@@ -11,18 +11,18 @@ them. Noise (7, 18) and points flagged as withheld are dropped, since the survey
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import logging
 import os
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
 from maxjax.core.files import FileError
-from maxjax.maps.model import MAX_POINTS, PointCloud, local_cloud
+from maxjax.maps.model import MAX_POINTS, Labels, PointCloud, local_cloud
+from maxjax.maps.readers.las_reference import stated_in, trailing_wkt
+from maxjax.maps.reading import PLAIN, Reading
 
 _GROUND, _SOLID, _NOISE = (2, 9, 11), (6,), (7, 18)
 _MISSING = "reading LAS needs the extra las: pip install 'maxjax[las]'"
@@ -51,12 +51,12 @@ _HEADER = np.dtype(
 _COUNT_14 = 247
 
 
-def load_las(path: Path) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
+def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
     """The points of a .las or .laz file, in chunks, with ground and solid from their classes.
 
     Raises:
         FileError: if the extra is missing, or the file is unreadable, truncated, too large or contradicts its
-            header.
+            header; as `reference`.
     """
     try:
         import laspy
@@ -66,17 +66,18 @@ def load_las(path: Path) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
         raise FileError(f"{path}: {_MISSING}")
     axes: list[np.ndarray] = []
     classes: list[np.ndarray] = []
-    crs = None
+    dropped = np.zeros(2, np.int64)  # noise, and classes that the user drops
     returns: list[np.ndarray] = []
     claimed = np.zeros(0, np.int64)
     try:
         with _silent(), open(path, "rb") as file:
             count, scale, offset = _check_header(path, file)
+            trailing = trailing_wkt(file, os.fstat(file.fileno()).st_size)
             file.seek(0)
             # One thread reads the stream as it comes; the parallel one would trust the chunk table.
             with laspy.open(file, laz_backend=backend, read_evlrs=False, closefd=False) as reader:
                 header = reader.header
-                crs = _crs(header.vlrs)
+                stated = stated_in(header.vlrs, trailing, reading, path)
                 record = header.point_format.size
                 if header.are_points_compressed:
                     claimed = np.array(header.number_of_points_by_return, np.int64)
@@ -87,7 +88,10 @@ def load_las(path: Path) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
                 for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
                     found += len(chunk)
                     returns.append(np.asarray(chunk.return_number))
-                    kept = ~np.isin(chunk.classification, _NOISE) & (np.asarray(chunk.withheld) == 0)
+                    noise = np.isin(chunk.classification, _NOISE) | (np.asarray(chunk.withheld) != 0)
+                    unwanted = ~noise & np.isin(chunk.classification, reading.drop_classes)
+                    dropped += np.sum([noise, unwanted], axis=1)
+                    kept = ~noise & ~unwanted
                     axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
                     classes.append(np.asarray(chunk.classification)[kept])
     except FileError:
@@ -103,10 +107,11 @@ def load_las(path: Path) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
         raise FileError(f"{path}: claims {count} points, but counts the returns of its first {end} alone; damaged")
     if found != count:
         raise FileError(f"{path}: claims {count} points, found {found}; the file is truncated")
-    labels, stored = np.concatenate(classes), np.concatenate(axes)
-    ground, solid = np.isin(labels, _GROUND), np.isin(labels, _SOLID)
-    cloud = local_cloud(stored * scale + offset, path, ground=ground, solid=solid)
-    return dataclasses.replace(cloud, classes=labels, crs=crs, withdrawn=found - len(labels))
+    numbers, stored = np.concatenate(classes), np.concatenate(axes)
+    reasons = ("noise or withheld", "of classes that are dropped")
+    withdrawn = {reason: n for reason, n in zip(reasons, dropped.tolist(), strict=True) if n}
+    labels = Labels(np.isin(numbers, _GROUND), np.isin(numbers, _SOLID), numbers, withdrawn)
+    return local_cloud(stored * scale + offset, path, reading, stated, labels)
 
 
 def _end_of_returns(returns: np.ndarray, claimed: np.ndarray) -> int | None:
@@ -126,19 +131,6 @@ def _end_of_returns(returns: np.ndarray, claimed: np.ndarray) -> int | None:
     first = counted[:total]
     same = np.array_equal(np.bincount(returns[first], minlength=len(claimed) + 1)[1:], claimed)
     return int(first[-1]) + 1 if same else None
-
-
-def _crs(records: Iterable[Any]) -> str | None:
-    """EPSG code in the variable records: WKT, or else the key of a projected (3072) or geographic (2048) system."""
-    for record in records:
-        if codes := re.findall(
-            r'AUTHORITY\["EPSG",\s*"?(\d+)"?\]\s*\]?\s*$', str(getattr(record, "string", "")).strip("\0")
-        ):
-            return f"EPSG:{codes[-1]}"
-        keys = {key.id: int(key.value_offset) for key in getattr(record, "geo_keys", ())}
-        if code := keys.get(3072) or keys.get(2048):
-            return f"EPSG:{code}"
-    return None
 
 
 def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarray]:

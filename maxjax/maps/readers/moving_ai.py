@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from maxjax.core.files import FileError, read_text
-from maxjax.maps.model import StoredVoxels
+from maxjax.maps.model import StoredVoxels, voxels_in_metres
+from maxjax.maps.reading import PLAIN, Reading
 
 MAX_VOXELS = 2**30
 
 
-def load_3dmap(path: Path) -> StoredVoxels:
+def load_3dmap(path: Path, reading: Reading = PLAIN) -> StoredVoxels:
     """The obstacles of a .3dmap file.
 
     Raises:
@@ -40,4 +41,4 @@ def load_3dmap(path: Path) -> StoredVoxels:
     if places.size and (places.min() < 0 or (places >= occupied.shape).any()):
         raise FileError(f"{path}: an obstacle lies outside of {nx} x {ny} x {nz} voxels; damaged")
     occupied[tuple(places.T)] = True
-    return StoredVoxels(occupied, 1.0, (0.0, 0.0, 0.0), path.name)
+    return voxels_in_metres(StoredVoxels(occupied, 1.0, (0.0, 0.0, 0.0), path.name), path, reading)

@@ -17,10 +17,11 @@ from jaxtyping import Bool
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
 from maxjax.core.serialization import read_npz
-from maxjax.maps.model import MAX_POINTS, PointCloud, StoredVoxels, local_cloud
+from maxjax.maps.model import MAX_POINTS, Labels, PointCloud, StoredVoxels, local_cloud, voxels_in_metres
+from maxjax.maps.reading import PLAIN, Reading
 
 
-def load_npz(path: Path) -> PointCloud | StoredVoxels:
+def load_npz(path: Path, reading: Reading = PLAIN) -> PointCloud | StoredVoxels:
     """Voxels if the archive has them, else points.
 
     Raises:
@@ -32,9 +33,9 @@ def load_npz(path: Path) -> PointCloud | StoredVoxels:
         raise FileError(str(error)) from error
     for key in ("occupied", "occupancy"):
         if key in arrays:
-            return _voxels(path, key, arrays)
+            return voxels_in_metres(_voxels(path, key, arrays), path, reading)
     if "points" in arrays:
-        return _points(path, arrays)
+        return _points(path, arrays, reading)
     held = ", ".join(sorted(arrays)[:8]) or "nothing"
     raise FileError(f"{path}: expected an array occupied, occupancy or points, found {held}")
 
@@ -52,7 +53,7 @@ def _voxels(path: Path, key: str, arrays: Mapping[str, np.ndarray]) -> StoredVox
     return StoredVoxels(_flags(path, key, volume), float(spacing), (x, y, z), path.name)
 
 
-def _points(path: Path, arrays: Mapping[str, np.ndarray]) -> PointCloud:
+def _points(path: Path, arrays: Mapping[str, np.ndarray], reading: Reading) -> PointCloud:
     points, ground = arrays["points"], arrays.get("ground")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
         raise FileError(f"{path}: points: expected numbers of shape (n, 3), found {points.dtype} {points.shape}")
@@ -62,7 +63,7 @@ def _points(path: Path, arrays: Mapping[str, np.ndarray]) -> PointCloud:
         if ground.shape != (len(points),):
             raise FileError(f"{path}: ground: expected shape ({len(points)},) like points, found {ground.shape}")
         ground = _flags(path, "ground", ground)
-    return local_cloud(points, path, ground=ground)
+    return local_cloud(points, path, reading, labels=Labels(ground))
 
 
 def _flags(path: Path, key: str, array: np.ndarray) -> Bool[np.ndarray, "..."]:

@@ -19,12 +19,13 @@ import numpy as np
 from maxjax.core.files import FileError, read_text
 from maxjax.maps.mesh import MAX_FACES, Mesh, fans, mesh_of
 from maxjax.maps.model import MAX_POINTS
+from maxjax.maps.reading import PLAIN, Reading
 
 _IGNORED = {b"vt", b"vn", b"vp", b"g", b"o", b"s", b"mg", b"usemtl", b"mtllib", b"maplib", b"usemap", b"lod", b"bevel"}
 _IGNORED |= {b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj", b"p"}
 
 
-def load_obj(path: Path) -> Mesh:
+def load_obj(path: Path, reading: Reading = PLAIN) -> Mesh:
     """Faces and lines of an OBJ file.
 
     Raises:
@@ -63,7 +64,7 @@ def load_obj(path: Path) -> Mesh:
     if not lengths:
         raise FileError(f"{path}: expected a mesh, found no face")
     faces = fans(np.frombuffer(corners, np.int64), np.frombuffer(lengths, np.int64))
-    return mesh_of(np.frombuffer(vertices).reshape(-1, 3), faces, path)
+    return mesh_of(np.frombuffer(vertices).reshape(-1, 3), faces, path, reading)
 
 
 def _as_segments(corners: array[int], lengths: array[int], count: int) -> None:

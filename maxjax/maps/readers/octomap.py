@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Float, Int64, UInt8
 
 from maxjax.core.files import FileError, read_bytes
-from maxjax.maps.boxes import MAX_BOXES, Boxes
+from maxjax.maps.boxes import MAX_BOXES, Boxes, boxes_in_metres
+from maxjax.maps.reading import PLAIN, Reading
 
 _DEPTH = 16
 _MAX_NODES = 20_000_000
@@ -33,7 +34,7 @@ _CORNER = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
 Kinds = UInt8[np.ndarray, "n 8"]
 
 
-def load_octomap(path: Path) -> Boxes:
+def load_octomap(path: Path, reading: Reading = PLAIN) -> Boxes:
     """Occupied and free leaves of a .bt or .ot file.
 
     Raises:
@@ -59,7 +60,7 @@ def load_octomap(path: Path) -> Boxes:
     found = _leaves(nodes, spacing, path)
     if not sum(map(len, found.values())):
         raise FileError(f"{path}: holds no leaf, expected at least one")
-    return Boxes(found[_OCCUPIED], path.name, found[_FREE], spacing)
+    return boxes_in_metres(Boxes(found[_OCCUPIED], path.name, found[_FREE], spacing), path, reading)
 
 
 def _number(text: str) -> float:

@@ -20,6 +20,7 @@ from jaxtyping import Shaped
 
 from maxjax.core.files import FileError, read_bytes, text_lines
 from maxjax.maps.model import MAX_POINTS, PointCloud, local_cloud
+from maxjax.maps.reading import PLAIN, Reading
 
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
@@ -27,7 +28,7 @@ _MAX_HEADER = 65_536
 _MAX_BYTES = 2**31
 
 
-def load_pcd(path: Path) -> PointCloud:
+def load_pcd(path: Path, reading: Reading = PLAIN) -> PointCloud:
     """The points of a .pcd file.
 
     Raises:
@@ -40,14 +41,14 @@ def load_pcd(path: Path) -> PointCloud:
     if kind == "ascii":
         text = BytesIO(content)
         text.seek(begin)
-        return local_cloud(_ascii(text, count, [header["place"][axis] for axis in "xyz"], path), path)
+        return local_cloud(_ascii(text, count, [header["place"][axis] for axis in "xyz"], path), path, reading)
     data = memoryview(content)[begin:]
     whole = count * row.itemsize
     if kind == "binary":
         if len(data) < whole:
             raise FileError(f"{path}: claims {count} points of {row.itemsize} bytes, found {len(data)}; truncated")
         rows = np.frombuffer(data, row, count)
-        return local_cloud(np.stack([rows[f"p{names.index(axis)}"][..., 0] for axis in "xyz"], axis=1), path)
+        return local_cloud(np.stack([rows[f"p{names.index(axis)}"][..., 0] for axis in "xyz"], axis=1), path, reading)
     if len(data) < 8:
         raise FileError(f"{path}: expected two sizes before its compressed data; truncated")
     packed, unpacked = (int(n) for n in np.frombuffer(data, "<u4", 2))
@@ -62,7 +63,7 @@ def load_pcd(path: Path) -> PointCloud:
         if name in "xyz":
             axes[name] = np.frombuffer(fields, code.base, count * code.itemsize // code.base.itemsize, at)[:count]
         at += count * code.itemsize
-    return local_cloud(np.stack([axes[axis] for axis in "xyz"], axis=1), path)
+    return local_cloud(np.stack([axes[axis] for axis in "xyz"], axis=1), path, reading)
 
 
 def _header(content: bytes, path: Path) -> tuple[dict[str, Any], str, int]:

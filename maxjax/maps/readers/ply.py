@@ -24,6 +24,7 @@ from jaxtyping import Int64, Shaped
 from maxjax.core.files import FileError, text_lines
 from maxjax.maps.mesh import MAX_FACES, Mesh, fans, mesh_of
 from maxjax.maps.model import MAX_POINTS, PointCloud, local_cloud
+from maxjax.maps.reading import PLAIN, Reading
 
 _MAX_HEADER = 65_536
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -45,7 +46,7 @@ class _Element:
     properties: list[tuple[str, str, str | None]]
 
 
-def load_ply(path: Path) -> PointCloud | Mesh:
+def load_ply(path: Path, reading: Reading = PLAIN) -> PointCloud | Mesh:
     """The mesh of a PLY file, or its vertices where it has no face.
 
     Raises:
@@ -76,7 +77,9 @@ def load_ply(path: Path) -> PointCloud | Mesh:
         raise fail(f"cannot be read: {error.strerror or error}") from error
     if points is None:
         raise fail("expected an element vertex, found " + (", ".join(e.name for e in elements) or "none"))
-    return local_cloud(points, path) if faces is None else mesh_of(points.astype(np.float64), faces, path)
+    if faces is None:
+        return local_cloud(points, path, reading)
+    return mesh_of(points.astype(np.float64), faces, path, reading)
 
 
 def _failure(path: Path) -> Failure:

@@ -15,13 +15,14 @@ import numpy as np
 
 from maxjax.core.files import FileError, read_bytes, read_text
 from maxjax.maps.mesh import MAX_FACES, Mesh, mesh_of
+from maxjax.maps.reading import PLAIN, Reading
 
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER = 84
 _VERTEX = re.compile(rb"\bvertex\s+(\S{1,64})\s+(\S{1,64})\s+(\S{1,64})(?!\S)")
 
 
-def load_stl(path: Path) -> Mesh:
+def load_stl(path: Path, reading: Reading = PLAIN) -> Mesh:
     """The triangles of an STL file.
 
     Raises:
@@ -40,7 +41,7 @@ def load_stl(path: Path) -> Mesh:
             f"{path}: claims {claimed} triangles, which take {_HEADER + claimed * _ROW.itemsize} bytes, "
             f"found {len(content)}; damaged or no STL"
         )
-    return mesh_of(corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3), path)
+    return mesh_of(corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3), path, reading)
 
 
 def _ascii(content: bytes, path: Path) -> np.ndarray:
