@@ -1,4 +1,7 @@
-"""Units, datum and axes: what files state becomes metres, as pyproj has them, or is refused in a sentence."""
+"""Units, datum and axes: what files state becomes metres, as pyproj has them, or is refused in a sentence.
+
+MUTATIONS=100000 python -m pytest tests/maps/test_reference.py -k texts      # at length
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from maxjax.maps.reading import Reading
 from maxjax.maps.reference import Stated, reference
 
 FOOT, US_FOOT = 0.3048, 1200 / 3937
-MUTATIONS = int(os.environ.get("MAXJAX_MUTATIONS", "100"))  # 100,000 took 40 minutes
+MUTATIONS = int(os.environ.get("MUTATIONS", "100"))
 PLAIN = Reading()
 
 
