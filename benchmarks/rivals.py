@@ -34,8 +34,6 @@ import maxjax
 from benchmarks.common.harness import RESULTS, Row, left_out, package, save
 from benchmarks.common.problems import joined, problems, voxels_of
 from maxjax import VoxelMap
-from maxjax.baselines import astar, astar_compiled
-from maxjax.baselines.astar_compiled import Queries, Query, Search
 from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
 from maxjax.methods import planner_named
@@ -43,6 +41,8 @@ from maxjax.planning.execution import problem_of
 from maxjax.planning.field_planner import potential_field
 from maxjax.planning.fleet import formulate_fleet
 from maxjax.planning.task import Task
+from maxjax.search import astar, astar_compiled
+from maxjax.search.astar_compiled import Queries, Query, Search
 from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 

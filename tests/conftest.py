@@ -87,7 +87,7 @@ def data() -> Path:
 @pytest.fixture(scope="module")
 def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
-    from maxjax.baselines import astar_compiled
+    from maxjax.search import astar_compiled
 
     folder = tmp_path_factory.mktemp("astar")
     with pytest.MonkeyPatch.context() as patch:

@@ -1,6 +1,6 @@
 """A* as a planner: between the voxels of start and goal, joined to the exact ends.
 
-Searched is by the compiled A* where there is one (`baselines.astar_compiled`), and else by the one in Python: the path
+Searched is by the compiled A* where there is one (`search.astar_compiled`), and else by the one in Python: the path
 is the same. A plan's `timings` say which: "search" or "search in Python", and "compile" where it was built first.
 
 A flight differs in nothing: same scans, map, margin, verification and controller (`planning.planner.in_flight`).
@@ -14,13 +14,13 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.baselines import astar_compiled
-from maxjax.baselines.astar import astar
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.problem import Problem
 from maxjax.planning.route import Route, failed, found
 from maxjax.programs.stage_timer import timed
+from maxjax.search import astar_compiled
+from maxjax.search.astar import astar
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,6 +25,7 @@ from maxjax.core.grid import Point3
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.methods import climbs
+from maxjax.planning.corridor import NEARLY
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
@@ -124,6 +125,7 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "radius": plan.radius,
         "exemptions": list(plan.exemptions),
         "cost": plan.cost,
+        "ratio": plan.ratio,
         "certified": plan.certified,
         "potential": plan.potential,
         "margin": plan.margin,
@@ -189,6 +191,7 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
             "length": f"{plan.length:.2f} m",
             "straight line": f"{math.dist(task.starts[0], task.goals[0]):.2f} m",
             "price paid": f"{plan.cost:.2f} m",
+            "over that of its guide": "" if math.isnan(plan.ratio) else f"{plan.ratio:.3f}",
             "clearance": f"{plan.clearance:.2f} m",
             "clearance away from the ends": f"{plan.cruise_clearance:.2f} m",
             "waypoints": str(len(plan.path)),
@@ -210,6 +213,11 @@ def warn(plan: Plan, task: Task) -> None:
                 f"Warning: the {end} {_xyz(tuple(point.tolist()))} stands nearer to {what} than the radius of "
                 f"{plan.radius:g} m; within {exempt:g} m of it the path keeps no more than that."
             )
+    if plan.ratio > NEARLY:
+        complain(
+            f"Warning: the path costs {plan.ratio:.2f} times what guided it across this large map; another way may be "
+            "shorter. A window (--bounds) around a shorter way, or a larger --spacing, may show it."
+        )
     if plan.cruise_clearance < 0.5 * task.distances.margin:
         found = verify(plan.path, plan.map, exemptions=plan.exemptions)
         place = "" if found.cruise_nearest is None else f" at {_place(found.cruise_nearest)}"

@@ -20,6 +20,7 @@ Kind = Literal["projected", "geographic", "local"]
 _LONGEST = 100_000  # characters of a name: WKT
 _ONE_CODE = re.compile(r"(?:[^,+?]*[:/])?EPSG[:/]+(?:[\d.]*[:/]+)?(\d{3,6})", re.IGNORECASE)
 _CLOSE = 0.5  # units; two systems are one where they agree to this
+_AROUND = np.array([[-1, 0], [1, 0], [0, -1], [0, 1], [-0.6, -0.8], [0.6, 0.8], [-0.6, 0.8], [0.6, -0.8]])
 _STEP = 50.0  # [m]; half the length that the scale of a projection is taken over
 # Metres of the units that people name.
 UNITS: Mapping[str, float] = {
@@ -65,12 +66,12 @@ class ReferenceSystem:
         return np.column_stack([x, y])
 
     def scale(self, place: Float64[np.ndarray, " 2"]) -> float:
-        """Metres on the map for a metre on Earth at a place in the system's own units: the one farther from 1 of two.
+        """Metres on the map for a metre on Earth at a place in the system's own units: the farthest from 1 of four.
 
-        Measured along both axes, from point to point on the ellipsoid; NaN where the place lies nowhere.
+        Measured along both axes and both diagonals, from point to point on the ellipsoid; NaN where the place lies
+        nowhere.
         """
-        step = _STEP / self.unit
-        ends = self.geodetic(place + step * np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]))
+        ends = self.geodetic(place + _STEP / self.unit * _AROUND)
         if not np.isfinite(ends).all():
             return float("nan")
         _, _, length = _geod().inv(ends[::2, 0], ends[::2, 1], ends[1::2, 0], ends[1::2, 1])
@@ -102,7 +103,7 @@ def reference_system(text: str) -> ReferenceSystem:
             f"({whole.name}); bring the file into another system"
         )
     unit = 1.0 if kind == "geographic" else float(flat.axis_info[0].unit_conversion_factor or 1.0)
-    name = _name(text, flat)
+    name = _name(text, whole, flat)
     if kind == "local":
         return ReferenceSystem(name, whole.name, kind, unit, vertical, None)
     try:
@@ -171,12 +172,15 @@ def _kind(flat: Any, text: str) -> Kind:
     raise ValueError(f"crs: expected a projected or a geographic system, given {_short(text)} ({flat.type_name})")
 
 
-def _name(text: str, flat: Any) -> str:
+def _name(text: str, whole: Any, flat: Any) -> str:
     """As `ReferenceSystem.name`."""
     if one := _ONE_CODE.fullmatch(text.strip()):
         return f"EPSG:{one[1]}"
     code = flat.to_epsg()
-    return f"EPSG:{code}" if code and _same(flat, code) else str(flat.to_wkt())
+    if code and _same(flat, code):
+        return f"EPSG:{code}"
+    # The text itself, where it is of this system alone: what pyproj writes of a faulty one may be another.
+    return str(flat.to_wkt()) if whole.sub_crs_list or whole.is_bound else text.strip()
 
 
 def _same(flat: Any, code: int) -> bool:

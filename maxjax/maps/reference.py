@@ -126,8 +126,10 @@ def reference(stated: Stated, reading: Reading, extent: Float64[np.ndarray, "2 2
         return Reference(None, None, unit, vertical, tuple(remarks), system)
     middle = extent.mean(axis=0) * (unit / system.unit)
     remarks += _located(system, middle, path)
-    scale = np.inf if system.kind == "geographic" else system.scale(middle)
-    if abs(scale - 1.0) <= _TRUE:
+    places = [middle, *(extent * (unit / system.unit))]
+    scales = [np.inf] if system.kind == "geographic" else [system.scale(place) for place in places]
+    scale = max(scales, key=lambda k: abs(k - 1.0))
+    if all(abs(k - 1.0) <= _TRUE for k in scales):
         return Reference(system.name, None, unit, vertical, tuple(remarks), system)
     origin = _origin(system, extent * (unit / system.unit), path)
     if system.kind == "projected":

@@ -1,14 +1,16 @@
 """Corridor: a route too long for any window, coarse to fine.
 
-    coarse map → route → hand-overs along it → legs in windows → hand-overs in the middle of the legs → … → one route
+    guide → hand-overs along it → legs in windows → hand-overs in the middle of the legs → … → one route
 
-A coarse voxel is occupied if any of its f³ voxels is, so that a coarse path has room; where that joins nothing, if more
-than half of them are. Its route only says which way to go. Legs are planned and certified on the map itself, each in a
-window of its own (`planning.focus_window`). A hand-over that was put on the coarse path costs a detour, so the legs are
+The guide is the cheapest path on the lattice of voxels (`planning.lattice_guide`). Without a compiled A* it is the
+cheapest of several routes in coarse maps, whose voxels are occupied if any of their f³ voxels is, or if more than half
+of them are. A guide only says which way to go. Legs are planned and certified on the map itself, each in a
+window of its own (`planning.focus_window`). A hand-over on the guide costs a detour, so the legs are
 planned again from middle to middle, which pulls the route taut across it. The verifier then passes or refuses the whole
 path, on the whole map.
 
-What is proved for a leg holds for its window; that no way along other streets is cheaper is not proved.
+What is proved for a leg holds for its window. That no way along other streets is cheaper is known as far as the guide's
+cost tells: `Plan.ratio` is the route's over it (over the straight line, with a coarse guide).
 """
 
 from __future__ import annotations
@@ -26,48 +28,84 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.focus_window import SHAPES, RouteViews, ellipsoid_box, in_windows, rounded, straight
+from maxjax.planning.lattice_guide import Show, lattice_path
 from maxjax.planning.route import Route, Routes
 from maxjax.planning.task import Task
+from maxjax.programs.stage_timer import recording
 
 # Voxels of a coarse map that is solved as a whole, and the length of a leg [voxels].
 _COARSE, _LEG = 2**21, 36
 # Times that the legs are planned, the first time between points of the coarse path.
 _PASSES = 3
-# A hand-over may be this far from the coarse path, in coarse voxels.
-_ASIDE = 2.0
+# A hand-over may be this far from a lattice path [voxels], and from a coarse path [coarse voxels].
+_BESIDE, _ASIDE = 1.0, 2.0
+# What a route may cost, in terms of the straight line or of the guide, without a look at others or a warning.
+NEARLY = 1.2
+_ONLY = np.arange(1)
 
 Points = Float64[np.ndarray, "_ 3"]
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 
-def in_corridor(task: Task, find: RouteViews) -> Routes:
+def in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
     """The route of the only problem of a task, in a corridor of windows.
 
     Args:
         task: whose map is too large to be solved as a whole.
         find: routes of what a device is shown.
+        show: the only problem of what a device is shown.
 
     Returns:
         A route; any status but OK says nothing about the map.
     """
     task = dataclasses.replace(task, map=task.map_at(0), map_of=np.zeros(1, np.int64))
-    spent, one = Routes.blank(1), np.arange(1)
+    with recording() as recorder:
+        guide = lattice_path(task, show)
+    spent = Routes.blank(1).spending(_ONLY, {name: np.array([s]) for name, s in recorder.report().items()})
+    if guide is not None:
+        route, spent = _along(task, task.grid.to_metres(guide.points), _BESIDE, find, spent)
+        if route is not None:
+            spacing = task.grid.spacing
+            return spent.put(_ONLY, Routes(route, ratio=np.array([_paid(route, spacing) / (spacing * guide.cost)])))
+    return _coarsely(task, find, spent)
+
+
+def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
+    """The cheapest of the routes that paths in coarse maps guide to; the first that is nearly straight will do."""
+    best, least = None, math.inf
+    straight_line = float(np.linalg.norm(task.goals[0] - task.starts[0]))
     for share, factor in itertools.product((0.0, 0.5), _factors(task)):
         coarse_map = coarse_task(task, share, factor)
         guide = _guide(coarse_map, find)
-        spent = spent.spending(one, guide.timings)
+        spent = spent.spending(_ONLY, guide.timings)
         if not guide.ok.all():
             continue
-        points = _handovers(task, coarse_map.grid.to_metres(_path(guide, 0)), _ASIDE * factor)
-        for k in range(1, _PASSES + 1):
-            legs = _legs(task, points, find)
-            spent = spent.spending(one, {name: np.nansum(s, keepdims=True) for name, s in legs.timings.items()})
-            if not _sound(legs):
+        points = coarse_map.grid.to_metres(_path(guide, 0))
+        route, spent = _along(task, points, _ASIDE * factor, find, spent)
+        if route is not None and (cost := _paid(route, task.grid.spacing)) < least:
+            best, least = route, cost
+            if least <= NEARLY * straight_line:
                 break
-            points = _between(task, legs, 0.5 * (k % 2))
-        else:
-            return spent.put(one, Routes(_joined(legs)))
-    return spent
+    if best is None:
+        return spent
+    return spent.put(_ONLY, Routes(best, ratio=np.array([least / straight_line])))
+
+
+def _along(task: Task, guide: Points, reach: float, find: RouteViews, spent: Routes) -> tuple[Route | None, Routes]:
+    """The route that a path [m] guides to, hand-overs so far beside it [voxels]; and the seconds that it took."""
+    points = _handovers(task, guide, reach)
+    for k in range(1, _PASSES + 1):
+        legs = _legs(task, points, find)
+        spent = spent.spending(_ONLY, {name: np.nansum(s, keepdims=True) for name, s in legs.timings.items()})
+        if not _sound(legs):
+            return None, spent
+        points = _between(task, legs, 0.5 * (k % 2))
+    return _joined(legs), spent
+
+
+def _paid(route: Route, spacing: float) -> float:
+    """What the only route costs [m]; its length where nothing is priced."""
+    return float(route.cost[0]) or spacing * _length(np.asarray(route.path[0], np.float64))
 
 
 def _legs(task: Task, points: Points, find: RouteViews) -> Routes:

@@ -74,7 +74,7 @@ def plans_of(routes: Routes, task: Task, method: str) -> Plans:
         plans = with_closures(with_largest_radii(plans))
     spent, share = recorder.report(), np.arange(len(task))
     timings = routes.spending(share, {name: np.full(len(task), s / len(task)) for name, s in spent.items()}).timings
-    return dataclasses.replace(plans, timings=timings)
+    return dataclasses.replace(plans, timings=timings, ratio=np.where(plans.ok, routes.ratio, math.nan))
 
 
 def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Routes:
@@ -99,7 +99,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def _routed(one: Task) -> Routes:
         """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        guided = in_corridor(one, find_all)
+        guided = in_corridor(one, find_all, problem_shown)
         if guided.ok.all():
             return guided
         return find(View(one)).spending(np.arange(1), guided.timings)

@@ -111,7 +111,7 @@ def window_around(
             last = np.maximum(limits - size, 0)
             corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), last)
             corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), last[2])
-            return FocusWindow(_index(corner), _index(size), _bound(occupied, ends, corner, size))
+            return FocusWindow(_index(corner), _index(size), way_out(occupied, ends, corner, size))
     return None
 
 
@@ -142,13 +142,13 @@ def ellipsoid_box(
     return low, high
 
 
-def _bound(
+def way_out(
     occupied: Bool[np.ndarray, "nx ny nz"],
     ends: Float[np.ndarray, "2 3"],
     corner: Int64[np.ndarray, " 3"],
     size: Int64[np.ndarray, " 3"],
 ) -> float:
-    """The least cost of a way that leaves a window by the centres of its outermost voxels."""
+    """The least cost of a way that leaves a window, by the centres of its outermost voxels; infinite if none can."""
     start, goal = ends.astype(np.float64)
     inside = tuple(slice(a, a + n) for a, n in zip(corner.tolist(), size.tolist(), strict=True))
     bound = math.inf
@@ -289,7 +289,11 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
         for group, routes in zip(rows, find(views) if views else [], strict=True):
             found = found.put(group, routes)
         if rest.size:
-            found = found.put(rest, whole(task.some(rest)))
+            answers = whole(task.some(rest))
+            # A path that a window did not prove the cheapest is better than none.
+            better = answers.ok | ~found.ok[rest]
+            found = found.put(rest[better], answers.some(better))
+            found = found.spending(rest[~better], answers.some(~better).timings)
         bounds = np.array([math.nan if windows[k] is None else windows[k].bound for k in asked.tolist()])  # type: ignore[union-attr]
         costs[asked] = _next_costs(found.route, asked, bounds, costs[asked], task.grid.spacing)
         asked = asked[~np.isnan(costs[asked])]

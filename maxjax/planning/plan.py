@@ -44,6 +44,9 @@ class Plan:
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
         potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
             "geodesic"; "" where it climbed none.
+        ratio: of a route across a map too large for a window, its cost over that of what guided it: the cheapest path
+            from voxel to voxel, or the straight line where there is no compiled A* (`planning.corridor`); NaN where
+            nothing had to guide it, as a window proves its route the cheapest.
         margin: distance from which on a metre costs no more than its length [m].
         timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
             device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
@@ -60,6 +63,7 @@ class Plan:
     radius: float
     exemptions: tuple[float, float]
     cost: float
+    ratio: float
     certified: bool
     potential: str
     margin: float
@@ -77,6 +81,7 @@ class Plans(Sequence[Plan]):
         points: (b, t, 3) float64 [m], ENU: paths, each filled up with its last point; NaN without a path.
         counts: (b,) how many points each path has.
         length, clearance, cruise_clearance, cost: (b,) float64 [m], as in `Plan`; NaN without a path.
+        ratio: (b,) float64, as in `Plan`.
         clearance_at: (b, t) float64 [m], at each point; NaN beyond a path.
         radius: (b,) float64 [m], as in `Plan`.
         exemptions: (b, 2) float64 [m], as in `Plan`.
@@ -94,6 +99,7 @@ class Plans(Sequence[Plan]):
     clearance: Float64[np.ndarray, " b"]
     cruise_clearance: Float64[np.ndarray, " b"]
     cost: Float64[np.ndarray, " b"]
+    ratio: Float64[np.ndarray, " b"]
     clearance_at: Float64[np.ndarray, "b t"]
     radius: Float64[np.ndarray, " b"]
     exemptions: Float64[np.ndarray, "b 2"]
@@ -148,6 +154,7 @@ class Plans(Sequence[Plan]):
             radius=float(self.radius[k]),
             exemptions=(start, goal),
             cost=float(self.cost[k]),
+            ratio=float(self.ratio[k]),
             certified=bool(self.certified[k]),
             potential=kind if count else "",
             margin=self.margin,
@@ -169,6 +176,7 @@ def no_plans(task: Task, status: Status, method: str, timings: Seconds | None = 
         clearance=nothing,
         cruise_clearance=nothing,
         cost=nothing,
+        ratio=nothing,
         clearance_at=np.full((count, 0), math.nan),
         radius=np.full(count, task.distances.radius),
         exemptions=np.zeros((count, 2)),

@@ -84,10 +84,16 @@ class Routes:
     Attributes:
         route: with one leading axis; paths are filled up with their last points.
         timings: by stage; NaN where a problem had none of that stage.
+        ratio: of routes that were guided, their cost over the guide's (`corridor`); NaN of those that were not.
     """
 
     route: Route
     timings: Mapping[str, Float64[np.ndarray, " b"]] = dataclasses.field(default_factory=dict)
+    ratio: Float64[np.ndarray, " b"] = dataclasses.field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        if len(self.ratio) != len(self.route.status):
+            object.__setattr__(self, "ratio", np.full(len(self.route.status), np.nan))
 
     @classmethod
     def blank(cls, count: int, status: int = Status.NO_VALID_PATH) -> Routes:
@@ -127,6 +133,11 @@ class Routes:
         """One of them."""
         return jax.tree.map(lambda x: x[k, ...], self.route)  # type: ignore[no-any-return]
 
+    def some(self, rows: Bool[np.ndarray, " b"]) -> Routes:
+        """Those that are chosen."""
+        timings = {name: seconds[rows] for name, seconds in self.timings.items()}
+        return Routes(jax.tree.map(lambda x: x[rows], self.route), timings, self.ratio[rows])
+
     def put(self, rows: Int64[np.ndarray, " r"], others: Routes) -> Routes:
         """Others in place of some of these; the seconds add up."""
         mine, theirs = self.route, others.route
@@ -141,7 +152,7 @@ class Routes:
 
         rest = [field.name for field in dataclasses.fields(Route) if field.name != "path"]
         route = Route(path, **{name: merged(getattr(mine, name), getattr(theirs, name)) for name in rest})
-        return Routes(route, self.spending(rows, others.timings).timings)
+        return Routes(route, self.spending(rows, others.timings).timings, merged(self.ratio, others.ratio))
 
     def spending(self, rows: Int64[np.ndarray, " r"], seconds: Mapping[str, Float64[np.ndarray, " r"]]) -> Routes:
         """The same routes, with seconds added to those of some."""
@@ -150,7 +161,7 @@ class Routes:
             own = timings.setdefault(name, np.full(len(self), np.nan))
             before = own[rows]
             own[rows] = np.where(np.isnan(before), values, before + np.where(np.isnan(values), 0.0, values))
-        return Routes(self.route, timings)
+        return Routes(self.route, timings, self.ratio)
 
 
 def _filled_up(path: Float64[np.ndarray, "b t 3"], count: int) -> Float64[np.ndarray, "b n 3"]:

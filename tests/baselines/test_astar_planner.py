@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.baselines.astar import astar
 from maxjax.baselines.astar_planner import AStar
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -18,6 +17,7 @@ from maxjax.planning.distances import Distances
 from maxjax.planning.line_of_sight import clear, sight_of
 from maxjax.planning.planner import POINTS, corners_of, in_flight
 from maxjax.planning.problem import Problem, formulate
+from maxjax.search.astar import astar
 
 
 def problem_of(seed: int) -> tuple[Problem, Grid]:

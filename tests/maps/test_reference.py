@@ -355,7 +355,8 @@ def test_texts_of_systems_end_in_metres_or_a_sentence() -> None:
         to_degrees = pyproj.Transformer.from_crs(pyproj.CRS(name), "EPSG:4326", always_xy=True)
         (west, south), (east, north) = (to_degrees.transform(*corner) for corner in corners)
         true = geod.inv(west, south, east, north)[2]
-        assert float(np.linalg.norm(np.ptp(how.plane(corners), axis=0))) == pytest.approx(true, rel=0.006)
+        length = float(np.linalg.norm(np.ptp(how.plane(corners), axis=0)))
+        assert length == pytest.approx(true, rel=0.006), name
     assert read > MUTATIONS // 20
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from maxjax import VoxelMap
+from maxjax import AStar, VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
@@ -15,6 +15,7 @@ from maxjax.planning import focus_window as focus
 from maxjax.planning.distances import Distances
 from maxjax.planning.plan import Plan
 from maxjax.planning.task import Task
+from maxjax.search import astar_compiled
 from maxjax.verification.verifier import verify
 
 GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))
@@ -68,6 +69,30 @@ def test_a_route_in_a_corridor_passes_the_judge_and_is_about_the_shortest() -> N
     assert np.array_equal(plan.path[0], task.starts[0])
     assert np.array_equal(plan.path[-1], task.goals[0])
     assert plan.cost <= 1.02 * other.cost
+
+
+@pytest.mark.usefixtures("compiled_astar")
+def test_a_route_states_what_it_costs_over_its_guide() -> None:
+    occupied, ground = town()
+    task = across(occupied, ground)
+    plan = planned(task)
+    (rival,) = execute.plan_task(task, AStar())
+    inside = rival.cost - 2 * GRID.spacing  # the ways to the exact ends are not the guide's
+    assert 0.9 < plan.ratio <= 1.0 + 1e-3
+    assert inside <= plan.cost / plan.ratio <= rival.cost + 1e-3
+    assert np.isnan(whole(task).ratio)
+
+
+def test_without_a_compiled_search_a_coarse_map_guides(monkeypatch: pytest.MonkeyPatch) -> None:
+    occupied, ground = town()
+    task = across(occupied, ground)
+    guided = planned(task)
+    monkeypatch.setattr(astar_compiled, "available", lambda: False)
+    plan = planned(task)
+    assert plan.status == Status.OK
+    assert plan.certified
+    assert plan.cost <= 1.05 * guided.cost
+    assert plan.ratio == pytest.approx(plan.cost / np.linalg.norm(task.goals - task.starts))
 
 
 def test_what_no_corridor_joins_has_the_status_of_the_whole_map() -> None:
