@@ -46,6 +46,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("warframe_crops", "warframe_crops"),
         ("warframe_full", "warframe_full"),
         ("real_cities", "real_cities"),
+        ("long_ways", "long_ways"),
         ("clearance", "clearance"),
         ("clearance_ablation", "clearance"),
         ("trajectories", "trajectories"),
