@@ -23,7 +23,7 @@ def test_a_tiny_run_compares_and_reports(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(long_ways, "_made", lambda _: where)
     (row,) = long_ways.main(dataclasses.replace(long_ways.TINY, out=tmp_path))
     assert row["ok"] == row["astar_ok"] == row["certified"] == row["problems"] == 1
-    assert 0.9 < float(str(row["ratio_worst"])) <= 1.0
+    assert 0.85 < float(str(row["ratio_worst"])) <= 1.0  # a lattice path is up to 1.13 times as long
     assert "| city of tiles" in long_ways.section(json.loads((tmp_path / "long_ways.json").read_text()))
 
 
