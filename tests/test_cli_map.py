@@ -47,3 +47,21 @@ def test_an_unusable_file_ends_in_one_sentence(tmp_path: Path, capfd: pytest.Cap
     assert shown == ""
     assert "a.obj: expected a mesh, found no face" in told
     assert not (tmp_path / "out").exists()
+
+
+def test_what_stands_at_a_place_is_said(boxes: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    options = ["--spacing", "1", "--ground", "0", "--at"]
+    assert main(["map", str(boxes), *options, "5", "10", "--json"]) == 0
+    found = json.loads(capfd.readouterr().out)
+    (lowest, level, ground), (base, roof, obstacle) = found["at"]["occupied"]
+    assert (ground, obstacle, base, roof) == ("ground", "obstacle", level, 30.5)
+    assert lowest < level <= 0.5
+    assert main(["map", str(boxes), *options, "5", "10"]) == 0
+    assert "30.5 m (obstacle)" in capfd.readouterr().out
+    assert main(["map", str(boxes), *options, "500", "10"]) == 2
+    assert "--at: expected a place in" in capfd.readouterr().err
+
+
+def test_an_end_far_above_everything_is_asked_about(boxes: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(boxes), "--ground", "0", "--start", "-5", "0", "9", "--goal", "60", "0", "5000"]) == 2
+    assert "an end at z = 5000 lies 4970 m above all that the map holds" in capfd.readouterr().err

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from maxjax.cli import report
 from maxjax.cli.options import MapOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MOST_VOXELS, reading_of
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.maps import LoadedMap, Window, map_of, read_map
 from maxjax.maps.contents import facts
 
@@ -29,12 +32,16 @@ def run_map(options: MapOptions) -> int:
         contents = read_map(options.map, reading)
         found = map_of(contents, window, reading)
         extent = facts(contents).extent
-    content = report.plain(_document(found, extent))
+    content = _document(found, extent)
+    if options.at is not None:
+        content["at"] = {"place": list(options.at), "occupied": column(found, options.at)}
+    content = report.plain(content)
     picture = None if options.out is None else _draw(found, options.out)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(report.table(found.file.source, {"": _rows(found, extent)}))
+        rows = _rows(found, extent) | ({} if options.at is None else _at(found, options.at))
+        report.show(report.table(found.file.source, {"": rows}))
         if picture is not None:
             print(picture)
     for remark in found.file.remarks:
@@ -71,6 +78,35 @@ def _rows(found: LoadedMap, extent: np.ndarray) -> dict[str, str]:
     rows["occupied"] = f"{int((found.occupied & ~found.ground).sum()):,}"
     rows["ground"] = f"{int(found.ground.sum()):,}"
     return rows
+
+
+def _at(found: LoadedMap, place: tuple[float, float]) -> dict[str, str]:
+    """What stands at a place."""
+    spans = [f"{low:.1f} to {high:.1f} m ({what})" for low, high, what in column(found, place)]
+    x, y = place
+    return {f"at ({x:.10g}, {y:.10g})": ", ".join(spans) or "nothing"}
+
+
+def column(found: VoxelMap, place: tuple[float, float]) -> list[tuple[float, float, str]]:
+    """Occupied spans of the column of voxels at a place, lowest first: from, to [m], ground or obstacle.
+
+    Raises:
+        ValueError: if the place lies outside of the map.
+    """
+    grid = found.grid
+    i, j = (math.floor((a - b) / grid.spacing) for a, b in zip(place, grid.lower[:2], strict=True))
+    if not (0 <= i < grid.shape[0] and 0 <= j < grid.shape[1]):
+        (x0, y0, _), (x1, y1, _) = grid.lower, grid.upper
+        raise ValueError(f"--at: expected a place in x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, given {place}")
+    kind = np.asarray(found.occupied[i, j]).astype(int) + np.asarray(found.ground[i, j])
+    edges = np.flatnonzero(np.diff(kind, prepend=-1, append=-1))
+    level = grid.lower[2] + grid.spacing * np.arange(len(kind) + 1)
+    names = {1: "obstacle", 2: "ground"}
+    return [
+        (float(level[a]), float(level[b]), names[int(kind[a])])
+        for a, b in itertools.pairwise(edges.tolist())
+        if kind[a]
+    ]
 
 
 def _draw(found: LoadedMap, out: Path) -> Path | None:

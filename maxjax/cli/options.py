@@ -166,11 +166,13 @@ class MapOptions(ReadOptions):
         bounds: Lowest and highest corner of what becomes voxels [m]; by default the whole map, with room.
         center: Middle of 101 x 101 x 101 voxels [m], in place of bounds.
         crs: Coordinate reference system, as EPSG:28992, in place of the file's.
+        at: A place of the map, x and y [m]: say at what heights something stands there.
         out: Folder for map.png.
         json: Print all as JSON, and nothing else, on stdout.
     """
 
     map: _Map
+    at: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
     out: _OptionalFolder = None
     json: _Flag = False
 

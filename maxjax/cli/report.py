@@ -28,6 +28,7 @@ from maxjax.methods import climbs
 from maxjax.planning.corridor import NEARLY
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
+from maxjax.planning.taken_end import taken_end
 from maxjax.planning.task import Task
 from maxjax.verification.verifier import verify
 
@@ -96,6 +97,10 @@ def explain(plan: Plan, given: MapTask) -> str:
             index = np.floor(given.task.ends[0, end] + 0.5).astype(int).tolist()
             reasons = given.airspace.reasons_at(tuple(index), given.terrain)
             sentence += f"; the voxel of {_xyz(point)} is {' and '.join(reasons)}"
+    for point, taken in zip((start, goal), (Status.START_OCCUPIED, Status.GOAL_OCCUPIED), strict=True):
+        if plan.status == taken:
+            stands = taken_end(given.task.map_at(0), point, given.task.distances.radius)
+            sentence += "" if stands is None else f"; {stands.sentence}"
     if given.returns:
         counts = given.returns
         sentence += (

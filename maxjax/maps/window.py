@@ -20,6 +20,7 @@ MOST_VOXELS = 2**27
 SPACING = 2.0  # [m]
 _ROOM = 10  # voxels around a map and above it
 _AROUND = 100.0  # [m] around the ends, where a map is too large
+_HIGH = 300.0  # [m] above a map; an end beyond is asked about
 _MULTIPLE = 8  # of voxels along each edge: maps of about one size share their programs
 _CENTERED = 101  # voxels along each edge of a window about a centre
 _TOUCH = 1e-6  # [voxels]
@@ -74,7 +75,7 @@ class Window:
             lattice: centre of any voxel [m].
 
         Raises:
-            ValueError: if it would take too many voxels, or lies too far out.
+            ValueError: if it would take too many voxels, lies too far out, or an end is 300 m above the map.
         """
         edge = self.spacing or spacing or SPACING
         base = np.array(lattice) if self.ground is None else np.array([*lattice[:2], self.ground])
@@ -85,6 +86,7 @@ class Window:
             return _checked(_fitting(corners, base, edge), self.most), ""
         room = np.array([[-_ROOM, -_ROOM, -1], [_ROOM, _ROOM, _ROOM]]) * edge
         ends = np.array([end for end in self.ends if np.isfinite(end).all()]).reshape(-1, 3)
+        _check_height(ends, extent)
         flat = [] if self.ground is None else [*extent[0, :2], self.ground]
         held = np.concatenate([extent, ends, np.reshape(flat, (-1, 3))])
         whole = _fitting(np.stack([held.min(0), held.max(0)]) + room, base, edge, _MULTIPLE)
@@ -129,6 +131,16 @@ def _from(
 def _check_place(points: Float[np.ndarray, "..."]) -> None:
     if not np.abs(points).max() <= FARTHEST:
         raise ValueError(f"window: expected coordinates within {FARTHEST:.0e} m of 0, given {points.tolist()}")
+
+
+def _check_height(ends: Float[np.ndarray, "n 3"], extent: Float[np.ndarray, "2 3"]) -> None:
+    """Raise a `ValueError` where an end is so high above a map that a window up to it is hardly meant."""
+    above = ends[:, 2].max(initial=-np.inf) - extent[1, 2]
+    if above > _HIGH:
+        raise ValueError(
+            f"window: an end at z = {ends[:, 2].max():g} lies {above:.0f} m above all that the map holds, whose "
+            f"heights are {extent[0, 2]:g} to {extent[1, 2]:g} m: in feet, or in another datum? Give --bounds to fly there"
+        )
 
 
 def _size(grid: Grid) -> str:
