@@ -13,7 +13,7 @@ import numpy as np
 from maxjax.cli import report
 from maxjax.cli.options import MapOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, reading_of
+from maxjax.cli.task import reading_of
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.maps import LoadedMap, Window, map_of, read_map
 from maxjax.maps.contents import facts
@@ -109,18 +109,17 @@ def column(found: VoxelMap, place: tuple[float, float]) -> list[tuple[float, flo
     ]
 
 
-def _draw(found: LoadedMap, out: Path) -> Path | None:
-    """map.png: the map from above; None, and a sentence, where it is too large to draw."""
+def _draw(found: LoadedMap, out: Path) -> Path:
+    """map.png: the map from above."""
+    from maxjax.viz.drawable import drawable, titled
     from maxjax.viz.figures import figure_map
     from maxjax.viz.style import save_figure
 
     picture = out / "map.png"
     picture.unlink(missing_ok=True)
-    if found.occupied.size > MOST_VOXELS:
-        report.complain_of_size()
-        return None
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
-        obstacle, file = np.asarray(found.occupied & ~found.ground), found.file
-        save_figure(figure_map(obstacle, found.grid, title=file.source, within=file.within), picture)
+        where, within, remark = drawable(found, found.file.within)
+        obstacle, title = np.asarray(where.occupied & ~where.ground), titled(found.file.source, remark)
+        save_figure(figure_map(obstacle, where.grid, title=title, within=within), picture)
     return picture

@@ -6,7 +6,6 @@ Where a leg fails, it is named, and nothing is written; with `--partial` the leg
 from __future__ import annotations
 
 import dataclasses
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from maxjax.cli import exporting, report
 from maxjax.cli.mission_file import Asked, read_mission
 from maxjax.cli.options import MissionOptions
 from maxjax.cli.progress import progress
-from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, reading_of, task_in
+from maxjax.cli.task import MapTask, check_options, load_source, reading_of, task_in
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
@@ -203,12 +202,8 @@ def _written(
     if mission is None or flown is None:
         report.remove_plans(out)
         return []
-    figure = None
-    if math.prod(given.task.grid.shape) > MOST_VOXELS:
-        report.complain_of_size()
-    else:
-        from maxjax.viz.missions import figure_mission
+    from maxjax.viz.missions import figure_mission
 
-        with progress("Drawing"):
-            figure = figure_mission(mission, flown, title, given.within)
+    with progress("Drawing"):
+        figure = figure_mission(mission, flown, title, given.within)
     return report.write_plan(out, content, figure, "mission")

@@ -48,10 +48,9 @@ def run_plan(options: PlanOptions) -> int:
     configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {method: plan}, None, list[Path]()
-    drawn = math.prod(given.task.grid.shape) <= MOST_VOXELS
-    if options.out is not None and plan.status == Status.OK and drawn:
+    if options.out is not None and plan.status == Status.OK:
         with progress("Drawing"):
-            if climbs(method):
+            if climbs(method) and math.prod(given.task.grid.shape) <= MOST_VOXELS:
                 plans["astar"] = plan_in(given, planner_named("astar"))
             overlay = Overlay(title=Path(options.map).name, around=_AROUND, within=given.within)
             figure = figure_plans(given.task, plans, overlay)
@@ -68,8 +67,6 @@ def run_plan(options: PlanOptions) -> int:
         if files:
             print(*files, sep="\n")
     if plan.status == Status.OK:
-        if options.out is not None and not drawn:
-            report.complain_of_size()
         report.warn(plan, given.task)
         return 0
     report.complain(message)

@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from maxjax.cli.task import MOST_VOXELS, MapTask
+from maxjax.cli.task import MapTask
 from maxjax.core.earth import Earth
 from maxjax.core.files import atomic_write
 from maxjax.core.grid import Point3
@@ -246,11 +246,6 @@ def show(*tables: Table) -> None:
 def complain(message: str) -> None:
     """Print a sentence on stderr."""
     console(stderr=True).print(message, highlight=False, soft_wrap=True)
-
-
-def complain_of_size() -> None:
-    """Say on stderr that a map is too large to draw."""
-    complain(f"no figure: expected a map of at most {MOST_VOXELS} voxels, this one is too large to draw")
 
 
 def remove_plans(out: Path) -> None:

@@ -112,6 +112,26 @@ class VoxelMap:
             raise IndexError(f"map {k}: expected one of {self.batch or 'a batch of'} maps, given {self.occupied.shape}")
         return VoxelMap(self.occupied[k], self.ground[k], None if self.closed is None else self.closed[k], self.grid)
 
+    def coarser(self, factor: int) -> VoxelMap:
+        """One map in voxels of `factor`³ voxels: occupied, or closed, where any of them is; ground where none but that.
+
+        Args:
+            factor: at least 1.
+
+        Raises:
+            ValueError: for a batch of maps, or a factor below 1.
+        """
+        if self.batch is not None or factor < 1:
+            raise ValueError(f"coarser: expected one map and a factor from 1 on, given {self.occupied.shape}, {factor}")
+        occupied, ground = np.asarray(self.occupied), np.asarray(self.ground)
+        obstacle, floor = (_blocks(np.logical_or, volume, factor) for volume in (occupied & ~ground, ground))
+        nx, ny, nz = obstacle.shape
+        edge = self.grid.spacing
+        x, y, z = (low + 0.5 * edge * (factor - 1) for low in self.grid.origin)
+        closed = None if self.closed is None else _blocks(np.maximum, np.asarray(self.closed), factor)
+        coarse = VoxelMap(obstacle | floor, floor & ~obstacle, None, Grid((nx, ny, nz), factor * edge, (x, y, z)))
+        return coarse if closed is None else coarse.closing(closed)
+
     def closing(self, reasons: UInt8[np.ndarray, "*maps nx ny nz"]) -> VoxelMap:
         """The map under rules of the air; what holds something stays what it is.
 
@@ -129,6 +149,13 @@ class VoxelMap:
     def on_host(self) -> VoxelMap:
         """The same map in NumPy's arrays."""
         return jax.tree.map(np.asarray, self)  # type: ignore[no-any-return]
+
+
+def _blocks(join: np.ufunc, volume: np.ndarray, factor: int) -> np.ndarray:
+    """A volume joined over blocks of `factor`³ voxels, the last along each axis perhaps smaller."""
+    for axis in range(3):
+        volume = join.reduceat(volume, np.arange(0, volume.shape[axis], factor), axis=axis)
+    return volume
 
 
 def checked_map(given: Any, name: str = "map") -> VoxelMap:

@@ -139,7 +139,8 @@ def _check_height(ends: Float[np.ndarray, "n 3"], extent: Float[np.ndarray, "2 3
     if above > _HIGH:
         raise ValueError(
             f"window: an end at z = {ends[:, 2].max():g} lies {above:.0f} m above all that the map holds, whose "
-            f"heights are {extent[0, 2]:g} to {extent[1, 2]:g} m: in feet, or in another datum? Give --bounds to fly there"
+            f"heights are {extent[0, 2]:g} to {extent[1, 2]:g} m: in feet, or in another datum? "
+            "Give --bounds to fly there"
         )
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from maxjax.core.grid import Grid
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.areas import draw_closed, draw_outside
+from maxjax.viz.drawable import drawable, titled
 from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.viz.plan_view import View, draw_field, draw_plan, level_of, view_around
 from maxjax.viz.section import Section, draw_section, horizontal_distance, section_along
@@ -130,7 +131,7 @@ def figure_plan(
     """
     rc_context, new_figure = load_matplotlib()
     _check(where, paths, overlay)
-    where = where.on_host()
+    where, overlay = _drawable(where.on_host(), overlay)
     occupied, ground = np.asarray(where.occupied), np.asarray(where.ground)
     closed = None if where.closed is None else np.asarray(where.shut)
     grid, main = where.grid, np.asarray(next(iter(paths.values())), np.float64)
@@ -168,6 +169,16 @@ def figure_plan(
         if overlay.title:
             _draw_title(figure, page, overlay.title)
     return figure
+
+
+def _drawable(where: VoxelMap, overlay: Overlay) -> tuple[VoxelMap, Overlay]:
+    """A map of a size that can be drawn, and what is shown on it."""
+    where, within, remark = drawable(where, overlay.within)
+    if not remark:
+        return where, overlay
+    # Level lines of the fine map fit no other.
+    title = titled(overlay.title, remark)
+    return where, dataclasses.replace(overlay, within=within, log_potential=None, title=title)
 
 
 def _draw_title(figure: Figure, page: _Page, title: str) -> None:

@@ -19,6 +19,7 @@ from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.verification.verifier import verify
 from maxjax.viz.areas import draw_closed, draw_outside
+from maxjax.viz.drawable import drawable, titled
 from maxjax.viz.marks import draw_colored
 from maxjax.viz.plan_view import draw_plan, level_of, view_around
 from maxjax.viz.style import ARRIVED, EARTH, FAILED, KNOWN, OBSTACLE, STYLE, load_matplotlib
@@ -98,7 +99,9 @@ def figure_mission(
         ImportError: if matplotlib is missing; names the extra.
     """
     rc_context, new_figure = load_matplotlib()
-    course, where = _Course.of(trajectory), trajectory.map.on_host()
+    course = _Course.of(trajectory)
+    where, within, remark = drawable(trajectory.map.on_host(), within)
+    title = titled(title, remark)
     view = view_around(where.grid, course.motion.position, _AROUND)
     lower, upper = view
     width, height = _WIDTH * (upper - lower) / (upper - lower).max()
