@@ -101,6 +101,8 @@ def explain(plan: Plan, given: MapTask) -> str:
         if plan.status == taken:
             stands = taken_end(given.task.map_at(0), point, given.task.distances.radius)
             sentence += "" if stands is None else f"; {stands.sentence}"
+            if stands is not None and _unknown(given, point):
+                sentence += ", where nothing of the map's data is: unknown, and closed; --unknown free opens it"
     if given.returns:
         counts = given.returns
         sentence += (
@@ -108,6 +110,13 @@ def explain(plan: Plan, given: MapTask) -> str:
             f"without a return {counts['missing']}"
         )
     return sentence + "."
+
+
+def _unknown(given: MapTask, point: Point3) -> bool:
+    """Whether a point of the map lies in a column that its data do not cover."""
+    grid = given.task.grid
+    i, j = (math.floor((a - b) / grid.spacing) for a, b in zip(point[:2], grid.lower[:2], strict=True))
+    return given.within is not None and not given.within[i, j]
 
 
 def _xyz(point: Point3) -> str:

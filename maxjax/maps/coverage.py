@@ -1,24 +1,33 @@
 """Which columns of a grid lie within a file's data: beyond it nothing is known, whatever the voxels say.
 
 within = inside the convex hull of everything that has a place, seen from above; of surface models where a cell has a
-height, of voxel maps in their box
+height, of voxel maps in their box; of surveys no farther from a return than two columns, or than four times the
+distance that returns have in the mean
+
+What a survey or a surface model does not cover is closed, unless a user calls the unknown free. A single scan sees as
+far as its beams reach, and its map is what it saw: that stays free.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.maps.boxes import Boxes
 from maxjax.maps.contents import Contents
 from maxjax.maps.footprints import Footprints
 from maxjax.maps.heights import Heights
 from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import PointCloud, StoredVoxels
+from maxjax.maps.reading import Unknown
 
 _CHUNK = 2**20  # points at a time
 _REACH = 0.5 - 1e-6  # half a column; one that only shares a face with the data lies outside
+_COLUMNS, _TIMES = 2, 4  # how far from a return a survey still covers: columns, or mean distances of returns
 Places = Float[np.ndarray, "_ 2"]
 
 
@@ -27,7 +36,60 @@ def within_data(contents: Contents, grid: Grid) -> Bool[np.ndarray, "nx ny"]:
     if isinstance(contents, Heights):
         _, blank = contents.voxels(Grid((*grid.shape[:2], 1), grid.spacing, grid.origin))
         return ~blank
+    if isinstance(contents, PointCloud) and _is_survey(contents):
+        return _seen(contents, grid)
     return _inside(_outline(_places(contents)), grid)
+
+
+def closing_unknown(
+    found: VoxelMap, within: Bool[np.ndarray, "nx ny"], contents: Contents, unknown: Unknown | None
+) -> tuple[VoxelMap, tuple[str, ...]]:
+    """The map with what a survey does not cover closed, and what a user should know of it.
+
+    Args:
+        found: of the contents.
+        within: its columns that lie within the data.
+        contents: of a file.
+        unknown: what the user calls it.
+    """
+    if not isinstance(contents, PointCloud):
+        return found, ()
+    if not _is_survey(contents):
+        return found, ("what the scan did not see is taken as free",)
+    count = int((~within).sum())
+    if unknown == "free" or not count:
+        said = f"{count} of {within.size} columns are not covered by the survey, and are taken as free"
+        return found, (said,) if count else ()
+    occupied = np.asarray(found.occupied) | ~within[:, :, None]
+    said = f"{count} of {within.size} columns are not covered by the survey, and are closed; --unknown free opens them"
+    return VoxelMap.on(found.grid, occupied, found.ground), (said,)
+
+
+def _is_survey(cloud: PointCloud) -> bool:
+    """Whether points are those of a survey from the air, which has classes."""
+    return cloud.classes is not None
+
+
+def _seen(cloud: PointCloud, grid: Grid) -> Bool[np.ndarray, "nx ny"]:
+    """Columns that are near a return; columns beyond the grid count for those within."""
+    from scipy import ndimage  # a quarter of a second that most commands can do without
+
+    places = cloud.points[np.isfinite(cloud.points).all(axis=1), :2].astype(np.float64) + cloud.offset[:2]
+    outline = _outline(places)
+    x, y = outline.T
+    area = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    reach = max(_COLUMNS * grid.spacing, _TIMES * math.sqrt(area / max(len(places), 1)))
+    around = math.ceil(reach / grid.spacing)
+    index = np.floor((places - np.array(grid.lower[:2])) / grid.spacing).astype(np.int64) + around
+    nx, ny = (n + 2 * around for n in grid.shape[:2])
+    index = index[((index >= 0) & (index < (nx, ny))).all(axis=1)]
+    empty = np.ones((nx, ny), bool)
+    empty[tuple(index.T)] = False
+    if empty.all():
+        return np.zeros(grid.shape[:2], bool)
+    distance = grid.spacing * ndimage.distance_transform_edt(empty)
+    found: Bool[np.ndarray, "nx ny"] = distance[around : nx - around, around : ny - around] <= reach
+    return found
 
 
 def _places(contents: PointCloud | StoredVoxels | Mesh | Footprints | Boxes) -> Places:

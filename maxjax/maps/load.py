@@ -19,7 +19,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.maps.contents import Contents, Facts, facts, voxels
-from maxjax.maps.coverage import within_data
+from maxjax.maps.coverage import closing_unknown, within_data
 from maxjax.maps.model import StoredVoxels
 from maxjax.maps.places import Frame, check_in_map, point_at
 from maxjax.maps.reader import read_map
@@ -144,6 +144,8 @@ def map_of(
         bottom = grid.lower[2] + grid.spacing * np.arange(grid.shape[2])
         flat = np.broadcast_to(bottom < window.ground - _TOUCH, grid.shape).copy()
         found = VoxelMap.on(grid, found.occupied, flat)
+    within = within_data(contents, grid)
+    found, unknown = closing_unknown(found, within, contents, reading.unknown)
     dropped = dict(known.dropped)
     if counts.get("outside"):
         dropped["outside of the window"] = counts["outside"]
@@ -153,9 +155,9 @@ def map_of(
         origin=known.origin,
         read=known.read,
         dropped=dropped,
-        remarks=(*known.remarks, sentence) if sentence else known.remarks,
+        remarks=(*known.remarks, *unknown, *([sentence] if sentence else [])),
         counts=counts,
-        within=within_data(contents, grid),
+        within=within,
     )
     return LoadedMap(found.occupied, found.ground, None, grid, file)
 

@@ -24,8 +24,8 @@ from maxjax.maps.reference import METRES, UNREFERENCED, Reference, Stated, cube_
 MAX_POINTS = 50_000_000
 
 FARTHEST = 1e8  # [m]; beyond, even float64 leaves little of a voxel
-# Classes that one may fly under: wires with their guards and connectors, bridges (26 in the Dutch AHN), gantries.
-OVERHEAD = (13, 14, 16, 17, 19, 26)
+# Classes that hide nothing from the air: wires, with their guards and connectors. A bridge's deck hides what is below.
+WIRES = (13, 14, 16)
 
 _FAR = 10_000.0
 _ROUND = 100.0
@@ -60,8 +60,8 @@ class PointCloud:
 
     @property
     def hiding(self) -> Bool[np.ndarray, " n"]:
-        """Whether a point hides from the air what is below it: all but ground, bridges and wires."""
-        return ~self.ground if self.classes is None else ~self.ground & ~np.isin(self.classes, OVERHEAD)
+        """Whether a point hides from the air what is below it: all but ground and wires."""
+        return ~self.ground if self.classes is None else ~self.ground & ~np.isin(self.classes, WIRES)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,6 +33,11 @@ def drawable(where: VoxelMap, within: Columns | None = None) -> tuple[VoxelMap, 
     return coarse, within, f"drawn in voxels of {coarse.grid.spacing:g} m"
 
 
+def known(obstacle: Bool[np.ndarray, "nx ny nz"], within: Columns | None) -> Bool[np.ndarray, "nx ny nz"]:
+    """What is drawn as an obstacle: not what is closed because nothing is known of its column."""
+    return obstacle if within is None else obstacle & within[:, :, None]
+
+
 def titled(title: str | None, remark: str) -> str | None:
     """A headline with its remark."""
     return ", ".join(filter(None, (title, remark))) or None

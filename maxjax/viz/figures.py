@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from maxjax.core.grid import Grid
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.areas import draw_closed, draw_outside
-from maxjax.viz.drawable import drawable, titled
+from maxjax.viz.drawable import drawable, known, titled
 from maxjax.viz.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.viz.plan_view import View, draw_field, draw_plan, level_of, view_around
 from maxjax.viz.section import Section, draw_section, horizontal_distance, section_along
@@ -146,7 +146,7 @@ def figure_plan(
         figure = new_figure(figsize=page.size)
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
         altitude = float(np.median(main[:, 2]))
-        draw_plan(plan, bar, occupied & ~ground, grid, view, altitude)
+        draw_plan(plan, bar, known(occupied & ~ground, overlay.within), grid, view, altitude)
         if overlay.within is not None:
             draw_outside(plan, overlay.within, grid)
         if closed is not None:
@@ -268,6 +268,7 @@ def figure_map(
         ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
+    obstacle = known(obstacle, within)
     levels = np.flatnonzero(obstacle.any(axis=(0, 1)))
     middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
     with _from_above(obstacle, grid, float(middle), 0.12, title) as (figure, plan):

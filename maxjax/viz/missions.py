@@ -19,7 +19,7 @@ from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.verification.verifier import verify
 from maxjax.viz.areas import draw_closed, draw_outside
-from maxjax.viz.drawable import drawable, titled
+from maxjax.viz.drawable import drawable, known, titled
 from maxjax.viz.marks import draw_colored
 from maxjax.viz.plan_view import draw_plan, level_of, view_around
 from maxjax.viz.style import ARRIVED, EARTH, FAILED, KNOWN, OBSTACLE, STYLE, load_matplotlib
@@ -120,7 +120,8 @@ def figure_mission(
             figure.add_axes(share(_LEFT + width + 0.12, base + k * (half + 0.2), 0.1, min(half, 1.8))) for k in (1, 0)
         ]
         altitude = float(np.median(course.motion.position[:, 2]))
-        draw_plan(plan, bars[0], np.asarray(where.occupied & ~where.ground), where.grid, view, altitude)
+        obstacle = known(np.asarray(where.occupied & ~where.ground), within)
+        draw_plan(plan, bars[0], obstacle, where.grid, view, altitude)
         if within is not None:
             draw_outside(plan, within, where.grid)
         draw_closed(plan, _closed_columns(where, course), where.grid)

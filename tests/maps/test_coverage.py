@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 
 import maxjax
 from maxjax.core.grid import Grid
+from maxjax.maps import Window, map_of
 from maxjax.maps.coverage import within_data
 from maxjax.maps.mesh import Mesh
 from maxjax.maps.model import PointCloud, StoredVoxels
@@ -44,6 +46,34 @@ def test_points_cover_their_hull(seed: int) -> None:
     assert (found & far).sum() <= 12
     shifted = within_data(cloud(points - np.array([100.0, 0.0, 0.0]), (100.0, 0.0, 0.0)), GRID)
     np.testing.assert_array_equal(shifted, found)
+
+
+def test_a_survey_covers_what_is_near_a_return_and_the_rest_is_closed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-60, 60, (20_000, 2)), np.zeros(20_000)])
+    hole = np.linalg.norm(points[:, :2] - [20.0, -10.0], axis=1) < 15.0  # a lake, which sends nothing back
+    survey = dataclasses.replace(cloud(points[~hole]), ground=np.ones((~hole).sum(), bool))
+    survey = dataclasses.replace(survey, classes=np.full((~hole).sum(), 2, np.uint8))
+    found = map_of(survey, Window(bounds=(-80.0, -80.0, -4.0, 80.0, 80.0, 20.0)))
+    nearest = cKDTree(points[~hole, :2]).query(centres(found.grid).reshape(-1, 2))[0].reshape(found.grid.shape[:2])
+    assert not found.file.within[nearest > 6.5].any()  # two columns, and what a return may lie beside a centre
+    assert found.file.within[nearest < 3.0].all()
+    np.testing.assert_array_equal(found.occupied.all(axis=2), ~found.file.within)
+    assert any("not covered by the survey, and are closed" in remark for remark in found.file.remarks)
+    opened = map_of(survey, Window(bounds=(-80.0, -80.0, -4.0, 80.0, 80.0, 20.0)), maxjax.Reading(unknown="free"))
+    assert not opened.occupied.all(axis=2).any()
+    np.testing.assert_array_equal(opened.file.within, found.file.within)
+    scan = map_of(cloud(points[~hole]), Window())
+    assert not scan.occupied.all(axis=2).any()
+    assert "what the scan did not see is taken as free" in scan.file.remarks
+
+
+def test_a_sparse_survey_covers_more_around_a_return() -> None:
+    x, y = np.meshgrid(np.arange(-36.0, 37.0, 6.0), np.arange(-24.0, 25.0, 6.0))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    survey = dataclasses.replace(cloud(points), classes=np.full(len(points), 2, np.uint8))
+    inside = (np.abs(centres(GRID)) <= (36.0, 24.0)).all(axis=-1)
+    assert within_data(survey, GRID)[inside].all()
 
 
 def test_few_points_cover_their_box() -> None:

@@ -119,25 +119,26 @@ def test_delft_agrees_with_its_model_column_by_column(data: Path) -> None:
 
 
 def survey() -> PointCloud:
-    """A meadow with a tree (a crown at 8 m), a bridge deck and a house."""
+    """A meadow with a tree (a crown at 8 m), a bridge deck, a wire and a house."""
     rng = np.random.default_rng(0)
     flat = np.c_[rng.uniform(0, 60, (4000, 2)), np.zeros(4000)]
     crown = np.c_[rng.uniform(10, 18, (200, 2)), rng.uniform(7.5, 8.5, 200)]
     deck = np.c_[rng.uniform(30, 38, (200, 2)), np.full(200, 8.0)]
+    wire = np.c_[rng.uniform(20, 28, (200, 2)), np.full(200, 8.0)]
     roof = np.c_[rng.uniform(46, 54, (200, 2)), np.full(200, 8.0)]
-    classes = np.repeat([2, 1, 26, 6], [4000, 200, 200, 200]).astype(np.uint8)
-    points = np.concatenate([flat, crown, deck, roof]).astype(np.float32)
+    classes = np.repeat([2, 1, 26, 14, 6], [4000, 200, 200, 200, 200]).astype(np.uint8)
+    points = np.concatenate([flat, crown, deck, wire, roof]).astype(np.float32)
     return PointCloud(points, np.zeros(3), classes == 2, classes == 6, "a.laz", classes)
 
 
-def test_what_a_crown_hides_is_solid_and_what_a_bridge_hides_is_not() -> None:
+def test_what_a_crown_or_a_deck_hides_is_solid_and_what_a_wire_hides_is_not() -> None:
     def below(found: maxjax.VoxelMap, x: float, y: float) -> bool:
         i, j, k = (round((p - o) / 2) for p, o in zip((x, y, 4.0), found.grid.origin, strict=True))
         return bool(found.occupied[i, j, k])
 
     closed, opened = map_of(survey(), Window()), map_of(survey(), Window(), maxjax.Reading(below="open"))
-    assert [below(closed, x, x) for x in (14, 34, 50)] == [True, False, True]
-    assert [below(opened, x, x) for x in (14, 34, 50)] == [False, False, True]
+    assert [below(closed, x, x) for x in (14, 34, 24, 50)] == [True, True, False, True]
+    assert [below(opened, x, x) for x in (14, 34, 24, 50)] == [False, False, False, True]
 
 
 def test_delft_is_planned_from_end_to_end(data: Path) -> None:

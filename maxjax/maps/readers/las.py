@@ -4,8 +4,8 @@
 
 Classes follow the ASPRS LAS specification, whose 2 (ground), 9 (water) and 11 (road surface) are ground here:
 what lies below them cannot be flown through. 6 (building) is solid, and so is, by default, what a tree or anything
-unclassified hides (`airborne`). A bridge deck (17, or 26 in the Dutch AHN) and wires are neither: one may fly under
-them. Noise (7, 18) and points flagged as withheld are dropped, since the survey itself disowns them.
+unclassified hides (`airborne`), a bridge's deck (17, or 26 in the Dutch AHN) too: what is below was not seen. Under
+wires one may fly. Noise (7, 18) and points flagged as withheld are dropped, since the survey itself disowns them.
 """
 
 from __future__ import annotations
