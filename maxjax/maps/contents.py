@@ -76,9 +76,9 @@ def facts(contents: Contents) -> Facts:
         case Mesh():
             corners = np.concatenate([contents.triangles.reshape(-1, 3), contents.points])
             read = {"triangles": len(contents.triangles), "closed bodies": contents.closed_bodies}
-            read |= {"open bodies": contents.open_bodies, "loose vertices": len(contents.points)}
-            remarks = (contents.remark,) if contents.remark else ()
-            return _referred(Facts(_around(corners), read, remarks=remarks), contents.reference)
+            read |= {"open bodies": contents.bodies.open_bodies, "loose vertices": len(contents.points)}
+            whole = Facts(_around(corners), read, contents.dropped, contents.remarks)
+            return _referred(whole, contents.reference)
         case Footprints():
             return _of_footprints(contents)
         case Boxes():
@@ -158,7 +158,7 @@ def _solids(contents: Contents, grid: Grid, unknown: Unknown | None) -> VoxelMap
         case StoredVoxels():
             return _cut(contents, grid)
         case Mesh():
-            return VoxelMap.on(grid, contents.voxels(grid))
+            return VoxelMap.on(grid, *contents.voxels(grid))
         case Footprints():
             solid, ground = prism_voxels(contents, grid)
             return VoxelMap.on(grid, solid | ground, ground)

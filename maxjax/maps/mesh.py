@@ -1,29 +1,28 @@
-"""Meshes: surfaces as obstacles, and what closed ones enclose.
+"""Meshes: surfaces as obstacles, and what closed ones enclose (`maps.bodies`).
 
-    closed  iff  every edge of the body lies in an even number of its faces
-
-Corners that agree to a micrometre are one corner, and faces that share an edge are one body. Inside a closed body all
-is solid; of one that is open only the surface is an obstacle, and what lies within may be flown through where a way
-leads in. The vertices alone are never the map: walls stand between them.
+Corners that agree to a micrometre are one corner. Inside a closed body all is solid, and under one that is open below
+down to the ground; of one that is open elsewhere only the surface is an obstacle, and what lies within may be flown
+through where a way leads in. The vertices alone are never the map: walls stand between them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int64
 
 from maxjax.core.files import FileError
 from maxjax.core.geometry.triangles import Triangles, Volume, enclosed, touched
 from maxjax.core.grid import Grid
+from maxjax.maps.airborne import NONE, from_nearest
+from maxjax.maps.bodies import OPEN, Bodies, bodies_of, welded
 from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.reference import UNREFERENCED, Reference, Stated, reference
 
 MAX_FACES = 10_000_000
-_WELD = 1e-6  # [m]
-_OPEN = -1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,44 +31,66 @@ class Mesh:
 
     Attributes:
         triangles: corners [m], in the file's coordinates, z up.
-        body: number of the closed body that a triangle is part of, from 0 on; -1 where its body is open.
+        bodies: what each is part of.
         points: vertices that no face uses [m]; obstacles as they are.
-        open_bodies: how many bodies are open.
         source: the file's name.
         reference: of its coordinates.
+        dropped: what of the file is not used, by kind.
     """
 
     triangles: Triangles
-    body: Int[np.ndarray, " t"]
+    bodies: Bodies
     points: Float[np.ndarray, "n 3"]
-    open_bodies: int
     source: str
     reference: Reference = UNREFERENCED
+    dropped: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def closed_bodies(self) -> int:
-        """How many bodies are closed, and so filled."""
-        return int(self.body.max(initial=_OPEN)) + 1
+        """How many bodies are closed, and so filled; those open below are among them."""
+        return int(self.bodies.body.max(initial=OPEN)) + 1
 
     @property
-    def remark(self) -> str:
-        """A sentence on what could not be filled; empty where all could."""
-        if not self.open_bodies:
-            return ""
-        share = float(np.mean(self.body == _OPEN))
-        return (
-            f"{self.open_bodies} of {self.open_bodies + self.closed_bodies} bodies ({100 * share:.0f} % of the faces) "
-            "are not closed: their surfaces are obstacles, what they surround is not filled"
-        )
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what could not be filled, and on what is taken for what it does not say."""
+        found, said = self.bodies, []
+        if found.open_below:
+            said.append(f"{found.open_below} bodies are open below, and are filled down to the ground")
+        if found.ground.any():
+            said.append(f"a level sheet of {int(found.ground.sum())} faces under everything is taken as the ground")
+        if found.open_bodies:
+            share = float(np.mean((found.body == OPEN) & ~found.ground))
+            said.append(
+                f"{found.open_bodies} of {found.open_bodies + self.closed_bodies} bodies ({100 * share:.0f} % of the "
+                "faces) are not closed: their surfaces are obstacles, what they surround is not filled"
+            )
+        return tuple(said)
 
-    def voxels(self, grid: Grid) -> Volume:
-        """Voxels that a face or a loose vertex touches, and those inside closed bodies."""
-        corners = np.repeat(self.points[:, None], 3, axis=1)
-        closed = self.body != _OPEN
-        solid: Volume = enclosed(self.triangles[closed], self.body[closed], grid)
-        solid |= touched(self.triangles, grid)
-        solid |= touched(corners, grid)
-        return solid
+    def voxels(self, grid: Grid) -> tuple[Volume, Volume]:
+        """Voxels that a face or a loose vertex touches, with those inside closed bodies; and those of the ground."""
+        found, loose = self.bodies, np.repeat(self.points[:, None], 3, axis=1)
+        open_below = np.isin(found.body, found.cap_of)
+        closed = (found.body != OPEN) & ~open_below
+        solid: Volume = enclosed(self.triangles[closed], found.body[closed], grid)
+        ground = self._ground(grid)
+        if open_below.any():
+            whole = np.concatenate([self.triangles[open_below], found.caps])
+            filled = enclosed(whole, np.concatenate([found.body[open_below], found.cap_of]), grid)
+            if ground.any():
+                filled = np.logical_or.accumulate(filled[:, :, ::-1], axis=2)[:, :, ::-1] & ~ground
+            solid |= filled
+        solid |= touched(self.triangles[~found.ground], grid)
+        solid |= touched(loose, grid)
+        return solid, ground
+
+    def _ground(self, grid: Grid) -> Volume:
+        """Voxels up to the sheet that is the ground; beside it, up to its nearest height."""
+        if not self.bodies.ground.any():
+            return np.zeros(grid.shape, bool)
+        surface = touched(self.triangles[self.bodies.ground], grid)
+        top = np.where(surface.any(axis=2), grid.shape[2] - 1 - surface[:, :, ::-1].argmax(axis=2), NONE)
+        found: Volume = np.arange(grid.shape[2]) <= from_nearest(top)[:, :, None]
+        return found
 
 
 def mesh_of(
@@ -98,12 +119,11 @@ def mesh_of(
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
     how = reference(Stated(), reading, np.array([vertices.min(axis=0), vertices.max(axis=0)])[:, :2], path)
-    welded, index = _welded(how.metres(vertices))
+    corners, index = welded(how.metres(vertices))
     faces = index[faces]
-    body, open_bodies = _bodies(faces, len(welded))
-    loose = np.ones(len(welded), bool)
+    loose = np.ones(len(corners), bool)
     loose[faces] = False
-    return Mesh(welded[faces], body, welded[loose], open_bodies, path.name, how)
+    return Mesh(corners[faces], bodies_of(corners, faces), corners[loose], path.name, how)
 
 
 def fans(corners: Int64[np.ndarray, " n"], lengths: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "t 3"]:
@@ -120,47 +140,3 @@ def fans(corners: Int64[np.ndarray, " n"], lengths: Int64[np.ndarray, " m"]) -> 
     last = lengths[one] - 1
     second, third = np.minimum(step + 1, last), np.minimum(step + 2, last)
     return np.stack([corners[start[one]], corners[start[one] + second], corners[start[one] + third]], axis=1)
-
-
-def _welded(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "m 3"], Int64[np.ndarray, " n"]]:
-    """Vertices without repetition, and the number there of each."""
-    low = vertices.min(axis=0)
-    lattice = np.round((vertices - low) / _WELD)
-    order, fresh = _runs(lattice)
-    index = np.empty(len(vertices), np.int64)
-    index[order] = np.cumsum(fresh) - 1
-    return vertices[order[fresh]], index
-
-
-def _runs(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An order in which equal rows follow each other, and whether each there is the first of its kind."""
-    order = np.lexsort(rows.T)
-    ranked = rows[order]
-    return order, np.r_[True, np.any(ranked[1:] != ranked[:-1], axis=1)]
-
-
-def _bodies(faces: Int64[np.ndarray, "t 3"], count: int) -> tuple[Int[np.ndarray, " t"], int]:
-    """Number of each face's closed body, or -1; how many are open."""
-    body = np.full(len(faces), _OPEN)
-    # A face that occurs twice, as in meshes with two sides, would close any body.
-    order, fresh = _runs(np.sort(faces, axis=1))
-    real = np.sort(order[fresh])
-    kept = faces[real]
-    proper = (kept[:, 0] != kept[:, 1]) & (kept[:, 1] != kept[:, 2]) & (kept[:, 2] != kept[:, 0])
-    real, kept = real[proper], kept[proper]
-    if not len(kept):
-        return body, 0
-    ends = np.sort(kept[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, edge, faces_of = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True, return_counts=True)
-    from scipy.sparse import coo_array, csgraph  # only meshes need them
-
-    face = np.repeat(np.arange(len(kept)), 3)
-    edge = edge + len(kept)
-    size = len(kept) + len(faces_of)
-    joined = coo_array((np.ones(len(face), bool), (face, edge)), shape=(size, size)).tocsr()
-    bodies, label = csgraph.connected_components(joined, directed=False)
-    closed = np.ones(bodies, bool)
-    closed[label[len(kept) :][faces_of % 2 == 1]] = False
-    number = np.where(closed, np.cumsum(closed) - 1, _OPEN)
-    body[real] = number[label[: len(kept)]]
-    return body, int((~closed).sum())

@@ -15,7 +15,7 @@ import maxjax
 from maxjax.core.grid import Grid
 from maxjax.maps import Window, map_of
 from maxjax.maps.coverage import within_data
-from maxjax.maps.mesh import Mesh
+from maxjax.maps.mesh import mesh_of
 from maxjax.maps.model import PointCloud, StoredVoxels
 
 GRID = Grid((40, 30, 6), 2.0, (-39.0, -29.0, 1.0))
@@ -87,7 +87,7 @@ def test_few_points_cover_their_box() -> None:
 
 def test_a_mesh_and_voxels_cover_what_they_span() -> None:
     triangles = np.array([[[0.0, 0.0, 0.0], [20.0, 0.0, 3.0], [0.0, 20.0, 5.0]]])
-    mesh = Mesh(triangles, np.array([-1]), np.zeros((0, 3)), 1, "town.obj")
+    mesh = mesh_of(triangles[0], np.array([[0, 1, 2]]), Path("town.obj"))
     found = within_data(mesh, GRID)
     x, y = (centres(GRID)[..., axis] for axis in (0, 1))
     assert found[(x > 0.0) & (y > 0.0) & (x + y < 20.0)].all()

@@ -40,8 +40,8 @@ def test_every_format_gives_the_same_filled_bodies(tmp_path: Path, name: str) ->
     house = box((20.5, 20.5, 0.5), (30.5, 30.5, 20.5))
     mesh = read_map(save(trimesh.util.concatenate([ball, house]), tmp_path / name))
     assert isinstance(mesh, Mesh)
-    assert (mesh.closed_bodies, mesh.open_bodies, mesh.remark, len(mesh.points)) == (2, 0, "", 0)
-    solid = mesh.voxels(GRID)
+    assert (mesh.closed_bodies, mesh.bodies.open_bodies, mesh.remarks, len(mesh.points)) == (2, 0, (), 0)
+    solid, _ = mesh.voxels(GRID)
     centre = np.stack(
         np.meshgrid(*[GRID.origin[i] + 2.0 * np.arange(GRID.shape[i]) for i in range(3)], indexing="ij"), -1
     )
@@ -53,11 +53,13 @@ def test_every_format_gives_the_same_filled_bodies(tmp_path: Path, name: str) ->
 
 
 def test_a_building_is_not_the_points_of_its_corners(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    # Four walls and a roof without a floor, 120 m long: their vertices are up to 120 m apart.
+    # Three walls and a roof, without a floor, 120 m long: their vertices are up to 120 m apart.
     house = box((-60.0, -10.0, 0.0), (60.0, 10.0, 50.0))
-    walls = house.submesh([np.flatnonzero(house.face_normals[:, 2] > -0.5)], append=True)
+    walls = house.submesh(
+        [np.flatnonzero((house.face_normals[:, 2] > -0.5) & (house.face_normals[:, 0] < 0.5))], append=True
+    )
     path = save(walls, tmp_path / "house.ply")
-    assert "not closed" in read_map(path).remark
+    assert "not closed" in read_map(path).remarks[0]
     ends = ["--start", "5", "-40", "10", "--goal", "-5", "40", "12"]
     assert main(["plan", str(path), *ends, "--ground", "0", "--spacing", "4", "--json", "--method", "astar"]) == 0
     shown, told = capfd.readouterr()
@@ -89,18 +91,71 @@ def test_an_open_body_is_named_and_a_closed_one_beside_it_filled() -> None:
     lid = trimesh.Trimesh([[0, 0, 30], [9, 0, 30], [0, 9, 30]], [[0, 1, 2]])
     whole = trimesh.util.concatenate([box((-9, -9, 0), (9, 9, 20)), lid])
     mesh = mesh_of(np.array(whole.vertices), np.array(whole.faces), Path("a.obj"))
-    assert (mesh.closed_bodies, mesh.open_bodies) == (1, 1)
-    assert "1 of 2 bodies" in mesh.remark
-    assert mesh.voxels(GRID)[20, 20, 5:15].all()
-    assert not mesh.voxels(GRID)[20, 20, 16:20].any()
+    assert (mesh.closed_bodies, mesh.bodies.open_bodies) == (1, 1)
+    assert "1 of 2 bodies" in mesh.remarks[0]
+    assert mesh.voxels(GRID)[0][20, 20, 5:15].all()
+    assert not mesh.voxels(GRID)[0][20, 20, 16:20].any()
+
+
+def shell(*bodies: trimesh.Trimesh, without: float = -0.5) -> trimesh.Trimesh:
+    """Houses without the faces that look down."""
+    kept = [np.flatnonzero(body.face_normals[:, 2] > without) for body in bodies]
+    return trimesh.util.concatenate([b.submesh([k], append=True) for b, k in zip(bodies, kept, strict=True)])
+
+
+def angled_hall() -> trimesh.Trimesh:
+    """A house with an inner corner, 9 m high."""
+    outline = np.array([(-16, 2), (-4, 2), (-4, 8), (-10, 8), (-10, 16), (-16, 16)], float)
+    corners = np.concatenate([np.c_[outline, np.zeros(6)], np.c_[outline, np.full(6, 9.0)]])
+    roof = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)])
+    k = np.arange(6)
+    wall = np.concatenate([np.c_[k, (k + 1) % 6, (k + 1) % 6 + 6], np.c_[k, (k + 1) % 6 + 6, k + 6]])
+    return trimesh.Trimesh(corners, np.concatenate([roof[:, ::-1], roof + 6, wall]), process=False)
+
+
+def test_a_house_without_a_floor_is_filled_like_one_with_a_floor() -> None:
+    rng = np.random.default_rng(0)
+    towers = [box((-15, -15, 0), (-5, -7, 12)), box((4, 2, 0.2), (16, 14, 18))]
+    hall = angled_hall()
+    whole, bare = trimesh.util.concatenate([*towers, hall]), shell(*towers, hall)
+    order = rng.permutation(len(bare.faces))
+    mesh = mesh_of(np.array(bare.vertices), np.array(bare.faces)[order], Path("a"))
+    assert (mesh.bodies.open_below, mesh.bodies.open_bodies, mesh.closed_bodies) == (3, 0, 3)
+    found, _ = mesh.voxels(GRID)
+    expected, _ = mesh_of(np.array(whole.vertices), np.array(whole.faces), Path("a")).voxels(GRID)
+    lowest = int(np.floor((0.0 - GRID.lower[2]) / GRID.spacing))  # where the floor itself is touched
+    np.testing.assert_array_equal(found[:, :, lowest + 1 :], expected[:, :, lowest + 1 :])
+    assert "3 bodies are open below" in mesh.remarks[0]
+
+
+def test_a_level_sheet_under_everything_is_the_ground() -> None:
+    x, y = np.meshgrid(np.linspace(-19, 19, 20), np.linspace(-19, 19, 20), indexing="ij")
+    height = 0.08 * x
+    index = np.arange(400).reshape(20, 20)
+    a, b, c, d = (index[i : i + 19, j : j + 19].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    land = trimesh.Trimesh(
+        np.column_stack([v.ravel() for v in (x, y, height)]), np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])
+    )
+    town = trimesh.util.concatenate([land, shell(box((2, 2, 3), (10, 10, 18)))])
+    mesh = mesh_of(np.array(town.vertices), np.array(town.faces), Path("a"))
+    assert any("taken as the ground" in remark for remark in mesh.remarks)
+    solid, ground = mesh.voxels(GRID)
+    centre = [GRID.origin[axis] + GRID.spacing * np.arange(GRID.shape[axis]) for axis in range(3)]
+    inside = (np.abs(centre[0]) < 18)[:, None] & (np.abs(centre[1]) < 18)
+    top = GRID.lower[2] + GRID.spacing * ground.sum(axis=2)
+    assert (np.abs(top - 0.08 * centre[0][:, None])[inside] <= GRID.spacing + 0.08 * GRID.spacing).all()
+    house = ((centre[0] > 3) & (centre[0] < 9))[:, None] & ((centre[1] > 3) & (centre[1] < 9))
+    level = (centre[2] > 2.0) & (centre[2] < 17.0)
+    assert (solid | ground)[house][:, level].all()  # down to the ground, below its lowest wall too
+    assert not solid[~house & (np.abs(centre[0]) > 12)[:, None]].any()
 
 
 def test_faces_given_twice_neither_close_nor_empty_a_body() -> None:
     house = box((-9, -9, 0), (9, 9, 20))
     twice = np.concatenate([house.faces, house.faces[:, ::-1]])
-    assert mesh_of(np.array(house.vertices), twice, Path("a")).voxels(GRID)[20, 20, 10]
+    assert mesh_of(np.array(house.vertices), twice, Path("a")).voxels(GRID)[0][20, 20, 10]
     flap = np.array([[0, 1, 2], [0, 2, 1]])
-    assert mesh_of(np.eye(3), flap, Path("a")).open_bodies == 1
+    assert mesh_of(np.eye(3), flap, Path("a")).bodies.open_bodies == 1
 
 
 def test_polygons_are_triangles_around_their_first_corner() -> None:
