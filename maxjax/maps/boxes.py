@@ -1,27 +1,20 @@
-"""Boxes along the axes, and CSV files of them.
-
-    x_min, y_min, z_min, x_max, y_max, z_max [m]     named in the first line; other columns are ignored
+"""Boxes along the axes.
 
 A voxel is filled iff its cube and the box share more than a face.
 """
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
-from array import array
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maxjax.core.files import FileError, read_text
 from maxjax.core.grid import Grid, Point3
-from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reading import Reading
 from maxjax.maps.reference import METRES, UNREFERENCED, Reference, cube_of_metres, on_its_axes, reference
 
-COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
 MAX_BOXES = 20_000_000
 _TOUCH = 1e-6  # overlaps thinner than that do not count [voxels]
 
@@ -45,42 +38,6 @@ class Boxes:
     spacing: float | None = None
     lattice: Point3 = (0.0, 0.0, 0.0)
     reference: Reference = UNREFERENCED
-
-
-def load_boxes(path: Path, reading: Reading = PLAIN) -> Boxes:
-    """The boxes of a CSV file.
-
-    Raises:
-        FileError: if the file cannot be read, lacks a column, or a box is not finite or has no volume.
-    """
-    try:
-        rows = csv.reader(io.StringIO(read_text(path).decode("utf-8-sig")))
-        names = [name.strip().lower() for name in next(rows, [])]
-        missing = [name for name in COLUMNS if names.count(name) != 1]
-        if missing:
-            raise FileError(
-                f"{path}: expected the columns {', '.join(COLUMNS)} once each, found {', '.join(names[:12])}"
-            )
-        places = [names.index(name) for name in COLUMNS]
-        found = array("d")
-        for line in filter(None, rows):
-            found.extend([float(line[place]) for place in places])
-            if len(found) > 6 * MAX_BOXES:
-                raise FileError(f"{path}: expected at most {MAX_BOXES} boxes, found more; crop it")
-    except (ValueError, IndexError, csv.Error) as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(f"{path}: expected a line of numbers a box: {error}") from error
-    corners = np.frombuffer(found).reshape(-1, 2, 3)
-    if not len(corners):
-        raise FileError(f"{path}: holds no box, expected at least one")
-    wrong = ~(np.isfinite(corners).all(axis=(1, 2)) & (corners[:, 0] < corners[:, 1]).all(axis=1))
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        raise FileError(
-            f"{path}: box {row + 1}: expected finite minima below the maxima, found {corners[row].tolist()}"
-        )
-    return boxes_in_metres(Boxes(corners, path.name), path, reading)
 
 
 def boxes_in_metres(boxes: Boxes, path: Path, reading: Reading) -> Boxes:

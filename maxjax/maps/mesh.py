@@ -8,7 +8,7 @@ through where a way leads in. The vertices alone are never the map: walls stand 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +124,25 @@ def mesh_of(
     loose = np.ones(len(corners), bool)
     loose[faces] = False
     return Mesh(corners[faces], bodies_of(corners, faces), corners[loose], path.name, how)
+
+
+def merged(meshes: Sequence[Mesh], source: str, dropped: Mapping[str, int]) -> Mesh:
+    """Several meshes as one: each keeps its own bodies, and the ground is found among all of them.
+
+    Args:
+        meshes: at least one, of one reference.
+        source: name of what holds them.
+        dropped: what of that is not used, by kind.
+    """
+    corners, faces, count = [], [], 0
+    for mesh in meshes:
+        vertices, index = welded(mesh.triangles.reshape(-1, 3))
+        corners.append(vertices)
+        faces.append(index.reshape(-1, 3) + count)
+        count += len(vertices)
+    vertices, index = np.concatenate(corners), np.concatenate(faces)
+    loose = np.concatenate([mesh.points for mesh in meshes])
+    return Mesh(vertices[index], bodies_of(vertices, index), loose, source, meshes[0].reference, dropped)
 
 
 def fans(corners: Int64[np.ndarray, " n"], lengths: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "t 3"]:

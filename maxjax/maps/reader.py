@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
-from maxjax.maps.boxes import load_boxes
 from maxjax.maps.contents import Contents, facts
 from maxjax.maps.model import FARTHEST
+from maxjax.maps.readers.box_list import load_boxes
 from maxjax.maps.readers.cityjson import load_cityjson
 from maxjax.maps.readers.geojson import load_geojson
 from maxjax.maps.readers.geotiff import load_geotiff
 from maxjax.maps.readers.glb import load_glb
 from maxjax.maps.readers.las import load_las
+from maxjax.maps.readers.mesh_folder import load_folder, load_zip
+from maxjax.maps.readers.mitsuba import is_scene, load_mitsuba
 from maxjax.maps.readers.moving_ai import load_3dmap
 from maxjax.maps.readers.npz import load_npz
 from maxjax.maps.readers.obj import load_obj
@@ -43,6 +45,10 @@ def _load_json(path: Path, reading: Reading) -> Contents:
     return load_cityjson(path) if city else load_geojson(path)
 
 
+def _load_xml(path: Path, reading: Reading) -> Contents:
+    return load_mitsuba(path, reading) if is_scene(path) else load_osm(path)
+
+
 READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".npz": load_npz,
     ".ply": load_ply,
@@ -54,7 +60,7 @@ READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".glb": load_glb,
     ".json": _load_json,
     ".osm": lambda path, _: load_osm(path),
-    ".xml": lambda path, _: load_osm(path),
+    ".xml": _load_xml,
     ".geojson": lambda path, _: load_geojson(path),
     ".bt": load_octomap,
     ".ot": load_octomap,
@@ -62,28 +68,29 @@ READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".tiff": load_geotiff,
     ".3dmap": load_3dmap,
     ".csv": load_boxes,
+    ".zip": load_zip,
 }
 
 
 def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents:
-    """Read a map file as what it holds: points, voxels, a mesh, buildings, boxes or heights.
+    """Read a map file, or a folder of meshes, as what it holds: points, voxels, a mesh, buildings, boxes or heights.
 
     Raises:
         FileError: if the file is missing, of another suffix, unreadable, truncated, empty or too large, or holds what
             is not finite. Sizes are checked before memory is taken, and no pickle is ever opened.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
+    reader = load_folder if path.is_dir() else READERS.get(path.suffix.lower())
     if reader is None:
         raise FileError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
     try:
         size = path.stat().st_size
-        regular = path.is_file()
+        regular = path.is_file() or path.is_dir()
     except (OSError, ValueError) as error:
         raise FileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not regular:
-        raise FileError(f"{path}: expected a file, found a folder or a device")
-    if size == 0:
+        raise FileError(f"{path}: expected a file or a folder, found a device")
+    if size == 0 and not path.is_dir():
         raise FileError(f"{path}: the file is empty")
     if size > MAX_FILE_BYTES:
         raise FileError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")

@@ -328,7 +328,7 @@ def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
     for suffix in ("ply", "npz", "las", "laz"):
         (tmp_path / f"empty.{suffix}").touch()
         (tmp_path / f"text.{suffix}").write_text("this is not a map\n" * 40)
-    cases = {"absent.ply": "cannot be read", "folder.ply": "expected a file", "huge.ply": "expected at most"}
+    cases = {"absent.ply": "cannot be read", "folder.ply": "expected meshes", "huge.ply": "expected at most"}
     cases |= {
         "map.fbx": "expected a suffix among .npz, .ply, .pcd",
         "map": "found none",

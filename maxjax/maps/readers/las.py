@@ -28,6 +28,7 @@ _GROUND, _SOLID, _NOISE = (2, 9, 11), (6,), (7, 18)
 _MISSING = "reading LAS needs the extra las: pip install 'maxjax[las]'"
 _CHUNK_BYTES = 2**26
 _MAX_RECORD = 1024
+_LASZIP, _COMPRESSORS = 22204, (2, 3)
 
 # The part of the public header block that every version shares, and what LAS 1.4 appends.
 _HEADER = np.dtype(
@@ -156,6 +157,7 @@ def _check_header(path: Path, file: BinaryIO) -> tuple[int, np.ndarray, np.ndarr
     if int(header["vlrs"]) * 54 > data:
         raise FileError(f"{path}: claims {header['vlrs']} variable records in {data} bytes; damaged")
     if compressed:
+        _check_compressor(path, file, int.from_bytes(raw[94:96], "little"), int(header["vlrs"]))
         _check_chunk_table(path, file, data, size)
     scale, offset = np.array(header["scale"]), np.array(header["offset"])
     if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
@@ -173,6 +175,23 @@ def _silent() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
+
+
+def _check_compressor(path: Path, file: BinaryIO, place: int, records: int) -> None:
+    """Refuse, by its name, a way of packing points that lazrs does not read."""
+    for _ in range(records):
+        file.seek(place)
+        head = file.read(54)
+        user, number, length = head[2:18].rstrip(b"\0"), int.from_bytes(head[18:20], "little"), head[20:22]
+        if user == b"laszip encoded" and number == _LASZIP:
+            kind = int.from_bytes(file.read(2), "little")
+            if kind not in _COMPRESSORS:
+                raise FileError(
+                    f"{path}: its points are packed by LASzip's compressor {kind}"
+                    f"{' (point by point)' if kind == 1 else ''}, expected chunks (2 or 3); write it anew with laszip"
+                )
+            return
+        place += 54 + int.from_bytes(length, "little")
 
 
 def _check_chunk_table(path: Path, file: BinaryIO, data: int, size: int) -> None:

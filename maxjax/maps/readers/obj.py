@@ -32,7 +32,7 @@ def load_obj(path: Path, reading: Reading = PLAIN) -> Mesh:
         FileError: if the file cannot be read, or holds a statement that is not understood or no face.
     """
     vertices, corners, lengths = array("d"), array("q"), array("q")
-    for number, line in enumerate(read_text(path).replace(b"\\\n", b" ").split(b"\n"), 1):
+    for number, line in enumerate(read_text(path).replace(b"\r\n", b"\n").replace(b"\\\n", b" ").split(b"\n"), 1):
         words = line.split()
         if not words or words[0].startswith(b"#"):
             continue
