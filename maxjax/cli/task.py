@@ -25,7 +25,6 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.price import Price
 from maxjax.maps import Contents, Window, map_of, read_map
 from maxjax.maps.contents import facts
-from maxjax.maps.footprints import Footprints
 from maxjax.maps.load import map_with
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.places import point_at
@@ -202,8 +201,6 @@ def reading_of(options: ReadOptions) -> Reading:
 def earth_in(source: Contents, options: PlanOptions) -> Earth | None:
     """Where a file's map lies on Earth, as options or the file say it; raises as `earth_of`."""
     known = facts(source)
-    if options.crs is not None and isinstance(source, Footprints) and known.origin is not None:
-        raise ValueError(f"--crs: {known.crs} of the file is in degrees, and its coordinates are metres of no system")
     return earth_of(options, known.crs, known.origin)
 
 

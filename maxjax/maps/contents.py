@@ -119,20 +119,14 @@ def _of_points(cloud: PointCloud) -> Facts:
 
 
 def _of_footprints(found: Footprints) -> Facts:
-    rings = np.concatenate([ring for building in found.buildings for ring in building.rings])
-    heights = np.array([[b.base, b.top] for b in found.buildings])
-    low, high = np.r_[rings.min(0), heights.min()], np.r_[rings.max(0), heights.max()]
-    if len(found.terrain):
-        corners = found.terrain.reshape(-1, 3)
-        low, high = np.minimum(low, corners.min(0)), np.maximum(high, corners.max(0))
-    read = {"buildings": len(found.buildings), "triangles of the terrain": len(found.terrain)}
-    dropped = {"buildings without a height or a closed outline": found.skipped} if found.skipped else {}
-    remarks = [] if len(found.terrain) else ["the ground is taken from the floors of the buildings"]
-    if found.skipped:
-        remarks.append(f"{found.skipped} buildings without a height or a closed outline are left out")
-    extent = np.array([low, high]) + found.shift
-    origin = (float(found.origin[0]), float(found.origin[1])) if found.geographic else None
-    return Facts(extent, read, dropped, tuple(remarks), crs=found.crs, origin=origin)
+    extent = _around(np.concatenate([found.solids, found.terrain.reshape(-1, 3)]))
+    remarks = list(found.remarks)
+    if not len(found.terrain):
+        remarks.append("the ground is taken from the floors of the buildings")
+    if found.dropped:
+        left = ", ".join(f"{count} {kind}" for kind, count in found.dropped.items())
+        remarks.append(f"left out, though they may stand: {left}")
+    return _referred(Facts(extent, found.read, found.dropped, tuple(remarks)), found.reference)
 
 
 def _around(corners: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:

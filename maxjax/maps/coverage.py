@@ -111,9 +111,7 @@ def _places(contents: PointCloud | StoredVoxels | Mesh | Footprints | Boxes) -> 
         case Mesh():
             return np.concatenate([contents.triangles.reshape(-1, 3), contents.points])[:, :2].astype(np.float64)
         case Footprints():
-            rings = [ring for building in contents.buildings for ring in building.rings]
-            places = np.concatenate([*rings, contents.terrain.reshape(-1, 3)[:, :2]])
-            return np.asarray(places + contents.shift[:2], np.float64)
+            return np.concatenate([contents.solids, contents.terrain.reshape(-1, 3)])[:, :2].astype(np.float64)
         case Boxes():
             known = contents.corners if contents.free is None else np.concatenate([contents.corners, contents.free])
             low, high = known[:, 0, :2], known[:, 1, :2]

@@ -1,55 +1,122 @@
-"""Footprints on a grid: upright prisms over the ground.
+"""City models on a grid: prisms over footprints, shells of faces, and the ground.
 
-    solid  = columns whose square touches the footprint × heights from base to top
-    ground = { voxels up to the terrain }
+    prism    columns whose square touches the footprint × heights from base to top
+    inside   a shell that closes: voxels that its faces touch, and those within
+    below    a shell that does not: columns that a face is above × heights from the building's lowest point to the face
+    surface  voxels that a face touches
+    ground   voxels up to the terrain
 
-Which columns a footprint covers is told by `core.geometry.columns`. The terrain is the file's; where it has none, it is
-level with the lowest floor in the column or, between buildings, in the nearest one. Buildings reach down to it.
+The terrain is the file's; where it has none, it is level with the lowest floor in the column or, between buildings, in
+the nearest one. Buildings reach down to it: a closed one where its lowest face in the column belongs to a floor, which
+may lie up to 4 m above the building's lowest point, since floors step and slope; what hangs higher has air below it.
 """
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
+from jaxtyping import Float, Int64
 
 from maxjax.core.geometry.columns import columns_of
-from maxjax.core.geometry.triangles import Volume, fill_columns, touched
+from maxjax.core.geometry.triangles import Triangles, Volume, column_spans, fill_columns, touched, wound
 from maxjax.core.grid import Grid
 from maxjax.maps.airborne import NONE, from_nearest
-from maxjax.maps.footprints import Footprints
+from maxjax.maps.footprints import Fill, Footprints, Shells
 
 _TOUCH = 1e-6  # [voxels]; of heights: overlaps thinner than that do not count
+_FLOOR = 4.0  # floors of a building lie within so much of its lowest point [m]
+
+Levels = Int64[np.ndarray, " n"]
 
 
-def prism_voxels(footprints: Footprints, grid: Grid) -> tuple[Volume, Volume]:
-    """Buildings and ground.
+def prism_voxels(found: Footprints, grid: Grid) -> tuple[Volume, Volume]:
+    """Everything solid, and the ground.
 
     Args:
-        footprints: of a file.
-        grid: in the file's coordinates (`Footprints.shift`) [m].
+        found: in a file.
+        grid: in the map's coordinates [m].
 
     Returns:
         (solid, ground), of grid.shape each.
     """
+    nz = grid.shape[2]
+    columns, bottom, top = _prisms(found, grid)
+    feet, lowest, highest, floor = _standing(found.shells, grid)
+    terrain = _terrain(found, grid, (np.concatenate([columns, feet]), np.concatenate([bottom, floor])))
+    columns = np.concatenate([columns, feet])
+    bottom, top = np.concatenate([bottom, lowest]), np.concatenate([top, highest])
+    first = np.minimum(np.maximum(bottom, 0), np.clip(terrain.ravel()[columns] + 1, 0, nz))
+    solid = fill_columns(columns, first, top, grid.shape)
+    solid |= _bodies(found.shells, grid)
+    return solid, np.arange(nz) <= terrain[:, :, None]
+
+
+def _prisms(found: Footprints, grid: Grid) -> tuple[Levels, Levels, Levels]:
+    """Columns of footprints, and the voxels of their floors and roofs."""
+    rings = [ring for b in found.buildings for ring in b.rings]
+    owner = np.array([k for k, b in enumerate(found.buildings) for _ in b.rings], np.int64)
+    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, grid), strict=True))
+    heights = np.array([[b.base, b.top] for b in found.buildings]).reshape(-1, 2)
+    levels = (heights - grid.lower[2]) / grid.spacing
+    return column, _floor(levels[building, 0], grid), _roof(levels[building, 1], grid)
+
+
+def _standing(shells: Shells, grid: Grid) -> tuple[Levels, Levels, Levels, Levels]:
+    """Columns of shells that reach down, the lowest and highest voxel of any there, and the lowest of a building.
+
+    The last is above the grid where there is no building, since a crown or a bridge does not tell where the ground is.
+    """
     nx, ny, nz = grid.shape
-    lower = np.array(grid.lower) - footprints.shift
-    rings = [ring for b in footprints.buildings for ring in b.rings]
-    owner = np.array([k for k, b in enumerate(footprints.buildings) for _ in b.rings], np.int64)
-    local = dataclasses.replace(grid, origin=tuple((np.array(grid.origin) - footprints.shift).tolist()))
-    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, local), strict=True))
-    heights = (np.array([[b.base, b.top] for b in footprints.buildings]) - lower[2]) / grid.spacing
-    floor = np.clip(np.floor(heights[:, 0] + _TOUCH), -1, nz).astype(np.int64)
-    roof = np.clip(np.ceil(heights[:, 1] - _TOUCH) - 1, -1, nz - 1).astype(np.int64)
-    terrain = np.full(nx * ny, nz + 1)
-    if len(footprints.terrain):
-        surface = touched(footprints.terrain + footprints.shift, grid)
-        top = nz - 1 - surface[:, :, ::-1].argmax(axis=2)
-        terrain = np.where(surface.any(axis=2), top, NONE).ravel()
-    else:
-        np.minimum.at(terrain, column, floor[building])
-        terrain = np.where(terrain > nz, NONE, terrain)
-    terrain = from_nearest(terrain.reshape(nx, ny)).ravel()
-    first = np.minimum(np.maximum(floor[building], 0), np.clip(terrain[column] + 1, 0, nz))
-    solid = fill_columns(column, first, roof[building], grid.shape)
-    return solid, np.arange(nz) <= terrain.reshape(nx, ny, 1)
+    base = (shells.base - grid.lower[2]) / grid.spacing
+    reaches = (shells.fill == Fill.BELOW) | ((shells.fill == Fill.INSIDE) & shells.grounded)
+    chosen = np.flatnonzero(reaches[shells.of_face])
+    bottom, top, floor = np.full(nx * ny, np.inf), np.full(nx * ny, -np.inf), np.full(nx * ny, np.inf)
+    for column, one, low, high in column_spans(shells.faces[chosen], grid):
+        shell = shells.of_face[chosen[one]]
+        below = shells.fill[shell] == Fill.BELOW
+        held = below | (low <= base[shell] + _FLOOR / grid.spacing + _TOUCH)
+        np.minimum.at(bottom, column[held], base[shell[held]])
+        np.maximum.at(top, column[held], np.where(below, high, low)[held])
+        held &= shells.grounded[shell]
+        np.minimum.at(floor, column[held], base[shell[held]])
+    column = np.flatnonzero(bottom < np.inf)
+    # A flat roof on its own lies in one voxel at least.
+    highest = np.maximum(_roof(top[column], grid), np.minimum(_floor(top[column], grid), nz - 1))
+    told = floor[column] < np.inf
+    ground = np.where(told, _floor(np.where(told, floor[column], 0.0), grid), nz + 1)
+    return column, _floor(bottom[column], grid), highest, ground
+
+
+def _bodies(shells: Shells, grid: Grid) -> Volume:
+    """Shells where they are: their faces, and within those that close."""
+    closed = np.flatnonzero(shells.fill[shells.of_bound] == Fill.INSIDE)
+    return np.asarray(touched(shells.faces, grid) | wound(shells.bounds[closed], shells.of_bound[closed], grid))
+
+
+def _terrain(found: Footprints, grid: Grid, floors: tuple[Levels, Levels]) -> Int64[np.ndarray, "nx ny"]:
+    """Voxel of the terrain in each column: the file's, else the lowest floor's there, else that of the nearest."""
+    nx, ny, nz = grid.shape
+    if len(found.terrain):
+        level = _highest(found.terrain, grid)
+        known = np.where(np.isfinite(level), np.clip(np.floor(level + _TOUCH), -1, nz), NONE)
+        return from_nearest(known.astype(np.int64).reshape(nx, ny))
+    lowest = np.full(nx * ny, nz + 1)
+    np.minimum.at(lowest, *floors)
+    return from_nearest(np.where(lowest > nz, NONE, lowest).reshape(nx, ny))
+
+
+def _highest(triangles: Triangles, grid: Grid) -> Float[np.ndarray, " n"]:
+    """Highest point of triangles in each column [voxels]; -inf without."""
+    top = np.full(grid.shape[0] * grid.shape[1], -np.inf)
+    for column, _, _, high in column_spans(triangles, grid):
+        np.maximum.at(top, column, high)
+    return top
+
+
+def _floor(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:
+    """The voxel that a floor lies in, -1 and nz beyond the grid."""
+    return np.clip(np.floor(level + _TOUCH), -1, grid.shape[2]).astype(np.int64)
+
+
+def _roof(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:
+    """The highest voxel that is below a roof, -1 beyond the grid."""
+    return np.clip(np.ceil(level - _TOUCH) - 1, -1, grid.shape[2] - 1).astype(np.int64)

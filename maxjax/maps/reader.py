@@ -42,11 +42,11 @@ def _load_json(path: Path, reading: Reading) -> Contents:
         start = file.read(_PEEK)
     # A CityJSON may hold anything first, but names itself; GeoJSON has no CityObjects.
     city = b"CityJSON" in start or b"CityObjects" in start or b"Feature" not in start
-    return load_cityjson(path) if city else load_geojson(path)
+    return load_cityjson(path, reading) if city else load_geojson(path, reading)
 
 
 def _load_xml(path: Path, reading: Reading) -> Contents:
-    return load_mitsuba(path, reading) if is_scene(path) else load_osm(path)
+    return load_mitsuba(path, reading) if is_scene(path) else load_osm(path, reading)
 
 
 READERS: dict[str, Callable[[Path, Reading], Contents]] = {
@@ -59,9 +59,9 @@ READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".stl": load_stl,
     ".glb": load_glb,
     ".json": _load_json,
-    ".osm": lambda path, _: load_osm(path),
+    ".osm": load_osm,
     ".xml": _load_xml,
-    ".geojson": lambda path, _: load_geojson(path),
+    ".geojson": load_geojson,
     ".bt": load_octomap,
     ".ot": load_octomap,
     ".tif": load_geotiff,

@@ -75,6 +75,65 @@ def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> V
     return fill_columns(column[low], first, last, grid.shape)
 
 
+def wound(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> Volume:
+    """Voxels whose centre lies inside a body, or that its faces surround more than once.
+
+    As `enclosed`, but faces that overlap (a body listed twice, parts that cut each other) leave no hole: a line along z
+    is free between two crossings only where both their number below and the sum of their directions say so.
+
+    Args:
+        triangles: corners [m], finite; corners of neighbours are equal bit by bit.
+        body: number of the body that each triangle belongs to; closed.
+        grid: any.
+    """
+    corners = (triangles - np.array(grid.lower)) / grid.spacing
+    along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    turn = np.sign(along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]).astype(np.int64)
+    nx, ny, nz = grid.shape
+    column, height, face = _crossings(corners, np.arange(len(corners)), (nx, ny))
+    order = np.lexsort((height, body[face], column))
+    column, height, face = column[order], height[order], face[order]
+    owner, direction = body[face], turn[face]
+    starts = np.flatnonzero(np.r_[True, (column[1:] != column[:-1]) | (owner[1:] != owner[:-1])])[: len(column)]
+    counts = np.diff(np.r_[starts, len(column)])
+    within = np.arange(len(column)) - np.repeat(starts, counts)
+    total = np.cumsum(direction)
+    winding = total - np.repeat(total[starts] - direction[starts], counts)
+    low = np.flatnonzero(((within % 2 == 0) | (winding != 0)) & (within + 1 < np.repeat(counts, counts)))
+    first = np.clip(np.ceil(height[low] - 0.5), 0, nz).astype(np.int64)
+    last = np.clip(np.floor(height[low + 1] - 0.5), -1, nz - 1).astype(np.int64)
+    return fill_columns(column[low], first, last, grid.shape)
+
+
+def column_spans(
+    triangles: Triangles, grid: Grid
+) -> Iterator[
+    tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
+]:
+    """Columns whose closed square a triangle meets, seen from above, however high it lies.
+
+    Args:
+        triangles: corners [m], finite; flat and upright ones count as what they are.
+        grid: whose columns.
+
+    Yields:
+        Column, x · ny + y; triangle; and its lowest and highest point in the column [voxels from the grid's floor].
+    """
+    nx, ny, _ = grid.shape
+    corners = (triangles - np.array(grid.lower)) / grid.spacing
+    flat = corners[:, :, :2]
+    near = np.flatnonzero(((flat.max(axis=1) >= -_TOUCH) & (flat.min(axis=1) <= np.array((nx, ny)) + _TOUCH)).all(axis=1))
+    corners = corners[near]
+    low, high = whole(corners[:, :, 0].min(axis=1, initial=np.inf), corners[:, :, 0].max(axis=1, initial=-np.inf), nx)
+    for one, row in spread(low, high):
+        across = _span(corners[one], *_cut(corners[one], ((0, row),)), 1)
+        for pair, column in spread(*whole(*across, ny)):
+            chosen = one[pair]
+            bottom, top = _depth(corners[chosen], row[pair], column)
+            held = bottom <= top
+            yield row[pair][held] * ny + column[held], near[chosen[held]], bottom[held], top[held]
+
+
 def fill_columns(
     column: Int64[np.ndarray, " n"],
     first: Int64[np.ndarray, " n"],

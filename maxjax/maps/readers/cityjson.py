@@ -1,53 +1,71 @@
-"""Footprints from CityJSON (0.8, 0.9, 1.0, 1.1, 2.0).
+"""City models of CityJSON (0.8, 0.9, 1.0, 1.1, 2.0): every object with a geometry, and the terrain.
 
-    x_local = scale · x_file + translate − origin
+    x_local = scale · x_file + translate, in metres
 
 A CityJSON file is one list of vertices and objects whose faces are lists of rings of indices into it. `transform`
-(scale, translate) undoes the quantisation of the vertices; without it they are metres as they stand (1.0 and before).
+(scale, translate) undoes the quantisation of the vertices; without it they are coordinates as they stand (1.0 and
+before).
 
-The footprint of a building is the union of its ground surfaces; where faces have no semantics, of its level faces
-within half a metre of its lowest vertex. Of faces that share an edge only the outline stays: an edge that two of them
-have is inside, and the others are chained into rings. Heights are absolute, in the file's datum; a pitched roof counts
-up to its ridge.
+Of each object the finest level of detail that has a height is taken, from LoD1 on; where it does not close, the coarser
+ones as well, down to one that does. A shell that closes is solid inside, whatever its faces are called, and cavities
+count as solid. Where shells do not close, all below their faces is solid, down to the lowest point of the building with
+all its parts. Roads, water and the use of land are surfaces, and the relief is the terrain. Heights are absolute, in the
+file's datum.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import re
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float64, Int
 
 from maxjax.core.files import FileError, parse_json, read_text
-from maxjax.maps.footprints import Footprint, Footprints, chain, localised
+from maxjax.core.geometry.polygons import convex, covering, fan_of, newell
+from maxjax.core.geometry.triangles import Triangles
+from maxjax.maps.footprints import Fill, Footprints, Shells, checked
 from maxjax.maps.model import FARTHEST
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.readers.cityjson_geometry import Face, Shell, Store, Vertices, closed, level
+from maxjax.maps.reference import Reference, Stated, reference
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
-# How a geometry's boundaries are nested: levels of lists above a face.
-_NESTING = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
-_LEVEL = 0.5  # a level face belongs to the floor up to so far above the lowest vertex [m]
-_SLOPE = 0.7  # a face is level if its normal's vertical share exceeds this
+_RELIEF = ("TINRelief",)
+_LYING = ("Road", "Railway", "Waterway", "TransportSquare", "WaterBody", "LandUse")
+# Of buildings, what does not reach down to the ground.
+_FIXED = ("Installation", "Furniture", "ConstructiveElement", "Room")
+_MICROMETRES = 1e6
 
-Face = list[list[int]]
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+    """One shell of an object."""
+
+    shell: Shell
+    fill: Fill
+    base: float
+    grounded: bool
+    name: str
 
 
-def load_cityjson(path: Path) -> Footprints:
-    """Buildings and terrain of a CityJSON file.
+def load_cityjson(path: Path, reading: Reading = PLAIN) -> Footprints:
+    """Everything solid and the terrain of a CityJSON file.
 
-    Of an object with several levels of detail the finest of solids and surfaces from LoD1 on is taken; LoD0 has no
-    height.
+    Args:
+        path: of the file.
+        reading: of its coordinates.
 
     Raises:
-        FileError: if the file is missing, too large, not JSON, not CityJSON of a known version, malformed, or holds no
-            building with a height.
+        FileError: if the file is missing, too large, not JSON, not CityJSON of a known version, malformed, or holds
+            nothing with a height; as `reference`.
     """
     document = _parse(path)
     try:
-        return _read(document, path)
+        return _read(document, path, reading)
     except FileError:
         raise
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
@@ -66,7 +84,33 @@ def _parse(path: Path) -> Mapping[str, Any]:
     return dict(document)
 
 
-def _read(document: Mapping[str, Any], path: Path) -> Footprints:
+def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprints:
+    vertices, how = _vertices(document, path, reading)
+    # The vertices of templates are in units of the plane; about a place in degrees they are metres.
+    unit = how.unit if how.origin is None else 1.0
+    store = Store.of(document, vertices, np.array([unit, unit, how.vertical_unit]))
+    things: Mapping[str, Mapping[str, Any]] = document["CityObjects"]
+    read = Counter(thing["type"] for thing in things.values())
+    shells, relief = _chosen(things, store)
+    corners, welded = _welded(store.all())
+    pieces, dropped = _pieces(things, shells, (corners, welded))
+    terrain, _ = _triangles([(face, 0) for shell in relief for face in shell], corners)
+    found = Footprints(
+        (),
+        terrain,
+        path.name,
+        _arrays(pieces, corners),
+        {**read, "shells": len(pieces), "faces": sum(len(p.shell) for p in pieces)}
+        | {"triangles of the terrain": len(terrain)},
+        dropped,
+        how,
+        _said(pieces),
+    )
+    return checked(found, path)
+
+
+def _vertices(document: Mapping[str, Any], path: Path, reading: Reading) -> tuple[Vertices, Reference]:
+    """The file's vertices in metres."""
     vertices = np.asarray(document["vertices"], np.float64).reshape(-1, 3)
     if "transform" in document:
         transform = document["transform"]
@@ -79,88 +123,175 @@ def _read(document: Mapping[str, Any], path: Path) -> Footprints:
         raise FileError(
             f"{path}: vertex {wrong}: expected metres within {FARTHEST:g}, found {vertices[wrong].tolist()}"
         )
-    found: list[Footprint] = []
-    owners: list[str] = []
-    triangles: list[list[int]] = []
-    skipped = 0
-    for name, thing in document["CityObjects"].items():
-        if thing["type"] == "TINRelief":
-            triangles += [
-                face[0] for g in thing.get("geometry", []) for face, _ in _faces(g, len(vertices)) if len(face[0]) == 3
-            ]
-        # A building without a geometry of its own is the sum of its parts.
-        elif thing["type"] in ("Building", "BuildingPart") and thing.get("geometry"):
-            footprint = _footprint(name, thing["geometry"], vertices)
-            if footprint is None:
-                skipped += 1
-                continue
-            found.append(footprint)
-            # One parent by name until 0.9, a list of them since.
-            owners.append(thing.get("parent") or (thing.get("parents") or [name])[0])
-    terrain = vertices[np.array(triangles, int).reshape(-1, 3)]
-    lowest: dict[str, float] = {}
-    for footprint, owner in zip(found, owners, strict=True):
-        lowest[owner] = min(footprint.base, lowest.get(owner, footprint.base))
-    found = [dataclasses.replace(part, base=lowest[owner]) for part, owner in zip(found, owners, strict=True)]
-    return localised(found, terrain, skipped, path, _crs(document))
-
-
-def _crs(document: Mapping[str, Any]) -> str | None:
-    """The EPSG code of the metadata: the last number of `referenceSystem`, or until 0.9 of `crs`."""
     metadata = document.get("metadata") or {}
-    named = metadata.get("referenceSystem") or metadata.get("crs") or ""
-    codes = re.findall(r"\d{4,6}(?!\d)", str(named))
-    return f"EPSG:{codes[-1]}" if codes else None
+    system = metadata.get("referenceSystem") or ""
+    code = (metadata.get("crs") or {}).get("epsg")
+    stated = Stated(str(system) or (f"EPSG:{code}" if code else None))
+    extent = np.zeros((2, 2))
+    if len(vertices):
+        extent = np.array([vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)])
+    how = reference(stated, reading, extent, path)
+    return how.metres(vertices), how
 
 
-def _footprint(name: str, geometries: list[dict[str, Any]], vertices: np.ndarray) -> Footprint | None:
-    """The finest geometry that has a height; None if there is none."""
-    solid = [g for g in geometries if g["type"] in _NESTING and float(g["lod"]) >= 1]
-    if not solid:
-        return None
-    faces = list(_faces(max(solid, key=lambda g: float(g["lod"])), len(vertices)))
-    heights = np.array([vertices[i, 2] for face, _ in faces for ring in face for i in ring])
-    floor = [face for face, semantics in faces if semantics == "GroundSurface"]
-    if not floor:
-        level = heights.min() + _LEVEL
-        floor = [
-            face
-            for face, _ in faces
-            if max(vertices[i, 2] for i in face[0]) <= level and _uprightness(vertices[face[0]]) > _SLOPE
-        ]
-    edges = [(a, b) for face in floor for ring in face for a, b in zip(ring, [*ring[1:], ring[0]], strict=True)]
-    rings = chain(edges)
-    base = min((vertices[i, 2] for face in floor for ring in face for i in ring), default=heights.min())
-    if rings is None or heights.max() <= base:
-        return None
-    return Footprint(tuple(vertices[ring, :2] for ring in rings), float(base), float(heights.max()), name)
+def _chosen(
+    things: Mapping[str, Mapping[str, Any]], store: Store
+) -> tuple[dict[str, list[tuple[float, list[Shell]]]], list[Shell]]:
+    """Shells of each object by level of detail, the finest first, and those of the relief."""
+    found: dict[str, list[tuple[float, list[Shell]]]] = {}
+    relief: list[Shell] = []
+    for name, thing in things.items():
+        levels: dict[float, list[Shell]] = defaultdict(list)
+        for geometry in thing.get("geometry") or []:
+            shells = [shell for shell in store.shells(geometry) if shell]
+            if shells:
+                levels[level(store.template(geometry))] += shells
+        if thing["type"] in _RELIEF:
+            relief += [shell for shells in levels.values() for shell in shells]
+        elif levels:
+            found[name] = sorted(levels.items(), reverse=True)
+    return found, relief
 
 
-def _faces(geometry: dict[str, Any], count: int) -> Iterator[tuple[Face, str | None]]:
-    """Every face with the type of its semantic surface; its rings are indices of `count` vertices."""
-    semantics = geometry.get("semantics") or {}
-    types = [surface["type"] for surface in semantics.get("surfaces", [])]
+def _pieces(
+    things: Mapping[str, Mapping[str, Any]],
+    found: Mapping[str, list[tuple[float, list[Shell]]]],
+    joined: tuple[Vertices, Int[np.ndarray, " n"]],
+) -> tuple[list[_Piece], dict[str, int]]:
+    """Shells that become voxels, and a count by kind of objects that do not."""
+    corners, welded = joined
+    number = welded.tolist()
+    root = {name: _root(name, things) for name in things}
+    lowest: dict[str, float] = {}
+    for name, levels in found.items():
+        used = {i for _, shells in levels for shell in shells for face in shell for ring in face for i in ring}
+        bottom = float(corners[welded[list(used)], 2].min())
+        lowest[root[name]] = min(bottom, lowest.get(root[name], bottom))
+    pieces: list[_Piece] = []
+    for name, levels in found.items():
+        kind = str(things[name]["type"])
+        grounded = ("Building" in kind or kind == "OtherConstruction") and not kind.endswith(_FIXED)
+        for _, shells in levels if kind in _LYING else [one for one in levels if one[0] >= 1.0]:
+            all_closed = True
+            for shell in shells:
+                merged = [[[number[i] for i in ring] for ring in face] for face in shell]
+                solid = closed(merged)
+                thin = kind in _LYING or all(len(face[0]) < 3 for face in merged)
+                fill = Fill.INSIDE if solid else Fill.SURFACE if thin else Fill.BELOW
+                all_closed &= solid
+                pieces.append(_Piece(merged, fill, lowest[root[name]], grounded, name))
+            if all_closed or kind in _LYING:
+                break
+    standing = {root[piece.name] for piece in pieces}
+    dropped: Counter[str] = Counter()
+    for name, thing in things.items():
+        kind = str(thing["type"])
+        if root[name] in standing or kind in _RELIEF or kind in ("CityObjectGroup", *_LYING):
+            continue
+        if name in found or (root[name] == name and not any(root[other] == name for other in found)):
+            noun = "buildings" if kind in ("Building", "BuildingPart") else f"{kind} objects"
+            dropped[f"{noun} without a height"] += 1
+    return pieces, dict(dropped)
 
-    def walk(boundaries: list[Any], values: list[Any] | None, depth: int) -> Iterator[tuple[Face, str | None]]:
-        # A null stands for a whole shell or solid without semantics.
-        labels = [None] * len(boundaries) if values is None else values
-        for part, label in zip(boundaries, labels, strict=True):
-            if depth:
-                yield from walk(part, label, depth - 1)
-            else:
-                for index in (index for ring in part for index in ring):
-                    if type(index) is not int or not 0 <= index < count:
-                        raise ValueError(f"expected the number of a vertex, 0 to {count - 1}, found {index!r}")
-                yield part, None if label is None else types[label]
 
-    depth = _NESTING.get(geometry["type"])
-    if depth is not None:
-        yield from walk(geometry["boundaries"], semantics.get("values"), depth)
+def _root(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
+    """The object that another is part of, at the top; one parent by name until 0.9, a list of them since."""
+    seen = set()
+    while name not in seen:
+        seen.add(name)
+        thing = things.get(name) or {}
+        above = [thing["parent"]] if thing.get("parent") else thing.get("parents") or []
+        above = [one for one in above if one in things and things[one].get("type") != "CityObjectGroup"]
+        if not above:
+            return name
+        name = above[0]
+    return min(seen)
 
 
-def _uprightness(corners: Float[np.ndarray, "n 3"]) -> float:
-    """Vertical share of a face's normal, by Newell's sum; 0 for a face without area."""
-    local = corners - corners[0]
-    normal = np.cross(local, np.roll(local, -1, axis=0)).sum(0)
-    length = float(np.linalg.norm(normal))
-    return abs(float(normal[2])) / length if length else 0.0
+def _said(pieces: list[_Piece]) -> tuple[str, ...]:
+    """What a user should know."""
+    still = sum(piece.fill == Fill.BELOW for piece in pieces)
+    if not still:
+        return ()
+    return (
+        f"{still} of {len(pieces)} shells do not close: all below their faces is solid, down to the building's lowest "
+        "point",
+    )
+
+
+def _welded(vertices: Vertices) -> tuple[Vertices, Int[np.ndarray, " n"]]:
+    """Vertices, and of each the first one that agrees with it to a micrometre."""
+    if not len(vertices):
+        return vertices, np.zeros(0, np.int64)
+    keys = np.round((vertices - vertices[0]) * _MICROMETRES).astype(np.int64)
+    order = np.lexsort(keys.T)
+    fresh = np.r_[True, (np.diff(keys[order], axis=0) != 0).any(axis=1)]
+    index = np.empty(len(vertices), np.int64)
+    index[order] = order[fresh][np.cumsum(fresh) - 1]
+    return vertices, index
+
+
+def _arrays(pieces: list[_Piece], corners: Vertices) -> Shells:
+    owned = [(face, k) for k, piece in enumerate(pieces) for face in piece.shell]
+    faces, of_face = _triangles(owned, corners)
+    inside = [(face, k) for face, k in owned if pieces[k].fill == Fill.INSIDE]
+    rings = [(ring, k) for face, k in inside for ring in (face if len(face) == 1 else _turned(face, corners))]
+    bounds, of_bound = _fans(rings, corners)
+    return Shells(
+        faces,
+        of_face,
+        bounds,
+        of_bound,
+        np.array([piece.fill for piece in pieces], np.int64),
+        np.array([piece.base for piece in pieces], np.float64),
+        np.array([piece.grounded for piece in pieces], bool),
+        tuple(piece.name for piece in pieces),
+    )
+
+
+def _turned(face: Face, corners: Vertices) -> Face:
+    """A face whose holes go around the other way than its outline."""
+    outer = newell(corners[face[0]])
+    return [face[0], *(ring[::-1] if newell(corners[ring]) @ outer > 0 else ring for ring in face[1:])]
+
+
+def _grouped(rings: Iterable[tuple[list[int], int]]) -> dict[int, tuple[list[list[int]], list[int]]]:
+    """Rings and what they belong to by their number of corners."""
+    found: dict[int, tuple[list[list[int]], list[int]]] = defaultdict(lambda: ([], []))
+    for ring, owner in rings:
+        rows, owners = found[len(ring)]
+        rows.append(ring)
+        owners.append(owner)
+    return found
+
+
+def _fans(rings: Iterable[tuple[list[int], int]], corners: Vertices) -> tuple[Triangles, Int[np.ndarray, " t"]]:
+    """Triangles around the first corners of rings, and what each belongs to."""
+    triangles, owner = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
+    for count, (rows, owners) in _grouped(rings).items():
+        fan = fan_of(count)
+        triangles.append(corners[np.array(rows)[:, fan]].reshape(-1, 3, 3))
+        owner.append(np.repeat(owners, len(fan)))
+    return np.concatenate(triangles), np.concatenate(owner)
+
+
+def _triangles(faces: Iterable[tuple[Face, int]], corners: Vertices) -> tuple[Triangles, Int[np.ndarray, " t"]]:
+    """Triangles that cover faces and nothing else, and what each belongs to."""
+    faces = list(faces)
+    parts: list[tuple[Float64[np.ndarray, "t 3 3"], Int[np.ndarray, " t"]]] = []
+    difficult = [(face, owner) for face, owner in faces if len(face) > 1]
+    plain = []
+    for count, (rows, owners) in _grouped((face[0], owner) for face, owner in faces if len(face) == 1).items():
+        if count < 3:  # a point or a line
+            index = np.array(rows)[:, [0, -1, -1]]
+            parts.append((corners[index], np.array(owners)))
+            continue
+        right = convex(corners[np.array(rows)])
+        plain += [(row, owner) for row, owner, held in zip(rows, owners, right, strict=True) if held]
+        difficult += [([row], owner) for row, owner, held in zip(rows, owners, right, strict=True) if not held]
+    parts.append(_fans(plain, corners))
+    for face, owner in difficult:
+        covered = covering([corners[ring] for ring in face])
+        parts.append((covered, np.full(len(covered), owner)))
+    triangles, owner = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return triangles, owner.astype(np.int64)
