@@ -1,12 +1,13 @@
 """What readers of city models return: buildings as footprints with heights, or as shells of faces; and their ground.
 
-    inside a footprint: the even-odd rule over its rings; several footprints are a union
-    a shell            `inside` is solid where it closes; else all `below` its faces; of a `surface` only itself
+inside a footprint: the even-odd rule over its rings; several footprints are a union
+a shell            `inside` is solid where it closes; else all `below` its faces; of a `surface` only itself
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from enum import IntEnum
@@ -155,7 +156,7 @@ def swept(line: Float64[np.ndarray, "n 2"], width: float) -> list[Ring]:
     """Outlines that together hold everything within half a width of a line or a point [m]."""
     half = 0.5 * width
     found = []
-    for a, b in zip(line[:-1], line[1:], strict=True) if len(line) > 1 else [(line[0], line[0])]:
+    for a, b in itertools.pairwise(line) if len(line) > 1 else [(line[0], line[0])]:
         length = float(np.hypot(*(b - a)))
         along = (b - a) * (half / length) if length else np.array([half, 0.0])
         aside = np.array([-along[1], along[0]])

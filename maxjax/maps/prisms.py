@@ -114,7 +114,8 @@ def _highest(triangles: Triangles, grid: Grid) -> Float[np.ndarray, " n"]:
 
 def _floor(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:
     """The voxel that a floor lies in, -1 and nz beyond the grid."""
-    return np.clip(np.floor(level + _TOUCH), -1, grid.shape[2]).astype(np.int64)
+    found: Levels = np.clip(np.floor(level + _TOUCH), -1, grid.shape[2]).astype(np.int64)
+    return found
 
 
 def _roof(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:

@@ -27,6 +27,8 @@ class Reading:
         vertical_unit: of its heights. None: that of the file or of its system.
         band: of a raster, counted from 1. None: the only one.
         drop_classes: ASPRS classes of points that are left out.
+        only: what is taken of a city model: keys of OpenStreetMap (building, man_made, power, barrier, natural,
+            aerialway, other), or types of CityJSON. None given: all that stands.
 
     Raises:
         ValueError: for points without three coordinates, or a system, a unit, a band or a class that is none.
@@ -41,6 +43,7 @@ class Reading:
     vertical_unit: str | None = None
     band: int | None = None
     drop_classes: tuple[int, ...] = ()
+    only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         center = None if self.center is None else tuple(float(x) for x in self.center)

@@ -9,6 +9,7 @@ crosses the ring's face; it needs no corner but those that the neighbours have, 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -65,7 +66,7 @@ def covering(rings: Sequence[Corners]) -> Triangles:
     a, b = np.where(turned[:, None], b, a), np.where(turned[:, None], a, b)
     cuts = np.unique(ends[:, :, u])
     found = []
-    for west, east in zip(cuts[:-1], cuts[1:], strict=True):
+    for west, east in itertools.pairwise(cuts):
         crossing = np.flatnonzero((a[:, u] <= west) & (b[:, u] >= east))
         p, q = a[crossing], b[crossing]
         run = (q[:, u] - p[:, u])[:, None]

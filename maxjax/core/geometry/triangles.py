@@ -122,7 +122,9 @@ def column_spans(
     nx, ny, _ = grid.shape
     corners = (triangles - np.array(grid.lower)) / grid.spacing
     flat = corners[:, :, :2]
-    near = np.flatnonzero(((flat.max(axis=1) >= -_TOUCH) & (flat.min(axis=1) <= np.array((nx, ny)) + _TOUCH)).all(axis=1))
+    near = np.flatnonzero(
+        ((flat.max(axis=1) >= -_TOUCH) & (flat.min(axis=1) <= np.array((nx, ny)) + _TOUCH)).all(axis=1)
+    )
     corners = corners[near]
     low, high = whole(corners[:, :, 0].min(axis=1, initial=np.inf), corners[:, :, 0].max(axis=1, initial=-np.inf), nx)
     for one, row in spread(low, high):

@@ -8,9 +8,9 @@ before).
 
 Of each object the finest level of detail that has a height is taken, from LoD1 on; where it does not close, the coarser
 ones as well, down to one that does. A shell that closes is solid inside, whatever its faces are called, and cavities
-count as solid. Where shells do not close, all below their faces is solid, down to the lowest point of the building with
-all its parts. Roads, water and the use of land are surfaces, and the relief is the terrain. Heights are absolute, in the
-file's datum.
+count as solid. Where shells do not close, all below their faces is solid, down to the lowest point of the building
+with all its parts. Roads, water and the use of land are surfaces, and the relief is the terrain. Heights are absolute,
+in the file's datum.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from maxjax.core.geometry.polygons import convex, covering, fan_of, newell
 from maxjax.core.geometry.triangles import Triangles
 from maxjax.maps.footprints import Fill, Footprints, Shells, checked
 from maxjax.maps.model import FARTHEST
-from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.readers.cityjson_geometry import Face, Shell, Store, Vertices, closed, level
+from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.reference import Reference, Stated, reference
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
@@ -293,5 +293,5 @@ def _triangles(faces: Iterable[tuple[Face, int]], corners: Vertices) -> tuple[Tr
     for face, owner in difficult:
         covered = covering([corners[ring] for ring in face])
         parts.append((covered, np.full(len(covered), owner)))
-    triangles, owner = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return triangles, owner.astype(np.int64)
+    triangles, owners_of = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return triangles, owners_of.astype(np.int64)

@@ -29,9 +29,9 @@ _SURFACES, _SOLID, _SOLIDS = ("MultiSurface", "CompositeSurface"), ("Solid",), (
 class Store:
     """Vertices of a file [m], to which those of instances are added, and its templates."""
 
-    vertices: list[Vertices]
+    vertices: list[np.ndarray]
     templates: list[Mapping[str, Any]]
-    template_vertices: Vertices
+    template_vertices: Float64[np.ndarray, "m 3"]
     units: Float64[np.ndarray, " 3"]
     own: int
     count: int

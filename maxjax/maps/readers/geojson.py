@@ -1,70 +1,92 @@
-"""Buildings of GeoJSON: polygons with heights (`tags`) among their properties.
+"""GeoJSON: polygons, lines and points with heights among their properties (`tagged`), and whatever else stands.
 
-Coordinates are longitude and latitude (RFC 7946); a file of the older form may name a projected system in metres as its
-`crs`. Heights are `height` [m] or `building:levels` (also `levels`), floors `ele` [m]; third coordinates are ignored.
+Coordinates are longitude and latitude (RFC 7946); a file of the older form may name another system as its `crs`.
+Heights are those of OpenStreetMap's tags (`tag_heights`), floors `ele` [m]; third coordinates are ignored. Each polygon
+of several is its own, with its holes: where they overlap, both are solid.
 """
 
 from __future__ import annotations
 
-import itertools
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from maxjax.core.earth import geojson_crs
 from maxjax.core.files import FileError, parse_json, read_text
-from maxjax.maps.degrees import on_a_plane
-from maxjax.maps.footprints import Footprint, Footprints, chain, localised
-from maxjax.maps.readers.osm_heights import span
+from maxjax.maps.footprints import Footprints, around
+from maxjax.maps.readers.standing import ANYTHING, BUILDING, kind_of
+from maxjax.maps.readers.tagged import Tagged, solids_of
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reference import Stated
+
+_DEGREES = ("CRS84", "EPSG::4326", "EPSG:4326")
+_DEEPEST = 16
 
 
-def load_geojson(path: Path) -> Footprints:
-    """Buildings of a GeoJSON file; polygons without a height or a closed outline are counted and left out.
+def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
+    """What stands in a GeoJSON file; shapes without a height or a closed outline are counted by their kind.
 
     Raises:
-        FileError: if the file is missing, too large, not GeoJSON, malformed, or holds no polygon with a height.
+        FileError: if the file is missing, too large, not GeoJSON, malformed, or holds nothing with a height; as
+            `reference`.
     """
     document = parse_json(read_text(path), path)
     kind = document.get("type") if isinstance(document, dict) else type(document).__name__
     if kind not in ("FeatureCollection", "Feature"):
         raise FileError(f"{path}: expected a FeatureCollection of GeoJSON, found {kind!r}")
     try:
-        return _read(document, path)
+        return _read(document, reading, path)
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{path}: malformed GeoJSON: {type(error).__name__}: {error}") from error
 
 
-def _read(document: dict[str, Any], path: Path) -> Footprints:
-    code = geojson_crs(document, path)
-    found: list[Footprint] = []
-    skipped = 0
+def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
+    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else ""
+    system = "OGC:CRS84" if not named or named.endswith(_DEGREES) else named
+    found: list[Tagged] = []
+    dropped: Counter[str] = Counter()
     for number, feature in enumerate(document.get("features", [document])):
-        geometry = feature.get("geometry") or {}
-        if geometry.get("type") not in ("Polygon", "MultiPolygon"):
-            continue
         values = feature.get("properties") or {}
         tags = {key: str(value) for key, value in values.items() if isinstance(value, str | int | float)}
-        heights = span({"building:levels": tags.get("levels", ""), **tags})
-        rings = list(_rings(geometry))
-        if heights is None or not rings:
-            skipped += 1
-            continue
         name = str(feature.get("id") or values.get("name") or number)
-        found.append(Footprint(tuple(rings), *heights, name))
-    if code is None:
-        return on_a_plane(found, skipped, path)
-    return localised(found, np.zeros((0, 3, 3)), skipped, path, code)
+        kind = kind_of(tags)
+        for geometry in _simple(feature.get("geometry") or {}, 0):
+            shape = geometry["type"]
+            if shape == "Polygon":
+                rings = [ring for line in geometry["coordinates"] for ring in around(_corners(line)[:-1]) or []]
+                if not rings:
+                    dropped["polygons without a closed outline"] += 1
+                    continue
+                parts = tuple(np.array(ring, np.float64) for ring in rings)
+                found.append(Tagged("area", parts, kind or BUILDING, tags, name))
+            elif shape in ("LineString", "Point"):
+                line = geometry["coordinates"]
+                corners = np.array(_corners(line if shape == "LineString" else [line]), np.float64).reshape(-1, 2)
+                if len(corners):
+                    found.append(Tagged("line", (corners,), kind or ANYTHING, tags, name))
+            else:
+                raise FileError(f"{path}: feature {name}: expected a geometry of GeoJSON, found {shape!r}")
+    return solids_of(found, dropped, Stated(system, heights="metres"), reading, path)
 
 
-def _rings(geometry: dict[str, Any]) -> Iterator[np.ndarray]:
-    """Outlines and holes, last point not repeated; edges that occur twice are gone."""
-    polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
-    for polygon in polygons:
-        for ring in polygon:
-            corners = [(float(x), float(y)) for x, y, *_ in ring]
-            for outline in chain(itertools.pairwise(corners)) or []:
-                yield np.array(outline)
+def _simple(geometry: dict[str, Any], depth: int) -> Iterator[dict[str, Any]]:
+    """Polygons, lines and points of a geometry."""
+    kind = geometry.get("type")
+    if depth > _DEEPEST:
+        raise ValueError(f"expected collections within {_DEEPEST} levels")
+    if kind == "GeometryCollection":
+        for part in geometry["geometries"]:
+            yield from _simple(part, depth + 1)
+    elif isinstance(kind, str) and kind.startswith("Multi"):
+        for part in geometry["coordinates"]:
+            yield {"type": kind.removeprefix("Multi"), "coordinates": part}
+    elif geometry:
+        yield geometry
+
+
+def _corners(line: list[Any]) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for x, y, *_ in line]

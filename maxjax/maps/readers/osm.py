@@ -1,33 +1,43 @@
-"""Buildings of OpenStreetMap XML as footprints with heights (`tags`) on a plane (`degrees`).
+"""OpenStreetMap XML: whatever stands (`standing`), as solids on a plane (`tagged`).
 
-Taken are closed ways and multipolygon relations tagged `building` or `building:part`. The file is read as a stream, so
+Taken are ways, nodes and relations. A closed way is an area, unless its kind is a line (walls, rows of trees); a
+relation is the union of its outer rings, each without the inner rings that lie in it. The file is read as a stream, so
 that memory holds its nodes and ways only; it is UTF-8, without a document type and so without entities.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections import Counter
 from pathlib import Path
 from xml.parsers import expat
 
 import numpy as np
 
 from maxjax.core.files import FileError, read_text
-from maxjax.maps.degrees import on_a_plane
-from maxjax.maps.footprints import Footprint, Footprints, chain
-from maxjax.maps.readers.osm_heights import span
+from maxjax.core.geometry.columns import Ring
+from maxjax.maps.footprints import Footprints, around, chain
+from maxjax.maps.readers.standing import Kind, kind_of
+from maxjax.maps.readers.tagged import Tagged, solids_of
+from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.reference import Stated
 
 _SHARED, _DEEPEST = 10, 16
 _ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii")
+_INNER = "inner"
+_AREAS = ("multipolygon", "building", "boundary", "site", "")
 
 
-def load_osm(path: Path) -> Footprints:
-    """Buildings of an OSM XML file; buildings without a height or a closed outline are counted and left out.
+def load_osm(path: Path, reading: Reading = PLAIN) -> Footprints:
+    """What stands in an OSM XML file; what has no height or no closed outline is counted by its kind.
 
     Raises:
-        FileError: if the file is missing, too large, not XML, not OSM of version 0.6, malformed, or holds no building
-            with a height.
+        FileError: if the file is missing, too large, not XML, not OSM of version 0.6, malformed, or holds nothing with
+            a height; if a reference system or a unit is given.
     """
+    if reading.crs or reading.unit or reading.vertical_unit:
+        raise FileError(f"{path}: OpenStreetMap is in degrees of EPSG:4326 and in metres; leave --crs and units out")
     content = _Content(path)
     parser = expat.ParserCreate("utf-8")  # whatever is declared: what is not UTF-8 is refused
     parser.XmlDeclHandler = content.declare
@@ -42,16 +52,18 @@ def load_osm(path: Path) -> Footprints:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{path}: malformed OSM: {type(error).__name__}: {error}") from error
-    return _footprints(content, path)
+    things, dropped = _things(content, path)
+    return solids_of(things, dropped, Stated("OGC:CRS84", heights="metres"), reading, path)
 
 
 @dataclasses.dataclass(slots=True)
 class _Element:
-    """A way or a relation: its nodes or its ways, and its tags."""
+    """A node, a way or a relation: its nodes or its ways with their roles, and its tags."""
 
     kind: str
     name: str
     members: list[str] = dataclasses.field(default_factory=list)
+    roles: list[str] = dataclasses.field(default_factory=list)
     tags: dict[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -62,7 +74,7 @@ class _Content:
         self.path = path
         self.depth = 0
         self.nodes: dict[str, tuple[float, float]] = {}
-        self.found: dict[str, list[_Element]] = {"way": [], "relation": []}
+        self.found: dict[str, list[_Element]] = {"node": [], "way": [], "relation": []}
         self.open: _Element | None = None
 
     def declare(self, _version: str, encoding: str | None, _standalone: int) -> None:
@@ -84,32 +96,41 @@ class _Content:
         elif self.depth == 2:
             if name == "node":
                 self.nodes[given["id"]] = (float(given["lon"]), float(given["lat"]))
-            elif name in self.found:
+            if name in self.found:
                 self.open = _Element(name, given["id"])
-                self.found[name].append(self.open)
+                if name != "node":
+                    self.found[name].append(self.open)
         elif self.depth == 3 and self.open is not None:
             if name == "tag":
                 self.open.tags[given["k"]] = given["v"]
             elif (self.open.kind, name) == ("way", "nd") or (name == "member" and given["type"] == "way"):
                 self.open.members.append(given["ref"])
+                self.open.roles.append(given.get("role", ""))
 
     def end(self, _name: str) -> None:
         self.depth -= 1
         if self.depth == 1:
+            # Most nodes are corners of ways, and have no tags.
+            if self.open is not None and self.open.kind == "node" and self.open.tags:
+                self.found["node"].append(self.open)
             self.open = None
 
 
-def _footprints(content: _Content, path: Path) -> Footprints:
+def _things(content: _Content, path: Path) -> tuple[list[Tagged], dict[str, int]]:
+    """What stands, and what has no closed outline, by its kind."""
     nodes = content.nodes
     ways = {way.name: way.members for way in content.found["way"]}
     left = _SHARED * sum(map(len, ways.values()))
-    found: list[Footprint] = []
-    skipped = 0
-    for element in [*content.found["way"], *content.found["relation"]]:
-        tags = element.tags
-        if {tags.get("building", "no"), tags.get("building:part", "no")} == {"no"}:
+    found: list[Tagged] = []
+    dropped: Counter[str] = Counter()
+    for element in (one for kind in ("way", "relation", "node") for one in content.found[kind]):
+        kind = kind_of(element.tags)
+        if kind is None or (element.kind == "relation" and element.tags.get("type", "") not in _AREAS):
             continue
-        if element.kind == "relation" and tags.get("type") != "multipolygon":
+        name = f"{element.kind} {element.name}"
+        if element.kind == "node":
+            place = np.array([nodes[element.name]], np.float64)
+            found.append(Tagged("line", (place,), kind, element.tags, name))
             continue
         members = [element.name] if element.kind == "way" else element.members
         left -= sum(len(ways.get(way, [])) for way in members)
@@ -117,12 +138,57 @@ def _footprints(content: _Content, path: Path) -> Footprints:
             raise FileError(
                 f"{path}: expected ways in at most {_SHARED} buildings each in the mean, found more; damaged"
             )
-        # A way that the extract cut off has no nodes here, and its outline does not close.
-        steps = [step for way in members for step in zip(ways.get(way, []), ways.get(way, [])[1:], strict=False)]
-        rings, heights = chain(steps), span(tags)
-        if rings is None or heights is None or not all(node in nodes for ring in rings for node in ring):
-            skipped += 1
+        # A way that the extract cut off has no nodes here.
+        if not all(way in ways and all(node in nodes for node in ways[way]) for way in members):
+            dropped[f"{kind.name} with an open outline"] += 1
             continue
-        degrees = tuple(np.array([nodes[node] for node in ring]) for ring in rings)
-        found.append(Footprint(degrees, *heights, f"{element.kind} {element.name}"))
-    return on_a_plane(found, skipped, path)
+        lines = [[nodes[node] for node in ways[way]] for way in members]
+        if element.kind == "way" and lines[0] and (kind.line or _is_line(lines[0], kind)):
+            found.append(Tagged("line", (np.array(lines[0], np.float64),), kind, element.tags, name))
+            continue
+        roles = element.roles if element.kind == "relation" else [""]
+        outer = _rings([line for line, role in zip(lines, roles, strict=True) if role != _INNER])
+        inner = _rings([line for line, role in zip(lines, roles, strict=True) if role == _INNER])
+        if not outer or inner is None:
+            dropped[f"{kind.name} with an open outline"] += 1
+            continue
+        for ring in outer:
+            holes = [hole for hole in inner if _within(hole, ring)]
+            found.append(Tagged("area", (ring, *holes), kind, element.tags, name))
+    return found, dict(dropped)
+
+
+def _is_line(corners: list[tuple[float, float]], kind: Kind) -> bool:
+    """Whether a way is a line of things; an open outline of a building is none, but cut off."""
+    return corners[0] != corners[-1] and kind.key != "building"
+
+
+def _rings(lines: list[list[tuple[float, float]]]) -> list[Ring] | None:
+    """Lines as rings: those that close by themselves, and the others joined; None where some do not close."""
+    found: list[list[tuple[float, float]]] = []
+    rest: list[tuple[tuple[float, float], tuple[float, float]]] = []
+    for line in lines:
+        if len(line) > 3 and line[0] == line[-1]:
+            rings = around(line[:-1])
+            if rings is None:
+                return None
+            found += rings
+        else:
+            rest += itertools.pairwise(line)
+    if rest:
+        joined = chain(rest)
+        if joined is None:
+            return None
+        found += joined
+    return [np.array(ring, np.float64) for ring in found]
+
+
+def _within(ring: Ring, other: Ring) -> bool:
+    """Whether a ring lies in another: whether most of its corners do, by the even-odd rule."""
+    a, b = other, np.roll(other, -1, axis=0)
+    inside = 0
+    for x, y in ring.tolist():
+        crosses = (a[:, 1] > y) != (b[:, 1] > y)
+        run = np.where(crosses, b[:, 1] - a[:, 1], 1.0)
+        inside += int(np.count_nonzero(crosses & (x < a[:, 0] + (y - a[:, 1]) / run * (b[:, 0] - a[:, 0]))) % 2)
+    return 2 * inside > len(ring)
