@@ -2,7 +2,8 @@
 
     prism    columns whose square touches the footprint × heights from base to top
     inside   a shell that closes: voxels that its faces touch, and those within
-    below    a shell that does not: columns that a face is above × heights from the building's lowest point to the face
+    below    a shell that does not: columns that a face is above × heights from the building's lowest point to the face,
+             or to the shell's highest point where walls stand about a floor that no roof is above
     surface  voxels that a face touches
     ground   voxels up to the terrain
 
@@ -24,6 +25,8 @@ from maxjax.maps.footprints import Fill, Footprints, Shells
 
 _TOUCH = 1e-6  # [voxels]; of heights: overlaps thinner than that do not count
 _FLOOR = 4.0  # floors of a building lie within so much of its lowest point [m]
+_ROOFLESS = 0.5  # a column is open above if its highest face lies within so much of the shell's lowest point [m]
+_UPRIGHT = 1e-3  # of a face's normal, the vertical share below which it is a wall
 
 Levels = Int64[np.ndarray, " n"]
 
@@ -70,20 +73,55 @@ def _standing(shells: Shells, grid: Grid) -> tuple[Levels, Levels, Levels, Level
     reaches = (shells.fill == Fill.BELOW) | ((shells.fill == Fill.INSIDE) & shells.grounded)
     chosen = np.flatnonzero(reaches[shells.of_face])
     bottom, top, floor = np.full(nx * ny, np.inf), np.full(nx * ny, -np.inf), np.full(nx * ny, np.inf)
+    pairs = []
     for column, one, low, high in column_spans(shells.faces[chosen], grid):
         shell = shells.of_face[chosen[one]]
+        open_ = shells.fill[shell] == Fill.BELOW
+        pairs.append((shell[open_] * (nx * ny) + column[open_], high[open_]))
         below = shells.fill[shell] == Fill.BELOW
         held = below | (low <= base[shell] + _FLOOR / grid.spacing + _TOUCH)
         np.minimum.at(bottom, column[held], base[shell[held]])
         np.maximum.at(top, column[held], np.where(below, high, low)[held])
         held &= shells.grounded[shell]
         np.minimum.at(floor, column[held], base[shell[held]])
+    if pairs:
+        column, level = _roofless(shells, pairs, grid)
+        np.maximum.at(top, column, level)
     column = np.flatnonzero(bottom < np.inf)
     # A flat roof on its own lies in one voxel at least.
     highest = np.maximum(_roof(top[column], grid), np.minimum(_floor(top[column], grid), nz - 1))
     told = floor[column] < np.inf
     ground = np.where(told, _floor(np.where(told, floor[column], 0.0), grid), nz + 1)
     return column, _floor(bottom[column], grid), highest, ground
+
+
+def _roofless(
+    shells: Shells, pairs: list[tuple[Levels, Float[np.ndarray, " n"]]], grid: Grid
+) -> tuple[Levels, Float[np.ndarray, " n"]]:
+    """Columns where a shell with walls has no more than a floor, and its highest point [voxels].
+
+    Args:
+        shells: of a file.
+        pairs: shell · columns + column, and the highest point of a face there [voxels].
+        grid: whose columns.
+    """
+    columns = grid.shape[0] * grid.shape[1]
+    key, level = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    order = np.argsort(key, kind="stable")
+    key, level = key[order], level[order]
+    first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])[: len(key)]
+    shell, column = np.divmod(key[first], columns)
+    level = np.maximum.reduceat(level, first) if len(first) else level
+    height = (shells.faces[:, :, 2] - grid.lower[2]) / grid.spacing
+    low, high = np.full(len(shells.fill), np.inf), np.full(len(shells.fill), -np.inf)
+    np.minimum.at(low, shells.of_face, height.min(axis=1))
+    np.maximum.at(high, shells.of_face, height.max(axis=1))
+    normal = np.cross(shells.faces[:, 1] - shells.faces[:, 0], shells.faces[:, 2] - shells.faces[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    walled = np.zeros(len(shells.fill), bool)
+    walled[shells.of_face[(size > 0.0) & (np.abs(normal[:, 2]) <= _UPRIGHT * size)]] = True
+    open_above = walled[shell] & (level <= low[shell] + _ROOFLESS / grid.spacing)
+    return column[open_above], high[shell[open_above]]
 
 
 def _bodies(shells: Shells, grid: Grid) -> Volume:
