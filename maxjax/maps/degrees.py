@@ -17,7 +17,7 @@ from maxjax.core.files import FileError
 
 _NORTHERNMOST = 85.0  # [degrees]; farther on, a degree of longitude is hardly a length
 
-Places = Float64[np.ndarray, "n 2"]
+Places = Float64[np.ndarray, "_ 2"]
 
 
 def side_by_side(lines: Sequence[Places], path: Path) -> list[Places]:
@@ -37,6 +37,5 @@ def side_by_side(lines: Sequence[Places], path: Path) -> list[Places]:
             f"found {longitude}, {latitude}; swapped, or no degrees?"
         )
     first = corners[0, 0]
-    return [
-        np.asarray(line - np.array([360.0, 0.0]) * np.round((line[:, :1] - first) / 360.0), np.float64) for line in lines
-    ]
+    turn = np.array([360.0, 0.0])
+    return [np.asarray(line - turn * np.round((line[:, :1] - first) / 360.0), np.float64) for line in lines]

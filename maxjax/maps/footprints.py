@@ -19,7 +19,6 @@ from jaxtyping import Bool, Float, Float64, Int
 
 from maxjax.core.files import FileError
 from maxjax.core.geometry.columns import Ring
-from maxjax.core.geometry.triangles import Triangles
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.reference import UNREFERENCED, Reference
 
@@ -68,9 +67,9 @@ class Shells:
         names: of each, the file's.
     """
 
-    faces: Triangles
+    faces: Float[np.ndarray, "f 3 3"]
     of_face: Int[np.ndarray, " f"]
-    bounds: Triangles
+    bounds: Float[np.ndarray, "b 3 3"]
     of_bound: Int[np.ndarray, " b"]
     fill: Int[np.ndarray, " s"]
     base: Float[np.ndarray, " s"]

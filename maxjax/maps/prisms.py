@@ -97,7 +97,7 @@ def _standing(shells: Shells, grid: Grid) -> tuple[Levels, Levels, Levels, Level
 
 def _roofless(
     shells: Shells, pairs: list[tuple[Levels, Float[np.ndarray, " n"]]], grid: Grid
-) -> tuple[Levels, Float[np.ndarray, " n"]]:
+) -> tuple[Int64[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Columns where a shell with walls has no more than a floor, and its highest point [voxels].
 
     Args:
@@ -158,4 +158,5 @@ def _floor(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:
 
 def _roof(level: Float[np.ndarray, " n"], grid: Grid) -> Levels:
     """The highest voxel that is below a roof, -1 beyond the grid."""
-    return np.clip(np.ceil(level - _TOUCH) - 1, -1, grid.shape[2] - 1).astype(np.int64)
+    found: Levels = np.clip(np.ceil(level - _TOUCH) - 1, -1, grid.shape[2] - 1).astype(np.int64)
+    return found

@@ -80,17 +80,20 @@ def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents
             is not finite. Sizes are checked before memory is taken, and no pickle is ever opened.
     """
     path = Path(path)
-    reader = load_folder if path.is_dir() else READERS.get(path.suffix.lower())
-    if reader is None:
-        raise FileError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
     try:
+        folder = path.is_dir()
+        reader = load_folder if folder else READERS.get(path.suffix.lower())
+        if reader is None:
+            raise FileError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
         size = path.stat().st_size
-        regular = path.is_file() or path.is_dir()
+        regular = folder or path.is_file()
+    except FileError:
+        raise
     except (OSError, ValueError) as error:
         raise FileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not regular:
         raise FileError(f"{path}: expected a file or a folder, found a device")
-    if size == 0 and not path.is_dir():
+    if size == 0 and not folder:
         raise FileError(f"{path}: the file is empty")
     if size > MAX_FILE_BYTES:
         raise FileError(f"{path}: {size} bytes, expected at most {MAX_FILE_BYTES}; crop or thin it")

@@ -313,7 +313,7 @@ def test_what_was_once_taken_or_ended_in_a_traceback_is_refused(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "cap", "most", "sentence"),
     [
-        ("a.csv", "maps.boxes.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
+        ("a.csv", "maps.readers.box_list.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
         ("a.bt", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
         ("a.ot", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
         ("a.glb", "maps.readers.glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),

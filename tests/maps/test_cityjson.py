@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
+import maxjax
 from maxjax.core.files import FileError
-from maxjax.maps.footprints import Footprint, chain
+from maxjax.maps.footprints import Fill, Footprint, Footprints, chain
 from maxjax.maps.readers.cityjson import load_cityjson
 
 # An L of 12 m², and a square hole in a square of 16.
@@ -26,10 +27,10 @@ BASE, TOP = 3.0, 10.5
 AT = np.array([85_000.0, 447_000.0])
 
 
-def area(footprint: Footprint) -> float:
-    """Outline less holes, by the shoelace formula."""
-    parts = [abs(np.sum(r[:, 0] * np.roll(r[:, 1], -1) - r[:, 1] * np.roll(r[:, 0], -1))) / 2 for r in footprint.rings]
-    return 2 * max(parts) - sum(parts)
+def level_area(found: Footprints) -> float:
+    """Area of the faces that look down or up."""
+    normal = np.cross(*(found.shells.faces[:, k] - found.shells.faces[:, 0] for k in (1, 2)))
+    return float(0.5 * np.abs(normal[:, 2]).sum())
 
 
 def contains(footprint: Footprint, points: np.ndarray) -> np.ndarray:
@@ -81,26 +82,23 @@ def save(tmp_path: Path) -> Callable[[object], Path]:
 
 @pytest.mark.parametrize("version", ["0.8", "1.0", "1.1", "2.0"])
 @pytest.mark.parametrize(("rings", "size"), [([L], 12.0), ([SQUARE, HOLE], 12.0)], ids=["L", "hole"])
-def test_every_version_gives_the_same_footprint(
+def test_every_version_gives_the_same_solid(
     save: Callable[[object], Path], version: str, rings: list[list[tuple[int, int]]], size: float
 ) -> None:
     found = load_cityjson(save(document(version, rings)))
-    (house,) = found.buildings
-    assert area(house) == pytest.approx(size, abs=1e-6)
-    assert (house.base, house.top, house.name) == (pytest.approx(BASE), pytest.approx(TOP), "house")
-    np.testing.assert_allclose(found.origin, [*(AT + 2), 0.0])
-    np.testing.assert_allclose(
-        sorted(map(tuple, house.rings[0])), sorted((x - 2, y - 2) for x, y in rings[0]), atol=1e-6
-    )
+    assert (found.shells.names, found.shells.fill.tolist()) == (("house",), [Fill.INSIDE])
+    assert level_area(found) == pytest.approx(2 * size, abs=1e-6)
+    corners = found.shells.faces.reshape(-1, 3)
+    np.testing.assert_allclose(corners.min(0), [*AT, BASE], atol=1e-9)
+    np.testing.assert_allclose(corners.max(0), [*(AT + 4), TOP], atol=1e-9)
 
 
-def test_without_semantics_the_lowest_level_faces_are_the_floor(save: Callable[[object], Path]) -> None:
+def test_what_faces_are_called_does_not_count(save: Callable[[object], Path]) -> None:
     _, faces, _ = prism([SQUARE], triangles=True)
     for geometry in ({"boundaries": [faces]}, {"boundaries": faces, "type": "MultiSurface", "lod": 1}):
-        (house,) = load_cityjson(save(document("1.0", [SQUARE], semantics=None, **geometry))).buildings
-        assert area(house) == pytest.approx(16.0)
-        assert len(house.rings) == 1
-        assert len(house.rings[0]) == 4  # the diagonal is gone
+        found = load_cityjson(save(document("1.0", [SQUARE], semantics=None, **geometry)))
+        assert found.shells.fill.tolist() == [Fill.INSIDE]
+        assert level_area(found) == pytest.approx(32.0)
 
 
 def test_the_finest_level_counts_parts_are_buildings_and_terrain_is_kept(save: Callable[[object], Path]) -> None:
@@ -118,10 +116,11 @@ def test_the_finest_level_counts_parts_are_buildings_and_terrain_is_kept(save: C
         "tree": {"type": "SolitaryVegetationObject", "geometry": house["geometry"]},
     }
     found = load_cityjson(save(city))
-    assert [b.name for b in found.buildings] == ["part"]
-    assert found.skipped == 1  # LoD0 alone
+    assert found.shells.names == ("part", "tree")
+    assert found.dropped == {"buildings without a height": 1}  # the sum of nothing
     assert found.terrain.shape == (2, 3, 3)
-    np.testing.assert_allclose(found.terrain[0], [[-2, -2, 3], [2, -2, 3], [2, 0, 3]], atol=1e-6)
+    corners = np.add([[0, 0, 3], [4, 0, 3], [4, 2, 3]], [*AT, 0.0])
+    np.testing.assert_allclose(found.terrain[0], corners, atol=1e-6)
 
 
 @settings(max_examples=40, deadline=None)
@@ -155,41 +154,42 @@ def test_a_part_on_the_roof_of_another_stands_on_the_floor_of_both(save: Callabl
             "roof": {"type": "BuildingPart", "geometry": [geometry | {"boundaries": raised}], key: owner},
             "hall": {"type": "BuildingPart", "geometry": [geometry], key: owner},
         }
-        roof, hall = load_cityjson(save(city)).buildings
-        assert (roof.base, roof.top) == (pytest.approx(BASE), pytest.approx(2 * TOP - BASE))
-        assert (hall.base, hall.top) == (pytest.approx(BASE), pytest.approx(TOP))
+        shells = load_cityjson(save(city)).shells
+        assert shells.names == ("roof", "hall")
+        np.testing.assert_allclose(shells.base, BASE)
+        tops = [shells.faces[shells.of_face == k, :, 2].max() for k in (0, 1)]
+        np.testing.assert_allclose(tops, [2 * TOP - BASE, TOP])
 
 
 def test_delft_is_where_its_faces_are(data: Path) -> None:
     path = data / "ahn3_delft" / "testarea.city.json"
-    found = load_cityjson(path)
-    assert len(found.buildings) == 160
-    x, y = np.arange(-60.25, 60, 1.5), np.arange(-60.25, 60, 1.5)
-    base, roof, _ = column_heights(path, x + found.origin[0], y + found.origin[1])
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
-    low, high = np.full((2, len(points)), np.nan)
-    for building in found.buildings:
-        held = contains(building, points)
-        low[held] = np.fmin(low[held], building.base)
-        high[held] = np.fmax(high[held], building.top)
-    np.testing.assert_array_equal(np.isnan(low), np.isnan(base.ravel()))
-    covered = ~np.isnan(low)
+    town = maxjax.load_map(path, spacing=1.0, bounds=(84_850, 447_450, -5, 84_950, 447_550, 40))
+    x, y, _ = (town.grid.origin[k] + np.arange(town.grid.shape[k]) for k in range(3))
+    base, roof, _ = column_heights(path, x, y)
+    solid = town.occupied & ~town.ground
+    covered = ~np.isnan(base) & (roof - base > 2.0)
     assert covered.sum() > 500
-    # The lowest vertex of the whole floor, and the highest of the roof, against those of the faces above a column.
-    np.testing.assert_allclose(low[covered], base.ravel()[covered], atol=0.05)
-    np.testing.assert_allclose(high[covered], roof.ravel()[covered], atol=0.05)
+    top = town.grid.lower[2] + np.where(solid.any(axis=2), solid.shape[2] - solid[:, :, ::-1].argmax(axis=2), np.nan)
+    # Whatever touches a voxel fills it: up to a voxel above the roof, or what is beside it in the column.
+    assert (top[covered] >= roof[covered] - 1e-6).all()
+    assert np.median(top[covered] - roof[covered]) <= 1.0
+    middle = np.floor((0.5 * (base + roof) - town.grid.lower[2])[covered]).astype(int)
+    assert solid[covered, middle].all()
 
 
 def test_the_hague_has_the_heights_of_its_attributes(data: Path) -> None:
     path = data / "the_hague" / "DenHaag_01.city.json"
     found = load_cityjson(path)
     things = json.loads(path.read_text())["CityObjects"]
-    assert len(found.buildings) == 1990
-    assert found.skipped == 0
+    shells = found.shells
+    assert len(set(shells.names)) == 1990
+    assert found.dropped == {}
     assert found.terrain.shape == (5595, 3, 3)
-    ridge = np.array([things[b.name]["attributes"]["AbsoluteRidgeHeight"] for b in found.buildings])
-    tops = np.array([b.top for b in found.buildings])
-    np.testing.assert_allclose(tops, ridge, atol=0.01)
+    tops = np.full(len(shells.names), -np.inf)
+    np.maximum.at(tops, shells.of_face, shells.faces[:, :, 2].max(axis=1))
+    highest = {name: max(tops[k] for k in range(len(tops)) if shells.names[k] == name) for name in shells.names[:200]}
+    ridge = [things[name]["attributes"]["AbsoluteRidgeHeight"] for name in highest]
+    np.testing.assert_allclose(list(highest.values()), ridge, atol=0.01)
 
 
 def broken(**change: Any) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def test_prisms_fill_every_column_that_their_footprint_touches() -> None:
     for _ in range(20):
         outline, hole = star(rng, rng.normal(0, 8, 2), 9), star(rng, np.zeros(2), 5) * 0.3
         building = Footprint((outline, hole), 3.5, 12.0, "a")
-        found = Footprints((building,), np.zeros((0, 3, 3)), np.zeros(3), 0, "a")
+        found = Footprints((building,), np.zeros((0, 3, 3)), "a")
         solid, ground = prism_voxels(found, grid)
         # Points on a fine lattice in each column: what they find must be there, and nothing a voxel away from them.
         fine = (np.arange(48 * 5) + 0.5) / 5 - 24, (np.arange(50 * 5) + 0.5) / 5 - 25

@@ -88,7 +88,7 @@ def test_a_multipolygon_joins_its_ways_and_keeps_its_courtyard(path: Path) -> No
     found = load_osm(path)
     (school,) = found.buildings
     assert sorted(map(len, school.rings)) == [4, 4]
-    np.testing.assert_allclose(found.origin, [LONGITUDE + 1.5 * STEP, LATITUDE + 1.5 * STEP, 0], atol=1e-9)
+    np.testing.assert_allclose(found.reference.origin, [LONGITUDE + 1.5 * STEP, LATITUDE + 1.5 * STEP], atol=1e-9)
     # Series of NOAA for a degree at 34° north: 110,922 m along the meridian, 92,385 m along the parallel.
     extent = np.ptp(np.concatenate(school.rings), axis=0)
     np.testing.assert_allclose(extent, [3 * STEP * 92_385, 3 * STEP * 110_922], rtol=1e-4)
@@ -102,7 +102,7 @@ def test_what_has_no_height_or_outline_is_counted(path: Path) -> None:
     path.write_text(osm(kept + left + other))
     found = load_osm(path)
     assert [b.name for b in found.buildings] == ["way 1", "way 2"]
-    assert found.skipped == 4
+    assert found.dropped == {"buildings with an open outline": 2, "buildings without a height": 2}
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_what_has_no_height_or_outline_is_counted(path: Path) -> None:
         ("<osm", "expected XML"),
         ("<gpx version='1.1'/>", "expected <osm version='0.6'>, found <gpx version='1.1'>"),
         (osm("", "0.5"), "found <osm version='0.5'>"),
-        (osm(way(1, SQUARE, building="yes")), r"expected a building .* found none \(1 without\)"),
+        (osm(way(1, SQUARE, building="yes")), r"expected a building .* found none \(1 buildings without a height\)"),
         (osm("<node id='5' lat='here' lon='0'/>"), "malformed OSM: ValueError"),
         (osm("<way/>"), "malformed OSM: KeyError"),
     ],
@@ -132,7 +132,7 @@ def test_venice_stands_on_smooth_ground(data: Path) -> None:
     assert len(files) == 3
     for file, count in zip(files, (232, 517, 356), strict=True):
         found = load_osm(file)
-        assert (len(found.buildings), found.skipped) == (count, 0)
+        assert (len(found.buildings), found.dropped) == (count, {})
         middle = np.array([ring.mean(0) for ring, *_ in (b.rings for b in found.buildings)])
         floor, height = np.array([[b.base, b.top - b.base] for b in found.buildings]).T
         assert height.min() > 1.5

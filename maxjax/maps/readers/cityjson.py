@@ -201,7 +201,7 @@ def _root(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
         seen.add(name)
         thing = things.get(name) or {}
         above = [thing["parent"]] if thing.get("parent") else thing.get("parents") or []
-        above = [one for one in above if one in things and things[one].get("type") != "CityObjectGroup"]
+        above = [one for one in above if (things.get(one) or {}).get("type") != "CityObjectGroup"]
         if not above:
             return name
         name = above[0]

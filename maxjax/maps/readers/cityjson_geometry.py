@@ -126,7 +126,7 @@ def _shells(geometry: Mapping[str, Any]) -> Iterator[Shell]:
         raise ValueError(f"expected a geometry of a known type, found {kind!r}")
 
 
-def _check(shells: list[Shell], count: int) -> None:
+def _check(shells: Any, count: int) -> None:
     """Raise a ValueError where a corner is no vertex."""
     for shell in shells:
         for face in shell:

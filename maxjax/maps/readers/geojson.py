@@ -46,7 +46,7 @@ def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
 
 def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
     named = str(document["crs"]["properties"]["name"]) if document.get("crs") else ""
-    system = "OGC:CRS84" if not named or named.endswith(_DEGREES) else named
+    system = "EPSG:4326" if not named or named.endswith(_DEGREES) else named
     found: list[Tagged] = []
     dropped: Counter[str] = Counter()
     for number, feature in enumerate(document.get("features", [document])):

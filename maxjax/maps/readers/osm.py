@@ -53,7 +53,7 @@ def load_osm(path: Path, reading: Reading = PLAIN) -> Footprints:
             raise
         raise FileError(f"{path}: malformed OSM: {type(error).__name__}: {error}") from error
     things, dropped = _things(content, path)
-    return solids_of(things, dropped, Stated("OGC:CRS84", heights="metres"), reading, path)
+    return solids_of(things, dropped, Stated("EPSG:4326", heights="metres"), reading, path)
 
 
 @dataclasses.dataclass(slots=True)

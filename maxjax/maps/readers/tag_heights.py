@@ -75,8 +75,9 @@ def length(text: str) -> tuple[float, bool] | None:
         before = scale
         rest = rest.replace(match[0], " ", 1)
     held = [value for value in found if value <= _TALLEST]
-    if not held:
+    if not found:
         return None
+    held = held or found  # what fits nothing is refused where it is used
     low = text.strip().startswith("-")
     best = -held[0] if low and len(held) == 1 else max(held)
     return best, bool(rest.strip()) or len(held) > 1 or len(held) < len(found)

@@ -27,6 +27,7 @@ from maxjax.maps.readers.tag_heights import metres, tall
 from maxjax.maps.reading import Reading
 from maxjax.maps.reference import Reference, Stated, reference
 
+_DEGREES = "EPSG:4326"
 _SMOOTHER, _STEP = 0.5, 5.0  # share, and metres between neighbours
 
 Places = Float64[np.ndarray, "_ 2"]
@@ -101,10 +102,12 @@ def _placed(lines: list[Places], stated: Stated, reading: Reading, path: Path) -
     """Lines of the file's coordinates as metres."""
     if stated.system is None and reading.crs is None:
         raise FileError(f"{path}: expected a reference system, found none; --crs CODE names it")
-    degrees = (reading.crs or stated.system) in ("OGC:CRS84", "EPSG:4326")
-    if degrees:
-        lines = side_by_side(lines, path)
     corners = np.concatenate(lines)
+    if reading.crs not in (None, _DEGREES) and (np.abs(corners).max(axis=0) <= (180.0, 90.0)).all():
+        raise FileError(f"{path}: --crs: {_DEGREES} of the file is in degrees, as its coordinates are; leave it out")
+    if (reading.crs or stated.system) == _DEGREES:
+        lines = side_by_side(lines, path)
+        corners = np.concatenate(lines)
     if not np.isfinite(corners).all():
         raise FileError(f"{path}: expected finite coordinates; damaged")
     how = reference(stated, reading, np.array([corners.min(axis=0), corners.max(axis=0)]), path)
