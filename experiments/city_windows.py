@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.footprints import Footprint, Footprints
+from maxjax.maps.footprints import Footprint, Footprints, chain
 from maxjax.maps.readers.cityjson import load_cityjson
 from maxjax.maps.readers.osm import load_osm
 from maxjax.worlds.real_city import crop, footprint_rows, inside, inside_boxes
@@ -22,6 +23,8 @@ CITIES = {
         "la_venice/buildings-addresses-060372742021.osm",
     ),
 }
+# Vertical share of the normal of a face that counts as level, and how far above the lowest a floor may lie [m].
+_LEVEL, _STEP = 0.7, 0.5
 # Points a footprint that measure by how much its boxes exceed it.
 _SAMPLES = 2000
 
@@ -62,13 +65,35 @@ def windows(files: tuple[Path, ...], half: float, tolerance: float) -> list[Wind
     return sorted(found, key=lambda one: one.built, reverse=True)
 
 
-def _load(file: Path) -> Footprints:
-    return load_cityjson(file) if file.suffix == ".json" else load_osm(file)
+def _load(file: Path) -> tuple[Footprint, ...]:
+    """Upright prisms of a city: those of the file, or over the floors of its solids."""
+    if file.suffix != ".json":
+        return load_osm(file).buildings
+    return tuple(_prisms(load_cityjson(file)))
 
 
-def _tiles(footprints: Footprints, half: float, tolerance: float) -> list[Window]:
+def _prisms(found: Footprints) -> Iterator[Footprint]:
+    """A prism over the level faces at the bottom of each solid of a building, up to its highest point."""
+    shells = found.shells
+    normal = np.cross(*(shells.faces[:, k] - shells.faces[:, 0] for k in (1, 2)))
+    level = np.abs(normal[:, 2]) > _LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    order = np.argsort(shells.of_face, kind="stable")
+    cuts = np.searchsorted(shells.of_face[order], np.arange(len(shells.names) + 1))
+    for k, name in enumerate(shells.names):
+        own = order[cuts[k] : cuts[k + 1]]
+        faces = shells.faces[own]
+        if not shells.grounded[k] or not len(own):
+            continue
+        low, high = float(faces[:, :, 2].min()), float(faces[:, :, 2].max())
+        floor = np.round(faces[level[own] & (faces[:, :, 2].max(axis=1) <= low + _STEP)][:, :, :2], 3)
+        corners = [[tuple(corner) for corner in face] for face in floor.tolist()]
+        rings = chain((face[i], face[(i + 1) % 3]) for face in corners for i in range(3))
+        if rings is not None and high > low:
+            yield Footprint(tuple(np.array(ring) for ring in rings), float(shells.base[k]), high, name)
+
+
+def _tiles(buildings: Sequence[Footprint], half: float, tolerance: float) -> list[Window]:
     """Windows side by side around the middle, as many as fit, those that hold anything."""
-    buildings = footprints.buildings
     rows = [footprint_rows(b.rings, b.top - b.base, tolerance) for b in buildings]
     corners = np.concatenate([ring for b in buildings for ring in b.rings])
     middle, extent = 0.5 * (corners.min(0) + corners.max(0)), np.ptp(corners, axis=0)
