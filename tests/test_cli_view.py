@@ -19,6 +19,7 @@ from maxjax.cli.viewing import first_asked
 from maxjax.cli.viewing_source import opened
 from maxjax.view.download import file_of
 from maxjax.view.question import Answer, answer, told
+from maxjax.viz import drawable
 
 town = test_cli_mission.town
 SQUARE = [(-15.0, -30.0), (20.0, -30.0), (20.0, 30.0), (-15.0, 30.0)]
@@ -119,3 +120,16 @@ def test_an_end_that_a_rule_closes_is_told_which(tmp_path: Path) -> None:
     assert "It lies in the keep-out area 'school'." in told(found)
     below = seen(str(SAMPLE), start=START, goal=GOAL, ceiling=6.0, method="astar")
     assert "above 6 m above ground" in told(below)
+
+
+def test_a_map_too_large_to_show_is_shown_in_larger_voxels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    occupied = np.zeros((40, 30, 20), bool)
+    occupied[10:14, 10:14, :9] = True
+    np.savez(tmp_path / "a.npz", occupied=occupied, spacing=1.0, origin=np.zeros(3))
+    monkeypatch.setattr(drawable, "MOST_DRAWN", 4000)
+    city, _, _ = first_asked(opened(ViewOptions(str(tmp_path / "a.npz"))))
+    assert city.grid.spacing == 2.0
+    assert city.occupied.sum() == 2 * 2 * 5
+    assert "drawn in voxels of 2 m" in capsys.readouterr().err

@@ -52,6 +52,8 @@ class ReadOptions:
         vertical_unit: Unit of its heights; by default the file's own.
         band: Band of a raster that holds heights, from 1 on; by default the only one.
         drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
+        only: What to take of a city model, in place of all that stands: building, man_made, power, barrier, natural,
+            aerialway or other of OpenStreetMap and GeoJSON, types of CityJSON; several, each with its own --only.
     """
 
     spacing: _OptionalMetre = None
@@ -65,6 +67,7 @@ class ReadOptions:
     vertical_unit: _OptionalUnit = None
     band: _Count = None
     drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
+    only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
 
 
 @dataclasses.dataclass(frozen=True)

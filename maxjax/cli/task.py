@@ -195,6 +195,7 @@ def reading_of(options: ReadOptions) -> Reading:
         vertical_unit=options.vertical_unit,
         band=options.band,
         drop_classes=options.drop_class,
+        only=options.only,
     )
 
 
@@ -225,7 +226,7 @@ def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
 def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
     if options.ground is not None:
         raise ValueError("--ground: a simulated city has its own ground (z = 0); leave the option out")
-    for name in ("spacing", "bounds", "below", "unknown", "unit", "vertical_unit", "band", "drop_class"):
+    for name in ("spacing", "bounds", "below", "unknown", "unit", "vertical_unit", "band", "drop_class", "only"):
         if getattr(options, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
     earth, ends = earth_of(options, options.crs, None), _ends(options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from maxjax.cli.options import PlanOptions, ViewOptions
 from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
 from maxjax.cli.task import (
-    MOST_VOXELS,
     MapTask,
     airspace_of,
     check_options,
@@ -35,6 +33,7 @@ from maxjax.trajectories.limits import PX4
 from maxjax.view.city import City, first_ends
 from maxjax.view.question import Question, answer, told
 from maxjax.view.server import need_viser
+from maxjax.viz.drawable import drawable
 from maxjax.worlds.scenes import Scene
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
@@ -105,6 +104,7 @@ def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
         check_options(asked.options)
         given = task_in(source, asked.options)
         waypoints, speed = located(asked, given), asked.options.speed
+    given = _small_enough(given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
     city = _city_of(given, source, options)
@@ -131,7 +131,7 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     check_options(given)
     if isinstance(source, Scene):
         return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))
-    window = Window(options.spacing, options.bounds, options.center, (), options.ground, MOST_VOXELS)
+    window = Window(options.spacing, options.bounds, options.center, (), options.ground)
     found, earth = map_of(source, window, reading_of(options)), earth_in(source, given)
     ends = np.array([found.grid.origin])
     task = Task.of(found, ends, ends, distances_of(options))
@@ -140,13 +140,19 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     return bare if airspace is None else dataclasses.replace(bare, airspace=airspace)
 
 
+def _small_enough(given: MapTask) -> MapTask:
+    """The same in larger voxels, where a page cannot show all of its map; a remark says so."""
+    task = given.task
+    where, within, remark = drawable(task.map, given.within)
+    if not remark:
+        return given
+    coarse = Task.of(where, task.starts, task.goals, task.distances)
+    return dataclasses.replace(given, task=coarse, within=within, remarks=(*given.remarks, f"the map is {remark}"))
+
+
 def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> City:
     """The map of a page; what its rules of the air close is no obstacle of it."""
     task, grid = given.task, given.task.grid
-    if math.prod(grid.shape) > MOST_VOXELS:
-        raise ValueError(
-            f"expected a map of at most {MOST_VOXELS} voxels to show; give --bounds, or a larger --spacing"
-        )
     points = None
     if isinstance(source, PointCloud):
         points = np.asarray(source.points, np.float64) + source.offset

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 import pytest
 
 import maxjax
@@ -223,3 +224,43 @@ def test_triangles_of_a_concave_face_with_a_hole_have_its_area() -> None:
         for i, j in np.ndindex(30, 30):
             square = shapely.box(i - 15, j - 15, i - 14, j - 14)
             assert voxels[i, j] == face.intersects(square)
+
+
+@pytest.mark.parametrize("code", ["EPSG:2263", "EPSG:3857", "EPSG:28992"])
+def test_a_model_is_in_metres_whatever_its_system(tmp_path: Path, code: str) -> None:
+    longitude, latitude = (4.38, 52.0) if code == "EPSG:28992" else (-73.98, 40.75)
+    to_plane = pyproj.Transformer.from_crs("EPSG:4326", code, always_xy=True)
+    x, y = (round(value) for value in to_plane.transform(longitude, latitude))
+    city = City()
+    city.vertices.clear()
+    city.things.clear()
+    city.add("house", "Building", [city.solid(city.box((0, 0, 0, 100, 100, 60)))])
+    vertices = (np.array(city.vertices) / 1000 + [x, y, 0]).tolist()
+    document = {"type": "CityJSON", "version": "1.0", "CityObjects": city.things, "vertices": vertices}
+    document["metadata"] = {"referenceSystem": f"urn:ogc:def:crs:EPSG::{code[5:]}"}
+    (tmp_path / "a.city.json").write_text(json.dumps(document))
+    found = maxjax.maps.read_map(tmp_path / "a.city.json")
+    corners = np.array([(x, y), (x + 100, y), (x + 100, y + 100), (x, y + 100)], float)
+    to_degrees = pyproj.Transformer.from_crs(code, "EPSG:4326", always_xy=True)
+    _, around = pyproj.Geod(ellps="WGS84").polygon_area_perimeter(*to_degrees.transform(*corners.T))
+    faces = found.shells.faces.reshape(-1, 3)
+    size = np.ptp(faces, axis=0)
+    assert 2 * (size[0] + size[1]) == pytest.approx(around, rel=2e-3)
+    assert size[2] == pytest.approx(60 * (1200 / 3937 if code == "EPSG:2263" else 1.0), abs=1e-6)
+
+
+def test_a_compound_system_is_known_by_its_plane(tmp_path: Path) -> None:
+    city = City()
+    vertices = np.array(city.vertices) + np.array([500_000_000, 5_500_000_000, 0])
+    system = {"referenceSystem": "urn:ogc:def:crs,crs:EPSG::25832,crs:EPSG::5783"}
+    _, found = city.read(tmp_path, metadata=system, vertices=vertices.tolist())
+    assert found.file.crs == "EPSG:25832"
+
+
+def test_whoever_wants_less_asks_for_it(tmp_path: Path) -> None:
+    city = City()
+    city.add("tree", "SolitaryVegetationObject", [city.solid(city.box((0, 0, 0, 9, 9, 9)))])
+    city.read(tmp_path)
+    found = maxjax.load_map(tmp_path / "a.city.json", spacing=1.0, reading=maxjax.Reading(only=("Building",)))
+    assert found.file.dropped == {"SolitaryVegetationObject objects that were not asked for": 1}
+    assert found.file.read["Building"] == 2

@@ -90,6 +90,7 @@ def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprin
     unit = how.unit if how.origin is None else 1.0
     store = Store.of(document, vertices, np.array([unit, unit, how.vertical_unit]))
     things: Mapping[str, Mapping[str, Any]] = document["CityObjects"]
+    things, unwanted = _asked_for(things, reading.only)
     read = Counter(thing["type"] for thing in things.values())
     shells, relief = _chosen(things, store)
     corners, welded = _welded(store.all())
@@ -102,11 +103,23 @@ def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprin
         _arrays(pieces, corners),
         {**read, "shells": len(pieces), "faces": sum(len(p.shell) for p in pieces)}
         | {"triangles of the terrain": len(terrain)},
-        dropped,
+        {**dropped, **unwanted},
         how,
         _said(pieces),
     )
     return checked(found, path)
+
+
+def _asked_for(
+    things: Mapping[str, Mapping[str, Any]], only: tuple[str, ...]
+) -> tuple[Mapping[str, Mapping[str, Any]], Mapping[str, int]]:
+    """The objects of some types (all, of none given) and the relief, and a count of the others."""
+    if not only:
+        return things, {}
+    kept = {name: thing for name, thing in things.items() if thing["type"] in (*only, *_RELIEF)}
+    return kept, Counter(
+        f"{thing['type']} objects that were not asked for" for name, thing in things.items() if name not in kept
+    )
 
 
 def _vertices(document: Mapping[str, Any], path: Path, reading: Reading) -> tuple[Vertices, Reference]:
