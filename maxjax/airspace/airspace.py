@@ -119,7 +119,7 @@ class Airspace:
         """A map under these rules, or a batch of maps; raises as `closed`."""
         host = where.on_host()
         if host.batch is None:
-            return host.closing(self.closed(np.asarray(host.ground), host.grid))
+            return host.closing(self.closed_over(where.terrain))
         return host.closing(np.stack([self.closed(ground, host.grid) for ground in np.asarray(host.ground)]))
 
     def closed_over(self, terrain: Terrain) -> Reasons:

@@ -49,29 +49,21 @@ class MapTask:
 
     Attributes:
         task: the problem or problems, in the map's coordinates.
+        terrain: how high the ground is.
         returns: points by what became of them; empty where the map is not made of points.
         remarks: sentences on the map that a user should know.
         earth: where the map lies; None where that is unknown.
         airspace: the rules of the air; None where there are none.
-        level: height of flat ground [m]; None where the map tells ground apart.
         within: columns that lie within the map's data; None: all do.
     """
 
     task: Task
-    returns: Mapping[str, int]
+    terrain: Terrain
+    returns: Mapping[str, int] = dataclasses.field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     earth: Earth | None = None
     airspace: Airspace | None = None
-    level: float | None = None
     within: Bool[np.ndarray, "nx ny"] | None = None
-
-    @property
-    def terrain(self) -> Terrain:
-        """How high the ground is."""
-        grid = self.task.grid
-        return (
-            Terrain.of(np.asarray(self.task.map.ground), grid) if self.level is None else Terrain.flat(self.level, grid)
-        )
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -236,7 +228,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
         ends = [point_at(place, options.frame, earth, flat) for place in ends]
     grid = Grid.centered(_middle(ends, options.center))
-    return dataclasses.replace(_task(scene.voxels(grid), options, ends, earth), level=0.0)
+    return dataclasses.replace(_task(scene.voxels(grid), options, ends, earth), terrain=Terrain.flat(0.0, grid))
 
 
 def _ends(options: PlanOptions) -> list[Point3]:
@@ -251,7 +243,7 @@ def _task(where: VoxelMap, options: PlanOptions, ends: Sequence[Point3], earth: 
     if earth is not None:
         earth.geodetic(np.array([where.grid.lower, where.grid.upper]))
     task = Task.of(where, starts, goals, distances_of(options))
-    return MapTask(task, {}, earth=earth, level=options.ground)
+    return MapTask(task, where.terrain, earth=earth)
 
 
 def distances_of(options: RouteOptions) -> Distances:

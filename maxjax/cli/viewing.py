@@ -135,7 +135,7 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     found, earth = map_of(source, window, reading_of(options)), earth_in(source, given)
     ends = np.array([found.grid.origin])
     task = Task.of(found, ends, ends, distances_of(options))
-    bare = MapTask(task, {}, found.file.remarks, earth, level=options.ground, within=found.file.within)
+    bare = MapTask(task, found.terrain, {}, found.file.remarks, earth, within=found.file.within)
     airspace = airspace_of(given, bare)
     return bare if airspace is None else dataclasses.replace(bare, airspace=airspace)
 
@@ -163,5 +163,5 @@ def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> 
         points,
         () if given.airspace is None else given.airspace.areas,
         options.ceiling_above_start,
-        given.level,
+        given.terrain,
     )

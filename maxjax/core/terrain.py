@@ -1,6 +1,7 @@
-"""How high the ground of a map is: in each column the upper face of its highest ground voxel.
+"""How high the ground of a map is: one height a column, as numbers, under everything that counts from the ground.
 
-The terrain itself lies up to a voxel below that face; flat ground of a stated height is just there.
+Heights above ground, floors and ceilings, home and take-off all count from it. A map's file says it (`maps.terrain`).
+Where only voxels do, it is the upper face of a column's highest one, and the ground itself lies up to a voxel below.
 """
 
 from __future__ import annotations

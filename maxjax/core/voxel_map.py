@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, UInt8
 
 from maxjax.core.grid import Grid, Index3, Point3
 from maxjax.core.status import Closure
+from maxjax.core.terrain import Terrain
 
 Volume = Bool[Array | np.ndarray, "*maps nx ny nz"]
 
@@ -96,6 +97,17 @@ class VoxelMap:
     def shut(self) -> Bool[Array | np.ndarray, "*maps nx ny nz"]:
         """Free voxels that the rules of the air close."""
         return np.zeros_like(self.occupied) if self.closed is None else self.closed != Closure.OPEN
+
+    @property
+    def terrain(self) -> Terrain:
+        """How high the ground is, as far as its voxels tell.
+
+        Raises:
+            ValueError: for a batch of maps.
+        """
+        if self.batch is not None:
+            raise ValueError(f"terrain: expected one map, given a batch of {self.batch}; take one, as map[0]")
+        return Terrain.of(np.asarray(self.ground), self.grid)
 
     @property
     def batch(self) -> int | None:

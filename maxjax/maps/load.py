@@ -24,6 +24,7 @@ from maxjax.maps.model import StoredVoxels
 from maxjax.maps.places import Frame, check_in_map, point_at
 from maxjax.maps.reader import read_map
 from maxjax.maps.reading import PLAIN, Reading
+from maxjax.maps.terrain import terrain_of
 from maxjax.maps.window import Window
 
 _TOUCH = 1e-9  # [m]
@@ -42,6 +43,7 @@ class MapFile:
         remarks: sentences on what a user should know.
         counts: points `inside`, `outside` and `missing`; empty but for points.
         within: columns that lie within the data; beyond, nothing is known.
+        terrain: heights of the ground, as numbers; None where the file tells it by voxels, or not at all.
     """
 
     source: str
@@ -52,6 +54,7 @@ class MapFile:
     remarks: tuple[str, ...]
     counts: Mapping[str, int]
     within: Bool[np.ndarray, "nx ny"]
+    terrain: Terrain | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -79,6 +82,11 @@ class LoadedMap(VoxelMap):
             return Degrees(*self.file.origin)
         return None if self.file.crs is None else Projected(self.file.crs)
 
+    @property
+    def terrain(self) -> Terrain:
+        """How high the ground is: as the file says it, else as its voxels tell."""
+        return super().terrain if self.file.terrain is None else self.file.terrain
+
     def point(self, place: Sequence[float], frame: Frame = "agl") -> Point3:
         """The point [m] at a latitude, a longitude [degrees] and a height [m].
 
@@ -94,8 +102,7 @@ class LoadedMap(VoxelMap):
         if earth is None:
             raise ValueError(f"{self.file.source}: expected a map that says where it lies on Earth; name its crs")
         latitude, longitude, height = (float(number) for number in place)
-        terrain = Terrain.of(np.asarray(self.ground), self.grid)
-        return point_at((latitude, longitude, height), frame, earth, terrain)
+        return point_at((latitude, longitude, height), frame, earth, self.terrain)
 
 
 def load_map(
@@ -158,6 +165,7 @@ def map_of(
         remarks=(*known.remarks, *unknown, *([sentence] if sentence else [])),
         counts=counts,
         within=within,
+        terrain=terrain_of(contents, grid) if window.ground is None else Terrain.flat(window.ground, grid),
     )
     return LoadedMap(found.occupied, found.ground, None, grid, file)
 
@@ -189,11 +197,7 @@ def map_with(
     while True:
         window = dataclasses.replace(window, ends=points)
         found = map_of(contents, window, reading)
-        level = window.ground
-        terrain = Terrain.of(np.asarray(found.ground), found.grid)
-        points = [
-            point_at(p, frame, earth, terrain if level is None else Terrain.flat(level, found.grid)) for p in places
-        ]
+        points = [point_at(place, frame, earth, found.terrain) for place in places]
         # Heights above ground are known once there is ground; they may ask for another window, of the same voxels.
         if _grid(contents, known, dataclasses.replace(window, ends=points))[0] == found.grid:
             return found, points

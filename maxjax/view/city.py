@@ -32,7 +32,7 @@ class City:
         points: of the scan or the file it was made of [m]; None: of none.
         areas: to keep out of, or to keep in.
         above_start: greatest height above the start [m]; None: any.
-        level: height of flat ground [m]; None: that of the ground's voxels.
+        measured: how high the ground is; None: as its voxels tell.
     """
 
     name: str
@@ -40,7 +40,7 @@ class City:
     points: Float[np.ndarray, "n 3"] | None = None
     areas: tuple[Area, ...] = ()
     above_start: float | None = None
-    level: float | None = None
+    measured: Terrain | None = None
 
     @property
     def grid(self) -> Grid:
@@ -60,7 +60,7 @@ class City:
     @functools.cached_property
     def terrain(self) -> Terrain:
         """How high the ground is."""
-        return Terrain.of(self.ground, self.grid) if self.level is None else Terrain.flat(self.level, self.grid)
+        return self.voxels.terrain if self.measured is None else self.measured
 
     def highest(self, start: Point3) -> float | None:
         """Greatest z above a start [m]; None: any."""

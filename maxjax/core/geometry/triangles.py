@@ -136,6 +136,22 @@ def column_spans(
             yield row[pair][held] * ny + column[held], near[chosen[held]], bottom[held], top[held]
 
 
+def crests(triangles: Triangles, grid: Grid) -> Float[np.ndarray, "nx ny"]:
+    """Height of triangles over the centre of each column [m], of the highest there; NaN where none lies.
+
+    Args:
+        triangles: corners [m], finite; upright ones have no height.
+        grid: any.
+    """
+    nx, ny, _ = grid.shape
+    corners = (triangles - np.array(grid.lower)) / grid.spacing
+    column, height, _owner = _crossings(corners, np.zeros(len(corners), np.int64), (nx, ny))
+    highest = np.full(nx * ny, -np.inf)
+    np.maximum.at(highest, column, height)
+    found: Float[np.ndarray, "nx ny"] = np.where(np.isinf(highest), np.nan, grid.lower[2] + grid.spacing * highest)
+    return found.reshape(nx, ny)
+
+
 def fill_columns(
     column: Int64[np.ndarray, " n"],
     first: Int64[np.ndarray, " n"],
