@@ -8,7 +8,9 @@ from pathlib import Path
 
 from maxjax.api import trajectory
 from maxjax.cli.options import PlanOptions
+from maxjax.cli.report import complain
 from maxjax.cli.task import MapTask
+from maxjax.missions.as_flown import AsFlown
 from maxjax.missions.export import ON_EARTH, check_export, export
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4
@@ -38,21 +40,41 @@ def check_place(options: PlanOptions, given: MapTask) -> None:
         )
 
 
-def write(options: PlanOptions, given: MapTask, plan: Plan) -> list[Path]:
+def write(options: PlanOptions, given: MapTask, plan: Plan) -> list[Exported]:
     """Write a plan that is OK to every file asked for."""
     return write_all(options, given, trajectory(plan, dataclasses.replace(PX4, speed=options.speed)))
 
 
-def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[Path]:
-    """Write a trajectory, and the plan or the mission that it times, to every file asked for.
+@dataclasses.dataclass(frozen=True)
+class Exported:
+    """A file that was written, and what it makes a vehicle fly."""
 
-    Home lies on the ground: at --ground, or where the map's own ground is highest below the start.
+    file: Path
+    flown: AsFlown
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.flown}"
+
+
+def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[Exported]:
+    """Write a trajectory, and the plan or the mission that it times, to every file asked for, and judge each.
+
+    Raises:
+        ValueError: for a file that would lead elsewhere (`missions.as_flown`); it is not written.
     """
-    for file in options.export:
-        export(file, flown, earth=given.earth, ground=_ground(given))
-    return list(options.export)
-
-
-def _ground(given: MapTask) -> float:
     height = given.terrain.at(*given.task.starts[0, :2].tolist())
-    return 0.0 if math.isnan(height) else height
+    ground = None if math.isnan(height) else height
+    done = []
+    for file in options.export:
+        found = export(
+            file,
+            flown,
+            earth=given.earth,
+            ground=ground,
+            airspace=given.airspace,
+            takeoff_and_landing=options.takeoff_and_landing,
+        )
+        for remark in found.remarks:
+            complain(f"Note: {file}: {remark}.")
+        done.append(Exported(file, found))
+    return done

@@ -67,7 +67,7 @@ def run_asked(asked: Asked) -> int:
         with progress("Timing"):
             flown = trajectory(shown, limits)
     content = _document(mission, shown, flown, given, asked)
-    files: list[Path] = []
+    files: list[object] = []
     if options.out is not None:
         files += _written(options.out, content, (shown, flown), given, Path(options.map).name)
     if shown is not None and flown is not None:

@@ -89,6 +89,7 @@ def read_mission(options: MissionOptions) -> Asked:
     if "airspace" in given:
         given["airspace"] = options.file.parent / given["airspace"]
     given |= {"start": first, "goal": last, "via": tuple(via)}
+    given["takeoff_and_landing"] = options.takeoff_and_landing or given.get("takeoff_and_landing", False)
     planned = PlanOptions(**given, out=options.out, json=options.json, export=options.export)
     return Asked(planned, waypoints, options.partial)
 

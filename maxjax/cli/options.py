@@ -128,6 +128,7 @@ class PlanOptions(ReadOptions, RouteOptions):
         json: Print the content of plan.json or mission.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
             .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
+        takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing.
         speed: Greatest speed of what is exported [m/s].
     """
 
@@ -138,6 +139,7 @@ class PlanOptions(ReadOptions, RouteOptions):
     out: _OptionalFolder = None
     json: _Flag = False
     export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    takeoff_and_landing: _Flag = False
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
 
@@ -151,6 +153,7 @@ class MissionOptions:
         out: Folder for mission.json, path.csv and mission.png.
         json: Print the content of mission.json, and nothing else, on stdout.
         export: Files to write the mission to, as for plan.
+        takeoff_and_landing: As for plan.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -158,6 +161,7 @@ class MissionOptions:
     out: _OptionalFolder = None
     json: _Flag = False
     export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    takeoff_and_landing: _Flag = False
 
 
 @dataclasses.dataclass(frozen=True)

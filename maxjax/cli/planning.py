@@ -21,7 +21,7 @@ from maxjax.programs.stage_timer import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 
-_OUTPUTS = ("out", "json", "export", "speed", "via", "return_to_start")
+_OUTPUTS = ("out", "json", "export", "speed", "takeoff_and_landing", "via", "return_to_start")
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -47,7 +47,7 @@ def run_plan(options: PlanOptions) -> int:
     message = report.explain(plan, given)
     configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
-    plans, figure, files = {method: plan}, None, list[Path]()
+    plans, figure, files = {method: plan}, None, list[object]()
     if options.out is not None and plan.status == Status.OK:
         with progress("Drawing"):
             if climbs(method) and math.prod(given.task.grid.shape) <= MOST_VOXELS:
@@ -55,7 +55,7 @@ def run_plan(options: PlanOptions) -> int:
             overlay = Overlay(title=Path(options.map).name, around=_AROUND, within=given.within)
             figure = figure_plans(given.task, plans, overlay)
     if options.out is not None:
-        files = report.write_plan(options.out, content, figure)
+        files += report.write_plan(options.out, content, figure)
     if options.export and plan.status == Status.OK:
         with progress("Timing and exporting"):
             files += exporting.write(options, given, plan)

@@ -1,6 +1,7 @@
 """Paths as lines on Earth: GeoJSON (RFC 7946) and KML 2.2, longitude first, heights above sea level or the ellipsoid.
 
-A mission has a line for each leg, and a point for each waypoint between them.
+A mission has a line for each leg, and a point for each waypoint between them. A line across 180 degrees is cut there in
+two, as RFC 7946 asks, so that it does not lead around the Earth.
 
 Whichever of the two the map's heights count from, they are written as they are; KML reads them as above sea level.
 """
@@ -8,7 +9,9 @@ Whichever of the two the map's heights count from, they are written as they are;
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
@@ -25,13 +28,14 @@ _KML = """<?xml version="1.0" encoding="UTF-8"?>
 """
 _PLACEMARK = """    <Placemark>
       <name>{name}</name>
-      <{kind}>
+{geometry}
+    </Placemark>"""
+_GEOMETRY = """      <{kind}>
         <altitudeMode>absolute</altitudeMode>
         <coordinates>
 {coordinates}
         </coordinates>
-      </{kind}>
-    </Placemark>"""
+      </{kind}>"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,17 +53,35 @@ class Drawing:
     properties: Mapping[str, float | str]
 
     @property
-    def kind(self) -> str:
-        """Of geometry, as both formats call it."""
-        return "LineString" if len(self.places) > 1 else "Point"
+    def pieces(self) -> list[Float64[np.ndarray, "_ 3"]]:
+        """The line cut where it crosses 180 degrees, where each piece has an end."""
+        found, first = list[np.ndarray](), np.zeros((0, 3))
+        begin = 0
+        for k, (here, there) in enumerate(itertools.pairwise(self.places)):
+            if abs(there[1] - here[1]) <= 180.0:
+                continue
+            side = math.copysign(180.0, here[1])
+            share = (side - here[1]) / (there[1] + 2.0 * side - here[1])
+            cut = here + share * (there - here + np.array([0.0, 2.0 * side, 0.0]))
+            found.append(np.vstack([first, self.places[begin : k + 1], [[cut[0], side, cut[2]]]]))
+            first, begin = np.array([[cut[0], -side, cut[2]]]), k + 1
+        found.append(np.vstack([first, self.places[begin:]]))
+        return found
 
 
 def geojson_text(drawings: Sequence[Drawing]) -> str:
     """The text of a GeoJSON file."""
     features = []
     for one in drawings:
-        line = [[round(east, 10), round(north, 10), round(up, 4)] for north, east, up in one.places.tolist()]
-        geometry = {"type": one.kind, "coordinates": line if one.kind == "LineString" else line[0]}
+        lines = [
+            [[round(east, 10), round(north, 10), round(up, 4)] for north, east, up in piece.tolist()]
+            for piece in one.pieces
+        ]
+        geometry: dict[str, object] = {"type": "MultiLineString", "coordinates": lines}
+        if len(one.places) == 1:
+            geometry = {"type": "Point", "coordinates": lines[0][0]}
+        elif len(lines) == 1:
+            geometry = {"type": "LineString", "coordinates": lines[0]}
         properties = {"name": one.name, **one.properties}
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
@@ -69,7 +91,18 @@ def kml_text(drawings: Sequence[Drawing], name: str) -> str:
     """The text of a KML file."""
     placemarks = []
     for one in drawings:
-        rows = [f"          {east:.10f},{north:.10f},{up:.4f}" for north, east, up in one.places.tolist()]
-        title = escape(one.name, quote=False)
-        placemarks.append(_PLACEMARK.format(name=title, kind=one.kind, coordinates="\n".join(rows)))
+        kind = "LineString" if len(one.places) > 1 else "Point"
+        shapes = [
+            _GEOMETRY.format(
+                kind=kind,
+                coordinates="\n".join(
+                    f"          {east:.10f},{north:.10f},{up:.4f}" for north, east, up in piece.tolist()
+                ),
+            )
+            for piece in one.pieces
+        ]
+        geometry = "\n".join(shapes)
+        if len(shapes) > 1:
+            geometry = f"      <MultiGeometry>\n{geometry}\n      </MultiGeometry>"
+        placemarks.append(_PLACEMARK.format(name=escape(one.name, quote=False), geometry=geometry))
     return _KML.format(name=escape(name, quote=False), placemarks="\n".join(placemarks))

@@ -1,5 +1,7 @@
 """Plans, missions and trajectories as files, the format by the name's ending; each written whole or not at all.
 
+Each is read back as what it is to fly, and judged against the map, before it takes its place.
+
 .plan         QGroundControl's mission       needs a place on Earth
 .waypoints    "QGC WPL 110"                  needs a place on Earth
 .geojson      lines, RFC 7946                needs a place on Earth
@@ -12,27 +14,30 @@ _ned.csv      set-points, NED                needs a trajectory
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
-import numpy as np
-
+from maxjax.airspace.airspace import Airspace
 from maxjax.core.earth import Earth
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
-from maxjax.core.terrain import Terrain
 from maxjax.maps.load import LoadedMap
+from maxjax.missions.as_flown import AsFlown, judged
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
-from maxjax.missions.items import items_of
+from maxjax.missions.fences import fences_of
+from maxjax.missions.items import Feet, items_of
 from maxjax.missions.qgroundcontrol import plan_text
+from maxjax.missions.read_back import Standing, lines_in, lines_in_bag
 from maxjax.missions.rosbag import check_rosbags, write_bag
-from maxjax.missions.setpoints import setpoint_text, tum_text
+from maxjax.missions.setpoints import LocalOrigin, setpoint_text, tum_text
 from maxjax.missions.waypoint_list import waypoint_text
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
 
 ON_EARTH = (".plan", ".waypoints", ".geojson", ".kml")
+_FROM_HOME = (".plan", ".waypoints")
 IN_TIME = (".csv", ".tum", ".rosbag")
 _EVERY = 0.05  # between set-points and poses [s]
 _SPEED = 5.0  # of a mission whose plan has no trajectory [m/s]; PX4's MPC_XY_CRUISE
@@ -70,13 +75,19 @@ def export(
     *,
     earth: Earth | None = None,
     ground: float | None = None,
-) -> None:
+    airspace: Airspace | None = None,
+    takeoff_and_landing: bool = False,
+) -> AsFlown:
     """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
 
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
-    home, which lies below the start; an acceptance radius of 0.5 m; the time to hold at waypoints that are hovered at;
-    and the speed of each leg, or that of the trajectory's limits. `.geojson` and `.kml` have a line for each leg.
-    Set-points and poses are 0.05 s apart, in the map's coordinates, ENU, or NED where the name ends in `_ned.csv`.
+    home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
+    waypoints that are hovered at; and the speed of each leg, or that of the trajectory's limits. `.geojson` and `.kml`
+    have a line for each leg. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU; where the name ends
+    in `_ned.csv` in NED, true north, from the ground below the start.
+
+    Before it takes its place, what is written is read back, put on the map's own ground and judged against the map
+    (`missions.as_flown`); a file that would lead elsewhere is not written.
 
     Args:
         file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
@@ -84,9 +95,16 @@ def export(
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
             `core.earth.Degrees`. None: where its file says.
         ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
+        airspace: whose areas become the geofence of a `.plan`.
+        takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
+            ends with a landing, upright from the goal.
+
+    Returns:
+        What the file makes a vehicle fly.
 
     Raises:
-        ValueError: if the plan has no path, the ground is no height or unknown, or for what `check_export` finds.
+        ValueError: if the plan has no path, the ground is no height or unknown, the file would come nearer to something
+            than the plan may, or for what `check_export` finds.
         ImportError: if a package is missing that the format needs.
         OSError: if it cannot be written.
     """
@@ -98,43 +116,59 @@ def export(
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
+    if ground is not None and not math.isfinite(ground):
+        raise ValueError(f"ground: expected a height in metres, given {ground}")
+    terrain = mission.map.terrain
+    standing = Standing(place, terrain, ground)
     if ending == ".rosbag" and timed is not None:
-        write_bag(file, timed.sampled(_EVERY))
-    elif ending in IN_TIME and timed is not None:
-        atomic_write(file, _in_time(file, timed))
-    elif place is not None:
-        atomic_write(file, _on_earth(file, mission, timed, place, _home(file, mission, ground)))
+        found: list[AsFlown] = []
+        motion = timed.sampled(_EVERY)
+        write_bag(file, motion, lambda bag: found.append(judged(file, lines_in_bag(bag), mission, timed)))
+        return found[0]
+    remarks: tuple[str, ...] = ()
+    if timed is not None and ending in IN_TIME:
+        text = _in_time(file, timed, _origin(mission, ground, place))
+        flown = judged(file, lines_in(file, text, standing), mission, timed)
+    else:
+        assert place is not None
+        speed = _SPEED if timed is None else timed.limits.speed
+        if ending in _FROM_HOME:
+            items = items_of(mission, place, speed, _feet(file, mission, ground, takeoff_and_landing))
+            fences, remarks = fences_of(airspace if ending == ".plan" else None, mission.path, place)
+            text = plan_text(items, fences) if ending == ".plan" else waypoint_text(items)
+        else:
+            drawings = _drawings(mission, place, speed)
+            text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
+        flown = judged(file, lines_in(file, text, standing), mission, None)
+    atomic_write(file, text)
+    return dataclasses.replace(flown, remarks=remarks)
 
 
-def _home(file: Path, mission: Mission, given: float | None) -> float:
-    """Height of the ground at home [m]; raises a `ValueError` where it is unknown and the format counts from it."""
-    if given is not None:
-        if not math.isfinite(given):
-            raise ValueError(f"ground: expected a height in metres, given {given}")
-        return given
-    x, y, _ = mission.path[0].tolist()
-    height = Terrain.of(np.asarray(mission.map.ground), mission.map.grid).at(x, y)
-    if math.isnan(height) and file.suffix.lower() in (".plan", ".waypoints"):
+def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:
+    """Where the ground is; raises a `ValueError` where that is unknown."""
+    terrain = mission.map.terrain
+    home, goal = (terrain.at(x, y) for x, y, _ in mission.path[[0, -1]].tolist())
+    if ground is not None:
+        home = ground
+    if math.isnan(home):
         raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
-    return 0.0 if math.isnan(height) else height
+    if landing and math.isnan(goal):
+        raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
+    return Feet(home, goal if landing else None)
 
 
-def _in_time(file: Path, trajectory: Trajectory) -> str:
+def _origin(mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin:
+    """Where NED counts from: home, or the start where no ground is known below it."""
+    x, y, z = mission.path[0].tolist()
+    home = mission.map.terrain.at(x, y) if ground is None else ground
+    return LocalOrigin((x, y, z if math.isnan(home) else home), earth, stands=not math.isnan(home))
+
+
+def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin) -> str:
     motion = trajectory.sampled(_EVERY)
     if file.suffix.lower() == ".tum":
         return tum_text(motion)
-    return setpoint_text(motion, ned=file.stem.lower().endswith("_ned"))
-
-
-def _on_earth(file: Path, mission: Mission, trajectory: Trajectory | None, earth: Earth, ground: float) -> str:
-    ending = file.suffix.lower()
-    speed = _SPEED if trajectory is None else trajectory.limits.speed
-    if ending == ".plan":
-        return plan_text(items_of(mission, earth, speed, ground))
-    if ending == ".waypoints":
-        return waypoint_text(items_of(mission, earth, speed, ground))
-    drawings = _drawings(mission, earth, speed)
-    return kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
+    return setpoint_text(motion, origin if file.stem.lower().endswith("_ned") else None)
 
 
 def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:

@@ -1,27 +1,32 @@
 """A mission as MAVLink's mission items, which two file formats hold.
 
 Every point of the path is a NAV_WAYPOINT in the frame GLOBAL_RELATIVE_ALT: latitude, longitude, and height above home;
-where the mission hovers, it holds for that time. A DO_CHANGE_SPEED stands before a leg whose speed is another one.
+where the mission hovers, it holds for that time. A DO_CHANGE_SPEED stands before a leg whose speed is another one. The
+fourth parameter, the heading, is the course over ground of the way to the point, in degrees from true north.
 
 A vehicle takes a waypoint for reached within its acceptance radius and turns to the next one, so that this is how far
-it may cut a corner; by default autopilots take several metres, which no plan has to spare. What happens before the
-first and after the last waypoint (take-off, landing) is not planned, and not written.
+it may cut a corner; by default autopilots take several metres, which no plan has to spare. Take-off and landing are
+upright ways to the first and from the last point, where they are asked for.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 
 import numpy as np
+from jaxtyping import Float64
 
-from maxjax.core.earth import Earth
+from maxjax.core.earth import Earth, TangentPlane
 from maxjax.planning.mission import Mission
 
 # MAVLink's numbers.
-WAYPOINT, CHANGE_SPEED = 16, 178
+WAYPOINT, LAND, TAKE_OFF, CHANGE_SPEED = 16, 21, 22, 178
 GLOBAL, MISSION, RELATIVE = 0, 2, 3
 _GROUND_SPEED, _SAME_THROTTLE = 1.0, -1.0
 _ACCEPTANCE = 0.5  # [m]
+_UPRIGHT = 1e-3  # from one point to the next, below which a way has no course [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,22 +59,36 @@ class Items:
     items: tuple[Item, ...]
 
 
-def items_of(mission: Mission, earth: Earth, speed: float, ground: float = 0.0) -> Items:
+@dataclasses.dataclass(frozen=True)
+class Feet:
+    """Heights of the ground [m], in the map's coordinates.
+
+    Attributes:
+        home: below the first point.
+        landing: below the last point, where a take-off and a landing are asked for; None where they are not.
+    """
+
+    home: float
+    landing: float | None = None
+
+
+def items_of(mission: Mission, earth: Earth, speed: float, feet: Feet) -> Items:
     """The items of a mission.
 
     Args:
         mission: one that is OK, in the map's coordinates.
         earth: where the map lies.
         speed: of legs that have none of their own, and the most of those that have [m/s].
-        ground: height [m] of the ground at home, below the first point, in the map's coordinates.
+        feet: where the ground is.
     """
     path = mission.path
-    foot = np.array([[path[0, 0], path[0, 1], ground]])
-    latitude, longitude, height = earth.geodetic(foot)[0].tolist()
+    latitude, longitude, height = earth.geodetic(np.array([[path[0, 0], path[0, 1], feet.home]]))[0].tolist()
+    on_earth = earth.geodetic(path)
+    courses = courses_of(on_earth)
     holds = dict(zip(mission.places.tolist(), (waypoint.hover or 0.0 for waypoint in mission.waypoints), strict=True))
     places = [
-        Item(WAYPOINT, RELATIVE, (holds.get(k, 0.0), _ACCEPTANCE, 0.0, None, north, east, up - height))
-        for k, (north, east, up) in enumerate(earth.geodetic(path).tolist())
+        Item(WAYPOINT, RELATIVE, (holds.get(k, 0.0), _ACCEPTANCE, 0.0, courses[k], north, east, up - height))
+        for k, (north, east, up) in enumerate(on_earth.tolist())
     ]
     speeds = [min(waypoint.speed or speed, speed) for waypoint in mission.waypoints[1:]]
     items, last = [], None
@@ -78,4 +97,26 @@ def items_of(mission: Mission, earth: Earth, speed: float, ground: float = 0.0) 
             items.append(Item(CHANGE_SPEED, MISSION, (_GROUND_SPEED, own, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)))
         items += places[mission.places[k] + (k > 0) : mission.places[k + 1] + 1]
         last = own
+    if feet.landing is not None:
+        north, east, up = on_earth[0].tolist()
+        foot = earth.geodetic(np.array([[path[-1, 0], path[-1, 1], feet.landing]]))[0].tolist()
+        items.insert(0, Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, courses[0], north, east, up - height)))
+        items.append(Item(LAND, RELATIVE, (0.0, 0.0, 0.0, courses[-1], foot[0], foot[1], foot[2] - height)))
     return Items((latitude, longitude, height), speeds[0], tuple(items))
+
+
+def courses_of(places: Float64[np.ndarray, "n 3"]) -> list[float]:
+    """Course of the way to each point, and from the first one [degrees from true north, 0 to 360].
+
+    An upright way has that of the one before, the first ones that of the first that leads anywhere; without any, 0.
+
+    Args:
+        places: latitude, longitude [degrees] and height [m].
+    """
+    found: list[float | None] = [None]
+    for here, there in itertools.pairwise(places):
+        ((east, north, _),) = TangentPlane(*here.tolist()).local(there[None]).tolist()
+        upright = math.hypot(east, north) < _UPRIGHT
+        found.append(found[-1] if upright else math.degrees(math.atan2(east, north)) % 360.0)
+    first = next((course for course in found if course is not None), 0.0)
+    return [first if course is None else course for course in found]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
+from maxjax.missions.fences import Fence
 from maxjax.missions.items import RELATIVE, Item, Items
 
 _PX4, _QUADROTOR = 12, 2  # MAV_AUTOPILOT and MAV_TYPE
 _ALTITUDE_RELATIVE = 1
 
 
-def plan_text(mission: Items) -> str:
-    """The text of a `.plan` file."""
+def plan_text(mission: Items, fences: Sequence[Fence] = ()) -> str:
+    """The text of a `.plan` file: a mission, and the fences around it."""
     content = {
         "fileType": "Plan",
         "version": 1,
@@ -26,10 +28,14 @@ def plan_text(mission: Items) -> str:
             "plannedHomePosition": list(mission.home),
             "items": [_item(k, item) for k, item in enumerate(mission.items, 1)],
         },
-        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "geoFence": {"version": 2, "circles": [], "polygons": [_polygon(fence) for fence in fences]},
         "rallyPoints": {"version": 2, "points": []},
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _polygon(fence: Fence) -> dict[str, Any]:
+    return {"inclusion": fence.inclusion, "polygon": fence.corners.tolist(), "version": 1}
 
 
 def _item(number: int, item: Item) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 import os
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,13 @@ def check_rosbags() -> None:
         raise ImportError("ROS 2 bags need the extra ros: pip install 'maxjax[ros]'") from error
 
 
-def write_bag(folder: Path, motion: Motion) -> None:
+def write_bag(folder: Path, motion: Motion, check: Callable[[Path], object]) -> None:
     """Write a bag, which is a folder, whole or not at all.
 
     Args:
         folder: to make; an existing bag of this name is replaced.
         motion: of the trajectory.
+        check: called with the bag before it takes its place; where it raises, nothing is written.
 
     Raises:
         ImportError: without rosbags.
@@ -53,6 +54,7 @@ def write_bag(folder: Path, motion: Motion) -> None:
         with Writer(temporary / folder.name, version=8) as bag:
             topic = bag.add_connection(_TOPIC, message.__msgtype__, typestore=types)
             bag.write(topic, 0, types.serialize_cdr(message, message.__msgtype__))
+        check(temporary / folder.name)
         shutil.rmtree(folder, ignore_errors=True)
         os.replace(temporary / folder.name, folder)
     finally:

@@ -1,0 +1,198 @@
+"""The judgement on what a file makes a vehicle fly: its lines on the true ground, against the map.
+
+    text → lines in the map (`missions.read_back`) → verifier → what is kept, or a refusal
+
+Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's set-points, joined by
+straight lines, keep it but for the sag of these below the curve. A rise and a descent touch nothing but the ground.
+
+Numbers in files are rounded. Where that alone, at most a millimetre, makes a line touch something, what was meant is
+judged in its place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from maxjax.core.status import Closure
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.missions.read_back import Lines, Points
+from maxjax.planning.mission import Mission
+from maxjax.trajectories.clear_curve import project
+from maxjax.trajectories.trajectory import Trajectory
+from maxjax.verification.verifier import Verification, verify
+
+_ROUNDED = 1e-3  # [m]
+_FINE = 0.005  # between samples of what was meant [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class AsFlown:
+    """What a file makes a vehicle fly.
+
+    Attributes:
+        clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
+        aside: how far it leads from what was planned, at most [m].
+        remarks: sentences on what of the plan the format does not hold.
+    """
+
+    clearance: float
+    aside: float
+    remarks: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if math.isinf(self.clearance):
+            return "as flown: nothing in the map to come near to"
+        return f"as flown: least clearance {self.clearance:.2f} m"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+    """A line with what it has to keep."""
+
+    points: Points
+    radius: float
+    exemptions: tuple[float, float]
+
+
+def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None) -> AsFlown:
+    """What the lines of a file keep.
+
+    Args:
+        file: for messages.
+        lines: read from it.
+        mission: that it holds.
+        trajectory: where the file holds set-points; None for waypoints.
+
+    Raises:
+        ValueError: if they leave the map, touch something, or come nearer to it than the plan may.
+    """
+    clearance, wrong = _verdict(_pieces(file, lines, mission, trajectory), mission.map)
+    aside = _aside(lines, mission, trajectory)
+    if wrong and aside <= _ROUNDED:
+        wrong = _verdict(_pieces(file, _meant(mission, trajectory), mission, trajectory), mission.map)[1]
+    for what, line, leg in (("on take-off", lines.rise, 0), ("on landing", lines.descent, -1)):
+        if line is not None and not wrong:
+            upright = _upright(line, mission, leg)
+            clearance = float(np.fmin(clearance, upright.clearance))
+            wrong = "" if upright.ok else f"{what} {_complaint(upright, mission.legs[leg].radius)}"
+    if wrong:
+        raise ValueError(
+            f"{file}: as flown {wrong}; nothing was written: check the ground at home and the place on Earth"
+        )
+    return AsFlown(clearance, aside)
+
+
+def _meant(mission: Mission, trajectory: Trajectory | None) -> Lines:
+    if trajectory is None:
+        return Lines((mission.path,))
+    motion = trajectory.sampled(_FINE)
+    return Lines((motion.position,), motion.time)
+
+
+def _pieces(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None) -> list[_Piece]:
+    if trajectory is not None and lines.times is not None:
+        return list(_stretches(lines.parts[0], lines.times, mission, trajectory))
+    parts = lines.parts
+    if len(parts) == 1 and len(mission.legs) > 1:
+        (line,) = parts
+        if len(line) != len(mission.path):
+            raise ValueError(f"{file}: expected {len(mission.path)} waypoints, read back {len(line)}")
+        parts = tuple(line[first : last + 1] for first, last in itertools.pairwise(mission.places.tolist()))
+    if len(parts) != len(mission.legs):
+        raise ValueError(f"{file}: expected lines of {len(mission.legs)} legs, read back {len(parts)}")
+    found = []
+    for k, (line, leg) in enumerate(zip(parts, mission.legs, strict=True)):
+        # Where two legs' ends differ by what they were moved, the exemption covers both.
+        joint = math.dist(mission.path[mission.places[k]], leg.path[0])
+        start, goal = (reach + joint if reach else 0.0 for reach in leg.exemptions)
+        found.append(_Piece(line, leg.radius, (start, goal)))
+    return found
+
+
+def _stretches(
+    points: Points, times: Float64[np.ndarray, " n"], mission: Mission, trajectory: Trajectory
+) -> Iterator[_Piece]:
+    """Set-points from one waypoint where something changes to the next, where the vehicle is at rest."""
+    exempt, legs = trajectory.exemptions, mission.legs
+    cuts = [k for k in range(1, len(legs)) if exempt[k] > 0.0 or legs[k - 1].radius != legs[k].radius]
+    for first, last in itertools.pairwise([0, *cuts, len(legs)]):
+        begin = -math.inf if first == 0 else float(trajectory.passes[first])
+        end = math.inf if last == len(legs) else float(trajectory.passes[last])
+        inside = points[(times > begin) & (times < end)]
+        cut = [_at(time, times, points) if math.isfinite(time) else points[:0] for time in (begin, end)]
+        radius = max(legs[first].radius - _sag(points), 0.0)
+        yield _Piece(np.concatenate([cut[0], inside, cut[1]]), radius, (exempt[first], exempt[last]))
+
+
+def _at(time: float, times: Float64[np.ndarray, " n"], points: Points) -> Points:
+    return np.array([[np.interp(time, times, column) for column in points.T]])
+
+
+def _sag(points: Points) -> float:
+    """How far a smooth curve lies from the straight lines between points on it, at most about [m]."""
+    if len(points) < 3:
+        return 0.0
+    return float(np.linalg.norm(points[2:] - 2.0 * points[1:-1] + points[:-2], axis=1).max()) / 8.0
+
+
+def _verdict(pieces: list[_Piece], where: VoxelMap) -> tuple[float, str]:
+    """Least clearance [m], and what is wrong in words; empty where nothing is."""
+    whole = verify(np.concatenate([piece.points for piece in pieces]), where)
+    if not whole.ok:
+        return whole.clearance, _complaint(whole, 0.0)
+    for piece in pieces:
+        found = verify(piece.points, where, radius=piece.radius, exemptions=piece.exemptions)
+        if not found.ok:
+            return whole.clearance, _complaint(found, piece.radius)
+    return whole.clearance, ""
+
+
+def _complaint(found: Verification, radius: float) -> str:
+    if not found.inside:
+        return "it leaves the map"
+    near = ""
+    if found.nearest is not None:
+        x, y, z = found.nearest
+        near = f"its least clearance is {found.clearance:.2f} m, at x {x:.1f}, y {y:.1f}, z {z:.1f}"
+    if found.too_near:
+        return f"{near}, where {radius:g} m are to be kept"
+    return f"it comes onto the ground or touches something, voxel {found.first_hit}; {near or 'near nothing else'}"
+
+
+def _upright(line: Points, mission: Mission, leg: int) -> Verification:
+    """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count."""
+    where, plan = mission.map, mission.legs[leg]
+    ground = np.asarray(where.ground)
+    obstacles = VoxelMap(np.asarray(where.occupied) & ~ground, np.zeros_like(ground), None, where.grid)
+    if where.closed is not None:
+        areas = np.where(np.asarray(where.closed) == Closure.AREA, np.uint8(Closure.AREA), np.uint8(Closure.OPEN))
+        obstacles = obstacles.closing(areas)
+    # Below the map's lowest layer is ground.
+    low = where.grid.lower[2] + 1e-6 * where.grid.spacing
+    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], low)])
+    # A rise ends where the plan starts, a descent begins where it ends.
+    exemptions = (plan.exemptions[1], 0.0) if leg else (0.0, plan.exemptions[0])
+    return verify(clipped, obstacles, radius=plan.radius, exemptions=exemptions)
+
+
+def _aside(lines: Lines, mission: Mission, trajectory: Trajectory | None) -> float:
+    """Greatest distance between what was read and what was meant [m]: at each time, else of points to lines."""
+    if trajectory is not None and lines.times is not None:
+        return float(np.linalg.norm(trajectory.at(lines.times).position - lines.parts[0], axis=1).max())
+    read, meant = _moving(np.concatenate(lines.parts)), _moving(mission.path)
+    if min(len(read), len(meant)) < 2:
+        return float(np.linalg.norm(read[0] - meant[0]))
+    return float(max(project(read, meant)[0].max(), project(meant, read)[0].max()))
+
+
+def _moving(points: Points) -> Points:
+    """Points without those that are the one before."""
+    found: Points = points[np.r_[True, (points[1:] != points[:-1]).any(axis=1)]]
+    return found
