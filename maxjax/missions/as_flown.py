@@ -54,11 +54,12 @@ class AsFlown:
 
 @dataclasses.dataclass(frozen=True)
 class _Piece:
-    """A line with what it has to keep."""
+    """A line with what it has to keep, but for its sag below the curve that is meant [m]."""
 
     points: Points
     radius: float
     exemptions: tuple[float, float]
+    sag: float = 0.0
 
 
 def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None) -> AsFlown:
@@ -127,19 +128,21 @@ def _stretches(
         end = math.inf if last == len(legs) else float(trajectory.passes[last])
         inside = points[(times > begin) & (times < end)]
         cut = [_at(time, times, points) if math.isfinite(time) else points[:0] for time in (begin, end)]
-        radius = max(legs[first].radius - _sag(points), 0.0)
-        yield _Piece(np.concatenate([cut[0], inside, cut[1]]), radius, (exempt[first], exempt[last]))
+        line = np.concatenate([cut[0], inside, cut[1]])
+        yield _Piece(line, legs[first].radius, (exempt[first], exempt[last]), _sag(trajectory, times))
 
 
 def _at(time: float, times: Float64[np.ndarray, " n"], points: Points) -> Points:
     return np.array([[np.interp(time, times, column) for column in points.T]])
 
 
-def _sag(points: Points) -> float:
-    """How far a smooth curve lies from the straight lines between points on it, at most about [m]."""
-    if len(points) < 3:
-        return 0.0
-    return float(np.linalg.norm(points[2:] - 2.0 * points[1:-1] + points[:-2], axis=1).max()) / 8.0
+def _sag(trajectory: Trajectory, times: Float64[np.ndarray, " n"]) -> float:
+    """How far a curve lies from the straight lines between some of its points, at most: a t² / 8 [m].
+
+    It is the curve's that was meant, not that of what a file holds: that may be anything.
+    """
+    fastest = np.linalg.norm(trajectory.at(times).acceleration, axis=1).max()
+    return float(fastest * np.diff(times, prepend=times[0]).max() ** 2) / 8.0
 
 
 def _verdict(pieces: list[_Piece], where: VoxelMap) -> tuple[float, str]:
@@ -148,7 +151,8 @@ def _verdict(pieces: list[_Piece], where: VoxelMap) -> tuple[float, str]:
     if not whole.ok:
         return whole.clearance, _complaint(whole, 0.0)
     for piece in pieces:
-        found = verify(piece.points, where, radius=piece.radius, exemptions=piece.exemptions)
+        kept = max(piece.radius - piece.sag, 0.0)
+        found = verify(piece.points, where, radius=kept, exemptions=piece.exemptions)
         if not found.ok:
             return whole.clearance, _complaint(found, piece.radius)
     return whole.clearance, ""
