@@ -70,6 +70,9 @@ def test_ends_on_earth_give_the_path_of_the_map_s_own_coordinates(plans: Plans) 
         code, again, _ = plans(*ends, "--frame", frame, "--ground", 0)
         assert code == 0
         np.testing.assert_allclose(again["path"], path, atol=1e-5)
+    code, again, _ = plans(*ENDS, "--frame", "local-agl", "--ground", 0)
+    assert code == 0
+    np.testing.assert_allclose(again["path"], path, atol=1e-9)
     places = np.array(here["path_geodetic"])
     np.testing.assert_allclose(places, [(*degrees(x, y), z) for x, y, z in path], rtol=0, atol=1e-8)
 

@@ -3,9 +3,9 @@
     open   = voxels that lie, whole, in the band and in one keep-in area, if there is any, and touch no keep-out area
     closed = all others
 
-So a path through open voxels keeps all of these rules, whatever it does within them. Of the ground only its voxels are
-known: a floor to stay above is counted from the upper face of the highest one in a column, a ceiling to stay below from
-its lower face.
+So a path through open voxels keeps all of these rules, whatever it does within them. Heights above ground are counted
+from the terrain (`core.terrain`). Where only voxels tell it, a floor to stay above is counted from the upper face of
+the highest one in a column, a ceiling to stay below from its lower face.
 
 A path keeps off closed voxels as it keeps off the ground, by one voxel, and they have no price: there is nothing to run
 into.

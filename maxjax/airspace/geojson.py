@@ -8,7 +8,8 @@ to keep in; any other is kept out of, but for the type NO_RESTRICTION, which is 
 always holds.
 
 Coordinates are longitude and latitude (RFC 7946), or those of the file's `crs`. An outline is cut to what lies
-around the map before it becomes metres: far away a plane is none.
+around the map before it becomes metres: far away a plane is none. An area across 180 degrees is split there, as
+RFC 7946 asks, and joined again (`airspace.antimeridian`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.airspace.airspace import Airspace, Area
+from maxjax.airspace.antimeridian import check_span, joined_at_seam
 from maxjax.airspace.outlines import check_outline, cut_to, inserted
 from maxjax.core.earth import Earth, Projected, geojson_crs
 from maxjax.core.files import FileError, parse_json, read_text
@@ -84,14 +86,14 @@ def _areas(document: dict[str, Any], file: Path, earth: Earth, grid: Grid) -> tu
         kept = values.get("inclusion", False)
         if not isinstance(kept, bool):
             raise FileError(f"{here}: expected inclusion true or false, found {kept!r}")
-        for rings in _polygons(feature["geometry"], code, here):
+        for rings in joined_at_seam(list(_polygons(feature["geometry"], code, here))):
             near = _near(rings, box, here)
             if near is None:
                 outside += 1
                 continue
-            outlines = [earth.local(np.column_stack([r[:, ::-1], np.full(len(r), earth.height)])) for r in near]
+            outlines = [_in_map(ring, earth) for ring in near]
             try:
-                found.append(Area(name, tuple(ring[:, :2] for ring in outlines), kept, **heights))
+                found.append(Area(name, tuple(outlines), kept, **heights))
             except ValueError as error:
                 raise FileError(f"{file}: {error}") from error
             unlimited += [] if heights else [name]
@@ -106,6 +108,14 @@ def _areas(document: dict[str, Any], file: Path, earth: Earth, grid: Grid) -> tu
         names = ", ".join(dict.fromkeys(unlimited))
         remarks.append(f"areas of {file.name} without heights hold at all of them: {names}")
     return tuple(found), tuple(remarks)
+
+
+def _in_map(ring: Ring, earth: Earth) -> Ring:
+    """An outline in the map [m]; longitudes may lie beyond 180 degrees."""
+    east, north = ring.T
+    east = east - 360.0 * np.round(east / 360.0)
+    found: Ring = earth.local(np.column_stack([north, east, np.full(len(ring), earth.height)]))[:, :2]
+    return found
 
 
 def _name(feature: dict[str, Any], number: int) -> str:
@@ -167,6 +177,7 @@ def _polygons(geometry: Any, code: str | None, here: str) -> Iterator[list[Ring]
                     f"{here}: expected longitude and latitude in degrees, found {ring[off][0].tolist()}; "
                     "longitude comes first: swapped?"
                 )
+            check_span(ring[:-1], here)
             rings.append(ring[:-1])
         yield rings
 

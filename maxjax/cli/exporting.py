@@ -77,4 +77,6 @@ def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[E
         for remark in found.remarks:
             complain(f"Note: {file}: {remark}.")
         done.append(Exported(file, found))
+        if options.json:
+            complain(str(done[-1]))
     return done

@@ -36,7 +36,7 @@ _CITY = re.compile(r"\w+:\d+")
 NUMBERS = ("spacing", "radius", "margin", "ground", "speed", "floor", "ceiling", "ceiling_above_start")
 VECTORS = {"bounds": 6, "center": 3, "place": 3}
 WORDS: Mapping[str, tuple[str, ...]] = {
-    "frame": ("map", "agl", "amsl"),
+    "frame": ("map", "local-agl", "agl", "amsl"),
     "method": (*METHODS, *ALIASES),
     "below": ("closed", "open"),
     "unknown": ("occupied", "free"),

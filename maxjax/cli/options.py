@@ -79,8 +79,9 @@ class RouteOptions:
         start: Start of the path [m].
         goal: End of the path [m].
         via: A place to fly through on the way [m]; several in order, each with its own --via.
-        frame: What start, goal and places on the way are. map: x, y, z of the map; agl: latitude, longitude [deg] and
-            height above the ground beneath [m]; amsl: latitude, longitude and height above sea level.
+        frame: What start, goal and places on the way are. map: x, y, z of the map; local-agl: x, y of the map and
+            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; amsl: latitude,
+            longitude and height above sea level.
         method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
@@ -98,7 +99,7 @@ class RouteOptions:
     start: _OptionalXyz = None
     goal: _OptionalXyz = None
     via: _Via = ()
-    frame: Literal["map", "agl", "amsl"] = "map"
+    frame: Literal["map", "local-agl", "agl", "amsl"] = "map"
     method: _Planner = "field"
     radius: _Metres = 1.0
     margin: _Metres = 8.0

@@ -169,7 +169,7 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
     with timed("voxelise"):
         if options.frame == "map":
             found = map_of(source, window, reading_of(options))
-        elif earth is None:
+        elif earth is None and options.frame != "local-agl":
             raise ValueError(f"--frame {options.frame}: the map does not say where it lies on Earth; {_PLACE}")
         else:
             found, ends = map_with(source, window, ends, options.frame, earth, reading_of(options))
@@ -223,7 +223,7 @@ def _in_city(scene: Scene, options: PlanOptions) -> MapTask:
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
     earth, ends = earth_of(options, options.crs, None), _ends(options)
     if options.frame != "map":
-        if earth is None:
+        if earth is None and options.frame != "local-agl":
             raise ValueError(f"--frame {options.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
         ends = [point_at(place, options.frame, earth, flat) for place in ends]

@@ -175,22 +175,22 @@ def map_with(
     window: Window,
     places: Sequence[Point3],
     frame: Frame,
-    earth: Earth,
+    earth: Earth | None,
     reading: Reading = PLAIN,
 ) -> tuple[LoadedMap, list[Point3]]:
     """What a file holds around some places, and where these are in it: the map that `map_of` makes around the points.
 
     Args:
         contents, window, reading: as in `map_of`; the window's own ends are ignored.
-        places: latitudes, longitudes [degrees] and heights [m].
-        frame: what the heights are, `agl` or `amsl`.
-        earth: where the map lies.
+        places: latitudes, longitudes [degrees] and heights [m], or x, y and heights [m].
+        frame: what they are, `agl`, `amsl` or `local-agl`.
+        earth: where the map lies; None for `local-agl`.
 
     Raises:
         ValueError: if a place lies outside of the map; as `places.point_at` and `map_of`.
     """
     known = facts(contents)
-    around = [check_in_map(place, earth, known.extent) for place in places]
+    around = [check_in_map(place, frame, earth, known.extent) for place in places]
     points = [(x, y, z + place[2]) for (x, y, z), place in zip(around, places, strict=True)]
     if frame == "amsl":
         points = [point_at(place, frame, earth) for place in places]

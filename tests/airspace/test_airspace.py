@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from maxjax.core.terrain import Terrain
 from maxjax.methods import planner_named
 
 shapely = pytest.importorskip("shapely", reason="needs shapely (extra dev)")
+affinity = pytest.importorskip("shapely.affinity")
 
 GRID = maxjax.Grid((14, 12, 10), 2.0, (-13.0, 51.0, 3.0))
 PLACE = TangentPlane(52.0, 4.3, 0.0)
@@ -357,6 +359,55 @@ def test_an_area_across_the_antimeridian_lies_where_it_is(tmp_path: Path) -> Non
     outline = [[float(x) - 360.0, float(y)] for x, y in [*ring, ring[0]]]
     found = load_airspace(written(tmp_path, feature([outline])), fiji, GRID)
     np.testing.assert_allclose(found.areas[0].rings[0], square(0.0, 62.0, 5.0), atol=1e-3)
+
+
+def split_at_180(outline: np.ndarray, holes: Sequence[np.ndarray] = ()) -> list[list[list[list[float]]]]:
+    """An area with longitudes beyond 180, split there by shapely as RFC 7946 asks."""
+    whole = shapely.Polygon(outline, holes)
+    found = []
+    for low, turn in ((0.0, 0.0), (180.0, -360.0)):
+        part = affinity.translate(whole.intersection(shapely.box(low, -90.0, low + 180.0, 90.0)), turn)
+        for one in getattr(part, "geoms", [part]):
+            found.append([np.array(ring.coords).tolist() for ring in (one.exterior, *one.interiors)])
+    return found
+
+
+@pytest.mark.parametrize("kept", [False, True])
+@pytest.mark.parametrize("longitude", [180.0, -179.9999, 179.9998])
+def test_an_area_split_at_180_degrees_is_one(tmp_path: Path, longitude: float, kept: bool) -> None:
+    fiji = TangentPlane(-17.0, longitude, 0.0)
+
+    def on_earth(ring: np.ndarray) -> np.ndarray:
+        found = fiji.geodetic(np.column_stack([ring, np.zeros(len(ring))]))[:, 1::-1]
+        found[:, 0] %= 360.0
+        return found
+
+    outline, hole = square(0.0, 62.0, 40.0), square(3.0, 62.0, 20.0)
+    parts = split_at_180(on_earth(outline), [on_earth(hole)])
+    assert len(parts) >= 2
+    found = load_airspace(written(tmp_path, feature(parts, kind="MultiPolygon", inclusion=kept)), fiji, GRID)
+    (area,) = found.areas
+    wanted = shapely.Polygon(outline, [hole])
+    rings = [shapely.Polygon(ring) for ring in area.rings]
+    assert rings[0].difference(rings[1]).symmetric_difference(wanted).area < 0.01
+    whole = Airspace(areas=(Area("a", (outline + 1e-3, hole - 1e-3), kept),)).closed(NOTHING, GRID)
+    differ = whole != found.closed(NOTHING, GRID)
+    assert differ.any(axis=2).sum() <= 0.02 * differ.shape[0] * differ.shape[1]
+
+
+def test_parts_with_other_points_on_the_seam_are_one(tmp_path: Path) -> None:
+    fiji = TangentPlane(0.0, 180.0, 0.0)
+    west = [[179.9, -0.1], [180.0, -0.1], [180.0, 0.02], [180.0, 0.1], [179.9, 0.1], [179.9, -0.1]]
+    east = [[-180.0, -0.05], [-179.9, -0.05], [-179.9, 0.1], [-180.0, 0.1], [-180.0, -0.05]]
+    found = load_airspace(written(tmp_path, feature([[west], [east]], kind="MultiPolygon", inclusion=True)), fiji, GRID)
+    assert len(found.areas) == 1
+    assert (found.closed(NOTHING, GRID) == Closure.OPEN).all()
+
+
+def test_an_edge_across_180_degrees_that_is_not_split_is_refused(tmp_path: Path) -> None:
+    ring = [[179.9, -0.1], [-179.9, -0.1], [-179.9, 0.1], [179.9, 0.1], [179.9, -0.1]]
+    with pytest.raises(ValueError, match=r"split there \(RFC 7946\).*from longitude 179.9 to -179.9"):
+        load_airspace(written(tmp_path, feature([ring])), TangentPlane(0.0, 180.0, 0.0), GRID)
 
 
 def test_coordinates_of_a_reference_system_are_taken_as_such(tmp_path: Path) -> None:

@@ -105,11 +105,11 @@ def test_heights_above_sea_level_are_those_of_the_map() -> None:
 def test_places_outside_a_map_are_refused_and_swapped_ones_named() -> None:
     extent = np.array([[-100.0, -100.0, 0.0], [100.0, 100.0, 30.0]])
     earth = Degrees(46.0, 47.0)
-    assert check_in_map((47.0, 46.0, 5.0), earth, extent) == pytest.approx((0.0, 0.0, 0.0))
+    assert check_in_map((47.0, 46.0, 5.0), "amsl", earth, extent) == pytest.approx((0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"expected one in the map, latitude 46\.99\d+ to 47\.00\d+"):
-        check_in_map((47.02, 46.0, 5.0), earth, extent)
+        check_in_map((47.02, 46.0, 5.0), "amsl", earth, extent)
     with pytest.raises(ValueError, match="swapped"):
-        check_in_map((46.0, 47.0, 5.0), earth, extent)
+        check_in_map((46.0, 47.0, 5.0), "amsl", earth, extent)
 
 
 def test_a_map_around_places_is_that_around_their_points() -> None:
@@ -134,3 +134,23 @@ def test_a_map_that_lies_nowhere_says_so(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="says where it lies on Earth"):
         found.point((52.0, 4.3, 5.0))
     assert maxjax.load_map(tmp_path / "a.npz", crs="EPSG:28992").earth == Projected("EPSG:28992")
+
+
+def test_heights_above_the_ground_beneath_by_x_and_y() -> None:
+    terrain = Terrain.of(slope(GRID), GRID)
+    x, y = (0.5 * (low + high) for low, high in zip(GRID.lower[:2], GRID.upper[:2], strict=True))
+    assert point_at((x, y, 7.5), "local-agl", None, terrain) == (x, y, terrain.at(x, y) + 7.5)
+    with pytest.raises(ValueError, match="local-agl: expected a place above the map's ground"):
+        point_at((x + 1e5, y, 7.5), "local-agl", None, terrain)
+    with pytest.raises(ValueError, match="agl: expected a map that lies somewhere on Earth"):
+        point_at((x, y, 7.5), "agl", None, terrain)
+
+
+def test_a_map_around_x_and_y_above_ground_is_that_around_their_points() -> None:
+    contents, window = read_map(SAMPLE), Window()
+    points = [(-75.0, 22.0, 5.0), (55.0, -20.0, 61.0)]  # the ground is at 0, to a hair
+    found, ends = map_with(contents, window, points, "local-agl", None)
+    np.testing.assert_allclose(ends, points, atol=1e-9)
+    assert found.grid == map_of(contents, Window(ends=points)).grid
+    with pytest.raises(ValueError, match=r"place: expected one in the map, x .* given 9000.0, 0.0"):
+        map_with(contents, window, [points[0], (9e3, 0.0, 5.0)], "local-agl", None)
