@@ -43,7 +43,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 }
 TEXTS = ("crs", "price")
 FILES = ("map", "airspace")
-FLAGS = ("return_to_start",)
+FLAGS = ("return_to_start", "takeoff_and_landing")
 _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
 
 

@@ -41,7 +41,8 @@ def point_at(place: Point3, frame: Frame, earth: Earth | None, terrain: Terrain 
         return place
     latitude, longitude, height = place
     if not all(map(math.isfinite, place)):
-        raise ValueError(f"place: expected three finite numbers, given {place}")
+        named = "x, y" if frame == "local-agl" else "latitude, longitude"
+        raise ValueError(f"place: expected {named} and height as finite numbers, given {place}")
     if frame != "amsl" and terrain is None:
         raise ValueError(f"{frame}: expected the ground of the map")
     if frame == "local-agl" and terrain is not None:
