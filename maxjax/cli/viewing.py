@@ -147,7 +147,10 @@ def _small_enough(given: MapTask) -> MapTask:
     if not remark:
         return given
     coarse = Task.of(where, task.starts, task.goals, task.distances)
-    return dataclasses.replace(given, task=coarse, within=within, remarks=(*given.remarks, f"the map is {remark}"))
+    terrain = given.terrain.on(where.grid)
+    return dataclasses.replace(
+        given, task=coarse, terrain=terrain, within=within, remarks=(*given.remarks, f"the map is {remark}")
+    )
 
 
 def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> City:

@@ -48,6 +48,18 @@ class Terrain:
             return math.nan
         return float(self.heights[index[0], index[1]])
 
+    def on(self, grid: Grid) -> Terrain:
+        """The same heights in other columns: at their centres; NaN outside of these."""
+        x, y = (
+            low + grid.spacing * (0.5 + np.arange(n)) for low, n in zip(grid.lower[:2], grid.shape[:2], strict=True)
+        )
+        corner = self.grid.lower[:2]
+        columns = [np.floor((v - low) / self.grid.spacing).astype(int) for v, low in zip((x, y), corner, strict=True)]
+        inside = [(v >= 0) & (v < n) for v, n in zip(columns, self.heights.shape, strict=True)]
+        within = np.ix_(*(np.clip(v, 0, n - 1) for v, n in zip(columns, self.heights.shape, strict=True)))
+        heights = np.where(inside[0][:, None] & inside[1][None, :], self.heights[within], np.nan)
+        return Terrain(heights, grid, self.doubt)
+
     @property
     def everywhere(self) -> Float[np.ndarray, "nx ny"]:
         """The heights; where a column has no ground, that of the nearest one that has [m]. NaN if none has."""

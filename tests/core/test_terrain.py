@@ -79,6 +79,15 @@ def test_floors_are_the_ground_to_the_millimetre(tmp_path: Path) -> None:
     assert start[2] == pytest.approx(39.13, abs=1e-6)
 
 
+def test_heights_in_larger_columns_are_those_at_their_centres() -> None:
+    terrain = Terrain(np.random.default_rng(2).uniform(0.0, 9.0, (12, 9)), GRID)
+    coarse = terrain.on(Grid((5, 4, 2), 6.0, (5.0, -3.0, 10.0)))
+    assert np.isnan(coarse.heights[4]).all()
+    for i in range(4):
+        for j in range(3):
+            assert coarse.heights[i, j] == terrain.at(5.0 + 6.0 * i, -3.0 + 6.0 * j)
+
+
 def test_a_stated_ground_is_just_there(tmp_path: Path) -> None:
     city = maxjax.load_map(buildings(tmp_path, 9.13), spacing=2.0, ground=8.77)
     assert (city.terrain.heights == 8.77).all()
