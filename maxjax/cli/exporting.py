@@ -63,7 +63,8 @@ def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[E
         ValueError: for a file that would lead elsewhere (`missions.as_flown`); it is not written.
     """
     height = given.terrain.at(*given.task.starts[0, :2].tolist())
-    ground = None if math.isnan(height) else height
+    # What only voxels tell is left to the judgement, which then takes the ground for up to a voxel lower.
+    ground = None if math.isnan(height) or given.terrain.doubt > 0.0 else height
     done = []
     for file in options.export:
         found = export(

@@ -85,7 +85,8 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
             wrong = "" if upright.ok else f"{what} {_complaint(upright, mission.legs[leg].radius)}"
     if wrong:
         raise ValueError(
-            f"{file}: as flown {wrong}; nothing was written: check the ground at home and the place on Earth"
+            f"{file}: as flown {wrong}; nothing was written: check the place on Earth and the ground at home, "
+            "and state it where the map tells it by voxels only"
         )
     return AsFlown(clearance, aside)
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from maxjax.airspace.airspace import Airspace
@@ -118,8 +119,7 @@ def export(
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
     if ground is not None and not math.isfinite(ground):
         raise ValueError(f"ground: expected a height in metres, given {ground}")
-    terrain = mission.map.terrain
-    standing = Standing(place, terrain, ground)
+    standings = _standings(mission, place, ground)
     if ending == ".rosbag" and timed is not None:
         found: list[AsFlown] = []
         motion = timed.sampled(_EVERY)
@@ -128,7 +128,7 @@ def export(
     remarks: tuple[str, ...] = ()
     if timed is not None and ending in IN_TIME:
         text = _in_time(file, timed, _origin(mission, ground, place))
-        flown = judged(file, lines_in(file, text, standing), mission, timed)
+        flown = _judged(file, text, mission, timed, standings)
     else:
         assert place is not None
         speed = _SPEED if timed is None else timed.limits.speed
@@ -139,9 +139,27 @@ def export(
         else:
             drawings = _drawings(mission, place, speed)
             text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
-        flown = judged(file, lines_in(file, text, standing), mission, None)
+        flown = _judged(file, text, mission, None, standings)
     atomic_write(file, text)
     return dataclasses.replace(flown, remarks=remarks)
+
+
+def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> list[Standing]:
+    """Where the vehicle may stand: where only voxels tell the ground, up to a voxel lower as well."""
+    terrain = mission.map.terrain
+    found = [Standing(earth, terrain, ground)]
+    lower = terrain.at(*mission.path[0, :2].tolist()) - terrain.doubt
+    if ground is None and terrain.doubt > 0.0 and not math.isnan(lower):
+        found.append(Standing(earth, terrain, lower))
+    return found
+
+
+def _judged(
+    file: Path, text: str, mission: Mission, trajectory: Trajectory | None, standings: Sequence[Standing]
+) -> AsFlown:
+    """The worst of what a text makes a vehicle fly, wherever it may stand."""
+    found = [judged(file, lines_in(file, text, standing), mission, trajectory) for standing in standings]
+    return min(found, key=lambda one: one.clearance)
 
 
 def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:

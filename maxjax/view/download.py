@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tempfile
 from pathlib import Path
 
+from maxjax.airspace.airspace import Airspace
 from maxjax.api import trajectory
 from maxjax.core.earth import Earth
 from maxjax.core.status import Status
@@ -30,7 +32,7 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         found: the answer.
 
     Raises:
-        ValueError: if the format needs a place on Earth that is missing.
+        ValueError: if the format needs a place on Earth or ground that is missing, or the file would lead elsewhere.
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
@@ -38,7 +40,11 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"
-        export(file, flight, earth=earth, ground=city.floor)
+        x, y, _ = found.question.waypoints[0]
+        height = city.terrain.at(x, y)
+        # What only voxels tell is left to the judgement, which then takes the ground for up to a voxel lower.
+        ground = None if math.isnan(height) or city.terrain.doubt > 0.0 else height
+        export(file, flight, earth=earth, ground=ground, airspace=Airspace(areas=city.areas))
         return file.name, file.read_bytes()
 
 

@@ -95,6 +95,13 @@ def test_ground_that_only_voxels_tell_may_be_stated_within_one(tmp_path: Path) -
         assert found.clearance == pytest.approx(clearance, abs=1e-3)
     with pytest.raises(ValueError, match=r"least clearance is 0\.90 m"):
         maxjax.export(tmp_path / "a.plan", plan, earth=earth, ground=4.6)
+    # Home at 4 on ground that may be at 2: 1.5 m over the roof could be half a metre inside of it.
+    for name in FROM_THE_GROUND:
+        with pytest.raises(ValueError, match="state it where the map tells it by voxels only"):
+            maxjax.export(tmp_path / name, maxjax.trajectory(plan), earth=earth)
+    higher = planned(where, plan.path + np.array([0.0, 0.0, 2.0]))
+    assert maxjax.export(tmp_path / "a.plan", higher, earth=earth).clearance == pytest.approx(1.5, abs=1e-3)
+    assert maxjax.export(tmp_path / "a.kml", higher, earth=earth).clearance == pytest.approx(3.5, abs=1e-3)
 
 
 def test_a_plan_that_was_never_verified_is_refused(tmp_path: Path) -> None:
