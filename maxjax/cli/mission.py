@@ -170,7 +170,7 @@ def _document(
 
 
 def _configuration(asked: Asked) -> dict[str, Any]:
-    outputs = ("out", "json", "export", "start", "goal", "via")
+    outputs = ("out", "json", "export", "takeoff_and_landing", "start", "goal", "via")
     options = {name: value for name, value in vars(asked.options).items() if name not in outputs}
     return {**options, "waypoints": [vars(waypoint) for waypoint in asked.waypoints]}
 
