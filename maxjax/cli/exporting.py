@@ -11,7 +11,7 @@ from maxjax.cli.options import PlanOptions
 from maxjax.cli.report import complain
 from maxjax.cli.task import MapTask
 from maxjax.missions.as_flown import AsFlown
-from maxjax.missions.export import ON_EARTH, check_export, export
+from maxjax.missions.export import ON_EARTH, check_export, counts_from_home, export
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
@@ -31,12 +31,18 @@ def check_exports(options: PlanOptions) -> None:
 
 
 def check_place(options: PlanOptions, given: MapTask) -> None:
-    """Raise a ValueError where a file to write needs a place on Earth and nothing says it."""
+    """Raise a ValueError where a file to write needs a place on Earth or the ground at home, and nothing says it."""
     needed = [file for file in options.export if file.suffix.lower() in ON_EARTH]
     if needed and given.earth is None:
         raise ValueError(
             f"{needed[0]}: expected a place on Earth for {needed[0].suffix}, which the map does not name: "
             "give --place LAT LON H, or --crs"
+        )
+    counted = [file for file in options.export if counts_from_home(file)]
+    if counted and math.isnan(given.terrain.at(*given.task.starts[0, :2].tolist())):
+        raise ValueError(
+            f"{counted[0]}: expected a map with ground below the start, from which its heights count; "
+            "give the ground's height, as --ground 0"
         )
 
 

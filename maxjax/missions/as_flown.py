@@ -2,8 +2,10 @@
 
     text → lines in the map (`missions.read_back`) → verifier → what is kept, or a refusal
 
-Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's set-points, joined by
-straight lines, keep it but for the sag of these below the curve. A rise and a descent touch nothing but the ground.
+What is flown has to be what was planned, to `AWAY`: a home on ground that is not there is refused even where there is
+room to spare. Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's
+set-points, joined by straight lines, keep it but for the sag of these below the curve. A rise and a descent touch
+nothing but the ground.
 
 Numbers in files are rounded. Where that alone, at most a millimetre, makes a line touch something, what was meant is
 judged in its place.
@@ -28,6 +30,7 @@ from maxjax.trajectories.clear_curve import project
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.verification.verifier import Verification, verify
 
+AWAY = 0.05  # from what was planned, at most [m]
 _ROUNDED = 1e-3  # [m]
 _FINE = 0.005  # between samples of what was meant [s]
 
@@ -62,7 +65,7 @@ class _Piece:
     sag: float = 0.0
 
 
-def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None) -> AsFlown:
+def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None, away: float = AWAY) -> AsFlown:
     """What the lines of a file keep.
 
     Args:
@@ -70,9 +73,10 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
         lines: read from it.
         mission: that it holds.
         trajectory: where the file holds set-points; None for waypoints.
+        away: how far they may lead from what was planned [m].
 
     Raises:
-        ValueError: if they leave the map, touch something, or come nearer to it than the plan may.
+        ValueError: if they leave the map, touch something, come nearer to it than the plan may, or lead elsewhere.
     """
     clearance, wrong = _verdict(_pieces(file, lines, mission, trajectory), mission.map)
     aside = _aside(lines, mission, trajectory)
@@ -83,6 +87,8 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
             upright = _upright(line, mission, leg)
             clearance = float(np.fmin(clearance, upright.clearance))
             wrong = "" if upright.ok else f"{what} {_complaint(upright, mission.legs[leg].radius)}"
+    if not wrong and not aside <= away:
+        wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
     if wrong:
         raise ValueError(
             f"{file}: as flown {wrong}; nothing was written: check the place on Earth and the ground at home, "

@@ -24,7 +24,7 @@ from maxjax.core.earth import Earth
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.maps.load import LoadedMap
-from maxjax.missions.as_flown import AsFlown, judged
+from maxjax.missions.as_flown import AWAY, AsFlown, judged
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.fences import fences_of
 from maxjax.missions.items import Feet, items_of
@@ -127,7 +127,7 @@ def export(
         return found[0]
     remarks: tuple[str, ...] = ()
     if timed is not None and ending in IN_TIME:
-        text = _in_time(file, timed, _origin(mission, ground, place))
+        text = _in_time(file, timed, _origin(file, mission, ground, place))
         flown = _judged(file, text, mission, timed, standings)
     else:
         assert place is not None
@@ -158,35 +158,48 @@ def _judged(
     file: Path, text: str, mission: Mission, trajectory: Trajectory | None, standings: Sequence[Standing]
 ) -> AsFlown:
     """The worst of what a text makes a vehicle fly, wherever it may stand."""
-    found = [judged(file, lines_in(file, text, standing), mission, trajectory) for standing in standings]
+    found = [
+        judged(file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt)
+        for k, standing in enumerate(standings)
+    ]
     return min(found, key=lambda one: one.clearance)
+
+
+def counts_from_home(file: Path) -> bool:
+    """Whether heights in a file count from the ground at home."""
+    ending = file.suffix.lower()
+    return ending in _FROM_HOME or (ending == ".csv" and file.stem.lower().endswith("_ned"))
+
+
+def _home(file: Path, mission: Mission, ground: float | None) -> float:
+    """Height of the ground below the start [m]; raises a `ValueError` where it is unknown."""
+    x, y, _ = mission.path[0].tolist()
+    home = mission.map.terrain.at(x, y) if ground is None else ground
+    if math.isnan(home):
+        raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
+    return home
 
 
 def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:
     """Where the ground is; raises a `ValueError` where that is unknown."""
-    terrain = mission.map.terrain
-    home, goal = (terrain.at(x, y) for x, y, _ in mission.path[[0, -1]].tolist())
-    if ground is not None:
-        home = ground
-    if math.isnan(home):
-        raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
+    home, (x, y, _) = _home(file, mission, ground), mission.path[-1].tolist()
+    goal = mission.map.terrain.at(x, y)
     if landing and math.isnan(goal):
         raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
     return Feet(home, goal if landing else None)
 
 
-def _origin(mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin:
-    """Where NED counts from: home, or the start where no ground is known below it."""
-    x, y, z = mission.path[0].tolist()
-    home = mission.map.terrain.at(x, y) if ground is None else ground
-    return LocalOrigin((x, y, z if math.isnan(home) else home), earth, stands=not math.isnan(home))
+def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:
+    """Where NED counts from, home; None for a file that is none."""
+    x, y, _ = mission.path[0].tolist()
+    return LocalOrigin((x, y, _home(file, mission, ground)), earth) if counts_from_home(file) else None
 
 
-def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin) -> str:
+def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:
     motion = trajectory.sampled(_EVERY)
     if file.suffix.lower() == ".tum":
         return tum_text(motion)
-    return setpoint_text(motion, origin if file.stem.lower().endswith("_ned") else None)
+    return setpoint_text(motion, origin)
 
 
 def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:

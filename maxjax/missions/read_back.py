@@ -187,17 +187,17 @@ def _setpoints(text: str, standing: Standing, *, ned: bool) -> Lines:
     (said,) = [row for row in text.splitlines() if row.startswith("#")]
     on_earth = re.search(rf"latitude {_NUMBER}, longitude {_NUMBER}, height {_NUMBER} m", said)
     in_map = re.search(rf"x {_NUMBER}, y {_NUMBER}, z {_NUMBER} m", said)
-    stands = "on the ground" in said
     if on_earth is not None and standing.earth is not None:
         latitude, longitude, height = (float(number) for number in on_earth.groups())
-        if stands:
-            height = float(_height_of(standing, latitude, longitude, height))
-        plane = TangentPlane(latitude, longitude, height)
+        height = float(_height_of(standing, latitude, longitude, height))
+        plane, above = TangentPlane(latitude, longitude, height), height + east_north_up[:, 2]
+        for _ in range(2):  # the third number is a height above the origin, and the plane itself leaves the Earth
+            east_north_up[:, 2] += above - plane.geodetic(east_north_up)[:, 2]
         return Lines((standing.placed(plane.geodetic(east_north_up)),), times)
     if in_map is None:
         raise ValueError("expected a line that names the origin, found none")
     x, y, z = (float(number) for number in in_map.groups())
-    return Lines((east_north_up + np.array([x, y, standing.level(x, y, z) if stands else z]),), times)
+    return Lines((east_north_up + np.array([x, y, standing.level(x, y, z)]),), times)
 
 
 def _height_of(standing: Standing, latitude: float, longitude: float, height: float) -> float:

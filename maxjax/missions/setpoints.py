@@ -4,7 +4,10 @@ CSV: `t,x,y,z,vx,vy,vz,ax,ay,az,yaw` in seconds, metres and radians, in the map'
 north. In NED (MAVLink's LOCAL_NED) north, east and down count from a local origin, as autopilots hold them in float32,
 and yaw from north to east; north is true north: a map's grid north is turned to it,
 
-    p = ENU of the place at the origin,    v = J ẋ,    a = J ẍ,    J = ∂p/∂x.
+    p = east, north on the plane at the origin, and the rise above it,    v = J ẋ,    a = J ẍ,    J = ∂p/∂x.
+
+The rise is a difference of heights, as autopilots have it: whoever keeps z stays level, while the plane itself leaves
+the Earth by 2 m at 5 km.
 
 A line below the head names the origin. Yaw lies in [−π, π]. A row is what the message SET_POSITION_TARGET_LOCAL_NED
 takes. TUM: `t x y z qx qy qz qw` without a head, the quaternion that of the yaw.
@@ -31,16 +34,14 @@ class LocalOrigin:
     Attributes:
         point: in the map [m].
         earth: where the map lies; None where that is unknown: its y axis is then taken for true north.
-        stands: whether it lies on the ground, where the vehicle is armed; else it is the first point.
     """
 
     point: Point3
     earth: Earth | None
-    stands: bool
 
     def text(self) -> str:
         """The line of a file that names it."""
-        stands = "on the ground below the start" if self.stands else "the start"
+        stands = "on the ground below the start"
         if self.earth is None:
             x, y, z = self.point
             return (
@@ -51,12 +52,14 @@ class LocalOrigin:
         return f"# origin: latitude {north:.10f}, longitude {east:.10f}, height {up:.6f} m, {stands}; x is true north\n"
 
     def enu(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Metres east, north and up of the origin, of points of the map."""
+        """Metres east, north and above the origin, of points of the map."""
         if self.earth is None:
             aside: Float64[np.ndarray, "n 3"] = points - np.array(self.point)
             return aside
         north, east, up = self.earth.geodetic(np.array([self.point]))[0].tolist()
-        found: Float64[np.ndarray, "n 3"] = TangentPlane(north, east, up).local(self.earth.geodetic(points))
+        places = self.earth.geodetic(points)
+        found: Float64[np.ndarray, "n 3"] = TangentPlane(north, east, up).local(places)
+        found[:, 2] = places[:, 2] - up
         return found
 
     def turned(self, motion: Motion) -> tuple[list[Float64[np.ndarray, "n 3"]], Float64[np.ndarray, " n"]]:

@@ -17,7 +17,7 @@ from shapely.geometry import Polygon
 
 import maxjax
 from maxjax.airspace.airspace import Airspace, Area
-from maxjax.core.earth import Earth, Projected, TangentPlane
+from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.missions.as_flown import judged
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.items import courses_of
@@ -68,7 +68,7 @@ def test_home_lies_on_the_true_ground(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FROM_THE_GROUND)
-@pytest.mark.parametrize("wrong", [1.0, 30.0, -200.0])
+@pytest.mark.parametrize("wrong", [1.0, 30.0, -200.0, -0.5])
 def test_a_wrong_home_is_refused(tmp_path: Path, name: str, wrong: float) -> None:
     (tmp_path / name).write_text("what was there")
     # Above home that is said to lie 1 m up, 41.1 m are flown 0.1 m over the roof.
@@ -77,9 +77,10 @@ def test_a_wrong_home_is_refused(tmp_path: Path, name: str, wrong: float) -> Non
     assert [one.read_text() for one in tmp_path.iterdir()] == ["what was there"]
 
 
-def test_a_home_that_is_wrong_and_harmless_is_told_by_its_clearance(tmp_path: Path) -> None:
-    found = maxjax.export(tmp_path / "a.plan", over_the_tower(), ground=-0.5)
-    assert (found.clearance, found.aside) == (pytest.approx(1.6, abs=1e-3), pytest.approx(0.5, abs=1e-3))
+def test_a_home_that_is_wrong_is_refused_with_room_to_spare(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"leads 0\.50 m aside from what was planned; its least clearance is 1\.60 m"):
+        maxjax.export(tmp_path / "a.plan", over_the_tower(), ground=-0.5)
+    assert maxjax.export(tmp_path / "a.plan", over_the_tower(), ground=0.04).aside == pytest.approx(0.04, abs=1e-3)
 
 
 def test_ground_that_only_voxels_tell_may_be_stated_within_one(tmp_path: Path) -> None:
@@ -90,9 +91,11 @@ def test_ground_that_only_voxels_tell_may_be_stated_within_one(tmp_path: Path) -
     where = maxjax.VoxelMap.of(occupied, spacing=2.0, origin=(1.0, 1.0, 1.0), ground=ground)
     plan = planned(where, np.array([[5.0, 9.0, 13.5], [55.0, 9.0, 13.5]]))
     earth = TangentPlane(10.0, 20.0, 100.0)
-    for stated, clearance in ((4.0, 1.5), (3.1, 1.5), (2.0, 1.5), (1.9, 1.6)):
+    for stated in (4.0, 3.1, 2.0):
         found = maxjax.export(tmp_path / "a.plan", plan, earth=earth, ground=stated)
-        assert found.clearance == pytest.approx(clearance, abs=1e-3)
+        assert found.clearance == pytest.approx(1.5, abs=1e-3)
+    with pytest.raises(ValueError, match=r"leads 0\.10 m aside"):
+        maxjax.export(tmp_path / "a.plan", plan, earth=earth, ground=1.9)
     with pytest.raises(ValueError, match=r"least clearance is 0\.90 m"):
         maxjax.export(tmp_path / "a.plan", plan, earth=earth, ground=4.6)
     # Home at 4 on ground that may be at 2: 1.5 m over the roof could be half a metre inside of it.
@@ -193,15 +196,26 @@ def test_ned_is_true_north_about_an_origin_that_the_file_names(tmp_path: Path) -
     assert [item["params"][3] for item in items[1:]] == pytest.approx([azimuth] * 2, abs=1e-3)
 
 
+def test_ned_stays_level_where_the_plane_leaves_the_earth(tmp_path: Path) -> None:
+    """5 km away the plane at home is 2 m below a height that is kept."""
+    where = maxjax.VoxelMap.of(np.zeros((110, 4, 6), bool), spacing=50.0, origin=(25.0, 25.0, 25.0))
+    earth = Degrees(5.0, 50.0)
+    flight = maxjax.trajectory(planned(where, np.array([[20.0, 50.0, 120.0], [5020.0, 50.0, 120.0]])))
+    assert maxjax.export(tmp_path / "a_ned.csv", flight, earth=earth, ground=0.0).aside < 0.01
+    table = np.loadtxt(tmp_path / "a_ned.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table[:, 3], -120.0, atol=1e-5)
+    np.testing.assert_allclose(table[:, 6], 0.0, atol=1e-5)
+
+
 def test_ned_without_a_place_on_earth_says_so(tmp_path: Path) -> None:
     where = empty(TangentPlane(0.0, 0.0), (0.0, 0.0, 0.0))
     flight = maxjax.trajectory(planned(where, np.array([[20.0, 20.0, 12.0], [100.0, 20.0, 12.0]])))
-    maxjax.export(tmp_path / "a_ned.csv", flight)
+    maxjax.export(tmp_path / "a_ned.csv", flight, ground=2.0)
     said = (tmp_path / "a_ned.csv").read_text().splitlines()[1]
-    assert "x 20.000000, y 20.000000, z 12.000000 m of the map, the start" in said
+    assert "x 20.000000, y 20.000000, z 2.000000 m of the map, on the ground below the start" in said
     assert "taken for true north" in said
     table = np.loadtxt(tmp_path / "a_ned.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(table[-1, 1:4], [0.0, 80.0, 0.0], atol=1e-5)
+    np.testing.assert_allclose(table[-1, 1:4], [0.0, 80.0, -10.0], atol=1e-5)
 
 
 def test_courses_are_those_of_the_geodesic() -> None:
@@ -311,6 +325,8 @@ def test_a_format_that_counts_from_unknown_ground_asks(tmp_path: Path) -> None:
     for name in ("a.plan", "a.waypoints"):
         with pytest.raises(ValueError, match="expected a map with ground below the start"):
             maxjax.export(tmp_path / name, plan, earth=TangentPlane(0.0, 0.0))
+    with pytest.raises(ValueError, match="expected a map with ground below the start"):
+        maxjax.export(tmp_path / "a_ned.csv", maxjax.trajectory(plan), earth=TangentPlane(0.0, 0.0))
     with pytest.raises(ValueError, match="ground below the goal"):
         maxjax.export(tmp_path / "a.plan", plan, earth=TangentPlane(0.0, 0.0), ground=0.0, takeoff_and_landing=True)
     assert not list(tmp_path.iterdir())
