@@ -192,17 +192,27 @@ def _box(earth: Earth, grid: Grid) -> Float[np.ndarray, "2 2"]:
 
 def _near(rings: list[Ring], box: Float[np.ndarray, "2 2"], here: str) -> list[Ring] | None:
     """What of a polygon lies around the map; None for one that lies elsewhere."""
-    middle = box.mean(axis=0)
-    outline = rings[0]
-    turn = np.array([360.0 * np.round((middle[0] - 0.5 * (outline[:, 0].min() + outline[:, 0].max())) / 360.0), 0.0])
-    if not _meet(outline + turn, box):
-        if _meet(outline[:, ::-1], box):
+    middle = float(box[:, 0].mean())
+    turns = round((middle - 0.5 * float(rings[0][:, 0].min() + rings[0][:, 0].max())) / 360.0)
+    copies = [[ring + np.array([360.0 * (turns + k), 0.0]) for ring in rings] for k in (-1, 0, 1)]
+    near = [copy for copy in copies if _meet(copy[0], box)]
+    if not near:
+        if _meet(rings[0][:, ::-1], box):
             raise FileError(f"{here}: expected longitude first, then latitude: swapped, it lies in the map")
         return None
     check_outline(rings, here)
     room = np.array([[-_ROOM], [_ROOM]])
-    cut = [cut_to(ring + turn, box + room) for ring in rings]
+    cut = [cut_to(ring, box + room) for ring in _as_one(near, middle)]
     return [inserted(ring, _LONGEST) for ring in cut if len(ring) >= 3]
+
+
+def _as_one(copies: list[list[Ring]], longitude: float) -> list[Ring]:
+    """One polygon of an area's copies, of which an area around the Earth has two beside a longitude at 180 degrees."""
+    if len(copies) == 1:
+        return copies[0]
+    turn = np.array([360.0 * round((longitude - 180.0) / 360.0), 0.0])
+    joined = joined_at_seam([[ring - turn for ring in copy] for copy in copies])
+    return [ring + turn for polygon in joined for ring in polygon]
 
 
 def _meet(outline: Ring, box: Float[np.ndarray, "2 2"]) -> bool:

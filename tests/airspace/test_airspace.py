@@ -14,7 +14,7 @@ import pytest
 import maxjax
 from maxjax import Airspace, Area, Status, load_airspace
 from maxjax.airspace.airspace import Reasons
-from maxjax.core.earth import TangentPlane
+from maxjax.core.earth import Degrees, Projected, TangentPlane
 from maxjax.core.status import Closure
 from maxjax.core.terrain import Terrain
 from maxjax.methods import planner_named
@@ -408,6 +408,67 @@ def test_an_edge_across_180_degrees_that_is_not_split_is_refused(tmp_path: Path)
     ring = [[179.9, -0.1], [-179.9, -0.1], [-179.9, 0.1], [179.9, 0.1], [179.9, -0.1]]
     with pytest.raises(ValueError, match=r"split there \(RFC 7946\).*from longitude 179.9 to -179.9"):
         load_airspace(written(tmp_path, feature([ring])), TangentPlane(0.0, 180.0, 0.0), GRID)
+
+
+SPLIT = shapely.Polygon([(-9.0, 54.0), (3.0, 52.5), (11.0, 57.0), (12.0, 70.0), (1.0, 73.5), (-10.0, 68.0)])
+HOLES = [shapely.box(-3.0, 58.0, 4.0, 62.0), shapely.box(5.0, 64.0, 8.0, 66.0)]
+
+
+def cut_in_two(place: TangentPlane, shape: Any) -> list[Any]:
+    """Coordinates of a MultiPolygon as RFC 7946 has them, cut at 180 degrees."""
+
+    def moved(ring: Any) -> np.ndarray:
+        metres = np.asarray(ring.coords)
+        found = place.geodetic(np.column_stack([metres, np.zeros(len(metres))]))[:, 1::-1]
+        found[:, 0] %= 360.0
+        return found
+
+    whole = shapely.Polygon(moved(shape.exterior), [moved(hole) for hole in shape.interiors])
+    parts = []
+    for side, box in ((0.0, shapely.box(170.0, -90.0, 180.0, 90.0)), (360.0, shapely.box(180.0, -90.0, 190.0, 90.0))):
+        part = whole.intersection(box)
+        for polygon in getattr(part, "geoms", [part]):
+            rings = [polygon.exterior, *polygon.interiors]
+            parts.append([[[x - side, y] for x, y in ring.coords] for ring in rings])
+    return parts
+
+
+@pytest.mark.parametrize("keep_in", [False, True])
+@pytest.mark.parametrize("longitude", [179.99999, 180.0, -179.99995])
+@pytest.mark.parametrize("kind", ["plane", "projected", "degrees"])
+def test_an_area_that_is_cut_at_180_degrees_is_one(tmp_path: Path, keep_in: bool, longitude: float, kind: str) -> None:
+    place = TangentPlane(-17.0, longitude, 0.0)
+    shape = SPLIT.difference(shapely.union_all(HOLES))
+    parts = cut_in_two(place, shape)
+    assert len(parts) >= 2
+    file = written(tmp_path, feature(parts, kind="MultiPolygon", inclusion=keep_in))
+    earth, grid, moved = place, GRID, shape
+    if kind == "degrees":
+        earth = Degrees(longitude, -17.0)
+    if kind == "projected":
+        earth = Projected("EPSG:3832")
+        x, y, _ = earth.local(place.geodetic(np.zeros((1, 3))))[0].tolist()
+        scale = 1.0457  # of Mercator at 17 degrees south
+        grid = maxjax.Grid(GRID.shape, 2.0, (x - 13.0, y + 53.0, 3.0))
+        moved = shapely.affinity.translate(shapely.affinity.scale(shape, scale, scale, origin=(0.0, 0.0)), x, y)
+    found = load_airspace(file, earth, grid)
+    assert len(found.areas) == 1
+    closed = found.closed(np.zeros(grid.shape, bool), grid)[:, :, 3] == Closure.AREA
+    x0, y0, _ = grid.lower
+    for i, j in np.ndindex(*closed.shape):
+        cell = shapely.box(x0 + 2 * i, y0 + 2 * j, x0 + 2 * i + 2, y0 + 2 * j + 2)
+        if moved.boundary.intersects(cell.buffer(0.1)) and not moved.boundary.intersects(cell.buffer(-0.1)):
+            continue  # a few centimetres decide
+        assert closed[i, j] == (moved.intersects(cell) if not keep_in else not moved.contains(cell))
+
+
+@pytest.mark.parametrize("longitude", [180.0, -179.9999, 179.9999])
+def test_an_area_around_the_earth_has_no_edge_at_180_degrees(tmp_path: Path, longitude: float) -> None:
+    fiji = TangentPlane(-17.0, longitude, 0.0)
+    world = [[[-180.0, -90.0], [180.0, -90.0], [180.0, 90.0], [-180.0, 90.0], [-180.0, -90.0]]]
+    for keep_in in (True, False):
+        found = load_airspace(written(tmp_path, feature(world, inclusion=keep_in)), fiji, GRID)
+        assert (found.closed(NOTHING, GRID) == (Closure.OPEN if keep_in else Closure.AREA)).all()
 
 
 def test_coordinates_of_a_reference_system_are_taken_as_such(tmp_path: Path) -> None:
