@@ -264,3 +264,27 @@ def test_whoever_wants_less_asks_for_it(tmp_path: Path) -> None:
     found = maxjax.load_map(tmp_path / "a.city.json", spacing=1.0, reading=maxjax.Reading(only=("Building",)))
     assert found.file.dropped == {"SolitaryVegetationObject objects that were not asked for": 1}
     assert found.file.read["Building"] == 2
+
+
+def test_every_point_of_a_survey_is_in_a_voxel_outside_or_dropped(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy", reason="needs the extra las")
+    rng = np.random.default_rng(0)
+    survey = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    survey.header.scales = [0.01] * 3
+    survey.x, survey.y, survey.z = rng.uniform(0, 60, (3, 3000))
+    survey.classification = rng.choice([1, 2, 6, 7, 9, 14, 18], 3000)
+    survey.withheld = rng.random(3000) < 0.1
+    survey.return_number[:] = survey.number_of_returns[:] = 1
+    survey.write(tmp_path / "a.las")
+    reading = maxjax.Reading(drop_classes=(9, 14))
+    bounds = (10.0, 10.0, -4.0, 50.0, 50.0, 40.0)
+    file = maxjax.load_map(tmp_path / "a.las", bounds=bounds, reading=reading).file
+    noise = (np.asarray(survey.withheld) != 0) | np.isin(survey.classification, (7, 18))
+    unwanted = ~noise & np.isin(survey.classification, (9, 14))
+    inside = ((np.asarray(survey.xyz)[:, :2] >= 9.0) & (np.asarray(survey.xyz)[:, :2] < 51.0)).all(axis=1)
+    inside &= np.asarray(survey.z) < 41.0
+    assert file.dropped["noise or withheld"] == noise.sum()
+    assert file.dropped["of classes that are dropped"] == unwanted.sum()
+    assert file.counts["inside"] == (inside & ~noise & ~unwanted).sum()
+    assert file.read["points"] + noise.sum() + unwanted.sum() == 3000
+    assert sum(file.counts.values()) == file.read["points"]
