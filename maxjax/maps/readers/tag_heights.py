@@ -21,8 +21,12 @@ _FOOT, _INCH = 0.3048, 0.0254
 _UNITS = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mt": 1.0, "mtr": 1.0, "cm": 0.01, "km": 1000.0,
     "ft": _FOOT, "feet": _FOOT, "foot": _FOOT, "'": _FOOT, "′": _FOOT, "’": _FOOT,
+    "yd": 0.9144, "yard": 0.9144, "yards": 0.9144, "fathoms": 1.8288,
+    "storey": _LEVEL, "storeys": _LEVEL, "story": _LEVEL, "stories": _LEVEL, "floor": _LEVEL, "floors": _LEVEL,
+    "level": _LEVEL, "levels": _LEVEL, "fl": _LEVEL,
     "in": _INCH, "inch": _INCH, "inches": _INCH, '"': _INCH, "″": _INCH, "”": _INCH, "''": _INCH,
 }  # fmt: skip
+_HALF = re.compile(r"(\d+)\s*(?:½|\s1/2)")
 _QUANTITY = re.compile(r"(?<![\w.,])[-+]?(\d+(?:[.,]\d+)*|\.\d+)\s*([a-z]+|''|['\"′″’”])?", re.IGNORECASE)
 
 
@@ -62,6 +66,7 @@ def length(text: str) -> tuple[float, bool] | None:
     if len(text) > _LONGEST:
         return None
     found: list[float] = []
+    text = _HALF.sub(r"\1.5", text)
     rest, before = text, None
     for match in _QUANTITY.finditer(text):
         number, unit = match[1], (match[2] or "").lower()
@@ -104,5 +109,5 @@ def _count(text: str) -> tuple[float | None, bool]:
     """The highest number in a text, and whether it is not plainly one."""
     if not text or len(text) > _LONGEST:
         return None, bool(text)
-    found = [_number(match[1], 1.0) for match in _QUANTITY.finditer(text)]
+    found = [_number(match[1], 1.0) for match in _QUANTITY.finditer(_HALF.sub(r"\1.5", text))]
     return (max(found) if found else None), re.fullmatch(r"\s*\d+(?:\.\d+)?\s*", text) is None
