@@ -17,7 +17,7 @@ from maxjax.core.earth import unproject
 from maxjax.core.files import FileError
 from maxjax.maps.readers.geojson import load_geojson
 from maxjax.maps.readers.osm import load_osm
-from maxjax.maps.readers.tag_heights import length, tall
+from maxjax.maps.readers.tag_heights import length, metres, tall
 
 ORIGIN = np.array([8.0, 47.0])
 Corners = list[tuple[float, float]]
@@ -84,13 +84,22 @@ def solid(path: Path, *points: tuple[float, float, float]) -> list[bool]:
 
 
 @pytest.mark.parametrize(
-    ("tags", "metres"),
+    ("tags", "height"),
     [
         ({"height": "574'", "building:levels": "49"}, 174.96),
         ({"height": "40 ft", "building:levels": "2"}, 12.19),
         ({"height": "7'4\""}, 2.24),
         ({"height": "7 ft 4 in"}, 2.24),
+        ({"height": "40ft6in"}, 12.344),
         ({"height": "12,5"}, 12.5),
+        ({"height": "12m50"}, 12.5),
+        ({"height": "1e2"}, 100.0),
+        ({"height": "3 storeys"}, 9.0),
+        ({"building:levels": "0", "roof:levels": "2"}, 6.0),
+        ({"building:levels": "3+1"}, 12.0),
+        ({"building:levels": "G+4"}, 15.0),
+        ({"height:hub": "100", "rotor:diameter": "90"}, 145.0),
+        ({"height": "100", "height:hub": "100", "rotor:diameter": "90"}, 145.0),
         ({"height": "12.5m"}, 12.5),
         ({"height": "10-12"}, 12.0),
         ({"height": "10;14 m"}, 14.0),
@@ -109,8 +118,23 @@ def solid(path: Path, *points: tuple[float, float, float]) -> list[bool]:
         ({"height": "9", "roof:height": "3", "building:levels": "2"}, 9.0),
     ],
 )
-def test_a_stated_height_is_never_replaced_by_a_lower_one(tags: dict[str, str], metres: float) -> None:
-    assert tall(tags).metres == pytest.approx(metres, abs=0.005)
+def test_a_stated_height_is_never_replaced_by_a_lower_one(tags: dict[str, str], height: float) -> None:
+    assert tall(tags).metres == pytest.approx(height, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("text", "height"),
+    [
+        ("1,608", 1608.0),
+        ("1608.4 m", 1608.4),
+        ("5280 ft", 1609.34),
+        ("1,608.5", 1608.5),
+        ("-3,5", -3.5),
+        ("350", 350.0),
+    ],
+)
+def test_ground_may_be_higher_than_anything_that_stands(text: str, height: float) -> None:
+    assert metres(text) == pytest.approx(height, abs=0.005)
 
 
 def test_texts_without_a_length_tell_none() -> None:
@@ -164,6 +188,46 @@ def test_collections_points_and_lines_stand_or_are_counted(tmp_path: Path) -> No
     where = [(0, 0, 15), (20, 0, 20), (-20, 0, 5), (30, 9, 20), (10, 0, 15), (0, 0, 40)]
     assert solid(path, *where) == [True, True, True, True, False, False]
     assert load_geojson(path).dropped == {"shapes without a height": 1}
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_rings_that_do_not_repeat_their_first_corner_and_holes_as_large_as_all_lose_nothing(
+    tmp_path: Path, closed: bool
+) -> None:
+    corners = [degrees(x, y) for x, y in square(0, 0, 10)]
+    ring = corners + corners[:1] * closed
+    around = [[degrees(x, y) for x, y in c] for c in REFERENCE]
+    polygons = [[ring, ring[::-1]], *([c] for c in around)]
+    shape = {"type": "MultiPolygon", "coordinates": polygons}
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps({"type": "Feature", "properties": {"height": 30}, "geometry": shape}))
+    assert solid(path, *[(x, y, 15.0) for x in (-8, 0, 8) for y in (-8, 0, 8)]) == [True] * 9
+    # An outline without an area is counted; its hole does not become one.
+    polygons.append([[corners[0], corners[1], corners[0]], ring])
+    path.write_text(json.dumps({"type": "Feature", "properties": {"height": 30}, "geometry": shape}))
+    assert load_geojson(path).dropped == {"polygons without a closed outline": 1}
+
+
+def test_whatever_has_a_height_stands_and_what_may_stand_is_counted(tmp_path: Path) -> None:
+    town = Town()
+    town.way(square(0, 0, 5), natural="wood", height="20")
+    town.node(20, 0, historic="monument", height="30")
+    town.way([(-20, -20), (-20, 20)], closed=False, barrier="noise_barrier", height="5")
+    town.way(square(30, 30, 3), power="transformer")
+    town.node(0, 30, barrier="bollard")
+    town.node(40, -40, highway="street_lamp")
+    town.way(square(30, -30, 3), building="no", layer="-1")
+    bridge = town.way(square(0, -30, 4))
+    town.relation([(bridge, "outer")], type="bridge", man_made="bridge", height="9")
+    town.node(40, 0, natural="tree", diameter="0.5")
+    path = town.save(tmp_path)
+    where = [(0, 0, 15), (20, 0, 25), (-20, 0, 4), (40, 0, 20), (44, 0, 20), (40, -40, 8)]
+    assert solid(path, *where) == [True] * len(where)
+    assert load_osm(path).dropped == {
+        "other power structures without a height": 1,
+        "other barriers without a height": 1,
+        "bridges in relations of type bridge": 1,
+    }
 
 
 def test_chimneys_masts_trees_and_walls_stand(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +58,13 @@ def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
         for geometry in _simple(feature.get("geometry") or {}, 0):
             shape = geometry["type"]
             if shape == "Polygon":
-                rings = [ring for line in geometry["coordinates"] for ring in around(_corners(line)[:-1]) or []]
-                if not rings:
+                outline, *holes = [around(_ring(line)) for line in geometry["coordinates"]] or [None]
+                if outline is None:
                     dropped["polygons without a closed outline"] += 1
                     continue
-                parts = tuple(np.array(ring, np.float64) for ring in rings)
+                # A hole as large as all would leave nothing of what has a height.
+                kept = [hole for hole in holes if hole and _edges(hole) != _edges(outline)]
+                parts = tuple(np.array(ring, np.float64) for ring in chain.from_iterable([outline, *kept]))
                 found.append(Tagged("area", parts, kind or BUILDING, tags, name))
             elif shape in ("LineString", "Point"):
                 line = geometry["coordinates"]
@@ -86,6 +89,16 @@ def _simple(geometry: dict[str, Any], depth: int) -> Iterator[dict[str, Any]]:
             yield {"type": kind.removeprefix("Multi"), "coordinates": part}
     elif geometry:
         yield geometry
+
+
+def _ring(line: list[Any]) -> list[tuple[float, float]]:
+    """Corners of a polygon's ring, which closes, whether its first corner is repeated or not."""
+    corners = _corners(line)
+    return corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners
+
+
+def _edges(rings: list[list[tuple[float, float]]]) -> set[frozenset[tuple[float, float]]]:
+    return {frozenset(edge) for ring in rings for edge in pairwise([*ring, ring[0]])}
 
 
 def _corners(line: list[Any]) -> list[tuple[float, float]]:

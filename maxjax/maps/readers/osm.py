@@ -125,7 +125,10 @@ def _things(content: _Content, path: Path) -> tuple[list[Tagged], dict[str, int]
     dropped: Counter[str] = Counter()
     for element in (one for kind in ("way", "relation", "node") for one in content.found[kind]):
         kind = kind_of(element.tags)
-        if kind is None or (element.kind == "relation" and element.tags.get("type", "") not in _AREAS):
+        if kind is None:
+            continue
+        if element.kind == "relation" and (what := element.tags.get("type", "")) not in _AREAS:
+            dropped[f"{kind.name} in relations of type {what}"] += 1
             continue
         name = f"{element.kind} {element.name}"
         if element.kind == "node":

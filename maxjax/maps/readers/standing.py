@@ -1,8 +1,9 @@
 """What stands, by the tags of OpenStreetMap: its kind, how wide it is and how tall where nothing says so.
 
 A thing without a height of its own is as tall as such things may be, where that is known (trees, walls, pylons), and
-counted where it is not (a mast may have any height). A node or a line is as wide as its `width` or `diameter` says,
-else as the table does. All reach down to the ground; wires too, as nobody wants to fly under them.
+counted where it is not (a mast may have any height). What the table does not name stands where a height is stated,
+unless it is a way to go, whose height is that of vehicles. A node or a line is as wide as its tags say, else as the
+table does. All reach down to the ground; wires too, as nobody wants to fly under them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-from maxjax.maps.readers.tag_heights import length
+from maxjax.maps.readers.tag_heights import length, tall
 
 _NOTHING = ("no", "none", "proposed", "construction_site", "demolished", "razed", "underground")
 
@@ -73,16 +74,30 @@ _KINDS: Mapping[str, Mapping[str, Kind]] = {
         "tree": Kind("trees", "natural", 12.0, 30.0),
         "tree_row": Kind("rows of trees", "natural", 12.0, 30.0, line=True),
     },
+    "highway": {
+        "street_lamp": Kind("poles", "man_made", 4.0, 15.0),
+    },
     "aerialway": {
         "pylon": Kind("pylons", "aerialway", 10.0, 50.0),
     },
 }  # fmt: skip
 BUILDING = Kind("buildings", "building", 10.0)
-_OTHER = Kind("other structures", "man_made", 5.0)
+_OTHER = {
+    key: Kind(plural, key, 5.0, line=key == "barrier")
+    for key, plural in (
+        ("man_made", "other structures"),
+        ("power", "other power structures"),
+        ("barrier", "other barriers"),
+        ("aerialway", "other aerialways"),
+    )
+}
 # A line or a point that is neither named nor known, with a height of its own.
 ANYTHING = Kind("shapes", "other", 2.0)
 # What lies flat or below the ground, whatever it is tagged.
-_FLAT = ("cutline", "surveillance", "survey_point", "water_well", "reservoir_covered", "manhole", "tunnel")
+_FLAT = (
+    "cutline", "surveillance", "survey_point", "water_well", "reservoir_covered", "manhole", "tunnel",
+    "cable", "plant", "entrance", "ditch", "kerb", "border_control", "toll_booth",
+)  # fmt: skip
 
 
 def kind_of(tags: Mapping[str, str]) -> Kind | None:
@@ -95,15 +110,18 @@ def kind_of(tags: Mapping[str, str]) -> Kind | None:
         value = tags.get(key, "no")
         if value in values:
             return values[value]
-        if key == "man_made" and value not in (*_NOTHING, *_FLAT):
-            return _OTHER
-    return None
+        if key in _OTHER and value not in (*_NOTHING, *_FLAT):
+            return _OTHER[key]
+    # Of a road, a height is that of what may pass; what is no building is nothing.
+    if any(key in tags for key in ("building", "building:part", "highway", "railway")):
+        return None
+    stated = any(key in tags for key in ("height", "est_height", "height:hub"))
+    return ANYTHING if stated and tall(tags).metres is not None else None
 
 
 def width_of(tags: Mapping[str, str], kind: Kind) -> tuple[float, bool]:
     """Width of a node or a line [m], and whether its tags say it."""
-    for key in ("width", "diameter", "diameter_crown"):
-        read = length(tags.get(key, ""))
-        if read is not None and read[0] > 0:
-            return read[0], True
-    return kind.width, False
+    # The diameter of a tree is its trunk's.
+    keys = ("diameter_crown",) if kind.key == "natural" else ("diameter", "rotor:diameter")
+    found = [read[0] for key in ("width", *keys) if (read := length(tags.get(key, ""))) is not None and read[0] > 0]
+    return (max(found), True) if found else (kind.width, False)

@@ -2,6 +2,7 @@
 
     height = `height` (or `building:height`, `est_height`), else 3 m · `building:levels` + roof
     roof   = `roof:height`, else 3 m · `roof:levels`          levels leave out the roof, a height holds it
+    of a wind turbine: `height`, or `height:hub` + `rotor:diameter` / 2 where that is more
 
 A text may hold units, a range, a list or words: the highest reading that fits is taken, since a height that is too low
 is flown into.
@@ -15,19 +16,22 @@ import re
 from collections.abc import Mapping
 
 _LEVEL = 3.0  # height of a storey [m]
-_TALLEST = 1000.0  # [m]; a reading beyond fits nothing that stands
+_TALLEST, _HIGHEST = 1000.0, 9000.0  # [m]; readings beyond fit nothing that stands, and no ground
 _LONGEST = 64  # characters of a text
 _FOOT, _INCH = 0.3048, 0.0254
 _UNITS = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mt": 1.0, "mtr": 1.0, "cm": 0.01, "km": 1000.0,
     "ft": _FOOT, "feet": _FOOT, "foot": _FOOT, "'": _FOOT, "′": _FOOT, "’": _FOOT,
-    "yd": 0.9144, "yard": 0.9144, "yards": 0.9144, "fathoms": 1.8288,
-    "storey": _LEVEL, "storeys": _LEVEL, "story": _LEVEL, "stories": _LEVEL, "floor": _LEVEL, "floors": _LEVEL,
-    "level": _LEVEL, "levels": _LEVEL, "fl": _LEVEL,
     "in": _INCH, "inch": _INCH, "inches": _INCH, '"': _INCH, "″": _INCH, "”": _INCH, "''": _INCH,
+    "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
+    **dict.fromkeys(("storey", "storeys", "story", "stories", "floor", "floors", "level", "levels", "fl"), _LEVEL),
 }  # fmt: skip
+# A number may follow a unit at once, as in 40ft6in.
+_QUANTITY = re.compile(
+    r"(?<![\d.,])[-+]?(\d+(?:[.,]\d+)*(?:e\+?\d{1,2}(?!\d))?|\.\d+)\s*([a-z]+|''|['\"′″’”])?", re.IGNORECASE
+)
 _HALF = re.compile(r"(\d+)\s*(?:½|\s1/2)")
-_QUANTITY = re.compile(r"(?<![\w.,])[-+]?(\d+(?:[.,]\d+)*|\.\d+)\s*([a-z]+|''|['\"′″’”])?", re.IGNORECASE)
+_GROUND_FLOOR = re.compile(r"[a-z]+\s*\+", re.IGNORECASE)  # as in G+4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,40 +50,53 @@ class Tall:
 def tall(tags: Mapping[str, str]) -> Tall:
     """How tall a thing is by its tags."""
     guessed = False
+    hub, rotor = length(tags.get("height:hub", "")), length(tags.get("rotor:diameter", ""))
+    tip = 0.0 if hub is None else hub[0] + 0.5 * (rotor[0] if rotor else 0.0)
     for key in ("height", "building:height", "est_height"):
         if (text := tags.get(key, "").strip()) and (read := length(text)) is not None:
             if read[0] > 0:
-                return Tall(*read)
+                return Tall(max(read[0], tip), read[1])
             guessed = True
         elif text:
             guessed = True
+    if tip > 0:
+        return Tall(tip, guessed)
     levels, odd = _count(tags.get("building:levels") or tags.get("levels") or "")
-    if levels is None or levels <= 0:
+    if levels is None:
         return Tall(None, guessed)
     roof = length(tags.get("roof:height", ""))
     above = roof[0] if roof is not None else _LEVEL * (_count(tags.get("roof:levels", ""))[0] or 0.0)
-    return Tall(_LEVEL * levels + max(above, 0.0), guessed or odd)
+    total = _LEVEL * levels + max(above, 0.0)
+    return Tall(total if total > 0 else None, guessed or odd)
 
 
-def length(text: str) -> tuple[float, bool] | None:
-    """The highest length [m] that a text tells, and whether it is not plainly one; None where it tells none."""
+def length(text: str, most: float = _TALLEST) -> tuple[float, bool] | None:
+    """The highest length [m] that a text tells, and whether it is not plainly one; None where it tells none.
+
+    Args:
+        text: of a tag.
+        most: that fits [m].
+    """
     if len(text) > _LONGEST:
         return None
     found: list[float] = []
     text = _HALF.sub(r"\1.5", text)
-    rest, before = text, None
+    rest: str = text
+    before: float | str | None = None
     for match in _QUANTITY.finditer(text):
         number, unit = match[1], (match[2] or "").lower()
         scale = _UNITS.get(unit, 1.0)
-        value = scale * _number(number, scale)
-        # Feet and inches are one length.
+        value = scale * _number(number, most / scale)
+        # Feet and inches are one length, and so are metres and what follows as in 12m50.
         if scale == _INCH and before == _FOOT and found:
             found[-1] += value
+        elif before == "m" and not unit and re.fullmatch(r"\d\d", number) and text[match.start() - 1] in "mM":
+            found[-1] += 0.01 * value
         else:
             found.append(value)
-        before = scale
+        before = "m" if unit == "m" else scale
         rest = rest.replace(match[0], " ", 1)
-    held = [value for value in found if value <= _TALLEST]
+    held = [value for value in found if value <= most]
     if not found:
         return None
     held = held or found  # what fits nothing is refused where it is used
@@ -90,24 +107,29 @@ def length(text: str) -> tuple[float, bool] | None:
 
 def metres(text: str) -> float | None:
     """A height above sea level [m]; None where it is missing or in words."""
-    read = length(text) if text else None
+    read = length(text, _HIGHEST) if text else None
     return None if read is None or not math.isfinite(read[0]) else read[0]
 
 
-def _number(text: str, scale: float) -> float:
-    """A number with commas or points in it; of two readings the higher one that fits."""
+def _number(text: str, most: float) -> float:
+    """A number with commas or points in it; of two readings the higher one that is not above `most`."""
+    mantissa, _, exponent = text.lower().partition("e")
+    if exponent:
+        return _number(mantissa, most) * 10.0 ** int(exponent)
     if "," not in text:
         return float(text) if text.count(".") <= 1 else float(text.replace(".", ""))
     grouped = re.fullmatch(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?", text)
-    if grouped and scale * float(text.replace(",", "")) <= _TALLEST:
+    if grouped and float(text.replace(",", "")) <= most:
         return float(text.replace(",", ""))
     parts = re.split(r"[.,]", text)
     return float("".join(parts[:-1]) + "." + parts[-1])
 
 
 def _count(text: str) -> tuple[float | None, bool]:
-    """The highest number in a text, and whether it is not plainly one."""
+    """The highest number in a text, or their sum where it says +; and whether it is not plainly one."""
     if not text or len(text) > _LONGEST:
         return None, bool(text)
-    found = [_number(match[1], 1.0) for match in _QUANTITY.finditer(_HALF.sub(r"\1.5", text))]
+    found = [_number(match[1], _TALLEST) for match in _QUANTITY.finditer(_HALF.sub(r"\1.5", text))]
+    if "+" in text and found:
+        found = [sum(found) + (_GROUND_FLOOR.match(text.strip()) is not None)]
     return (max(found) if found else None), re.fullmatch(r"\s*\d+(?:\.\d+)?\s*", text) is None
