@@ -257,6 +257,20 @@ def test_a_compound_system_is_known_by_its_plane(tmp_path: Path) -> None:
     assert found.file.crs == "EPSG:25832"
 
 
+def test_a_height_among_the_attributes_and_a_solid_called_an_outline_stand(tmp_path: Path) -> None:
+    city = City()
+    flat = {"type": "MultiSurface", "lod": "0", "boundaries": city.box((-10, -10, 2, 10, 10, 9))[:1]}
+    city.add("outline", "Building", [flat])
+    city.things["outline"]["attributes"] = {"measuredHeight": 30}
+    solid = city.solid(city.box((20, 20, 0, 30, 30, 12)))
+    city.add("solid", "Building", [{**solid, "lod": "0"}])
+    at, found = city.read(tmp_path)
+    assert [at(0.5, 0.5, z) for z in (15.5, 31.5, 33.5)] == [True, True, False]
+    assert at(25.5, 25.5, 6.5)
+    assert not found.file.dropped
+    assert any("1 objects are outlines alone" in remark for remark in found.file.remarks)
+
+
 def test_whoever_wants_less_asks_for_it(tmp_path: Path) -> None:
     city = City()
     city.add("tree", "SolitaryVegetationObject", [city.solid(city.box((0, 0, 0, 9, 9, 9)))])

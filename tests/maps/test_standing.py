@@ -295,6 +295,14 @@ def test_ele_is_that_of_the_ground_or_of_roofs_whichever_is_smoother(tmp_path: P
     assert any("that of roofs" in remark for remark in found.remarks) == roofs
 
 
+def test_ground_that_steps_between_neighbours_is_said(tmp_path: Path) -> None:
+    town = Town()
+    town.text.clear()
+    for k in range(6):  # the ele of one alone is its roof's
+        town.way(square(20 * k, 0, 5), building="yes", height="90", ele=f"{45 + 90 * (k == 3)}")
+    assert any("steps by up to 90 m" in remark for remark in load_osm(town.save(tmp_path)).remarks)
+
+
 def test_a_pair_with_the_ele_of_roofs(tmp_path: Path) -> None:
     town = Town()
     town.text.clear()

@@ -9,8 +9,8 @@ before).
 Of each object the finest level of detail that has a height is taken, from LoD1 on; where it does not close, the coarser
 ones as well, down to one that does. A shell that closes is solid inside, whatever its faces are called, and cavities
 count as solid. Where shells do not close, all below their faces is solid, down to the lowest point of the building
-with all its parts. Roads, water and the use of land are surfaces, and the relief is the terrain. Heights are absolute,
-in the file's datum.
+with all its parts. An outline whose object has no more than a height among its attributes is a prism. Roads, water and
+the use of land are surfaces, and the relief is the terrain. Heights are absolute, in the file's datum.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from jaxtyping import Float64, Int
 from maxjax.core.files import FileError, parse_json, read_text
 from maxjax.core.geometry.polygons import convex, covering, fan_of, newell
 from maxjax.core.geometry.triangles import Triangles
-from maxjax.maps.footprints import Fill, Footprints, Shells, checked
+from maxjax.maps.footprints import Fill, Footprint, Footprints, Shells, checked
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.readers.cityjson_geometry import Face, Shell, Store, Vertices, closed, level
 from maxjax.maps.reading import PLAIN, Reading
@@ -39,6 +39,8 @@ _LYING = ("Road", "Railway", "Waterway", "TransportSquare", "WaterBody", "LandUs
 # Of buildings, what does not reach down to the ground.
 _FIXED = ("Installation", "Furniture", "ConstructiveElement", "Room")
 _MICROMETRES = 1e6
+_HEIGHTS = ("measuredHeight", "averageHeight", "height")  # attributes
+_LEVEL = 1.0  # [m]; an outline is as level as that
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,15 +91,16 @@ def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprin
     # The vertices of templates are in units of the plane; about a place in degrees they are metres.
     unit = how.unit if how.origin is None else 1.0
     store = Store.of(document, vertices, np.array([unit, unit, how.vertical_unit]))
-    things: Mapping[str, Mapping[str, Any]] = document["CityObjects"]
+    things: Mapping[str, Mapping[str, Any]] = dict(document["CityObjects"].items())
     things, unwanted = _asked_for(things, reading.only)
     read = Counter(thing["type"] for thing in things.values())
     shells, relief = _chosen(things, store)
     corners, welded = _welded(store.all())
-    pieces, dropped = _pieces(things, shells, (corners, welded))
+    outlines = _outlines(things, shells, corners)
+    pieces, dropped = _pieces(things, shells, (corners, welded), {prism.name for prism in outlines})
     terrain, _ = _triangles([(face, 0) for shell in relief for face in shell], corners)
     found = Footprints(
-        (),
+        tuple(outlines),
         terrain,
         path.name,
         _arrays(pieces, corners),
@@ -105,7 +108,7 @@ def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprin
         | {"triangles of the terrain": len(terrain)},
         {**dropped, **unwanted},
         how,
-        _said(pieces),
+        _said(pieces, outlines),
     )
     return checked(found, path)
 
@@ -170,6 +173,7 @@ def _pieces(
     things: Mapping[str, Mapping[str, Any]],
     found: Mapping[str, list[tuple[float, list[Shell]]]],
     joined: tuple[Vertices, Int[np.ndarray, " n"]],
+    prisms: set[str],
 ) -> tuple[list[_Piece], dict[str, int]]:
     """Shells that become voxels, and a count by kind of objects that do not."""
     corners, welded = joined
@@ -184,7 +188,7 @@ def _pieces(
     for name, levels in found.items():
         kind = str(things[name]["type"])
         grounded = ("Building" in kind or kind == "OtherConstruction") and not kind.endswith(_FIXED)
-        for _, shells in levels if kind in _LYING else [one for one in levels if one[0] >= 1.0]:
+        for _, shells in levels if kind in _LYING else _solid(levels, corners):
             all_closed = True
             for shell in shells:
                 merged = [[[number[i] for i in ring] for ring in face] for face in shell]
@@ -195,7 +199,7 @@ def _pieces(
                 pieces.append(_Piece(merged, fill, lowest[root[name]], grounded, name))
             if all_closed or kind in _LYING:
                 break
-    standing = {root[piece.name] for piece in pieces}
+    standing = {root[name] for name in prisms.union(piece.name for piece in pieces)}
     dropped: Counter[str] = Counter()
     for name, thing in things.items():
         kind = str(thing["type"])
@@ -205,6 +209,36 @@ def _pieces(
             noun = "buildings" if kind in ("Building", "BuildingPart") else f"{kind} objects"
             dropped[f"{noun} without a height"] += 1
     return pieces, dict(dropped)
+
+
+def _solid(levels: list[tuple[float, list[Shell]]], corners: Vertices) -> list[tuple[float, list[Shell]]]:
+    """Levels of detail from LoD1 on; where there is none, of LoD0 those that are no outline."""
+    fine = [one for one in levels if one[0] >= 1.0]
+    return fine or [(number, shells) for number, shells in levels if _rise(shells, corners) > _LEVEL]
+
+
+def _rise(shells: list[Shell], corners: Vertices) -> float:
+    """Height from the lowest to the highest corner of shells [m]."""
+    return float(np.ptp(corners[[i for shell in shells for face in shell for ring in face for i in ring], 2]))
+
+
+def _outlines(
+    things: Mapping[str, Mapping[str, Any]], found: Mapping[str, list[tuple[float, list[Shell]]]], corners: Vertices
+) -> list[Footprint]:
+    """Prisms over the outlines of objects that have nothing but these and a height among their attributes."""
+    solid = {_root(name, things) for name, levels in found.items() if _solid(levels, corners)}
+    prisms = []
+    for name, levels in found.items():
+        root = _root(name, things)
+        told = [((things.get(one) or {}).get("attributes") or {}).get(key) for one in (name, root) for key in _HEIGHTS]
+        heights = [float(height) for height in told if isinstance(height, int | float) and height > 0]
+        if root in solid or things[name]["type"] in _LYING or not heights:
+            continue
+        for face in (face for _, shells in levels for shell in shells for face in shell if len(face[0]) > 2):
+            base = float(corners[face[0], 2].min())
+            rings = tuple(corners[ring][:, :2] for ring in face)
+            prisms.append(Footprint(rings, base, base + max(heights), name))
+    return prisms
 
 
 def _root(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
@@ -221,15 +255,18 @@ def _root(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
     return min(seen)
 
 
-def _said(pieces: list[_Piece]) -> tuple[str, ...]:
+def _said(pieces: list[_Piece], outlines: list[Footprint]) -> tuple[str, ...]:
     """What a user should know."""
-    still = sum(piece.fill == Fill.BELOW for piece in pieces)
-    if not still:
-        return ()
-    return (
-        f"{still} of {len(pieces)} shells do not close: all below their faces is solid, down to the building's lowest "
-        "point",
-    )
+    sentences = []
+    if still := sum(piece.fill == Fill.BELOW for piece in pieces):
+        sentences.append(
+            f"{still} of {len(pieces)} shells do not close: all below their faces is solid, down to the building's "
+            "lowest point"
+        )
+    if outlines:
+        flat = len({prism.name for prism in outlines})
+        sentences.append(f"{flat} objects are outlines alone, and as tall as their attributes say, in metres")
+    return tuple(sentences)
 
 
 def _welded(vertices: Vertices) -> tuple[Vertices, Int[np.ndarray, " n"]]:

@@ -29,6 +29,7 @@ from maxjax.maps.reference import Reference, Stated, reference
 
 _DEGREES = "EPSG:4326"
 _SMOOTHER, _STEP = 0.5, 5.0  # share, and metres between neighbours
+_STEEP = 20.0  # [m]; ground that steps by more, and by more than the way between neighbours, is said
 
 Places = Float64[np.ndarray, "_ 2"]
 
@@ -132,6 +133,10 @@ def grounds(
         remarks.append("ele is taken as that of roofs, since the ground would jump between neighbours otherwise")
     ground = np.where(np.isnan(ele), roof - height, ele)
     missing = np.isnan(ground)
+    if (step := _steepest(places[~missing], ground[~missing])) > _STEEP:
+        remarks.append(
+            f"the ground steps by up to {step:.0f} m between neighbours: is the ele of some that of the roof?"
+        )
     if missing.all():
         return np.zeros(len(places)), tuple(remarks)
     if missing.any():
@@ -151,6 +156,15 @@ def _of_roofs(places: Places, height: Float64[np.ndarray, " n"], ele: Float64[np
     as_ground = float(np.median(np.abs(ele[known] - ele[beside])))
     as_roofs = float(np.median(np.abs((ele - height)[known] - (ele - height)[beside])))
     return as_roofs < _SMOOTHER * as_ground and as_ground - as_roofs > _STEP
+
+
+def _steepest(places: Places, ground: Float64[np.ndarray, " n"]) -> float:
+    """Highest step of the ground between neighbours that is steeper than 1 in 1 [m]; 0 where there is none."""
+    if len(places) < 2:
+        return 0.0
+    beside = _nearest(places, places, second=True)
+    step = np.abs(ground - ground[beside])
+    return float(step[step > np.hypot(*(places - places[beside]).T)].max(initial=0.0))
 
 
 def _nearest(among: Places, places: Places, *, second: bool = False) -> np.ndarray:
