@@ -87,7 +87,8 @@ def draw_ends(where: maxjax.VoxelMap, count: int, rng: np.random.Generator) -> n
     distance: np.ndarray = np.asarray(ndimage.distance_transform_edt(~occupied))
     room = np.asarray(grid.spacing * distance > _CLEAR + grid.spacing / 2)
     # Over buildings no ground is near: ends stand in streets and yards.
-    street = (np.cumsum(occupied & ~ground, axis=2) == 0) & ground.any(axis=2)[:, :, None]
+    grounded = np.asarray(ground.any(axis=2))[:, :, None]
+    street = (np.cumsum(occupied & ~ground, axis=2) == 0) & grounded
     places = np.argwhere(room & street & (high >= _LOWEST) & (high <= _HIGHEST))
     apart = max(grid.shape[:2]) / 3
     found: list[np.ndarray] = []
