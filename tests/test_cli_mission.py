@@ -134,6 +134,9 @@ def test_waypoints_that_are_equal_or_outside_have_statuses(town: Path, capsys: p
         ("method = [[1]]", "method: expected one of field"),
         ("return_to_start = 1", "return_to_start: expected true or false, given 1"),
         ("map = 1979-05-27", "map: expected a text, given datetime.date(1979, 5, 27)"),
+        ("drop_class = 7", "drop_class: expected whole numbers in brackets, given 7"),
+        ("only = [true]", "only: expected texts in brackets, given [True]"),
+        ("band = 1.5", "band: expected a whole number, given 1.5"),
     ],
 )
 def test_a_file_of_nonsense_is_one_sentence(
@@ -201,7 +204,10 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest
 
 def test_every_option_of_plan_may_stand_in_a_file() -> None:
     options = {field.name for field in dataclasses.fields(PlanOptions)}
-    kinds = (getattr(mission_file, kind) for kind in ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "FILES", "FLAGS"))
+    kinds = (
+        getattr(mission_file, kind)
+        for kind in ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "WHOLE", "LISTS", "FILES", "FLAGS")
+    )
     known = {name for kind in kinds for name in kind}
     assert known == options - {"start", "goal", "via", "out", "json", "export"}
 

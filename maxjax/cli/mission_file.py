@@ -41,7 +41,9 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "below": ("closed", "open"),
     "unknown": ("occupied", "free"),
 }
-TEXTS = ("crs", "price")
+TEXTS = ("crs", "unit", "vertical_unit", "price")
+WHOLE = ("band",)
+LISTS: Mapping[str, type] = {"drop_class": int, "only": str}
 FILES = ("map", "airspace")
 FLAGS = ("return_to_start", "takeoff_and_landing")
 _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
@@ -117,9 +119,15 @@ def value_of(key: str, given: Any) -> Any:
         return _checked(key, given, lambda value: value in WORDS[key], "one of " + ", ".join(WORDS[key]))
     if key in (*TEXTS, *FILES):
         return _checked(key, given, lambda value: isinstance(value, str) and bool(value), "a text")
+    if key in WHOLE:
+        return _checked(key, given, _is_whole, "a whole number")
+    if key in LISTS:
+        kind = LISTS[key]
+        expected = "whole numbers in brackets" if kind is int else "texts in brackets"
+        return tuple(_checked(key, given, lambda values: _is_list(values, kind), expected))
     if key in FLAGS:
         return _checked(key, given, lambda value: isinstance(value, bool), "true or false")
-    known = ", ".join(sorted([*NUMBERS, *VECTORS, *WORDS, *TEXTS, *FILES, *FLAGS]))
+    known = ", ".join(sorted([*NUMBERS, *VECTORS, *WORDS, *TEXTS, *WHOLE, *LISTS, *FILES, *FLAGS]))
     raise ValueError(f"{key}: expected one of {known}, or [[waypoint]]")
 
 
@@ -180,6 +188,14 @@ def _is_number(given: Any) -> bool:
     if isinstance(given, bool) or not isinstance(given, int | float):
         return False
     return math.isfinite(given) if isinstance(given, float) else abs(given) < 2**1000
+
+
+def _is_whole(given: Any) -> bool:
+    return isinstance(given, int) and not isinstance(given, bool)
+
+
+def _is_list(given: Any, kind: type) -> bool:
+    return isinstance(given, list) and all(isinstance(v, kind) and not isinstance(v, bool) for v in given)
 
 
 def _shown(given: Any) -> str:
