@@ -125,7 +125,7 @@ def test_waypoints_that_are_equal_or_outside_have_statuses(town: Path, capsys: p
         ("what is this", "expected a mission as TOML: Expected '=' after a key"),
         ("a = " + "[" * 3000, "expected a mission as TOML: "),
         ("\x00", "expected a mission as TOML: "),
-        ('speeed = 3\nmap = "town.npz"', "speeed: expected one of airspace, below, bounds, "),
+        ('speeed = 3\nmap = "town.npz"', "speeed: expected one of airspace, band, below, bounds, "),
         ('speed = "fast"\nmap = "town.npz"', "speed: expected a finite number, given 'fast'"),
         ("speed = nan", "speed: expected a finite number, given nan"),
         ("radius = true", "radius: expected a finite number, given True"),
@@ -204,11 +204,8 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest
 
 def test_every_option_of_plan_may_stand_in_a_file() -> None:
     options = {field.name for field in dataclasses.fields(PlanOptions)}
-    kinds = (
-        getattr(mission_file, kind)
-        for kind in ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "WHOLE", "LISTS", "FILES", "FLAGS")
-    )
-    known = {name for kind in kinds for name in kind}
+    kinds = ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "WHOLE", "LISTS", "FILES", "FLAGS")
+    known = {name for kind in kinds for name in getattr(mission_file, kind)}
     assert known == options - {"start", "goal", "via", "out", "json", "export"}
 
 
