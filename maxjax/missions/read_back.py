@@ -24,6 +24,7 @@ from maxjax.core.earth import Earth, TangentPlane
 from maxjax.core.terrain import Terrain
 
 _TAKE_OFF, _LAND, _WAYPOINT, _RELATIVE = 22, 21, 16, 3  # MAVLink's numbers
+_DIGITS = 1e-3  # by which those of a file may move a place [m]
 _NUMBER = r"(-?[0-9.]+(?:e-?[0-9]+)?)"
 _KML = {"k": "http://www.opengis.net/kml/2.2"}
 
@@ -47,8 +48,10 @@ class Standing:
     def level(self, x: float, y: float, otherwise: float) -> float:
         """True height of the ground at a place [m]; `otherwise` where nothing tells it."""
         stated = otherwise if self.stated is None else self.stated
-        known = self.terrain.at(x, y)
-        return stated if math.isnan(known) else min(max(stated, known - self.terrain.doubt), known)
+        # On the border of two columns it is that of either.
+        around = [self.terrain.at(x + dx, y + dy) for dx in (-_DIGITS, _DIGITS) for dy in (-_DIGITS, _DIGITS)]
+        known = [min(max(stated, height - self.terrain.doubt), height) for height in around if not math.isnan(height)]
+        return min(known, key=lambda height: abs(height - stated), default=stated)
 
     def placed(self, places: Points) -> Points:
         """Points of the map [m] at latitudes, longitudes [degrees] and heights [m]."""

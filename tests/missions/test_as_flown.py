@@ -18,6 +18,7 @@ from shapely.geometry import Polygon
 import maxjax
 from maxjax.airspace.airspace import Airspace, Area
 from maxjax.core.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.core.terrain import Terrain
 from maxjax.missions.as_flown import judged
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
 from maxjax.missions.items import courses_of
@@ -81,6 +82,23 @@ def test_a_home_that_is_wrong_is_refused_with_room_to_spare(tmp_path: Path) -> N
     with pytest.raises(ValueError, match=r"leads 0\.50 m aside from what was planned; its least clearance is 1\.60 m"):
         maxjax.export(tmp_path / "a.plan", over_the_tower(), ground=-0.5)
     assert maxjax.export(tmp_path / "a.plan", over_the_tower(), ground=0.04).aside == pytest.approx(0.04, abs=1e-3)
+
+
+def test_home_may_lie_on_the_border_of_columns(tmp_path: Path) -> None:
+    """The digits of a file move it into either; each says the ground."""
+    steps = 0.5 * np.arange(quarter().grid.shape[0])[:, None] * np.ones(quarter().grid.shape[1])
+    file = dataclasses.replace(quarter().file, terrain=Terrain(steps, quarter().grid))
+    where = dataclasses.replace(quarter(), file=file)
+    assert where.grid.lower[0] % where.grid.spacing == 1.0
+    for x in np.arange(-49.0, -13.0, 4.0).tolist():
+        plan = planned(where, np.array([[x, 0.0, 42.1], [x, 1.0, 42.1], [-12.0, 0.0, 42.1]]))
+        for earth in (None, TangentPlane(47.0, 8.0, 400.0), TangentPlane(-33.3, -70.1, 0.0)):
+            assert maxjax.export(tmp_path / "a.waypoints", plan, earth=earth).aside < 1e-3
+    east, west = where.terrain.at(x, 0.0), where.terrain.at(x - 0.1, 0.0)
+    assert east == west + 0.5
+    for stated in (west - 0.1, 0.5 * (west + east), east + 0.1):
+        with pytest.raises(ValueError, match="aside from what was planned"):
+            maxjax.export(tmp_path / "a.plan", plan, ground=stated)
 
 
 def test_ground_that_only_voxels_tell_may_be_stated_within_one(tmp_path: Path) -> None:
