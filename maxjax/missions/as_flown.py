@@ -82,18 +82,18 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
     aside = _aside(lines, mission, trajectory)
     if wrong and aside <= _ROUNDED:
         wrong = _verdict(_pieces(file, _meant(mission, trajectory), mission, trajectory), mission.map)[1]
-    for what, line, leg in (("on take-off", lines.rise, 0), ("on landing", lines.descent, -1)):
+    hint = "check the place on Earth and the ground at home, and state it where the map tells it by voxels only"
+    for what, line, leg in (("take-off", lines.rise, 0), ("landing", lines.descent, -1)):
         if line is not None and not wrong:
             upright = _upright(line, mission, leg)
             clearance = float(np.fmin(clearance, upright.clearance))
-            wrong = "" if upright.ok else f"{what} {_complaint(upright, mission.legs[leg].radius)}"
+            if not upright.ok:
+                wrong = f"on {what} {_complaint(upright, mission.legs[leg].radius)}"
+                hint = f"{what} is straight, to or from the ground: choose another end, or leave both out"
     if not wrong and not aside <= away:
         wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
     if wrong:
-        raise ValueError(
-            f"{file}: as flown {wrong}; nothing was written: check the place on Earth and the ground at home, "
-            "and state it where the map tells it by voxels only"
-        )
+        raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
     return AsFlown(clearance, aside)
 
 

@@ -297,7 +297,7 @@ def test_takeoff_and_landing_stand_upright(tmp_path: Path) -> None:
         assert found[4][3] == pytest.approx(0.0, abs=1e-6)
     roof = maxjax.trajectory(planned(quarter(), np.array([[-48.0, 0.0, 42.1], [-34.0, 0.0, 42.1]])))
     maxjax.export(tmp_path / "b.plan", roof)
-    with pytest.raises(ValueError, match="as flown on landing it"):
+    with pytest.raises(ValueError, match=r"as flown on landing it.*nothing was written: landing is straight"):
         maxjax.export(tmp_path / "c.plan", roof, takeoff_and_landing=True)
     assert not (tmp_path / "c.plan").exists()
 
