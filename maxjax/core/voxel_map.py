@@ -125,7 +125,7 @@ class VoxelMap:
         return VoxelMap(self.occupied[k], self.ground[k], None if self.closed is None else self.closed[k], self.grid)
 
     def coarser(self, factor: int) -> VoxelMap:
-        """One map in voxels of `factor`³ voxels: occupied, or closed, where any of them is; ground where none but that.
+        """One map in voxels `factor` times as wide: occupied, or closed, where any voxel is; ground where only that is.
 
         Args:
             factor: at least 1.
