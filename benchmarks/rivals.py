@@ -40,9 +40,9 @@ from maxjax.methods import planner_named
 from maxjax.planning.execution import problem_of
 from maxjax.planning.field_planner import potential_field
 from maxjax.planning.fleet import formulate_fleet
+from maxjax.planning.search import astar, astar_compiled
+from maxjax.planning.search.astar_compiled import Queries, Query, Search
 from maxjax.planning.task import Task
-from maxjax.search import astar, astar_compiled
-from maxjax.search.astar_compiled import Queries, Query, Search
 from maxjax.solvers.potential import solve_potential
 from maxjax.worlds.scenes import MAPS, make_scene, occupancy
 

@@ -43,7 +43,7 @@ UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "t
 # Left out by `make check`, with what is marked so by itself.
 LARGE = (
     "baselines/test_rrt_star",
-    "search/test_astar_compiled",
+    "planning/test_astar_compiled",
     *(f"benchmarks/test_{name}" for name in ("benchmarks", "page_benchmark", "potential_benchmark")),
     "campaigns/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
@@ -91,7 +91,7 @@ def data() -> Path:
 @pytest.fixture(scope="module")
 def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
-    from maxjax.search import astar_compiled
+    from maxjax.planning.search import astar_compiled
 
     folder = tmp_path_factory.mktemp("astar")
     with pytest.MonkeyPatch.context() as patch:

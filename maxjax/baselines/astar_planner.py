@@ -1,7 +1,7 @@
 """A* as a planner: between the voxels of start and goal, joined to the exact ends.
 
-Searched is by the compiled A* where there is one (`search.astar_compiled`), and else by the one in Python: the path
-is the same. A plan's `timings` say which: "search" or "search in Python", and "compile" where it was built first.
+Searched is by the compiled A* where there is one (`planning.search.astar_compiled`), and else by the one in Python: the
+path is the same. A plan's `timings` say which: "search" or "search in Python", and "compile" where it was built first.
 
 A flight differs in nothing: same scans, map, margin, verification and controller (`planning.planner.in_flight`).
 """
@@ -18,9 +18,9 @@ from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.problem import Problem
 from maxjax.planning.route import Route, failed, found
+from maxjax.planning.search import astar_compiled
+from maxjax.planning.search.astar import astar
 from maxjax.programs.stage_timer import timed
-from maxjax.search import astar_compiled
-from maxjax.search.astar import astar
 
 
 @dataclasses.dataclass(frozen=True)

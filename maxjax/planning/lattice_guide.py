@@ -4,7 +4,7 @@
 
 Where c ≤ bound, the least cost of a way that leaves the box (`planning.focus_window`), no lattice path of the whole map
 is cheaper; else the box of C = c follows, and at last the whole map. Of a map of 23 million voxels that takes half a
-second, and a byte, a bit and 16 bytes of every voxel that is reached. It needs the compiled A* (`search`).
+second, and a byte, a bit and 16 bytes of every voxel that is reached. It needs the compiled A* (`planning.search`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.focus_window import FocusWindow, View, ellipsoid_box, straight, way_out
 from maxjax.planning.problem import Problem
+from maxjax.planning.search import astar_compiled
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
-from maxjax.search import astar_compiled
 
 # Boxes are of multiples of these voxels, so that few shapes are compiled for; and by what C grows without a path.
 _ROUNDED, _GROWTH = (64, 64, 16), 1.6

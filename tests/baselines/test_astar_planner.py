@@ -17,7 +17,7 @@ from maxjax.planning.distances import Distances
 from maxjax.planning.line_of_sight import clear, sight_of
 from maxjax.planning.planner import POINTS, corners_of, in_flight
 from maxjax.planning.problem import Problem, formulate
-from maxjax.search.astar import astar
+from maxjax.planning.search.astar import astar
 
 
 def problem_of(seed: int) -> tuple[Problem, Grid]:

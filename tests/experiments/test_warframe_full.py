@@ -11,7 +11,7 @@ import pytest
 
 import maxjax
 from experiments import warframe_full as module
-from maxjax.search.astar import astar
+from maxjax.planning.search.astar import astar
 
 
 def test_a_few_scenarios_are_solved_and_the_section_says_so(data: Path, tmp_path: Path) -> None:

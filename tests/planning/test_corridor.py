@@ -14,8 +14,8 @@ from maxjax.planning import execution as execute
 from maxjax.planning import focus_window as focus
 from maxjax.planning.distances import Distances
 from maxjax.planning.plan import Plan
+from maxjax.planning.search import astar_compiled
 from maxjax.planning.task import Task
-from maxjax.search import astar_compiled
 from maxjax.verification.verifier import verify
 
 GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))

@@ -14,8 +14,8 @@ from scipy.sparse import csgraph
 
 from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.planning.line_of_sight import clear_and_paid, sight_of
+from maxjax.planning.search.astar import astar
 from maxjax.planning.string_pulling import WINDOW, tighten
-from maxjax.search.astar import astar
 
 SHAPE = (16, 18, 20)
 ROOM = 200  # length of the arrays

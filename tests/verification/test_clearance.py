@@ -14,7 +14,7 @@ from scipy.ndimage import binary_erosion
 from scipy.optimize import lsq_linear
 
 from maxjax import Grid, Status, VoxelMap
-from maxjax.search.astar import astar
+from maxjax.planning.search.astar import astar
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
 

@@ -7,7 +7,7 @@ where a step is legal only if every voxel that it spans (2, 2×2 or 2×2×2 voxe
 consistent, for a price is at least 1. Three ideas make it fast:
 
 **Window codes and pruned successors.** The legal steps from a voxel, and which of them may be left out, are a
-function of one integer (`search.steps`).
+function of one integer (`planning.search.steps`).
 
 **Buckets in place of a heap.** The proof uses no order of expansion. Open voxels lie in stacks by ⌊8 f⌋, and
 the last one in leaves first, which breaks ties toward larger g. A voxel is expanded again whenever its label
@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float, Float64, Int32, UInt32
 
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
-from maxjax.search.steps import AT_START, COST, STEPS, length_of, onward, successors, window_codes
+from maxjax.planning.search.steps import AT_START, COST, STEPS, length_of, onward, successors, window_codes
 
 
 @dataclasses.dataclass(frozen=True)

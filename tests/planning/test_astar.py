@@ -14,9 +14,9 @@ from references import cuts_no_corner, grid_graph, priced_graph, random_free
 from scipy.sparse.csgraph import dijkstra
 
 from maxjax import Status
-from maxjax.search import astar as module
-from maxjax.search import steps
-from maxjax.search.astar import astar
+from maxjax.planning.search import astar as module
+from maxjax.planning.search import steps
+from maxjax.planning.search.astar import astar
 
 
 def euclidean_length(path: np.ndarray) -> float:

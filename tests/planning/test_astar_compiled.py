@@ -18,9 +18,9 @@ from scipy.sparse.csgraph import dijkstra
 
 import maxjax
 from maxjax import Status
-from maxjax.search import astar_compiled
-from maxjax.search.astar import AstarResult, astar
-from maxjax.search.astar_compiled import NotCompiledError, Queries, Query, Search
+from maxjax.planning.search import astar_compiled
+from maxjax.planning.search.astar import AstarResult, astar
+from maxjax.planning.search.astar_compiled import NotCompiledError, Queries, Query, Search
 
 Index = tuple[int, int, int]
 PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]

@@ -29,10 +29,10 @@ from jaxtyping import Bool, Float32, Int64, Shaped, UInt8, UInt32
 
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
+from maxjax.planning.search.astar import AstarResult, checked, no_path, path_found, status_of_ends
+from maxjax.planning.search.steps import AT_START, STEPS, rules
 from maxjax.programs.cache import VARIABLE, cache_folder
 from maxjax.programs.threads import concurrently
-from maxjax.search.astar import AstarResult, checked, no_path, path_found, status_of_ends
-from maxjax.search.steps import AT_START, STEPS, rules
 
 SOURCE = Path(__file__).with_name("astar.cpp")
 COMPILERS = ("c++", "g++", "clang++")
@@ -237,7 +237,7 @@ def compiled_astar(
     goal: Index3,
     price: Float32[np.ndarray, "nx ny nz"] | None = None,
 ) -> AstarResult:
-    """`search.astar.astar`, compiled: the same arguments, results and errors.
+    """`planning.search.astar.astar`, compiled: the same arguments, results and errors.
 
     Raises:
         NotCompiledError: as `library`.
