@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.maps.footprints import Footprint, Footprints, chain
+from maxjax.core.geometry.rings import chain
+from maxjax.maps.footprints import Footprint, Footprints
 from maxjax.maps.readers.cityjson import load_cityjson
 from maxjax.maps.readers.osm import load_osm
 from maxjax.worlds.real_city import crop, footprint_rows, inside, inside_boxes

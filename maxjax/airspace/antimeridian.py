@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from maxjax.core.files import FileError
 from maxjax.core.geometry.columns import Ring
+from maxjax.core.geometry.rings import chain
 
 _SEAM = 180.0  # [degrees]
 _ON = 1e-9  # of the seam [degrees]; a tenth of a millimetre
@@ -60,7 +61,7 @@ def joined_at_seam(polygons: list[Polygon]) -> list[Polygon]:
         if len(members) == 1:
             joined.append(polygons[members[0]])
         else:
-            joined.append(_outline_first(_rings([edge for k in members for edge in edges[k]])))
+            joined.append(_outline_first(chain(edge for k in members for edge in edges[k]) or []))
     return joined
 
 
@@ -91,32 +92,9 @@ def _split(ring: Ring, levels: list[float]) -> Iterator[_Edge]:
         yield from ((p, q) for p, q in itertools.pairwise(stops) if p != q)
 
 
-def _rings(edges: list[_Edge]) -> list[Ring]:
-    """Closed rings of the edges that occur an odd number of times."""
-    odd: dict[frozenset[_Point], _Edge] = {}
-    for edge in edges:
-        if odd.pop(frozenset(edge), None) is None:
-            odd[frozenset(edge)] = edge
-    around: dict[_Point, dict[_Point, None]] = {}
-    for a, b in odd.values():
-        around.setdefault(a, {})[b] = None
-        around.setdefault(b, {})[a] = None
-    found = []
-    for first in list(around):
-        while around[first]:
-            ring, at = [first], first
-            while (following := around[at].popitem()[0]) != first:
-                del around[following][at]
-                ring.append(following)
-                at = following
-            del around[first][at]
-            found.append(np.array(ring))
-    return found
-
-
-def _outline_first(rings: list[Ring]) -> Polygon:
+def _outline_first(rings: list[list[_Point]]) -> Polygon:
     """The ring that surrounds the others before these."""
-    return sorted(rings, key=lambda ring: -abs(_area(ring)))
+    return sorted(map(np.array, rings), key=lambda ring: -abs(_area(ring)))
 
 
 def _area(ring: Float[np.ndarray, "n 2"]) -> float:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from maxjax.core.files import FileError
 from maxjax.core.geometry.columns import Ring
+from maxjax.core.geometry.rings import surrounds
 from maxjax.core.geometry.triangles import spread
 
 _MOST_PAIRS = 10**8
@@ -48,7 +49,7 @@ def check_outline(rings: list[Ring], here: str) -> None:
             if left == 0:
                 raise FileError(f"{here}: expected a simpler outline, found {len(edges)} edges with holes; simplify it")
             left -= 1
-            if _inside(point, rings[0]):
+            if surrounds(rings[0], point):
                 break
         else:
             raise FileError(f"{here}: expected holes inside of the outline, found one outside")
@@ -57,15 +58,6 @@ def check_outline(rings: list[Ring], here: str) -> None:
 def _cross(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     found: Float[np.ndarray, " n"] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return found
-
-
-def _inside(point: Float[np.ndarray, " 2"], ring: Ring) -> bool:
-    """Whether a ring surrounds a point (even-odd)."""
-    a, b = ring, np.roll(ring, -1, axis=0)
-    spans = (a[:, 1] <= point[1]) != (b[:, 1] <= point[1])
-    run = np.where(spans, b[:, 1] - a[:, 1], 1.0)
-    x = a[:, 0] + (point[1] - a[:, 1]) / run * (b[:, 0] - a[:, 0])
-    return bool((spans & (x > point[0])).sum() % 2)
 
 
 def cut_to(ring: Ring, box: Float[np.ndarray, "2 2"]) -> Ring:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections import defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +18,7 @@ from jaxtyping import Bool, Float, Float64, Int
 
 from maxjax.core.files import FileError
 from maxjax.core.geometry.columns import Ring
+from maxjax.core.geometry.rings import chain
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.reference import UNREFERENCED, Reference
 
@@ -161,36 +161,3 @@ def swept(line: Float64[np.ndarray, "n 2"], width: float) -> list[Ring]:
         aside = np.array([-along[1], along[0]])
         found.append(np.array([a - along - aside, b + along - aside, b + along + aside, a - along + aside]))
     return found
-
-
-def chain(edges: Iterable[tuple[T, T]]) -> list[list[T]] | None:
-    """Edges to closed rings, edges that occur an even number of times left out.
-
-    Where more than two edges meet, the rings may be paired either way: under the even-odd rule they enclose the same.
-
-    Returns:
-        The rings, first point not repeated; None if there is none, or some edges do not close.
-    """
-    odd: dict[frozenset[T], tuple[T, T]] = {}
-    for a, b in edges:
-        key = frozenset((a, b))
-        if len(key) == 2 and odd.pop(key, None) is None:
-            odd[key] = (a, b)
-    # Neighbours in the order of the edges; a dict, as one corner may have very many.
-    around: dict[T, dict[T, None]] = defaultdict(dict)
-    for a, b in odd.values():
-        around[a][b] = None
-        around[b][a] = None
-    if not around or any(len(ends) % 2 for ends in around.values()):
-        return None
-    rings = []
-    for first in list(around):
-        while around[first]:
-            ring, at = [first], first
-            while (following := around[at].popitem()[0]) != first:
-                del around[following][at]
-                ring.append(following)
-                at = following
-            del around[first][at]
-            rings.append(ring)
-    return rings

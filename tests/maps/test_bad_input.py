@@ -19,9 +19,9 @@ import pytest
 from maxjax import Grid, load_airspace
 from maxjax.core.earth import TangentPlane
 from maxjax.core.files import FileError
+from maxjax.core.geometry.rings import chain
 from maxjax.maps import read_map
 from maxjax.maps.contents import facts
-from maxjax.maps.footprints import chain
 
 MUTATIONS = int(os.environ.get("MUTATIONS", "2000"))
 SLOW = {"scene.xml": 10, "a.zip": 4}  # formats that take so many times as long as others

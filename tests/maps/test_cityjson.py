@@ -17,7 +17,8 @@ from matplotlib.path import Path as Outline
 
 import maxjax
 from maxjax.core.files import FileError
-from maxjax.maps.footprints import Fill, Footprint, Footprints, chain
+from maxjax.core.geometry.rings import chain
+from maxjax.maps.footprints import Fill, Footprint, Footprints
 from maxjax.maps.readers.cityjson import load_cityjson
 
 # An L of 12 m², and a square hole in a square of 16.

@@ -17,7 +17,8 @@ import numpy as np
 
 from maxjax.core.files import FileError, read_text
 from maxjax.core.geometry.columns import Ring
-from maxjax.maps.footprints import Footprints, around, chain
+from maxjax.core.geometry.rings import chain, surrounds
+from maxjax.maps.footprints import Footprints, around
 from maxjax.maps.readers.standing import Kind, kind_of
 from maxjax.maps.readers.tagged import Tagged, solids_of
 from maxjax.maps.reading import PLAIN, Reading
@@ -187,11 +188,5 @@ def _rings(lines: list[list[tuple[float, float]]]) -> list[Ring] | None:
 
 
 def _within(ring: Ring, other: Ring) -> bool:
-    """Whether a ring lies in another: whether most of its corners do, by the even-odd rule."""
-    a, b = other, np.roll(other, -1, axis=0)
-    inside = 0
-    for x, y in ring.tolist():
-        crosses = (a[:, 1] > y) != (b[:, 1] > y)
-        run = np.where(crosses, b[:, 1] - a[:, 1], 1.0)
-        inside += int(np.count_nonzero(crosses & (x < a[:, 0] + (y - a[:, 1]) / run * (b[:, 0] - a[:, 0]))) % 2)
-    return 2 * inside > len(ring)
+    """Whether a ring lies in another: whether most of its corners do."""
+    return 2 * sum(surrounds(other, corner) for corner in ring) > len(ring)
