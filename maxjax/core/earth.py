@@ -229,14 +229,20 @@ def unproject(metres: Float[np.ndarray, "n 2"], origin: Float[np.ndarray, "2"]) 
     return degrees
 
 
+def geojson_system(document: dict[str, Any]) -> str | None:
+    """The name of the reference system of a GeoJSON file's coordinates; None for longitudes and latitudes."""
+    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else ""
+    return None if not named or named.endswith(_DEGREES) else named
+
+
 def geojson_crs(document: dict[str, Any], path: Path) -> str | None:
     """The reference system of a GeoJSON file's coordinates, as EPSG:28992; None for longitudes and latitudes.
 
     Raises:
         FileError: for one that is neither.
     """
-    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else "CRS84"
-    if named.endswith(_DEGREES):
+    named = geojson_system(document)
+    if named is None:
         return None
     code = re.search(r"EPSG:+(\d+)$", named)
     if code is None:

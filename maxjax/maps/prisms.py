@@ -53,11 +53,17 @@ def prism_voxels(found: Footprints, grid: Grid) -> tuple[Volume, Volume]:
     return solid, np.arange(nz) <= terrain[:, :, None]
 
 
+def footprint_columns(found: Footprints, grid: Grid) -> tuple[Levels, Levels]:
+    """Columns whose square touches a footprint, and the building that it is of; a pair may occur twice."""
+    rings = [ring for building in found.buildings for ring in building.rings]
+    owner = np.array([k for k, building in enumerate(found.buildings) for _ in building.rings], np.int64)
+    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, grid), strict=True))
+    return column, building
+
+
 def _prisms(found: Footprints, grid: Grid) -> tuple[Levels, Levels, Levels]:
     """Columns of footprints, and the voxels of their floors and roofs."""
-    rings = [ring for b in found.buildings for ring in b.rings]
-    owner = np.array([k for k, b in enumerate(found.buildings) for _ in b.rings], np.int64)
-    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, grid), strict=True))
+    column, building = footprint_columns(found, grid)
     heights = np.array([[b.base, b.top] for b in found.buildings]).reshape(-1, 2)
     levels = (heights - grid.lower[2]) / grid.spacing
     return column, _floor(levels[building, 0], grid), _roof(levels[building, 1], grid)
@@ -76,9 +82,8 @@ def _standing(shells: Shells, grid: Grid) -> tuple[Levels, Levels, Levels, Level
     pairs = []
     for column, one, low, high in column_spans(shells.faces[chosen], grid):
         shell = shells.of_face[chosen[one]]
-        open_ = shells.fill[shell] == Fill.BELOW
-        pairs.append((shell[open_] * (nx * ny) + column[open_], high[open_]))
         below = shells.fill[shell] == Fill.BELOW
+        pairs.append((shell[below] * (nx * ny) + column[below], high[below]))
         held = below | (low <= base[shell] + _FLOOR / grid.spacing + _TOUCH)
         np.minimum.at(bottom, column[held], base[shell[held]])
         np.maximum.at(top, column[held], np.where(below, high, low)[held])

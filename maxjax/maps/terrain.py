@@ -13,13 +13,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.geometry.columns import columns_of
 from maxjax.core.geometry.triangles import column_spans, crests
 from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
 from maxjax.maps.contents import Contents
 from maxjax.maps.footprints import Fill, Footprints
 from maxjax.maps.model import PointCloud
+from maxjax.maps.prisms import footprint_columns
 
 _CHUNK = 2**20  # points at a time
 
@@ -36,7 +36,7 @@ def terrain_of(contents: Contents, grid: Grid) -> Terrain | None:
     """
     match contents:
         case Footprints():
-            known = _triangles(contents, grid) if len(contents.terrain) else _floors(contents, grid)
+            known = crests(contents.terrain, grid) if len(contents.terrain) else _floors(contents, grid)
         case PointCloud() if contents.ground.any():
             known = _returns(contents, grid)
         case _:
@@ -44,14 +44,8 @@ def terrain_of(contents: Contents, grid: Grid) -> Terrain | None:
     return Terrain(Terrain(known, grid).everywhere, grid)
 
 
-def _triangles(footprints: Footprints, grid: Grid) -> Float[np.ndarray, "nx ny"]:
-    return crests(footprints.terrain, grid)
-
-
 def _floors(footprints: Footprints, grid: Grid) -> Float[np.ndarray, "nx ny"]:
-    rings = [ring for building in footprints.buildings for ring in building.rings]
-    owner = np.array([k for k, building in enumerate(footprints.buildings) for _ in building.rings], np.int64)
-    column, building = (np.concatenate(pair) for pair in zip(*columns_of(rings, owner, grid), strict=True))
+    column, building = footprint_columns(footprints, grid)
     floors = np.full(grid.shape[0] * grid.shape[1], np.inf)
     np.minimum.at(floors, column, np.array([b.base for b in footprints.buildings], np.float64)[building])
     shells = footprints.shells

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from maxjax.core.earth import geojson_system
 from maxjax.core.files import FileError, parse_json, read_text
 from maxjax.maps.footprints import Footprints, around
 from maxjax.maps.readers.standing import ANYTHING, BUILDING, kind_of
@@ -22,7 +23,6 @@ from maxjax.maps.readers.tagged import Tagged, solids_of
 from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.reference import Stated
 
-_DEGREES = ("CRS84", "EPSG::4326", "EPSG:4326")
 _DEEPEST = 16
 
 
@@ -46,8 +46,7 @@ def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
 
 
 def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
-    named = str(document["crs"]["properties"]["name"]) if document.get("crs") else ""
-    system = "EPSG:4326" if not named or named.endswith(_DEGREES) else named
+    system = geojson_system(document) or "EPSG:4326"
     found: list[Tagged] = []
     dropped: Counter[str] = Counter()
     for number, feature in enumerate(document.get("features", [document])):

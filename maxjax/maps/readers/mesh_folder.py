@@ -53,15 +53,17 @@ def load_folder(path: Path, reading: Reading = PLAIN) -> Mesh:
     if not chosen:
         raise FileError(f"{path}: expected meshes ({', '.join(MESHES)}) in the folder, found none")
     _check_size(sum(file.stat().st_size for file in chosen), path)
-    dropped = Counter(f"{file.suffix.lower() or 'other'} files" for file in files if file not in set(chosen))
+    dropped = _others([file.name for file in files if file.suffix.lower() not in MESHES])
     found: list[Mesh] = []
+    faces = 0
     for file in chosen:
         mesh = MESHES[file.suffix.lower()](file, reading)
         if isinstance(mesh, Mesh):
             found.append(mesh)
+            faces += len(mesh.triangles)
         else:
             dropped["files of points"] += 1
-        if sum(len(one.triangles) for one in found) > MAX_FACES:
+        if faces > MAX_FACES:
             raise FileError(f"{path}: expected at most {MAX_FACES} triangles in all, found more; crop or thin it")
     if not found:
         raise FileError(f"{path}: expected meshes in the folder, found points alone")
@@ -87,8 +89,13 @@ def load_zip(path: Path, reading: Reading = PLAIN) -> Mesh:
         raise
     except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
         raise FileError(f"{path}: expected an intact ZIP archive: {error}") from error
-    other = Counter(f"{Path(m.filename).suffix.lower() or 'other'} files" for m in members if m not in kept)
-    return dataclasses.replace(found, source=path.name, dropped={**found.dropped, **other})
+    left = _others([m.filename for m in members if Path(m.filename).suffix.lower() not in (*MESHES, ".xml")])
+    return dataclasses.replace(found, source=path.name, dropped={**found.dropped, **left})
+
+
+def _others(names: list[str]) -> Counter[str]:
+    """Files that hold no mesh, by their kind."""
+    return Counter(f"{Path(name).suffix.lower() or 'other'} files" for name in names)
 
 
 def _check_size(size: int, path: Path) -> None:

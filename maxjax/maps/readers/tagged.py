@@ -23,7 +23,7 @@ from maxjax.core.files import FileError
 from maxjax.maps.degrees import side_by_side
 from maxjax.maps.footprints import Footprint, Footprints, checked, swept
 from maxjax.maps.readers.standing import Kind, width_of
-from maxjax.maps.readers.tag_heights import metres, tall
+from maxjax.maps.readers.tag_heights import Tall, metres, tall
 from maxjax.maps.reading import Reading
 from maxjax.maps.reference import Reference, Stated, reference
 
@@ -179,13 +179,12 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def _said(kept: Sequence[tuple[Tagged, object]]) -> list[str]:
+def _said(kept: Sequence[tuple[Tagged, Tall]]) -> list[str]:
     """Sentences on widths and heights that no tag says, and on those that were not plain."""
     wide: Counter[tuple[str, float]] = Counter()
     high: Counter[tuple[str, float]] = Counter()
     guessed = 0
-    for thing, _ in kept:
-        found = tall(thing.tags)
+    for thing, found in kept:
         guessed += found.guessed
         if found.metres is None and thing.kind.height is not None:
             high[thing.kind.name, thing.kind.height] += 1
