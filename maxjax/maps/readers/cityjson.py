@@ -27,6 +27,7 @@ from jaxtyping import Float64, Int
 from maxjax.core.files import FileError, parse_json, read_text
 from maxjax.core.geometry.polygons import convex, covering, fan_of, newell
 from maxjax.core.geometry.triangles import Triangles
+from maxjax.maps.bodies import runs
 from maxjax.maps.footprints import Fill, Footprint, Footprints, Shells, checked
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.readers.cityjson_geometry import Face, Shell, Store, Vertices, closed, level
@@ -273,9 +274,7 @@ def _welded(vertices: Vertices) -> tuple[Vertices, Int[np.ndarray, " n"]]:
     """Vertices, and of each the first one that agrees with it to a micrometre."""
     if not len(vertices):
         return vertices, np.zeros(0, np.int64)
-    keys = np.round((vertices - vertices[0]) * _MICROMETRES).astype(np.int64)
-    order = np.lexsort(keys.T)
-    fresh = np.r_[True, (np.diff(keys[order], axis=0) != 0).any(axis=1)]
+    order, fresh = runs(np.round((vertices - vertices[0]) * _MICROMETRES))
     index = np.empty(len(vertices), np.int64)
     index[order] = order[fresh][np.cumsum(fresh) - 1]
     return vertices, index
