@@ -248,24 +248,6 @@ def _profile(document: Document) -> str:
     return f"On {where if several else f'one {where}'}{size}:\n\n" + table(heads, lines) + "".join(rates)
 
 
-def first_cycles(*documents: Document) -> str:
-    """Of `benchmarks.first_cycles`."""
-    lines = []
-    for document in documents:
-        for what in dict.fromkeys(str(row["what"]) for row in document["rows"]):
-            rows = {row["first_cycles"]: row for row in document["rows"] if row["what"] == what}
-            least = rows[min(rows)]["median"]
-            for count, row in sorted(rows.items()):
-                figures = [f"{row[name]:.3f}" for name in ("median", "min", "max")]
-                lines.append([what, device(document), str(count), *figures, f"{row['median'] / least:.3f}"])
-    return (
-        "### Cycles before the first loop\n\n"
-        "A solve with so many Newton cycles before its loops, whose conditions are synchronisations: from\n"
-        "conductivity to certified potential [ms a scene], and the median beside that without.\n\n"
-        + table(["scenes", "on", "cycles", "median", "min", "max", "ratio"], lines, left=2)
-    )
-
-
 def lidar(*documents: Document) -> str:
     """Of `benchmarks.lidar`."""
     methods = ("fused kernel", "scan: fused kernel, noise, dropout", "vmapped mjx.ray", "C mj_multiRay")

@@ -67,7 +67,6 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.plans, ("plan", "plan_h200")),
     (tables.solves, ("potential", "potential_h200")),
     (tables.profile, ("profile", "profile_h200", "profile_city_h200")),
-    (tables.first_cycles, ("first_cycles_h200",)),
     (tables.flights, ("flight", "flight_h200")),
     (tables.scaling, ("flight_devices_h200", "training_h200", "city_scale_h200")),
     (tables.cities, ("city_plan",)),

@@ -13,8 +13,6 @@ The sets are packed, 32 voxels to a word (`fields.packed`).
 from __future__ import annotations
 
 import dataclasses
-import functools
-import math
 from collections.abc import Callable
 
 import jax
@@ -32,8 +30,10 @@ DEAREST = 4
 Toll = Shaped[Array, "*b nx ny nz"]
 Masks = tuple[UInt32[Array, "*b words ny nz"], ...]
 
-# Digits of the number of rounds, enough for 3 million steps; the lowest of them count the eight rounds of a turn.
-_DIGITS, _LOW = 20, 3
+# Digits of the number of rounds, enough for 3 million steps; the lowest of them count four rounds.
+_DIGITS, _LOW = 20, 2
+# Fours of rounds between two looks at what was reached, each a synchronisation.
+_FOURS = 2
 
 
 def geodesic(
@@ -61,12 +61,12 @@ def geodesic(
 def _geodesic(toll: Toll, seed: UInt32[Array, "words ny nz"]) -> tuple[Array, Array]:
     """`geodesic` from a packed seed."""
     whole_words = toll.shape[0] % (packed.WORD * slabs.slabs()) == 0
-    return _counted_in_slabs(toll, seed) if slabs.slabs() > 1 and whole_words else _counted(toll, seed, toll.shape)
+    return _counted_in_slabs(toll, seed) if slabs.slabs() > 1 and whole_words else _counted(toll, seed)
 
 
 def _geodesics(toll: Toll, seed: UInt32[Array, "b words ny nz"]) -> tuple[Array, Array]:
     """The same of several maps, which count the same rounds: `vmap` of a loop would select for each, turn by turn."""
-    return _counted(toll, seed, toll.shape)
+    return _counted(toll, seed)
 
 
 def _counted_in_slabs(toll: Toll, seed: UInt32[Array, "words ny nz"]) -> tuple[Array, Array]:
@@ -76,13 +76,11 @@ def _counted_in_slabs(toll: Toll, seed: UInt32[Array, "words ny nz"]) -> tuple[A
         component, steps = _counted(
             slabs.widened(toll, packed.WORD),
             slabs.widened(seed, 1),
-            shape,
             lambda words: slabs.refreshed(words, 1),
             slabs.anywhere,
         )
         return slabs.inside(component, packed.WORD), slabs.inside(steps, packed.WORD)
 
-    shape = toll.shape
     counted = jax.shard_map(
         slab, in_specs=(slabs.SPEC, slabs.SPEC), out_specs=(slabs.SPEC, slabs.SPEC), check_vma=False
     )
@@ -131,20 +129,18 @@ class _Recent:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _CountCarry:
-    """Carry of the turns of eight rounds.
+    """Carry of fours of rounds.
 
     Attributes:
         rounds: after them.
-        middle: the third digit.
-        high: the digits above, lowest first.
-        turns: taken.
-        grown: whether the last four rounds reached more.
+        high: the digits above the two lowest, lowest first.
+        fours: of rounds, taken.
+        grown: whether the last of them reached more.
     """
 
     rounds: _RoundCarry
-    middle: UInt32[Array, "*b words ny nz"]
     high: UInt32[Array, "d *b words ny nz"]
-    turns: Int32[Array, ""]
+    fours: Int32[Array, ""]
     grown: Bool[Array, ""]
 
 
@@ -152,55 +148,46 @@ class _CountCarry:
 def _counted(
     toll: Toll,
     seed: UInt32[Array, "*b words ny nz"],
-    shape: tuple[int, ...],
     refreshed: Callable[[Array], Array] = _same,
     anywhere: Callable[[Array], Array] = _same,
 ) -> tuple[Array, Array]:
     """`geodesic` from a packed seed, for one map or several at a time, or for the part of one that a device holds.
 
     The rounds are counted in packed Gray code, where counting on flips a single digit: once a round, for the voxels not
-    yet reached. Of eight rounds every odd one flips the lowest digit, the second and the sixth the next one, the fourth
-    the one after that, the eighth one that has to be looked up.
+    yet reached. Of four rounds every odd one flips the lowest digit, the second the next one, the fourth one that has
+    to be looked up.
 
     Args:
         toll: steps that a voxel takes, 0 in obstacles; or, all of them 1, whether it is free.
         seed: packed.
-        shape: of the whole grid.
         refreshed: of what has been reached, with what the neighbours' part of it holds by now.
         anywhere: whether something is so on any device.
     """
     # passable[k]: toll above k.
     passable = tuple(packed.pack(toll > k) for k in range(1 if toll.dtype == bool else DEAREST))
     start = seed & passable[0]
-    half = functools.partial(_four_rounds, passable)
+
+    def four(_: Array, carry: _CountCarry) -> _CountCarry:
+        after = _four_rounds(passable, carry.rounds)
+        digit = lax.population_count(carry.fours ^ (carry.fours + 1)) - 1
+        flipped = lax.dynamic_index_in_dim(carry.high, digit, keepdims=False) ^ ~after.words
+        high = lax.dynamic_update_index_in_dim(carry.high, flipped, digit, 0)
+        return _CountCarry(after, high, carry.fours + 1, jnp.any(after.words != carry.rounds.words))
 
     def turn(carry: _CountCarry) -> _CountCarry:
-        # Each look at the result is a synchronisation: eight rounds between two looks.
         rounds = carry.rounds
         waiting = tuple(map(refreshed, rounds.waiting))
-        middle = half(dataclasses.replace(rounds, words=refreshed(rounds.words), waiting=waiting))
-        whole = half(middle)
-        digit = lax.population_count(carry.turns ^ (carry.turns + 1)) - 1
-        flipped = lax.dynamic_index_in_dim(carry.high, digit, keepdims=False) ^ ~whole.words
-        return _CountCarry(
-            rounds=whole,
-            middle=carry.middle ^ ~middle.words,
-            high=lax.dynamic_update_index_in_dim(carry.high, flipped, digit, 0),
-            turns=carry.turns + 1,
-            grown=anywhere(jnp.any(whole.words != middle.words)),
-        )
+        rounds = dataclasses.replace(rounds, words=refreshed(rounds.words), waiting=waiting)
+        carry = lax.fori_loop(0, _FOURS, four, dataclasses.replace(carry, rounds=rounds))
+        return dataclasses.replace(carry, grown=anywhere(carry.grown))
 
     def going(carry: _CountCarry) -> Bool[Array, ""]:
-        return jnp.asarray(carry.grown & (carry.turns < 2 ** (_DIGITS - _LOW) - 1))
+        return jnp.asarray(carry.grown & (carry.fours < 2 ** (_DIGITS - _LOW) - _FOURS))
 
     nothing = jnp.zeros_like(start)
     high = jnp.zeros((_DIGITS - _LOW, *start.shape), jnp.uint32)
     rounds = _RoundCarry(start, nothing, nothing, nothing, nothing, _nobody(passable))
-    # Turns that need no look: even from its middle the corner of an empty grid is as far away as half its diagonal, and
-    # a round goes three steps, of 1.1 voxels at most.
-    certain = math.ceil(math.hypot(*shape[-3:]) / 2 / (2**_LOW * 3 * 1.1))
-    first = _CountCarry(rounds, nothing, high, jnp.int32(0), jnp.array(True))
-    last = lax.while_loop(going, turn, lax.fori_loop(0, certain, lambda _, carry: turn(carry), first))
+    last = lax.while_loop(going, turn, _CountCarry(rounds, high, jnp.int32(0), jnp.array(True)))
     steps = _steps(last, toll.shape[-3])
     component = packed.unpack(last.rounds.words, toll.shape[-3])
     return component, jnp.where(component & ~packed.unpack(start, toll.shape[-3]), steps, 0)
@@ -272,15 +259,15 @@ def _steps(counted: _CountCarry, nx: int) -> Int32[Array, "*b nx ny nz"]:
 
     last = counted.rounds
     nothing = jnp.zeros_like(last.words)
-    # The digits above those of the number of turns are zero.
-    used = 32 - lax.clz(counted.turns)
+    # The digits above those of the number of fours are zero.
+    used = 32 - lax.clz(counted.fours)
     so_far = lax.fori_loop(
         0,
         used,
         lambda k, so_far: read(counted.high[used - 1 - k], so_far),
         (nothing, jnp.zeros_like(unpacked(nothing))),
     )
-    for gray in (counted.middle, last.low, last.lowest):
+    for gray in (last.low, last.lowest):
         so_far = read(gray, so_far)
     rounds: Array = so_far[1]
     return 3 * rounds + unpacked(last.second) + 2 * unpacked(last.third) + 1

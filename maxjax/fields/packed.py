@@ -8,9 +8,6 @@ x, the axis inside the words, their bits shift, and the end bits are carried int
 
 from __future__ import annotations
 
-import functools
-import operator
-
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
@@ -24,9 +21,11 @@ def pack(mask: Bool[Array, "*b nx ny nz"]) -> UInt32[Array, "*b words ny nz"]:
     """The set of voxels that are True."""
     *batch, nx, ny, nz = mask.shape
     padded = jnp.pad(mask, [(0, 0)] * len(batch) + [(0, -nx % WORD), (0, 0), (0, 0)])
-    layers = padded.reshape(*batch, -1, WORD, ny, nz)
-    # Written out: a sum would have every bit of it, as wide as a word, in memory first.
-    return functools.reduce(operator.or_, (layers[..., k, :, :].astype(jnp.uint32) << k for k in range(WORD)))
+    layers = padded.reshape(*batch, -1, WORD, ny, nz).astype(jnp.uint32)
+    # Halves onto halves: a sum would have every bit of it, as wide as a word, in memory first.
+    while (half := layers.shape[-3] // 2) > 0:
+        layers = layers[..., :half, :, :] | (layers[..., half:, :, :] << half)
+    return layers[..., 0, :, :]
 
 
 def digits(words: UInt32[Array, "*b words ny nz"], nx: int) -> UInt32[Array, "*b nx ny nz"]:

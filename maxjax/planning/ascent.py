@@ -35,8 +35,8 @@ from maxjax.programs.lowering import first_maximum, once
 # Steps within one voxel before the discrete step takes over; at full speed a voxel takes one or two.
 _PATIENCE = 12
 _ADAM_BETA2 = 0.999
-# Steps of one scan, and of one turn of its loop.
-_STRIDE, _UNROLLED = 16, 8
+# Steps between two looks whether the goal is reached.
+_STRIDE = 16
 # Which components of a step survive: all, then two, then one. Where none does, the step to the goal stands in the row.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 # The six neighbours, and the voxel itself to make eight, as many scores as there are masks (docs/performance.md).
@@ -154,7 +154,7 @@ def ascend(
 
     def stretch(carry: _PathCarry) -> _PathCarry:
         steps = carry.taken + jnp.arange(stride, dtype=jnp.int32)
-        climber, points = lax.scan(step, carry.climber, steps, unroll=_UNROLLED)
+        climber, points = lax.scan(step, carry.climber, steps)
         path = lax.dynamic_update_slice(carry.path, points, (carry.taken + 1, jnp.int32(0)))
         return _PathCarry(climber, carry.taken + stride, path)
 

@@ -19,11 +19,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
-from maxjax.planning.line_of_sight import Sight, clear_and_paid, visibility
+from maxjax.planning.line_of_sight import Sight, visibility
 from maxjax.programs.lowering import repeat
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
+# Of an edge, to break ties towards fewer corners, as on a straight line.
+_TOLL = 1e-4
 # Of ways of one edge, before the dynamic programming: it then takes 2³ edges at a time.
 _DOUBLINGS = 3
 
@@ -32,13 +34,11 @@ def _shorten(
     sight: Sight,
     points: Float[Array, "n 3"],
     price: Float[Array, "nx ny nz"] | None,
-    slabs: int | None = None,
-) -> Float[Array, "n 3"]:
-    """One round of dynamic programming on n points; consecutive points are taken as visible."""
+) -> tuple[Float[Array, "n 3"], Float[Array, ""]]:
+    """One round of dynamic programming on n points, and its cost; consecutive points are taken as visible."""
     n = points.shape[0]
-    seen, paid = visibility(sight, points, slabs, price)
-    # A small toll per edge breaks ties towards fewer corners, as on a straight line. The last point leads to itself.
-    edge = jnp.where(seen | np.eye(n, k=1, dtype=bool), paid + 1e-4, jnp.inf)
+    seen, paid = visibility(sight, points, price=price)
+    edge = jnp.where(seen | np.eye(n, k=1, dtype=bool), paid + _TOLL, jnp.inf)
     # All points at a time, in few turns that each do much (docs/performance.md): the best ways of at most two edges,
     # then four, eight; then those to the end, by eight edges more with each turn.
     far = jnp.where(np.eye(n, dtype=bool), 0, edge)
@@ -52,7 +52,8 @@ def _shorten(
     path = jnp.zeros(1, jnp.int32)
     while path.shape[0] < n:
         path, follow = jnp.concatenate([path, follow[path]]), follow[follow]
-    return points[path[:n]]
+    path = path[:n]
+    return points[path], jnp.min(edge[0] + cost) - _TOLL * jnp.sum(path[1:] != path[:-1])
 
 
 def _unrepeat(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
@@ -79,11 +80,6 @@ def _refine(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     return jnp.where((fraction < 1)[:, None], start + fraction[:, None] * (end - start), end)
 
 
-def _cost(sight: Sight, points: Float[Array, "n 3"], price: Float[Array, "nx ny nz"]) -> Float[Array, ""]:
-    _, paid = clear_and_paid(sight, price, points[:-1], points[1:])
-    return jnp.sum(paid)
-
-
 @jax.named_scope("tighten")
 def tighten(
     sight: Sight, path: Float[Array, "n 3"], price: Float[Array, "nx ny nz"] | None = None, rounds: int = 4
@@ -104,28 +100,27 @@ def tighten(
     room = -(-n // WINDOW) * WINDOW + WINDOW // 2
     points = _unrepeat(jnp.concatenate([path, jnp.broadcast_to(path[-1], (room - n, 3))]))
     used = jnp.sum(jnp.any(points[1:] != points[:-1], axis=1)) + 1
-    # Window by window, and once more across the seams, if there are any.
+    # Window by window, and where there are seams once more across them; then all points that are left at a time, of
+    # which the first such round, where there are prices, says what they cost.
     first = jnp.clip(-(-used // WINDOW), 1, room // WINDOW)
     second = jnp.where(used > WINDOW, -(-(used - WINDOW // 2) // WINDOW), 0)
+    windows, joined = first + second, 0 if price is None else (second > 0).astype(jnp.int32)
 
-    def window(k: Int32[Array, ""], points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
+    def round_(k: Int32[Array, ""], carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        points, cost = carry
+        points = jnp.where(k == windows, _unrepeat(points), points)
+        whole, fits = k >= windows, jnp.all(points[WINDOW - 1 :] == points[-1])
         at = jnp.where(k < first, k * WINDOW, (k - first) * WINDOW + WINDOW // 2)
-        # No two points of a window are further apart than its points are many: that bounds the slabs.
-        short = _shorten(sight, lax.dynamic_slice(points, (at, 0), (WINDOW, 3)), price, slabs=WINDOW + 1)
-        return lax.dynamic_update_slice(points, short, (at, 0))
-
-    # Most paths have one window: the first one is shortened before the loop.
-    points = lax.fori_loop(1, first + second, window, window(jnp.int32(0), points))
-    points = _unrepeat(points)
-
-    def whole(_: Array, points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
-        found = _shorten(sight, _refine(points), price)
-        if price is None:
-            return found
+        at = jnp.where(whole, 0, at)
+        some = lax.dynamic_slice(points, (at, 0), (WINDOW, 3))
+        refined = k >= windows + joined
+        found, paid = _shorten(sight, jnp.where(refined, _refine(some), some), price)
         # What the parts of an edge cost is what the edge costs, but for the error of the quadrature.
-        return jnp.where(_cost(sight, found, price) <= _cost(sight, points, price), found, points)
+        cheaper = True if price is None else ~refined | (paid <= cost)
+        better = ~whole | (fits & cheaper)
+        points = jnp.where(better, lax.dynamic_update_slice(points, found, (at, 0)), points)
+        return points, jnp.where(better, paid, cost)
 
-    taut = lax.fori_loop(0, rounds, whole, points[:WINDOW])
-    fits = jnp.all(points[WINDOW - 1 :] == points[-1])
-    taut = jnp.concatenate([taut, jnp.broadcast_to(taut[-1], (room - WINDOW, 3))])
-    return jnp.where(fits, taut, points)[:n]
+    nothing = jnp.zeros((), path.dtype)
+    points, _ = lax.fori_loop(0, windows + joined + rounds, round_, (points, nothing))
+    return points[:n]

@@ -28,9 +28,9 @@ def settle(
 ) -> Carry:
     """`lax.while_loop` for members of a batch that need different numbers of turns.
 
-    Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here all take turns
-    together while more than half of them go on; the rest are then gathered, a part of the batch at a time, and only
-    they are computed. What each member gets is the same.
+    Under `vmap`, `lax.while_loop` computes every turn for all members until the last one is done. Here each turn is
+    taken by a part of the batch, gathered from those that still need one; a member that is done costs nothing more.
+    What each member gets is the same.
 
     Args:
         going: (data, carry) ↦ whether to take another turn. Like `step`, it may close over nothing that is batched.
@@ -82,29 +82,22 @@ class _Loop:
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
             return jnp.asarray(jax.vmap(self.on, axes)(inputs, leaves))
 
-        def together(leaves: Leaves) -> Leaves:
-            more = unfinished(leaves)
-            pairs = zip(jax.vmap(self.turn, axes)(inputs, leaves), leaves, strict=True)
+        def take_turn(leaves: Leaves) -> Leaves:
             with jax.named_scope("settle"):
-                return [jnp.where(more.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
-
-        def finish(leaves: Leaves) -> Leaves:
-            # What fills up a part that has too few members is a copy of the last one, and is dropped.
-            chosen = jnp.nonzero(unfinished(leaves), size=part, fill_value=size)[0]
-
-            def take(x: Array) -> Array:
-                return jnp.take(x, chosen, axis=0, mode="clip")
-
+                more = unfinished(leaves)
+                # Those that go on, first come first served; what fills up the part is done, and stays as it is.
+                chosen = jnp.argsort(~more, stable=True)[:part]
+                some = [x[chosen] if batched else x for x, batched in zip(inputs, own, strict=True)]
+                before = [x[chosen] for x in leaves]
+            after = jax.vmap(self.turn, axes)(some, before)
             with jax.named_scope("settle"):
-                some = [take(x) if batched else x for x, batched in zip(inputs, own, strict=True)]
-                changing = [take(x) for x in leaves]
-            settled = jax.vmap(self.of_one, axes)(some, changing)
-            with jax.named_scope("settle"):
-                return [x.at[chosen].set(new, mode="drop") for x, new in zip(leaves, settled, strict=True)]
+                kept = more[chosen]
+                pairs = zip(after, before, strict=True)
+                changed = [jnp.where(kept.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in pairs]
+                return [x.at[chosen].set(new) for x, new in zip(leaves, changed, strict=True)]
 
         leaves = _one_a_member(size, varying, leaves)
-        leaves = lax.while_loop(lambda leaves: 2 * jnp.sum(unfinished(leaves)) > size, together, leaves)
-        leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), finish, leaves)
+        leaves = lax.while_loop(lambda leaves: jnp.any(unfinished(leaves)), take_turn, leaves)
         return leaves, [True] * len(leaves)
 
 
@@ -129,4 +122,4 @@ def batched_by(single: Callable[..., Result], batch: Callable[..., Result]) -> C
 def _one_a_member(size: int, in_batch: Sequence[bool], arrays: Sequence[Any]) -> list[Array]:
     """Arrays with a batch axis each, for a rule of `custom_vmap`: what the members of a batch share is broadcast."""
     pairs = zip(arrays, in_batch, strict=True)
-    return [x if batched else jnp.broadcast_to(x, (size, *x.shape)) for x, batched in pairs]
+    return [x if batched else jnp.broadcast_to(x, (size, *jnp.shape(x))) for x, batched in pairs]

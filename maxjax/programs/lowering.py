@@ -60,8 +60,12 @@ def in_host_memory(array: Array) -> Array:
     return moved
 
 
+# Steps that an accelerator takes in straight-line code: of more, programs grow, and gain nothing.
+_STRAIGHT = 8
+
+
 def repeat(count: int, step: Callable[[Carry], Carry], state: Carry, fused: int = 1) -> Carry:
-    """`step`, `count` times: a loop on CPU, straight-line code on an accelerator.
+    """`step`, `count` times: a loop on CPU; on an accelerator straight-line code, of many steps some a turn of a loop.
 
     Args:
         count: static.
@@ -74,16 +78,23 @@ def repeat(count: int, step: Callable[[Carry], Carry], state: Carry, fused: int 
         last: Carry = lax.fori_loop(0, count, lambda _, s: step(s), state)
         return last
 
-    def straight(state: Carry) -> Carry:
-        for k in range(count):
+    def straight(state: Carry, steps: int) -> Carry:
+        for k in range(steps):
             state = step(state)
-            if (k + 1) % fused == 0 or k + 1 == count:
+            if (k + 1) % fused == 0 or k + 1 == steps:
                 state = lax.optimization_barrier(state)
         return state
 
+    def in_turns(state: Carry) -> Carry:
+        turns, rest = divmod(count, _STRAIGHT)
+        if turns > 1:
+            state = lax.fori_loop(0, turns, lambda _, s: straight(s, _STRAIGHT), state)
+            return straight(state, rest)
+        return straight(state, count)
+
     if not count:
         return state
-    last: Carry = by_target(state, cpu=loop, default=straight)
+    last: Carry = by_target(state, cpu=loop, default=in_turns)
     return last
 
 
@@ -106,16 +117,6 @@ def in_this_turn(constants: Carry, carried: Any) -> Carry:
     kept: Carry
     kept, _ = lax.optimization_barrier((constants, carried))
     return kept
-
-
-def head_start(work: Callable[[Carry], Carry], state: Carry) -> Carry:
-    """work(state) ahead of a loop that would do the same work, on an accelerator; on CPU the state itself.
-
-    On an accelerator each look at the condition of a loop is a synchronisation. The loop has to find out from the state
-    that the work is done.
-    """
-    last: Carry = by_target(state, cpu=lambda state: state, default=work)
-    return last
 
 
 def materialise(x: Array) -> Array:

@@ -66,7 +66,6 @@ class LinearSolver(abc.ABC):
     tolerances: ClassVar[Mapping[int, float]]
     grounded: ClassVar[bool]
     attempts: ClassVar[int]
-    opening: ClassVar[tuple[Stage, ...]] = ()
 
     def __post_init__(self) -> None:
         check_caps(self.max_iterations, self.max_sweeps)

@@ -108,10 +108,6 @@ class Solver(Hashable, Protocol):
         """Screening lengths to try, where the caller leaves ℓ open."""
 
     @property
-    def opening(self) -> tuple[Stage, ...]:
-        """Stages before the loop over attempts."""
-
-    @property
     def stages(self) -> tuple[Stage, ...]:
         """Stages of an attempt; the last one sets the status."""
 

@@ -28,7 +28,6 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
@@ -102,16 +101,16 @@ def newton_cycles(medium: Medium, progress: Progress, *, tolerance: float, most:
     def going(_: _System, carry: _CycleCarry) -> Bool[Array, ""]:
         return (carry.cycles < most) & (carry.change > tolerance) & (carry.stalled < _PATIENCE)
 
-    # Most scenes of a city take three or four cycles, few take many.
-    last = settle(going, _cycle, _system(medium, progress.length), _carry(progress), parts=16)
-    return _progress(progress, last, tolerance)
-
-
-def so_many_cycles(medium: Medium, progress: Progress, *, tolerance: float, count: int) -> Progress:
-    """`newton_cycles`, but this number of them (static), converged or not."""
-    system = _system(medium, progress.length)
-    last = lax.fori_loop(0, count, lambda _, carry: _cycle(system, carry), _carry(progress))
-    return _progress(progress, last, tolerance)
+    # Scenes of a city take four to nine cycles, few take many.
+    system, first = _system(medium, progress.length), _carry(progress)
+    last = settle(going, _cycle, system, first, parts=4)
+    return dataclasses.replace(
+        progress,
+        log_phi=last.log_phi,
+        iterations=last.cycles,
+        residual=last.change,
+        converged=last.change <= tolerance,
+    )
 
 
 def _system(medium: Medium, length: Float[Array, ""]) -> _System:
@@ -122,16 +121,6 @@ def _system(medium: Medium, length: Float[Array, ""]) -> _System:
 
 def _carry(progress: Progress) -> _CycleCarry:
     return _CycleCarry(progress.log_phi, progress.iterations, progress.residual, progress.residual, jnp.int32(0))
-
-
-def _progress(before: Progress, carry: _CycleCarry, tolerance: float) -> Progress:
-    return dataclasses.replace(
-        before,
-        log_phi=carry.log_phi,
-        iterations=carry.cycles,
-        residual=carry.change,
-        converged=carry.change <= tolerance,
-    )
 
 
 def _cycle(system: _System, carry: _CycleCarry) -> _CycleCarry:

@@ -201,5 +201,6 @@ def _solve(attempts: int, solver: Solver, medium: Medium, length: Float[Array, "
         retry = (progress.status == Status.NOT_CERTIFIED) | (progress.status == Status.NOT_CONVERGED)
         return retry & (progress.attempts < attempts)
 
-    found = lax.while_loop(unfinished, attempt, run(solver.opening, here, untouched(here, length)))
+    first = untouched(here, length)
+    found = attempt(first) if attempts == 1 else lax.while_loop(unfinished, attempt, first)
     return dataclasses.replace(found, log_phi=lax.slice(found.log_phi, (0, 0, 0), medium.shape))

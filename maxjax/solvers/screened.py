@@ -22,25 +22,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.status import Status
 from maxjax.fields import stencil
-from maxjax.fields.certificate import uncertified
 from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.programs.batching import settle
-from maxjax.programs.lowering import head_start, in_this_turn
+from maxjax.programs.lowering import in_this_turn
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
 from maxjax.solvers.geodesic import or_geodesic
 from maxjax.solvers.krylov import Linear
-from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, run, tolerance_of
-from maxjax.solvers.newton import newton_cycles, so_many_cycles
+from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, tolerance_of
+from maxjax.solvers.newton import newton_cycles
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
 # large at the far end, and leave directions alone.
 TOLERANCES = {4: 1e-2, 8: 1e-12}
-# Above so many voxels a cycle takes far longer than a synchronisation.
-_LARGE = 2**24
 
 
 @jax.tree_util.register_dataclass
@@ -65,8 +61,6 @@ class Screened:
         tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`.
         max_iterations: cap on Newton cycles, and on CG iterations.
         max_sweeps: cap on positive sweeps.
-        first_cycles: cycles that an accelerator takes before it looks whether more are needed, and it looks at once
-            whether there is anything else to do; 0: none.
         or_geodesic: whether the flood's distance takes the place of a field that is not certified.
 
     Raises:
@@ -76,7 +70,6 @@ class Screened:
     tolerance: float | None = None
     max_iterations: int = 100
     max_sweeps: int = 64
-    first_cycles: int = 3
     or_geodesic: bool = True
 
     tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
@@ -85,11 +78,6 @@ class Screened:
 
     def __post_init__(self) -> None:
         check_caps(self.max_iterations, self.max_sweeps)
-
-    @property
-    def opening(self) -> tuple[Stage, ...]:
-        """The first cycles."""
-        return (self.begin,)
 
     @property
     def stages(self) -> tuple[Stage, ...]:
@@ -118,21 +106,6 @@ class Screened:
     def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
         """That of `cg`: it outdoes the V-cycle, which spans no distance faster."""
         return self._linear.preconditioner(medium, operator, faces)
-
-    def begin(self, medium: Medium, progress: Progress) -> Progress:
-        """The cycles that nearly every scene takes, and their verdict: NOT_CONVERGED where there is more to do."""
-        count = min(self.first_cycles, self.max_iterations)
-        if not count or medium.sigma.size > _LARGE:
-            return progress
-        cycles = functools.partial(so_many_cycles, tolerance=tolerance_of(self, medium), count=count)
-
-        def first(progress: Progress) -> Progress:
-            last = run((guess, cycles), medium, progress)
-            stuck = uncertified(last.log_phi, medium.component, medium.goal)
-            last = decide_status(medium, dataclasses.replace(last, uncertified=stuck))
-            return dataclasses.replace(last, status=jnp.where(last.converged, last.status, Status.NOT_CONVERGED))
-
-        return head_start(first, progress)
 
     def iterate(self, medium: Medium, progress: Progress) -> Progress:
         """Newton cycles."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import city_plan, first_cycles, lidar, plan, profile, rivals, startup, tables, training
+from benchmarks import city_plan, lidar, plan, profile, rivals, startup, tables, training
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -54,16 +54,6 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     assert solved["fleet of 6 near: compiled A*"] == 6
     document = json.loads((tmp_path / "rivals.json").read_text())
     assert "| one plan, priced |" in tables.rivals(document)
-
-
-def test_the_benchmark_of_the_first_cycles_solves_alone_and_in_a_batch(tmp_path: Path) -> None:
-    # On a CPU all numbers of first cycles are one program.
-    config = first_cycles.Config(
-        cycles=(3,), shape=(51, 51, 33), maps=("suburb",), problems=1, batch=2, repeats=1, out=tmp_path
-    )
-    rows = first_cycles.main(config)
-    assert {row["what"]: row["solved"] for row in rows} == {"single": 1, "batch of 2, a scene": 2}
-    assert all(0 < row["min"] <= row["median"] <= row["max"] for row in rows)
 
 
 def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:

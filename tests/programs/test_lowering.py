@@ -11,9 +11,9 @@ from short_programs import shorten
 
 from maxjax.programs.batching import batched_by, settle
 from maxjax.programs.lowering import (
+    by_target,
     every,
     first_maximum,
-    head_start,
     in_this_turn,
     lowered_for,
     materialise,
@@ -175,15 +175,15 @@ def test_arrays_computed_once_are_what_they_were() -> None:
     np.testing.assert_array_equal(kept, a)
 
 
-def test_only_accelerators_get_a_head_start_and_each_target_a_program_of_its_own() -> None:
+def test_each_target_has_a_program_of_its_own() -> None:
     @jax.jit
-    def three(x: Array) -> Array:
-        return head_start(lambda x: x + 3, x)
+    def which(x: Array) -> Array:
+        return by_target(x, cpu=lambda x: x, default=lambda x: x + 3)
 
-    assert three(jnp.float32(0)) == 0
+    assert which(jnp.float32(0)) == 0
     with lowered_for("gpu"):
-        assert three(jnp.float32(0)) == 3
-    assert three(jnp.float32(0)) == 0
+        assert which(jnp.float32(0)) == 3
+    assert which(jnp.float32(0)) == 0
 
 
 def test_a_batch_is_computed_by_its_own_rule() -> None:
