@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import jax
 
-from maxjax.planning import ascent
 from maxjax.programs import lowering
 from maxjax.worlds import raycast
 
-_WHOLE = ascent._UNROLLED, raycast._UNROLL, lowering._TARGET
-_SHORT = 1, 1, jax.make_user_context("cpu")
+_WHOLE = raycast._UNROLL, lowering._TARGET
+_SHORT = 1, jax.make_user_context("cpu")
 
 
 def shorten(short: bool = True) -> None:
     """From now on; False: as users compile them."""
-    ascent._UNROLLED, raycast._UNROLL, lowering._TARGET = _SHORT if short else _WHOLE
+    raycast._UNROLL, lowering._TARGET = _SHORT if short else _WHOLE

@@ -48,9 +48,9 @@ SHAPES: tuple[Index3, ...] = (
 _ROUNDED = 32, 32, 16
 # What the cheapest way is taken to cost, in terms of the straight line, and by what that grows where ends are not
 # joined.
-_GUESS, _GROWTH = 1.25, 1.6
+GUESS, GROWTH = 1.25, 1.6
 # Such faults of an end are plain in any window that holds it.
-_LOCAL = (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)
+LOCAL = (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)
 
 
 # By name.
@@ -83,7 +83,7 @@ class FocusWindow:
 
 def straight(ends: Float[np.ndarray, "2 3"]) -> float:
     """A first guess of what the cheapest way costs."""
-    return _GUESS * float(np.linalg.norm(ends[1].astype(np.float64) - ends[0]))
+    return GUESS * float(np.linalg.norm(ends[1].astype(np.float64) - ends[0]))
 
 
 def window_around(
@@ -322,6 +322,6 @@ def _next_costs(
     lengths = np.linalg.norm(np.diff(path, axis=1), axis=2).sum(axis=1)
     found = np.where(found > 0, found, lengths)
     ok = status == Status.OK
-    proved = np.isnan(bounds) | np.isin(status, _LOCAL) | (ok & (found <= bounds))
-    following: Float64[np.ndarray, " r"] = np.where(ok, np.maximum(found, costs), _GROWTH * costs)
+    proved = np.isnan(bounds) | np.isin(status, LOCAL) | (ok & (found <= bounds))
+    following: Float64[np.ndarray, " r"] = np.where(ok, np.maximum(found, costs), GROWTH * costs)
     return np.where(proved, math.nan, following)

@@ -123,4 +123,4 @@ def tighten(
 
     nothing = jnp.zeros((), path.dtype)
     points, _ = lax.fori_loop(0, windows + joined + rounds, round_, (points, nothing))
-    return points[:n]
+    return jnp.asarray(points[:n])

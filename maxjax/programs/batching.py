@@ -24,7 +24,7 @@ def settle(
     data: Any,
     carry: Carry,
     *,
-    parts: int,
+    at_once: int,
 ) -> Carry:
     """`lax.while_loop` for members of a batch that need different numbers of turns.
 
@@ -37,8 +37,8 @@ def settle(
         step: (data, carry) ↦ carry.
         data: what they read, a pytree of arrays.
         carry: the loop carry, which they change, a pytree of arrays.
-        parts: how many parts a batch has: the more, the less is computed for members that are done, and the less a
-            device has to do at a time. Static.
+        at_once: members that take a turn at a time: the fewer, the less is computed for those that are done, and the
+            less a device has to do at a time. Static.
     """
     # Leaves, not trees, cross the border of `custom_vmap`: there some have a batch axis and some have not, which a
     # dataclass need not allow.
@@ -51,7 +51,7 @@ def settle(
     def turn(inputs: Leaves, leaves: Leaves) -> Leaves:
         return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(carry_tree, leaves)))
 
-    loop = _Loop(on, turn, parts)
+    loop = _Loop(on, turn, at_once)
     run = custom_vmap(loop.of_one)
     run.def_vmap(loop.of_batch)
     result: Carry = jax.tree.unflatten(carry_tree, run(inputs, first))
@@ -64,7 +64,7 @@ class _Loop:
 
     on: Callable[[Leaves, Leaves], Bool[Array, ""]]
     turn: Callable[[Leaves, Leaves], Leaves]
-    parts: int
+    at_once: int
 
     def of_one(self, inputs: Leaves, leaves: Leaves) -> Leaves:
         settled: Leaves = lax.while_loop(
@@ -77,7 +77,7 @@ class _Loop:
     ) -> tuple[Leaves, list[bool]]:
         own, varying = in_batch
         axes = ([0 if batched else None for batched in own], 0)
-        part = -(-size // self.parts)
+        part = min(size, self.at_once)
 
         def unfinished(leaves: Leaves) -> Bool[Array, " b"]:
             return jnp.asarray(jax.vmap(self.on, axes)(inputs, leaves))

@@ -60,6 +60,9 @@ __all__ = [
     "watch",
 ]
 
+# Flights of a batch that take an iteration at a time: of one that arrives, another takes the place.
+_AT_ONCE = 512
+
 # A stage of a planning iteration: pure, of arrays; the configuration is static but for its disturbances.
 Stage = Callable[[World, Flight, FlightConfig], Flight]
 
@@ -99,8 +102,7 @@ def fly_closed_loop(
     def going(_: World, flight: Flight) -> Bool[Array, ""]:
         return ~flight.done
 
-    # Most trials of a set need about as many iterations; the few that need more are then computed by themselves.
-    return settle(going, iteration_of(config), world, take_off(world, config), parts=8).log
+    return settle(going, iteration_of(config), world, take_off(world, config), at_once=_AT_ONCE).log
 
 
 def watch(world: World, config: FlightConfig) -> Iterator[Flight]:

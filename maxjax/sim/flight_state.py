@@ -183,8 +183,3 @@ def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:
 def to_local(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """World coordinates in the frame of `config.grid`, whose origin is the middle voxel of the rolling map."""
     return x - config.spacing * (flight.rolling_map.corner + jnp.asarray(config.shape) // 2)
-
-
-def to_world(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
-    """From that frame to world coordinates."""
-    return x + config.spacing * (flight.rolling_map.corner + jnp.asarray(config.shape) // 2)

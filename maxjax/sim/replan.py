@@ -21,20 +21,16 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32, Shaped
+from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.line_of_sight import clear, sight_of
-from maxjax.planning.plan_route import routed
-from maxjax.planning.problem import Problem
-from maxjax.programs.lowering import materialise
+from maxjax.planning.windowed_route import Asked, boxed, route_in_windows
 from maxjax.sim import rolling_map as mapping
-from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local, to_world
-from maxjax.sim.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
+from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
+from maxjax.sim.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
 from maxjax.trajectories.online import Course, Reference, profile, sample, setpoint_at
 
 # Consecutive failed plans after which the flight ends.
@@ -68,14 +64,14 @@ class Candidate:
         path: [m], world frame.
         status: of planning and verification.
         certified: whether it climbs a certified field.
-        problem: that it solves.
+        near: blocked voxels around its start (`planning.windowed_route.Sought`).
     """
 
     start: Float[Array, "3"]
     path: Path
     status: Int32[Array, ""]
     certified: Bool[Array, ""]
-    problem: Problem
+    near: Bool[Array, "k k k"]
 
     @property
     def ok(self) -> Bool[Array, ""]:
@@ -156,16 +152,12 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (start, world.goal)])
     occupied = mapping.occupied(flight.rolling_map) | ground
-    where = VoxelMap(occupied & here, ground & here, None, grid)
-    problem, found = routed(where, ends, config.distances, config.planner)
-    path = to_world(flight, config, grid.to_world(_filled_up(jnp.asarray(found.path), len(flight.path))))
-    sight = sight_of(problem.blocked, problem.room)
-    sight = dataclasses.replace(sight, codes=materialise(sight.codes))
-    # Verified after the conversion to world coordinates and back, as it will be flown.
-    on_grid = grid.fractional_index(to_local(flight, config, path))
-    passed = jnp.all(clear(sight, on_grid[1:-2], on_grid[2:-1]))
-    status = jnp.where((found.status == Status.OK) & ~passed, Status.PATH_IN_COLLISION, found.status)
-    return Candidate(start, path, status, jnp.asarray(found.certified), problem)
+    law, price = config.distances.split(grid)
+    origin = mapping.origin(flight.rolling_map)
+    asked = Asked(occupied & here, ground & here, ends, origin, None if price is None else jnp.asarray(price))
+    route, near, *_ = route_in_windows(asked, ~flight.done, law, grid.local, config.planner)
+    path = origin + config.spacing * _filled_up(jnp.asarray(route.path), len(flight.path))
+    return Candidate(start, path, jnp.asarray(route.status), jnp.asarray(route.certified), near)
 
 
 def _filled_up(path: Float[Array, "n 3"], count: int) -> Float[Array, "m 3"]:
@@ -175,11 +167,10 @@ def _filled_up(path: Float[Array, "n 3"], count: int) -> Float[Array, "m 3"]:
     return jnp.pad(path, ((0, count - len(path)), (0, 0)), mode="edge")
 
 
-def _gap(flight: Flight, config: FlightConfig) -> Float[Array, "nx ny nz"]:
-    """Distance to the nearest obstacle but the ground, between centres of voxels, up to the margin [m]."""
+def _gap(flight: Flight, config: FlightConfig) -> Integer[Array, "nx ny nz"]:
+    """Squared distance to the nearest obstacle but the ground, between centres, up to the margin [voxels²]."""
     obstacles = mapping.occupied(flight.rolling_map) & ~mapping.ground(flight.rolling_map)
-    squared = squared_distance(obstacles, max(1, math.floor(config.distances.margin / config.spacing)))
-    return config.spacing * jnp.sqrt(squared.astype(jnp.float32))
+    return squared_distance(obstacles, max(1, math.floor(config.distances.margin / config.spacing)))
 
 
 def _choose(first: Bool[Array, ""], a: Reference, b: Reference) -> Reference:
@@ -199,21 +190,35 @@ def _sidestep(
 
     A viewpoint is held until it is reached: on the way there, the unseen voxels would still be hidden.
     """
-    grid, path = config.grid, candidate.path
-    rolling_map, blocked = flight.rolling_map, candidate.problem.blocked
-    occupied = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
-    view = MapView(mapping.seen(rolling_map), occupied, blocked)
-    start = grid.fractional_index(to_local(flight, config, candidate.start))
+    path, spacing = candidate.path, config.spacing
+    whole = (candidate.start - mapping.origin(flight.rolling_map)) / spacing
+    # Viewpoints and what they look at lie near the start: of the map a box around it is enough.
+    corner = jnp.floor(whole + 0.5).astype(jnp.int32) - AROUND
+    view = _view(flight.rolling_map, candidate.near, corner)
+    origin = mapping.origin(flight.rolling_map) + spacing * corner
+    start = whole - corner
     unseen = _unseen(flight, candidate, position, config)
+    unseen = UnseenPath(unseen.voxels - corner, unseen.further - corner)
     jitter = _JITTER * flight.viewpoints.astype(jnp.float32)
     key = stream(world.key, Stream.VIEWPOINT, flight.log.planning_iterations)
     chosen = next_viewpoint(view, start, unseen, config.lidar, jitter, key)
-    present = grid.fractional_index(to_local(flight, config, flight.pending_path[-1]))
+    present = (flight.pending_path[-1] - origin) / spacing
     continues = (flight.viewpoint_periods > 0) & still_reachable(view, start, present)
-    continues &= config.spacing * jnp.linalg.norm(present - start) > _REACHED
-    end = to_world(flight, config, grid.to_world(jnp.where(continues, present, chosen.position)))
+    continues &= spacing * jnp.linalg.norm(present - start) > _REACHED
+    end = origin + spacing * jnp.where(continues, present, chosen.position)
     rows = jnp.arange(path.shape[0])[:, None]
     return Sidestep(chosen.exists, continues, jnp.where(rows > 0, end, candidate.start))
+
+
+def _view(rolling_map: mapping.RollingMap, near: Bool[Array, "k k k"], corner: Int32[Array, "3"]) -> MapView:
+    """The rolling map from a lowest voxel on, as far as viewpoints look; its middle voxel is that of `near`."""
+    edge = 2 * AROUND + 1
+    occupied = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    return MapView(
+        boxed(mapping.seen(rolling_map), corner, (edge, edge, edge)),
+        boxed(occupied, corner, (edge, edge, edge), beyond=True),
+        jnp.pad(near, (edge - near.shape[0]) // 2, constant_values=True),
+    )
 
 
 def _unseen(flight: Flight, candidate: Candidate, position: Float[Array, "3"], config: FlightConfig) -> UnseenPath:
@@ -249,7 +254,7 @@ def _refer(
     flight: Flight,
     path: Path,
     valid: Bool[Array, ""],
-    gap: Float[Array, "nx ny nz"],
+    gap: Integer[Array, "nx ny nz"],
     position: Float[Array, "3"],
     config: FlightConfig,
 ) -> Reference:
@@ -264,7 +269,8 @@ def _refer(
     remaining = _remaining(flight.reference, flight.reference_time)
     course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, remaining)
     voxels, known = _known(flight, course.points, position, config)
-    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (_values(gap, voxels) - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
+    apart = config.spacing * jnp.sqrt(_values(gap, voxels).astype(jnp.float32))
+    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (apart - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
     s = course.arclength
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
     caps = jnp.where(valid & (s < ends), caps, 0.0)

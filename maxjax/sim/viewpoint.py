@@ -14,7 +14,8 @@ is within the margin of a newly detected obstacle, the nearest voxel outside it.
 Whether a scan sees a voxel free also depends on returns beside it, so the same viewpoint may fail repeatedly. Random
 numbers between 0 and `jitter` voxels are therefore added to the costs, the more the more viewpoints were tried.
 
-Positions are index coordinates of the rolling map; the vehicle is assumed to hover level.
+Positions are index coordinates of a box of the rolling map around the vehicle (`AROUND`), which is assumed to hover
+level.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ from maxjax.sim.lidar import Lidar
 
 # Candidates are at most this many voxels away along each axis.
 _REACH = 3
+# Candidates are within `_REACH`, and what they look at within 8 slabs of them: so far along each axis the map counts
+# [voxels].
+AROUND = 12
 # Without a view of u₀, a candidate has to be nearer to the path's further point than the vehicle by this [voxels].
 _PROGRESS = 0.5
 # Edges of the field of view left out [deg]: in wind the vehicle is not level.

@@ -103,7 +103,7 @@ def newton_cycles(medium: Medium, progress: Progress, *, tolerance: float, most:
 
     # Scenes of a city take four to nine cycles, few take many.
     system, first = _system(medium, progress.length), _carry(progress)
-    last = settle(going, _cycle, system, first, parts=4)
+    last = settle(going, _cycle, system, first, at_once=128)
     return dataclasses.replace(
         progress,
         log_phi=last.log_phi,

@@ -124,7 +124,7 @@ class Screened:
 
         stalled = ~progress.converged & (progress.iterations < self.max_iterations)
         first = _FallbackCarry(progress, stalled)
-        return settle(lambda _, carry: carry.stalled, solve, medium, first, parts=64).progress
+        return settle(lambda _, carry: carry.stalled, solve, medium, first, at_once=4).progress
 
     @property
     def _linear(self) -> ConjugateGradients:

@@ -317,7 +317,7 @@ def cases(odd: tuple[float, float, float]) -> tuple[Geoms, jax.Array, jax.Array,
     return geoms, *(jnp.array(points) for points in zip(*ends, strict=True)), keys
 
 
-def settle(going: Any, step: Any, data: Any, state: Any, *, parts: int) -> Any:
+def settle(going: Any, step: Any, data: Any, state: Any, *, at_once: int) -> Any:
     """What `programs.batching.settle` means; it has tests of its own, and twice as much to compile under `vmap`."""
     return jax.lax.while_loop(lambda state: going(data, state), lambda state: step(data, state), state)
 

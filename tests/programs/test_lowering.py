@@ -39,7 +39,7 @@ class Walker:
     turns: Int32[Array, ""]
 
 
-def walk(target: Float[Array, "2"], stride: Float[Array, ""], start: Float[Array, "2"], parts: int) -> Walker:
+def walk(target: Float[Array, "2"], stride: Float[Array, ""], start: Float[Array, "2"], at_once: int) -> Walker:
     """Towards the target by one stride a turn: as many turns as it is far."""
 
     def going(data: tuple[Array, Array], walker: Walker) -> Array:
@@ -50,20 +50,20 @@ def walk(target: Float[Array, "2"], stride: Float[Array, ""], start: Float[Array
         move = jnp.clip(target - walker.position, -stride, stride)
         return Walker(walker.position + move, walker.turns + 1)
 
-    return settle(going, step, (target, stride), Walker(start, jnp.int32(0)), parts=parts)
+    return settle(going, step, (target, stride), Walker(start, jnp.int32(0)), at_once=at_once)
 
 
-@pytest.mark.parametrize("parts", [1, 8, 64])
+@pytest.mark.parametrize("at_once", [64, 8, 1])
 @pytest.mark.parametrize("shared", [False, True])
-def test_every_member_gets_what_it_gets_alone(parts: int, shared: bool) -> None:
+def test_every_member_gets_what_it_gets_alone(at_once: int, shared: bool) -> None:
     targets = jnp.asarray(np.random.default_rng(0).integers(-9, 9, (37, 2)), jnp.float32).at[5].set(0.0)
     targets = targets.at[36].set(jnp.array([40.0, 2.0]))  # the last one fills up incomplete parts
     strides = jnp.float32(1) if shared else 1 + jnp.arange(37, dtype=jnp.float32) % 3
     start = jnp.zeros(2)
     axes = (0, None if shared else 0, None)
-    batch = jax.jit(jax.vmap(lambda t, s, x: walk(t, s, x, parts), axes))(targets, strides, start)
+    batch = jax.jit(jax.vmap(lambda t, s, x: walk(t, s, x, at_once), axes))(targets, strides, start)
     for k, target in enumerate(targets):
-        alone = walk(target, strides if shared else strides[k], start, parts)
+        alone = walk(target, strides if shared else strides[k], start, at_once)
         expected = np.ceil(np.abs(target).max() / (1 if shared else strides[k]))
         np.testing.assert_array_equal(batch.position[k], target)
         assert int(alone.turns) == int(batch.turns[k]) == expected
@@ -71,7 +71,7 @@ def test_every_member_gets_what_it_gets_alone(parts: int, shared: bool) -> None:
 
 def test_nested_batches() -> None:
     targets = jnp.arange(24, dtype=jnp.float32).reshape(3, 4, 2)
-    nested = jax.vmap(jax.vmap(lambda t: walk(t, jnp.float32(2), jnp.zeros(2), 1)))(targets)
+    nested = jax.vmap(jax.vmap(lambda t: walk(t, jnp.float32(2), jnp.zeros(2), 2)))(targets)
     np.testing.assert_array_equal(nested.position, targets)
     np.testing.assert_array_equal(nested.turns, np.ceil(np.asarray(targets).max(-1) / 2))
 

@@ -1,0 +1,240 @@
+"""A route by the smallest window of a map that proves it, as a pure function: for flights.
+
+    cost → window around both ends → route of cost C ≤ bound: the cheapest of the whole map   (`planning.focus_window`)
+                                                   C > bound, or none: a larger window, at last the whole map
+
+Under `vmap` each size of window is solved for those members alone that ask for it, a part of the batch at a time.
+A route is checked where it is found: every edge of it, as it lies in the world, is clear with the room that it keeps.
+
+Positions are index coordinates of the map (whole numbers at voxel centres), costs and bounds [voxels].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32, Shaped
+
+from maxjax.core.grid import Grid, Index3
+from maxjax.core.status import Status
+from maxjax.planning.distances import Distances
+from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.focus_window import GROWTH, GUESS, LOCAL
+from maxjax.planning.line_of_sight import clear, sight_of
+from maxjax.planning.planner import Planner, in_flight
+from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.route import Route, completed
+from maxjax.planning.surroundings import halo_of
+from maxjax.programs.batching import settle
+from maxjax.programs.lowering import materialise
+
+# Windows that are tried before the whole map [voxels], and how many members of a batch are solved at once: nearly all
+# ask for the first, few for the next, hardly any for the whole map.
+_SIZES: tuple[Index3, ...] = ((48, 48, 24), (64, 64, 32))
+_AT_ONCE = 256, 64, 16
+# Voxels around the start that every window holds, so that `Sought.near` is known.
+NEAR = 6
+
+
+class Asked(NamedTuple):
+    """What a route is sought for.
+
+    Attributes:
+        occupied: occupied voxels, ground included.
+        ground: voxels of the ground.
+        ends: start and goal.
+        origin: where the centre of voxel (0, 0, 0) lies in the world [m]; a path is flown by its places there.
+        price: what a metre costs in each voxel, where that is not by the distance; else None.
+    """
+
+    occupied: Bool[Array, "nx ny nz"]
+    ground: Bool[Array, "nx ny nz"]
+    ends: Float[Array, "2 3"]
+    origin: Float[Array, " 3"]
+    price: Float[Array, "nx ny nz"] | None = None
+
+
+class Sought(NamedTuple):
+    """A route, and how far it is sought.
+
+    Attributes:
+        route: the one found so far.
+        near: blocked voxels around the start, `NEAR` to each side; beyond the map all are.
+        cost: what the cheapest way is taken to cost.
+        open: whether it is still to be sought.
+    """
+
+    route: Route
+    near: Bool[Array, "k k k"]
+    cost: Float[Array, ""]
+    open: Bool[Array, ""]
+
+
+def boxed(
+    volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: bool | float = False
+) -> Shaped[Array, "bx by bz"]:
+    """What a volume holds in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
+    at = [corner[axis] + jnp.arange(n, dtype=jnp.int32) for axis, n in enumerate(shape)]
+    inside = [(x >= 0) & (x < n) for x, n in zip(at, volume.shape, strict=True)]
+    x, y, z = (jnp.clip(x, 0, n - 1) for x, n in zip(at, volume.shape, strict=True))
+    shown = volume[x[:, None, None], y[None, :, None], z[None, None, :]]
+    within = inside[0][:, None, None] & inside[1][None, :, None] & inside[2][None, None, :]
+    return jnp.where(within, shown, jnp.asarray(beyond, volume.dtype))
+
+
+def start_corner(ends: Float[Array, "2 3"], half: int) -> Int32[Array, " 3"]:
+    """The lowest voxel of the box so far around the start's voxel."""
+    return jnp.floor(ends[0] + 0.5).astype(jnp.int32) - half
+
+
+def route_in_windows(
+    asked: Asked, wanted: Bool[Array, ""], distances: Distances, grid: Grid, planner: Planner
+) -> Sought:
+    """The route of two ends in a map, in index coordinates of the map.
+
+    Args:
+        asked: map and ends.
+        wanted: whether there is anything to do; a route that nobody wants costs nothing in a batch, and means nothing.
+        distances: to keep, without a price of its own for each voxel. Static.
+        grid: of the map, its origin at zero. Static.
+        planner: how. Static; without `focus` only the whole map is solved.
+    """
+    focused = isinstance(planner, FieldPlanner) and planner.focus
+    sizes = [size for size in _SIZES if focused and 2 * math.prod(size) < math.prod(grid.shape)]
+    finders = [_Finder(distances, grid, planner, size) for size in (*sizes, None)]
+    first = jax.eval_shape(finders[-1].found, asked, jnp.zeros((), jnp.float32))
+    blank: Sought = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), first)
+    straight = jnp.linalg.norm(asked.ends[1] - asked.ends[0])
+    sought = blank._replace(
+        route=dataclasses.replace(blank.route, status=jnp.int32(Status.NO_VALID_PATH)),
+        cost=GUESS * straight,
+        open=jnp.asarray(wanted),
+    )
+    for finder, at_once in zip(finders, (*_AT_ONCE[: len(sizes)], _AT_ONCE[-1]), strict=True):
+        sought = settle(finder.suits, finder.improved, asked, sought, at_once=at_once)
+    return sought
+
+
+@dataclasses.dataclass(frozen=True)
+class _Finder:
+    """Seeks routes in windows of one size.
+
+    Attributes:
+        distances, grid, planner: as of `route_in_windows`.
+        size: of the window; None: the whole map.
+    """
+
+    distances: Distances
+    grid: Grid
+    planner: Planner
+    size: Index3 | None
+
+    def suits(self, asked: Asked, sought: Sought) -> Bool[Array, ""]:
+        """Whether the route is still open, and no way of its cost leaves the window."""
+        if self.size is None:
+            return sought.open
+        return sought.open & _placed(asked, sought.cost, self.size)[0]
+
+    def improved(self, asked: Asked, sought: Sought) -> Sought:
+        """The better of a route and the one that the window holds; closed where that one is proved."""
+        new = self.found(asked, sought.cost)
+        better = (new.route.status == Status.OK) | (sought.route.status != Status.OK)
+        route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
+        return new._replace(route=route)
+
+    def found(self, asked: Asked, cost: Float[Array, ""]) -> Sought:
+        """The route that the window holds, and whether it is open still, by the cost to look for next."""
+        if self.size is None:
+            problem = formulate(asked.occupied, asked.ground, asked.ends, self.distances, self.grid)
+            corner, grid, bound, price = jnp.zeros(3, jnp.int32), self.grid, jnp.float32(jnp.inf), asked.price
+        else:
+            grid = Grid(self.size, self.grid.spacing, (0.0, 0.0, 0.0))
+            _, corner = _placed(asked, cost, self.size)
+            bound = _way_out(asked, corner, self.size)
+            problem = self._problem(asked, corner, grid)
+            price = None if asked.price is None else boxed(asked.price, corner, self.size, beyond=1.0)
+        if price is not None:
+            problem = dataclasses.replace(problem, price=price)
+        route = completed(problem, in_flight(self.planner)(problem, grid), grid)
+        path = jnp.asarray(route.path) + corner
+        status = jnp.where(
+            (route.status == Status.OK)
+            & ~_is_clear(problem, path - corner, asked.origin + grid.spacing * corner, grid),
+            Status.PATH_IN_COLLISION,
+            route.status,
+        )
+        route = dataclasses.replace(
+            route, path=path, status=status.astype(jnp.int32), geodesic=jnp.asarray(route.geodesic)
+        )
+        length = jnp.sum(jnp.linalg.norm(jnp.diff(path, axis=0), axis=1))
+        paid = jnp.where(route.cost > 0, route.cost / grid.spacing, length)
+        ok = status == Status.OK
+        proved = (ok & (paid <= bound)) | functools.reduce(jnp.logical_or, [status == fault for fault in LOCAL])
+        near = start_corner(asked.ends, NEAR) - corner
+        k = 2 * NEAR + 1
+        return Sought(
+            route,
+            boxed(problem.blocked, near, (k, k, k), beyond=True),
+            jnp.where(ok, jnp.maximum(paid, cost), GROWTH * cost).astype(jnp.float32),
+            ~proved if self.size is not None else jnp.array(False),
+        )
+
+    def _problem(self, asked: Asked, corner: Int32[Array, " 3"], grid: Grid) -> Problem:
+        """The problem in a window of the map, with what lies around it."""
+        halo = halo_of(self.distances, grid)
+        x, y, z = (n + 2 * halo for n in grid.shape)
+        occupied, ground = (boxed(v, corner - halo, (x, y, z)) for v in (asked.occupied, asked.ground))
+        left = jnp.asarray(self.grid.shape, jnp.int32) - corner
+        rim = jnp.minimum(left, jnp.asarray(grid.shape, jnp.int32))
+        ends = asked.ends - corner
+        return formulate(materialise(occupied), materialise(ground), ends, self.distances, grid, rim)
+
+
+def _placed(asked: Asked, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
+    """Whether a window of this size holds every way of a cost and what is near the start, and its lowest voxel."""
+    limits, ends = jnp.asarray(asked.occupied.shape, jnp.int32), asked.ends
+    whole = jnp.floor(ends + 0.5)
+    inside = jnp.all(jnp.isfinite(ends)) & jnp.all((whole >= 0) & (whole < limits)) & jnp.any(ends[0] != ends[1])
+    ends = jnp.where(inside, ends, 0.0)
+    middle, chord = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
+    # The box of the ellipsoid, as in `focus_window.ellipsoid_box`.
+    half = jnp.sqrt(jnp.maximum(cost**2 - jnp.sum(chord**2), 0.0) / 4 + chord**2 / 4)
+    start = start_corner(ends, 0)
+    low = jnp.minimum(jnp.floor(middle - half).astype(jnp.int32), start - NEAR)
+    high = jnp.maximum(jnp.ceil(middle + half).astype(jnp.int32), start + NEAR)
+    low, high = (jnp.clip(corner, 0, limits - 1) for corner in (low, high))
+    # Layers that are solid everywhere, as below the ground, need no room.
+    open_layers = ~jnp.all(asked.occupied, axis=(0, 1))
+    layer = jnp.arange(len(open_layers), dtype=jnp.int32)
+    floor = jnp.min(jnp.where(open_layers & (layer >= low[2]) & (layer <= high[2]), layer, high[2]))
+    low = low.at[2].set(floor)
+    last = jnp.maximum(limits - jnp.asarray(size), 0)
+    corner = jnp.clip((low + high + 1 - jnp.asarray(size)) // 2, 0, last)
+    corner = corner.at[2].set(jnp.minimum(floor, last[2]))
+    return inside & jnp.all(high - low < jnp.asarray(size)), corner
+
+
+def _way_out(asked: Asked, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
+    """`focus_window.way_out`: the least cost of a way that leaves a window; infinite if none can."""
+    start, goal = asked.ends
+    bound = jnp.float32(jnp.inf)
+    for axis in range(3):
+        for face, step in ((corner[axis], -1), (corner[axis] + size[axis] - 1, 1)):
+            x, y, z = (1 if k == axis else n for k, n in enumerate(size))
+            beyond = boxed(asked.occupied, corner.at[axis].set(face + step), (x, y, z), beyond=True)
+            way = jnp.linalg.norm(start.at[axis].set(2 * face - start[axis]) - goal)
+            bound = jnp.where(jnp.all(beyond), bound, jnp.minimum(bound, way))
+    return bound
+
+
+def _is_clear(problem: Problem, path: Float[Array, "t 3"], origin: Float[Array, " 3"], grid: Grid) -> Bool[Array, ""]:
+    """Whether a path, brought to the world and back, is clear; the ways to its exact ends were checked before."""
+    sight = sight_of(problem.blocked, problem.room)
+    sight = dataclasses.replace(sight, codes=materialise(sight.codes))
+    back = ((origin + grid.spacing * path) - origin) / grid.spacing
+    return jnp.asarray(jnp.all(clear(sight, back[1:-2], back[2:-1])))
