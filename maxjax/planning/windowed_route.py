@@ -37,6 +37,8 @@ from maxjax.programs.lowering import materialise
 # ask for the first, few for the next, hardly any for the whole map.
 _SIZES: tuple[Index3, ...] = ((48, 48, 24), (64, 64, 32))
 _AT_ONCE = 256, 64, 16
+# Of a route that is proved: no number of a size.
+_PROVED = 1000
 # Voxels around the start that every window holds, so that `Sought.near` is known.
 NEAR = 6
 
@@ -66,17 +68,17 @@ class Sought(NamedTuple):
         route: the one found so far.
         near: blocked voxels around the start, `NEAR` to each side; beyond the map all are.
         cost: what the cheapest way is taken to cost.
-        open: whether it is still to be sought.
+        least: the smallest size of a window that may still show more, by its number; beyond all of them: none does.
     """
 
     route: Route
     near: Bool[Array, "k k k"]
     cost: Float[Array, ""]
-    open: Bool[Array, ""]
+    least: Int32[Array, ""]
 
 
 def boxed(
-    volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: bool | float = False
+    volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: float = False
 ) -> Shaped[Array, "bx by bz"]:
     """What a volume holds in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
     at = [corner[axis] + jnp.arange(n, dtype=jnp.int32) for axis, n in enumerate(shape)]
@@ -106,18 +108,26 @@ def route_in_windows(
     """
     focused = isinstance(planner, FieldPlanner) and planner.focus
     sizes = [size for size in _SIZES if focused and 2 * math.prod(size) < math.prod(grid.shape)]
-    finders = [_Finder(distances, grid, planner, size) for size in (*sizes, None)]
-    first = jax.eval_shape(finders[-1].found, asked, jnp.zeros((), jnp.float32))
-    blank: Sought = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), first)
-    straight = jnp.linalg.norm(asked.ends[1] - asked.ends[0])
-    sought = blank._replace(
-        route=dataclasses.replace(blank.route, status=jnp.int32(Status.NO_VALID_PATH)),
-        cost=GUESS * straight,
-        open=jnp.asarray(wanted),
+    finders = [_Finder(distances, grid, planner, k, size) for k, size in enumerate((*sizes, None))]
+    zero, no = jnp.zeros((), jnp.float32), jnp.array(False)
+    path = jnp.zeros((_points(planner, finders[-1], asked), 3), jnp.float32)
+    sought = Sought(
+        Route(path, jnp.int32(Status.NO_VALID_PATH), no, jnp.zeros(2, jnp.float32), no, zero),
+        jnp.ones((2 * NEAR + 1,) * 3, bool),
+        GUESS * jnp.linalg.norm(asked.ends[1] - asked.ends[0]),
+        jnp.where(wanted, 0, len(finders)).astype(jnp.int32),
     )
     for finder, at_once in zip(finders, (*_AT_ONCE[: len(sizes)], _AT_ONCE[-1]), strict=True):
         sought = settle(finder.suits, finder.improved, asked, sought, at_once=at_once)
     return sought
+
+
+def _points(planner: Planner, finder: _Finder, asked: Asked) -> int:
+    """How many points a route has, with its exact ends."""
+    if isinstance(planner, FieldPlanner):
+        return planner.ascent.steps + 3
+    shape = jax.eval_shape(lambda asked: finder.found(asked, jnp.zeros(())).route.path, asked).shape
+    return int(shape[0])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,29 +136,30 @@ class _Finder:
 
     Attributes:
         distances, grid, planner: as of `route_in_windows`.
+        number: of the size.
         size: of the window; None: the whole map.
     """
 
     distances: Distances
     grid: Grid
     planner: Planner
+    number: int
     size: Index3 | None
 
     def suits(self, asked: Asked, sought: Sought) -> Bool[Array, ""]:
-        """Whether the route is still open, and no way of its cost leaves the window."""
-        if self.size is None:
-            return sought.open
-        return sought.open & _placed(asked, sought.cost, self.size)[0]
+        """Whether the window may show more, and no way of the cost leaves it."""
+        more = sought.least <= self.number
+        return more if self.size is None else more & _placed(asked, sought.cost, self.size)[0]
 
     def improved(self, asked: Asked, sought: Sought) -> Sought:
-        """The better of a route and the one that the window holds; closed where that one is proved."""
+        """The better of a route and the one that the window holds."""
         new = self.found(asked, sought.cost)
         better = (new.route.status == Status.OK) | (sought.route.status != Status.OK)
         route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
         return new._replace(route=route)
 
     def found(self, asked: Asked, cost: Float[Array, ""]) -> Sought:
-        """The route that the window holds, and whether it is open still, by the cost to look for next."""
+        """The route that the window holds, and what to look for next."""
         if self.size is None:
             problem = formulate(asked.occupied, asked.ground, asked.ends, self.distances, self.grid)
             corner, grid, bound, price = jnp.zeros(3, jnp.int32), self.grid, jnp.float32(jnp.inf), asked.price
@@ -181,7 +192,7 @@ class _Finder:
             route,
             boxed(problem.blocked, near, (k, k, k), beyond=True),
             jnp.where(ok, jnp.maximum(paid, cost), GROWTH * cost).astype(jnp.float32),
-            ~proved if self.size is not None else jnp.array(False),
+            jnp.where(proved, _PROVED, self.number + 1).astype(jnp.int32),
         )
 
     def _problem(self, asked: Asked, corner: Int32[Array, " 3"], grid: Grid) -> Problem:
