@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import tyro
 from jaxtyping import Array, Float, Int32
@@ -32,7 +33,7 @@ from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
-from maxjax.solvers.newton import so_many_cycles
+from maxjax.solvers.newton import newton_cycles
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
 from maxjax.viz.style import PATHS, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import MAPS
@@ -102,7 +103,8 @@ def _start(sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]) -> tuple[M
 @jax.jit
 def _cycle(medium: Medium, progress: Progress) -> Progress:
     """One cycle; nothing but φ passes from one to the next, so k of them are a solve of k cycles."""
-    return so_many_cycles(medium, progress, tolerance=0.0, count=1)
+    first = dataclasses.replace(progress, iterations=jnp.int32(0), residual=jnp.full_like(progress.residual, jnp.inf))
+    return newton_cycles(medium, first, tolerance=0.0, most=1)
 
 
 def _convergence(scene: Instance, config: Config) -> list[Row]:

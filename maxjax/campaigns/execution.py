@@ -30,7 +30,7 @@ from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trials import draw_many
 from maxjax.programs.executable import stored
 from maxjax.programs.threads import concurrently, interruptible
-from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_closed_loop, watch
+from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import make_scene
 
@@ -177,14 +177,14 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
 def _fly_part(
     geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
 ) -> FlightLog:
-    """The logs of a part of a batch, in one program: `fly_closed_loop` under `vmap`."""
+    """The logs of a part of a batch, in one program."""
     if len(start) == 1:
-        # Under `vmap` there would be twice as much to compile.
+        # A batch would be twice as much to compile.
         only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
         logs: FlightLog = jax.tree.map(lambda x: x[None], fly_closed_loop(*only, config))
-    else:
-        logs = jax.vmap(fly_closed_loop, in_axes=(0, 0, 0, 0, None))(geoms, start, goal, key, config)
-    return logs
+        return logs
+    air = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x), len(start)), config.disturbances)
+    return fly_all_closed_loop(World(geoms, start, goal, key, air), config)
 
 
 def _one_by_one(

@@ -51,6 +51,7 @@ class Asked(NamedTuple):
         ground: voxels of the ground.
         ends: start and goal.
         origin: where the centre of voxel (0, 0, 0) lies in the world [m]; a path is flown by its places there.
+        solid: layers that are all occupied, as those below the ground.
         price: what a metre costs in each voxel, where that is not by the distance; else None.
     """
 
@@ -58,7 +59,19 @@ class Asked(NamedTuple):
     ground: Bool[Array, "nx ny nz"]
     ends: Float[Array, "2 3"]
     origin: Float[Array, " 3"]
-    price: Float[Array, "nx ny nz"] | None = None
+    solid: Bool[Array, " nz"]
+    price: Float[Array, "nx ny nz"] | None
+
+    @classmethod
+    def of(
+        cls,
+        volumes: tuple[Bool[Array, "nx ny nz"], Bool[Array, "nx ny nz"]],
+        ends: Float[Array, "2 3"],
+        origin: Float[Array, " 3"],
+        price: Float[Array, "nx ny nz"] | None = None,
+    ) -> Asked:
+        """That of a map: `occupied` and `ground`."""
+        return cls(*volumes, ends, origin, jnp.all(volumes[0], axis=(0, 1)), price)
 
 
 class Sought(NamedTuple):
@@ -220,9 +233,8 @@ def _placed(asked: Asked, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Ar
     high = jnp.maximum(jnp.ceil(middle + half).astype(jnp.int32), start + NEAR)
     low, high = (jnp.clip(corner, 0, limits - 1) for corner in (low, high))
     # Layers that are solid everywhere, as below the ground, need no room.
-    open_layers = ~jnp.all(asked.occupied, axis=(0, 1))
-    layer = jnp.arange(len(open_layers), dtype=jnp.int32)
-    floor = jnp.min(jnp.where(open_layers & (layer >= low[2]) & (layer <= high[2]), layer, high[2]))
+    layer = jnp.arange(len(asked.solid), dtype=jnp.int32)
+    floor = jnp.min(jnp.where(~asked.solid & (layer >= low[2]) & (layer <= high[2]), layer, high[2]))
     low = low.at[2].set(floor)
     last = jnp.maximum(limits - jnp.asarray(size), 0)
     corner = jnp.clip((low + high + 1 - jnp.asarray(size)) // 2, 0, last)
@@ -233,7 +245,7 @@ def _placed(asked: Asked, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Ar
 def _way_out(asked: Asked, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
     """`focus_window.way_out`: the least cost of a way that leaves a window; infinite if none can."""
     start, goal = asked.ends
-    bound = jnp.float32(jnp.inf)
+    bound = jnp.asarray(jnp.inf, jnp.float32)
     for axis in range(3):
         for face, step in ((corner[axis], -1), (corner[axis] + size[axis] - 1, 1)):
             x, y, z = (1 if k == axis else n for k, n in enumerate(size))

@@ -44,6 +44,34 @@ def settle(
     # dataclass need not allow.
     inputs, data_tree = jax.tree.flatten(data)
     first, carry_tree = jax.tree.flatten(carry)
+    loop = _Loop(*_of_leaves(going, step, data_tree, carry_tree), at_once)
+    run = custom_vmap(loop.of_one)
+    run.def_vmap(loop.of_batch)
+    result: Carry = jax.tree.unflatten(carry_tree, run(inputs, first))
+    return result
+
+
+def settle_batch(
+    going: Callable[[Any, Carry], Bool[Array, ""]],
+    step: Callable[[Any, Carry], Carry],
+    data: Any,
+    carry: Carry,
+    *,
+    at_once: int,
+) -> Carry:
+    """`settle` under `vmap`, of arrays that all have the batch's axis: a single member is not traced beside it."""
+    inputs, data_tree = jax.tree.flatten(data)
+    first, carry_tree = jax.tree.flatten(carry)
+    loop = _Loop(*_of_leaves(going, step, data_tree, carry_tree), at_once)
+    found, _ = loop.of_batch(len(first[0]), [[True] * len(inputs), [True] * len(first)], inputs, first)
+    result: Carry = jax.tree.unflatten(carry_tree, found)
+    return result
+
+
+def _of_leaves(
+    going: Callable[[Any, Any], Bool[Array, ""]], step: Callable[[Any, Any], Any], data_tree: Any, carry_tree: Any
+) -> tuple[Callable[[Leaves, Leaves], Bool[Array, ""]], Callable[[Leaves, Leaves], Leaves]]:
+    """The condition and the step of a loop, of the leaves of its data and of its carry."""
 
     def on(inputs: Leaves, leaves: Leaves) -> Bool[Array, ""]:
         return going(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(carry_tree, leaves))
@@ -51,11 +79,7 @@ def settle(
     def turn(inputs: Leaves, leaves: Leaves) -> Leaves:
         return jax.tree.leaves(step(jax.tree.unflatten(data_tree, inputs), jax.tree.unflatten(carry_tree, leaves)))
 
-    loop = _Loop(on, turn, at_once)
-    run = custom_vmap(loop.of_one)
-    run.def_vmap(loop.of_batch)
-    result: Carry = jax.tree.unflatten(carry_tree, run(inputs, first))
-    return result
+    return on, turn
 
 
 @dataclasses.dataclass(frozen=True)

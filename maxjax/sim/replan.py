@@ -154,7 +154,8 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     occupied = mapping.occupied(flight.rolling_map) | ground
     law, price = config.distances.split(grid)
     origin = mapping.origin(flight.rolling_map)
-    asked = Asked(occupied & here, ground & here, ends, origin, None if price is None else jnp.asarray(price))
+    volumes = occupied & here, ground & here
+    asked = Asked.of(volumes, ends, origin, None if price is None else jnp.asarray(price))
     route, near, *_ = route_in_windows(asked, ~flight.done, law, grid.local, config.planner)
     path = origin + config.spacing * _filled_up(jnp.asarray(route.path), len(flight.path))
     return Candidate(start, path, jnp.asarray(route.status), jnp.asarray(route.certified), near)

@@ -37,6 +37,9 @@ from maxjax.solvers.newton import newton_cycles
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
 # large at the far end, and leave directions alone.
 TOLERANCES = {4: 1e-2, 8: 1e-12}
+# With prices the last voxels to settle lie beside walls, where few ways lead: when none changes by five times as much,
+# log φ is as accurate as without prices (0.02 to 0.2 beside 0.04 to 0.3 at most, in eight windows of a city).
+_PRICED = 5.0
 
 
 @jax.tree_util.register_dataclass
@@ -58,7 +61,8 @@ class Screened:
     """The solver `screened`.
 
     Attributes:
-        tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`.
+        tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`,
+            and five times as much where there are prices.
         max_iterations: cap on Newton cycles, and on CG iterations.
         max_sweeps: cap on positive sweeps.
         or_geodesic: whether the flood's distance takes the place of a field that is not certified.
@@ -109,7 +113,10 @@ class Screened:
 
     def iterate(self, medium: Medium, progress: Progress) -> Progress:
         """Newton cycles."""
-        return newton_cycles(medium, progress, tolerance=tolerance_of(self, medium), most=self.max_iterations)
+        tolerance = tolerance_of(self, medium)
+        if self.tolerance is None and medium.price is not None:
+            tolerance *= _PRICED
+        return newton_cycles(medium, progress, tolerance=tolerance, most=self.max_iterations)
 
     def fall_back(self, medium: Medium, progress: Progress) -> Progress:
         """Conjugate gradients where the cycles stalled; what they do not converge to is dropped."""
