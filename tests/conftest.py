@@ -93,14 +93,23 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
     from maxjax.planning.search import astar_compiled
 
-    folder = tmp_path_factory.mktemp("astar")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(astar_compiled, "cache_folder", lambda: folder)
-        astar_compiled._outcome.cache_clear()
-        if not astar_compiled.available():
-            pytest.skip(str(astar_compiled._outcome()))
+    with compiled(astar_compiled.SOURCE, tmp_path_factory):
         yield
-    astar_compiled._outcome.cache_clear()
+
+
+@contextlib.contextmanager
+def compiled(source: Path, folders: pytest.TempPathFactory) -> Iterator[None]:
+    """The library of a source, built in a folder of its own."""
+    from maxjax.programs import native
+
+    folder = folders.mktemp(source.stem)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(native, "cache_folder", lambda: folder)
+        native._outcome.cache_clear()
+        if not native.available(source):
+            pytest.skip(str(native._outcome(source)))
+        yield
+    native._outcome.cache_clear()
 
 
 def of(item: pytest.Item, places: tuple[str, ...]) -> bool:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import stat
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,7 +17,9 @@ import maxjax
 from maxjax import Status
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.search.astar import AstarResult, astar
-from maxjax.planning.search.astar_compiled import NotCompiledError, Queries, Query, Search
+from maxjax.planning.search.astar_compiled import Queries, Query, Search
+from maxjax.programs import native
+from maxjax.programs.native import NotCompiledError
 
 Index = tuple[int, int, int]
 PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]
@@ -134,16 +133,6 @@ def test_wrong_queries_are_told_with_what_was_given() -> None:
         Queries([Query(blocked, (0, 0, 0), (1, 1, 2))]).run([Search((3, 3, 3))])
 
 
-@pytest.fixture
-def unbuilt(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    """A folder for libraries, which is empty, and nothing known of an earlier build."""
-    (tmp_path / "cache").mkdir()
-    monkeypatch.setattr(astar_compiled, "cache_folder", lambda: tmp_path / "cache")
-    astar_compiled._outcome.cache_clear()
-    yield tmp_path
-    astar_compiled._outcome.cache_clear()
-
-
 def plan_by_astar() -> maxjax.Plan:
     grid = maxjax.Grid((9, 8, 7), 2.0, (0.0, 0.0, 0.0))
     occupied = np.zeros(grid.shape, bool)
@@ -157,59 +146,16 @@ def plan_by_astar() -> maxjax.Plan:
     )
 
 
-def script(folder: Path, text: str) -> None:
-    """A program called c++ in the folder."""
-    folder.mkdir()
-    (folder / "c++").write_text(f"#!/bin/sh\n{text}\n")
-    (folder / "c++").chmod(stat.S_IRWXU)
-
-
-@pytest.mark.parametrize("what", ["no compiler", "broken compiler", "no library", "no folder"])
-def test_without_a_library_the_search_in_python_plans(
-    what: str, unbuilt: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected, programs = plan_by_astar(), unbuilt / "bin"
-    astar_compiled._outcome.cache_clear()
-    message = "cannot be built or loaded"
-    if what == "no compiler":
-        programs.mkdir()
-        message = r"expected a C\+\+ compiler \(c\+\+, g\+\+, clang\+\+\) on the PATH, found none; install one"
-    elif what == "broken compiler":
-        script(programs, "echo no such header >&2; exit 1")
-        message = r"c\+\+ could not compile the search: no such header"
-    elif what == "no library":
-        script(programs, 'while [ "$1" != -o ]; do shift; done; echo text > "$2"')
-    else:
-        script(programs, "exit 0")
-        monkeypatch.setattr(astar_compiled, "cache_folder", lambda: None)
-        message = "there is no folder to keep the compiled search in; set MAXJAX_CACHE"
-    monkeypatch.setenv("PATH", str(programs))
-    with pytest.raises(NotCompiledError, match=message):
-        astar_compiled.library()
+@pytest.mark.usefixtures("compiled_astar")
+def test_without_a_library_the_search_in_python_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = plan_by_astar()
+    assert "search" in expected.timings
+    monkeypatch.setattr(native, "cache_folder", lambda: None)
+    native._outcome.cache_clear()
+    with pytest.raises(NotCompiledError, match=r"astar\.cpp: there is no folder"):
+        native.library(astar_compiled.SOURCE)
     found = plan_by_astar()
     assert found.status is Status.OK
     assert "search in Python" in found.timings
     np.testing.assert_array_equal(found.path, expected.path)
-
-
-@pytest.mark.usefixtures("compiled_astar")
-def test_is_built_once_and_leaves_nothing_else(unbuilt: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert plan_by_astar().timings["compile"] > 0
-    (kept,) = (unbuilt / "cache").iterdir()
-    assert "search" in plan_by_astar().timings
-    written = kept.stat().st_mtime_ns
-    astar_compiled._outcome.cache_clear()
-    astar_compiled.library()
-    assert [kept] == list((unbuilt / "cache").iterdir())
-    assert kept.stat().st_mtime_ns == written
-    monkeypatch.setattr(astar_compiled, "FLAGS", (*astar_compiled.FLAGS, "-DOTHER"))
-    astar_compiled._outcome.cache_clear()
-    astar_compiled.library()
-    assert len(list((unbuilt / "cache").iterdir())) == 2
-
-
-def test_the_source_is_part_of_the_package() -> None:
-    assert astar_compiled.SOURCE.is_file()
-    assert os.path.commonpath([astar_compiled.SOURCE, Path(maxjax.__file__).parent]) == str(
-        Path(maxjax.__file__).parent
-    )
+    native._outcome.cache_clear()

@@ -2,24 +2,15 @@
 
     queries → Queries (as the C++ reads them) → run on a `Search` a thread → AstarResult
 
-The library is built when it is first asked for and kept in the cache folder (`programs.cache`), under a name that holds
-a hash of the source, the compiler and its flags. It is put there by a rename, so that processes may build it at the
-same time. Nothing here is needed: without a compiler or a cache folder `library` raises a `NotCompiledError`, and
+The library is built when it is first asked for and kept (`programs.native`). Nothing here is needed: without one
 `astar.astar` gives the same answers.
-
-Products and sums are rounded one by one, as in Python (no fused multiply-add), which makes labels and ties the same.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
-import os
 import queue
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -31,14 +22,10 @@ from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.search.astar import AstarResult, checked, no_path, path_found, status_of_ends
 from maxjax.planning.search.steps import AT_START, STEPS, rules
-from maxjax.programs.cache import VARIABLE, cache_folder
+from maxjax.programs import native
 from maxjax.programs.threads import concurrently
 
 SOURCE = Path(__file__).with_name("astar.cpp")
-COMPILERS = ("c++", "g++", "clang++")
-# `-march=native` gains nothing here.
-FLAGS = ("-std=c++17", "-O3", "-ffp-contract=off", "-shared", "-fPIC")
-_SECONDS = 300  # that a compiler may take
 _ROOM, _TOGETHER = 512, 16  # steps of a path that are kept at first; queries that a thread takes at a time
 
 # `Query` of the source.
@@ -48,69 +35,20 @@ _QUERY = np.dtype([(name, np.uint64 if name in _POINTERS else np.int64) for name
 _NO_MEMORY = -2
 
 
-class NotCompiledError(RuntimeError):
-    """There is no compiled A*; the message says why."""
-
-
-def library() -> ctypes.CDLL:
-    """The library, built unless it is there.
-
-    Raises:
-        NotCompiledError: without a compiler, where the build fails, or where its result cannot be kept or loaded.
-    """
-    found = _outcome()
-    if isinstance(found, NotCompiledError):
-        raise found
-    return found
-
-
 def available() -> bool:
-    """Whether there is a compiled A*; the first call may build it, which takes a few seconds."""
-    return not isinstance(_outcome(), NotCompiledError)
+    """Whether there is a compiled A*; the first call may build it."""
+    return native.available(SOURCE)
 
 
 @functools.cache
-def _outcome() -> ctypes.CDLL | NotCompiledError:
-    """What came of the one attempt of this process."""
-    try:
-        loaded = ctypes.CDLL(str(_built()))
-    except NotCompiledError as error:
-        return error
-    except (OSError, subprocess.SubprocessError) as error:
-        return NotCompiledError(f"A*: the compiled search cannot be built or loaded: {error}")
+def _library() -> ctypes.CDLL:
+    """The library, its functions declared."""
+    loaded = native.library(SOURCE)
     address, number = ctypes.c_void_p, ctypes.c_int64
     loaded.search_new.restype, loaded.search_new.argtypes = address, [address, address, address]
     loaded.search_delete.restype, loaded.search_delete.argtypes = None, [address]
     loaded.search_run.restype, loaded.search_run.argtypes = None, [address, address, number]
     return loaded
-
-
-def _built() -> Path:
-    """The library, compiled unless it is there."""
-    folder = cache_folder()
-    if folder is None:
-        raise NotCompiledError(f"A*: there is no folder to keep the compiled search in; set {VARIABLE} to one")
-    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if compiler is None:
-        raise NotCompiledError(
-            f"A*: expected a C++ compiler ({', '.join(COMPILERS)}) on the PATH, found none; install one for the "
-            "compiled search, or use the one in Python"
-        )
-    source, binary = SOURCE.read_bytes(), Path(compiler).resolve()
-    told = (str(binary), binary.stat().st_size, binary.stat().st_mtime_ns, *FLAGS)
-    path = folder / f"astar-{hashlib.sha256(source + repr(told).encode()).hexdigest()[:24]}.so"
-    if path.is_file():
-        return path
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as scratch:
-        new = Path(scratch, path.name)
-        command = [compiler, *FLAGS, "-o", str(new), str(SOURCE)]
-        built = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=_SECONDS)
-        if built.returncode:
-            raise NotCompiledError(
-                f"A*: {Path(compiler).name} could not compile the search: {built.stderr.strip()[:500]}"
-            )
-        os.replace(new, path)
-    return path
 
 
 @functools.cache
@@ -127,13 +65,13 @@ class Search:
     """What one thread searches maps of one shape with; kept, it spares later queries their first touch of memory.
 
     Raises:
-        NotCompiledError: as `library`.
+        NotCompiledError: as `programs.native.library`.
         MemoryError: where 16 bytes a voxel of address space cannot be had; used are those of the voxels reached.
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape = shape
-        self._library, self._rules = library(), _rules()
+        self._library, self._rules = _library(), _rules()
         dimensions = np.array(shape, np.int64)
         self._search = self._library.search_new(dimensions.ctypes.data, *(array.ctypes.data for array in self._rules))
         if not self._search:
@@ -240,7 +178,7 @@ def compiled_astar(
     """`planning.search.astar.astar`, compiled: the same arguments, results and errors.
 
     Raises:
-        NotCompiledError: as `library`.
+        NotCompiledError: as `programs.native.library`.
         MemoryError: as `Search` and `Queries.result`.
     """
     checked(blocked, start, goal, price)
