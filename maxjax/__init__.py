@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from maxjax.solvers.potential import Potential, solve_potential
     from maxjax.trajectories.limits import FlightLimits
     from maxjax.trajectories.trajectory import Trajectory
-    from maxjax.verification.verifier import Verification, verify
+    from maxjax.verification.verdicts import Verification
+    from maxjax.verification.verifier import verify
 
 __all__ = [
     "APF",
@@ -157,10 +158,8 @@ _MODULES = {
     ),
     "maxjax.trajectories.limits": ("FlightLimits",),
     "maxjax.trajectories.trajectory": ("Trajectory",),
-    "maxjax.verification.verifier": (
-        "Verification",
-        "verify",
-    ),
+    "maxjax.verification.verdicts": ("Verification",),
+    "maxjax.verification.verifier": ("verify",),
 }
 
 if not TYPE_CHECKING:  # which would take any name for a public one

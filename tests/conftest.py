@@ -97,6 +97,16 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
+    """The library of the verifier, as `compiled_astar`."""
+    from maxjax.programs import native
+    from maxjax.verification.compiled import SOURCE
+
+    with compiled(SOURCE, tmp_path_factory):
+        yield native.library(SOURCE)
+
+
 @contextlib.contextmanager
 def compiled(source: Path, folders: pytest.TempPathFactory) -> Iterator[None]:
     """The library of a source, built in a folder of its own."""

@@ -28,7 +28,8 @@ from maxjax.missions.read_back import Lines, Points
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
 from maxjax.trajectories.trajectory import Trajectory
-from maxjax.verification.verifier import Verification, verify
+from maxjax.verification.verdicts import Verification
+from maxjax.verification.verifier import verify
 
 AWAY = 0.05  # from what was planned, at most [m]
 _ROUNDED = 1e-3  # [m]

@@ -20,7 +20,8 @@ from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
 from maxjax.programs.threads import concurrently
 from maxjax.verification.polylines import Paths
-from maxjax.verification.verifier import Verdicts, verify_paths
+from maxjax.verification.verdicts import Verdicts
+from maxjax.verification.verifier import verify_paths
 
 # Paths that are verified in one go: most of what one costs is the same for several.
 _TOGETHER = 16

@@ -18,7 +18,8 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
 from maxjax.verification.clearance import distances_at
 from maxjax.verification.polylines import Paths
-from maxjax.verification.verifier import Verdicts, Verification, verify_paths
+from maxjax.verification.verdicts import Verdicts, Verification
+from maxjax.verification.verifier import verify_paths
 
 # A sample this close to the path lies on it [m].
 _ON = 1e-7

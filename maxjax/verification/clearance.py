@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Integer
 from numpy.lib.stride_tricks import as_strided
 
-from maxjax.verification.exemptions import ZONES, Parts
+from maxjax.verification.exemptions import ZONES, Parts, dot
 
 _PIECE = 4.0  # longest piece of a segment [voxels]
 _REACHES = (2.0, 4.0, 8.0, 16.0, 32.0)  # half widths of the windows that are tried, as long as they are small [voxels]
@@ -156,7 +156,7 @@ def _small(reach: float, pieces: _Pieces, occupied: Bool[np.ndarray, "m nx ny nz
 def _pieces(parts: Parts, path_of: Int64[np.ndarray, " k"], which: Integer[np.ndarray, " p"]) -> _Pieces:
     """The parts of paths, cut into equal pieces no longer than `_PIECE`."""
     a, d = parts.start, parts.step
-    length = np.sqrt(np.add.reduce(d * d, axis=1))
+    length = np.sqrt(dot(d, d))
     count = np.maximum(np.ceil(length / _PIECE), 1).astype(np.int64)
     segment = np.repeat(np.arange(len(a)), count)
     k = np.arange(len(segment)) - (np.cumsum(count) - count)[segment]
@@ -251,7 +251,7 @@ def _search(nearest: _Nearest, pieces: _Pieces, occupied: Bool[np.ndarray, "nx n
         filled = padded[tuple(voxels.T)]
         piece, voxels = np.repeat(piece, len(_CELLS))[filled], voxels[filled]
         gaps = _squared_gaps(voxels, 1, pieces.lower[piece], pieces.upper[piece])
-        _measure_nearest(nearest, pieces, piece, voxels, np.add.reduce(gaps, axis=1))
+        _measure_nearest(nearest, pieces, piece, voxels, gaps[:, 0] + gaps[:, 1] + gaps[:, 2])
 
     open_tiles(np.arange(len(gap)), gap.argmin(axis=1))
     open_tiles(*np.nonzero(gap <= nearest.bounds[pieces.zone, None] + _SLACK))
@@ -284,7 +284,7 @@ def _squared_distance(
         return vector
 
     # Half the derivative rises with t, linearly between neighbours: find where it passes through zero.
-    slope = np.einsum("kmi,ki->km", outside(t), d)
+    slope = dot(outside(t), d[:, None])
     right = np.minimum(np.maximum(np.add.reduce(slope < 0, axis=1), 1), 7)
     row = np.arange(len(a))
     t_0, t_1, slope_0, slope_1 = t[row, right - 1], t[row, right], slope[row, right - 1], slope[row, right]
@@ -292,5 +292,5 @@ def _squared_distance(
     weight = np.where(rise > 0, -slope_0 / np.where(rise > 0, rise, 1.0), 0.0)
     t_best = t_0 + np.minimum(np.maximum(weight, 0.0), 1.0) * (t_1 - t_0)
     best = outside(t_best[:, None])[:, 0]
-    squared: Float64[np.ndarray, " k"] = np.einsum("ki,ki->k", best, best)
+    squared: Float64[np.ndarray, " k"] = dot(best, best)
     return squared, a + t_best[:, None] * d

@@ -22,6 +22,13 @@ from jaxtyping import Bool, Float64, Int64
 ZONES = 3
 
 
+def dot(a: Float64[np.ndarray, "*#k 3"], b: Float64[np.ndarray, "*#k 3"]) -> Float64[np.ndarray, "*k"]:
+    """Scalar products, summed along x, y and z in this order on every machine: `np.einsum` adds as it is fastest."""
+    product = a * b
+    total: Float64[np.ndarray, "*k"] = product[..., 0] + product[..., 1] + product[..., 2]
+    return total
+
+
 class Parts(NamedTuple):
     """Parts start + t step, t ∈ [0, 1], of segments, in their order.
 
@@ -47,9 +54,9 @@ def cut(
 ) -> Parts:
     """Cut segments a + t d, t ∈ [0, 1], by l levels of n spheres; one that crosses none stays whole, to the bit."""
     offset = a[:, None] - centres
-    square = np.einsum("si,si->s", d, d)[:, None, None]
-    half = np.einsum("si,sni->sn", d, offset)[:, None]
-    rest = np.einsum("sni,sni->sn", offset, offset)[:, None] - radii * radii
+    square = dot(d, d)[:, None, None]
+    half = dot(d[:, None], offset)[:, None]
+    rest = dot(offset, offset)[:, None] - radii * radii
     depth = half * half - square * rest
     crosses = (depth > 0) & (square > 0)
     # Of the two forms of each root, the one that subtracts no numbers of nearly one size.
@@ -66,6 +73,6 @@ def cut(
     t_0, t_1 = times[segment, at], times[segment, at + 1]
     start, step = a[segment] + t_0[:, None] * d[segment], (t_1 - t_0)[:, None] * d[segment]
     gap = (start + 0.5 * step)[:, None] - centres[segment]
-    outside = np.einsum("kni,kni->kn", gap, gap)[:, None] >= radii[segment] ** 2
+    outside = dot(gap, gap)[:, None] >= radii[segment] ** 2
     zone = np.add.reduce(outside.all(axis=2), axis=1, dtype=np.int64)
     return Parts(segment, start, step, zone, ~outside[:, 0])

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
 
 from maxjax.core.grid import Grid
-from maxjax.verification.exemptions import Parts, cut
+from maxjax.verification.exemptions import Parts, cut, dot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Polylines:
             index = local / grid.spacing + 0.5
             steps = np.zeros_like(index)
             np.subtract(index[1:], index[:-1], out=steps[:-1], where=(path_of[1:] == path_of[:-1])[:, None])
-            lengths = np.add.reduceat(grid.spacing * np.linalg.norm(steps, axis=1), first)
+            lengths = np.bincount(path_of, grid.spacing * np.sqrt(dot(steps, steps)), len(counts))
         finite = np.logical_and.reduceat(np.isfinite(local).all(axis=1), first)
         within = ((index >= -tolerance) & (index <= np.array(grid.shape) + tolerance)).all(axis=1)
         inside = np.logical_and.reduceat(within, first)

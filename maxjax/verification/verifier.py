@@ -17,119 +17,28 @@ enters and leaves them. The own distance of an end is measured here, whatever it
 which exemptions are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
 `planning.line_of_sight.TOUCH`, 2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is half a
 voxel. Length and clearance have no tolerance.
+
+`plain_verdicts` below is the verifier; where there is a compiler, `verifier.cpp` gives the same verdicts in a fraction
+of the time (`verification.compiled`), path by path by the same operations, so that no plan depends on which was asked.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
 
-from maxjax.core.grid import Index3, Point3
 from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.verification import compiled
+from maxjax.verification.asked import Asked
 from maxjax.verification.clearance import clearances, distances_at
-from maxjax.verification.contacts import contacts, tolerance_of
+from maxjax.verification.contacts import contacts
 from maxjax.verification.exemptions import ZONES, Parts
 from maxjax.verification.own_distance import beside_ground, exempt_shortfall
 from maxjax.verification.polylines import Paths, Polylines
-
-# Distance from both ends [m] beyond which a path cruises.
-CRUISE = 10.0
-# Of the radius, and of the exemptions [voxels].
-_SLACK = 1e-3
-
-
-@dataclasses.dataclass(frozen=True)
-class Verification:
-    """Verdict on a path.
-
-    Attributes:
-        ok: finite, inside, no forbidden voxel touched, and not too near. Nothing else makes a path safe.
-        inside: the whole path lies in the volume of the grid.
-        finite: no coordinate is NaN or infinite.
-        first_hit: index of the first forbidden voxel that the path touches; None if there is none, or if the
-            path is not inside.
-        too_near: whether the path comes nearer to an occupied voxel, ground left out, than `radius`, or inside an
-            exemption than the end's own distance if that is less.
-        length: length of the path [m]; NaN unless finite.
-        clearance: least distance from the path to the cube of an occupied voxel [m], ground left out: 0 on contact,
-            infinite if no voxel is occupied, NaN unless inside.
-        nearest: a point of the path that has this distance [m]; None unless it is finite.
-        cruise_clearance: the least such distance outside the exemptions and farther than `CRUISE` from both ends;
-            `clearance` where it does not leave them.
-        cruise_nearest: as `nearest`, of `cruise_clearance`.
-        clearance_at: (t,) float64, such a distance from each point that the path was given by.
-    """
-
-    ok: bool
-    inside: bool
-    finite: bool
-    first_hit: Index3 | None
-    too_near: bool
-    length: float
-    clearance: float
-    nearest: Point3 | None
-    cruise_clearance: float
-    cruise_nearest: Point3 | None
-    clearance_at: Float64[np.ndarray, " t"] = dataclasses.field(compare=False)  # arrays have no single truth
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Verdicts:
-    """Verdicts on paths, as arrays over them; attributes as in `Verification`.
-
-    Attributes:
-        ok, inside, finite, too_near: (p,) bool.
-        first_hit: (p, 3) int64; −1 where there is none.
-        length, clearance, cruise_clearance: (p,) float64 [m].
-        nearest, cruise_nearest: (p, 3) float64 [m]; NaN where there is none.
-        clearance_at: (p, t) float64 [m]; NaN beyond a path.
-        counts: (p,) how many points each path has.
-    """
-
-    ok: Bool[np.ndarray, " p"]
-    inside: Bool[np.ndarray, " p"]
-    finite: Bool[np.ndarray, " p"]
-    first_hit: Int64[np.ndarray, "p 3"]
-    too_near: Bool[np.ndarray, " p"]
-    length: Float64[np.ndarray, " p"]
-    clearance: Float64[np.ndarray, " p"]
-    nearest: Float64[np.ndarray, "p 3"]
-    cruise_clearance: Float64[np.ndarray, " p"]
-    cruise_nearest: Float64[np.ndarray, "p 3"]
-    clearance_at: Float64[np.ndarray, "p t"]
-    counts: Int64[np.ndarray, " p"]
-
-    @classmethod
-    def joined(cls, parts: Sequence[Verdicts]) -> Verdicts:
-        """Verdicts on several lots of paths of one padded length."""
-        names = [field.name for field in dataclasses.fields(cls)]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-    def __len__(self) -> int:
-        return len(self.ok)
-
-    def __iter__(self) -> Iterator[Verification]:
-        return (self[k] for k in range(len(self)))
-
-    def __getitem__(self, k: int) -> Verification:
-        x, y, z = self.first_hit[k].tolist()
-        return Verification(
-            ok=bool(self.ok[k]),
-            inside=bool(self.inside[k]),
-            finite=bool(self.finite[k]),
-            first_hit=None if x < 0 else (x, y, z),
-            too_near=bool(self.too_near[k]),
-            length=float(self.length[k]),
-            clearance=float(self.clearance[k]),
-            nearest=_point(self.nearest[k]),
-            cruise_clearance=float(self.cruise_clearance[k]),
-            cruise_nearest=_point(self.cruise_nearest[k]),
-            clearance_at=self.clearance_at[k, : self.counts[k]].copy(),
-        )
+from maxjax.verification.verdicts import Verdicts, Verification
+from maxjax.verification.volumes import Volumes
 
 
 def verify(
@@ -179,22 +88,27 @@ def verify_paths(
         blocked: as in `verify`, for each map.
 
     Raises:
-        ValueError: as `verify`, and unless every path has a map.
+        ValueError: as `verify`, and unless every path has a map and 1 to t points.
     """
-    maps, grid, count, which = _Maps.of(where, blocked), where.grid, len(paths), paths.map_of
-    exemptions = _checked_exemptions(radius, exemptions, count)
-    if which.shape != (count,) or (which.size and not 0 <= which.min() <= which.max() < len(maps.occupied)):
-        raise ValueError(f"map_of: expected the map, 0 to {len(maps.occupied) - 1}, of {count} paths, given {which}")
-    lines = Polylines.of(paths, grid, tolerance_of(paths.points.dtype, grid))
-    kept, allowed = radius / grid.spacing, np.full(count, _SLACK + lines.tolerance)
-    own = np.where(exemptions > 0, exemptions / grid.spacing + allowed[:, None], 0.0)
-    parts, path_of = lines.cut(np.stack([own, np.maximum(own, CRUISE / grid.spacing)], axis=1))
-    volumes = maps.occupied, maps.ground
+    asked = Asked.of(paths, where, radius, exemptions, blocked)
+    library = compiled.at_hand()
+    return plain_verdicts(asked) if library is None else compiled.compiled_verdicts(asked, library)
+
+
+def plain_verdicts(asked: Asked) -> Verdicts:
+    """The verdicts in NumPy: what the compiled ones are measured by, and all there is without a compiler."""
+    paths, grid, kept = asked.paths, asked.grid, asked.kept
+    count, which = len(paths), paths.map_of
+    lines = Polylines.of(paths, grid, asked.tolerance)
+    allowed = np.full(count, asked.allowed)
+    own = np.where(asked.exemptions > 0, asked.exemptions / grid.spacing + allowed[:, None], 0.0)
+    parts, path_of = lines.cut(np.stack([own, np.maximum(own, asked.cruise)], axis=1))
+    volumes = asked.volumes.occupied, asked.volumes.ground
     beside = beside_ground(lines.points[lines.ends], own > 0, allowed, which, volumes)
     apart = (kept > 0) & ~(parts.exempt & beside[path_of]).any(axis=1)
-    first_hit = _first_hits(parts, path_of, lines.tolerance, which, (maps, apart))
+    first_hit = _first_hits(parts, path_of, lines.tolerance, which, (asked.volumes, apart))
     least, places = clearances(parts, path_of, which, *volumes)
-    at = _at_points(lines, which, maps)
+    at = _at_points(lines, which, asked.volumes)
     short = exempt_shortfall(parts, path_of, which, volumes, np.fmin(at[lines.ends], kept))
     too_near = np.maximum(short, kept - least[:, 1]) > allowed
     least = np.where(lines.inside[:, None], grid.spacing * least, math.nan)
@@ -217,7 +131,7 @@ def verify_paths(
     )
 
 
-def _at_points(lines: Polylines, which: Integer[np.ndarray, " p"], maps: _Maps) -> Float64[np.ndarray, " n"]:
+def _at_points(lines: Polylines, which: Integer[np.ndarray, " p"], maps: Volumes) -> Float64[np.ndarray, " n"]:
     """Distance at each point of the paths [voxels]; NaN for paths that are not inside."""
     at = np.full(len(lines.points), math.nan)
     here = lines.inside[lines.path_of]
@@ -230,7 +144,7 @@ def _first_hits(
     path_of: Int64[np.ndarray, " k"],
     tolerance: float,
     which: Integer[np.ndarray, " p"],
-    kept: tuple[_Maps, Bool[np.ndarray, " k"]],
+    kept: tuple[Volumes, Bool[np.ndarray, " k"]],
 ) -> Int64[np.ndarray, "p 3"]:
     """The first forbidden voxel of each path, −1 where it touches none.
 
@@ -251,86 +165,3 @@ def _first_hits(
     first = np.full((len(which), 3), -1, np.int64)
     first[path_of[part[::-1]]] = voxels[::-1]  # so that the first remains
     return first
-
-
-def _point(place: Float64[np.ndarray, "3"]) -> Point3 | None:
-    x, y, z = place.tolist()
-    return None if math.isnan(x) else (x, y, z)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Maps:
-    """The voxels of each map: what is touched by nothing, what is kept off, and what else is blocked."""
-
-    occupied: Bool[np.ndarray, "m nx ny nz"]
-    ground: Bool[np.ndarray, "m nx ny nz"]
-    blocked: Bool[np.ndarray, "m nx ny nz"] | None
-
-    @classmethod
-    def of(cls, where: VoxelMap, blocked: Bool[np.ndarray, "m nx ny nz"] | None) -> _Maps:
-        """Those of a map, or of a batch; raises a `ValueError` for others of another shape."""
-        volumes = [np.asarray(volume) for volume in (where.barred, where.kept_off)]
-        occupied, ground = (volume if volume.ndim == 4 else volume[None] for volume in volumes)
-        if blocked is not None:
-            where.grid.check_volume("blocked", blocked)
-            if blocked.ndim != 4 or blocked.dtype != np.bool_:
-                raise ValueError(
-                    f"blocked: expected bool of shape {where.grid.shape}, given {blocked.dtype} {blocked.shape[1:]}"
-                )
-        return cls(occupied, ground, blocked)
-
-    def forbidden(
-        self, map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"], apart: Bool[np.ndarray, " c"]
-    ) -> Bool[np.ndarray, " c"]:
-        """Which voxels must not be touched: those held; and, by what is kept `apart`, those beside ground."""
-        held = _at(self.occupied, map_of, voxels)
-        if self.blocked is not None:
-            held |= _at(self.blocked, map_of, voxels)
-        asked = np.flatnonzero(apart & ~held)
-        held[asked] = _beside(self.ground, map_of[asked], voxels[asked])
-        return held
-
-
-def _flat(
-    volumes: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
-) -> tuple[Bool[np.ndarray, " n"], Int64[np.ndarray, " c"]]:
-    """Maps in one row, and where voxels are: NumPy takes by one index far faster than by four."""
-    shared = volumes.strides[0] == 0  # one map, which a row of copies would multiply
-    nx, ny, nz = volumes.shape[1:]
-    x, y, z = voxels.T
-    first = x if shared else map_of * nx + x
-    return (volumes[0] if shared else volumes).reshape(-1), (first * ny + y) * nz + z
-
-
-def _at(
-    volumes: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
-) -> Bool[np.ndarray, " c"]:
-    row, index = _flat(volumes, map_of, voxels)
-    return np.take(row, index)
-
-
-def _beside(
-    ground: Bool[np.ndarray, "m nx ny nz"], map_of: Integer[np.ndarray, " c"], voxels: Int64[np.ndarray, "c 3"]
-) -> Bool[np.ndarray, " c"]:
-    """Whether voxels have a face neighbour that is ground."""
-    row, index = _flat(ground, map_of, voxels)
-    beside = np.zeros(len(index), bool)
-    for axis, step in enumerate((ground.shape[2] * ground.shape[3], ground.shape[3], 1)):
-        at = voxels[:, axis]
-        beside |= np.take(row, index - step, mode="clip") & (at > 0)
-        beside |= np.take(row, index + step, mode="clip") & (at < ground.shape[1 + axis] - 1)
-    return beside
-
-
-def _checked_exemptions(
-    radius: float, exemptions: Float[np.ndarray, "p 2"] | None, count: int
-) -> Float64[np.ndarray, "p 2"]:
-    """The exemptions, or none; a `ValueError` unless they and the radius are distances [m], two for each path."""
-    exemptions = np.zeros((count, 2)) if exemptions is None else exemptions.astype(np.float64)
-    if not 0 <= radius < math.inf:
-        raise ValueError(f"radius: expected a distance [m] of at least 0, given {radius}")
-    if exemptions.shape != (count, 2) or not ((exemptions >= 0) & np.isfinite(exemptions)).all():
-        raise ValueError(
-            f"exemptions: expected two radii [m] of at least 0 for each of {count} paths, given {exemptions}"
-        )
-    return exemptions

@@ -12,9 +12,11 @@ from references import to_world
 from scipy.ndimage import binary_dilation
 
 from maxjax import Grid, VoxelMap
+from maxjax.verification.asked import CRUISE
 from maxjax.verification.exemptions import cut
 from maxjax.verification.polylines import Paths
-from maxjax.verification.verifier import CRUISE, Verification, verify, verify_paths
+from maxjax.verification.verdicts import Verification
+from maxjax.verification.verifier import verify, verify_paths
 
 SHAPE, SPACING, STEP = (14, 11, 9), 2.0, 0.01  # of samples [voxels]
 GRID = Grid(SHAPE, SPACING, (3.0, -7.0, 1.0))
