@@ -1,13 +1,14 @@
 // The verdicts of verifier.py, compiled: the same rules by the same float64 operations in the same order, path by path.
 //
 // Contacts, parts and pieces are those of contacts.py, exemptions.py and clearance.py to the bit, and so are verdicts.
-// What differs is the search for the nearest voxel, which reaches the same minimum: blocks of 8 x 8 x 8 voxels in shells
-// around a piece, nearest shell first, none of them beyond the least distance so far. Whether a block holds anything is
-// looked up when it is first asked for, so that a call reads no more of a map than lies around its paths.
+// What differs is the search for the nearest voxel, which reaches the same minimum: blocks of 4 x 4 x 8 voxels in
+// shells around a piece, nearest shell first, none of them beyond the least distance so far. Whether a block holds
+// anything is looked up when it is first asked for, so that a call reads no more of a map than lies around its paths.
 //
 // Every index is checked before it is used, and every cast is of a number that is known to be small: points of paths
 // that leave the map, or are not finite, are never made an index of.
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -37,7 +38,8 @@ struct Request {
 
 namespace {
 constexpr double INF = std::numeric_limits<double>::infinity(), NOT = std::numeric_limits<double>::quiet_NaN();
-constexpr int ZONES = 3, BLOCK = 8;
+constexpr int ZONES = 3;
+constexpr int64_t WIDE = 4, TALL = 8, BLOCK[3] = {WIDE, WIDE, TALL};  // TALL: voxels, and so bytes, in a word
 constexpr double PIECE = 4.0, SLACK = 1e-6;  // as in clearance.py; SLACK also covers what triangle inequalities round
 
 struct Vec {
@@ -102,28 +104,31 @@ class Held {
     enum State : uint8_t { UNKNOWN, NOTHING, SOME };
     std::vector<uint8_t> states;
 
-    // Eight voxels of a column from z on, those beyond the map taken for free; in the machine's own order of bytes.
-    static uint64_t row(const uint8_t *volume, int64_t count) {
-        uint64_t word = 0;
-        if (count >= BLOCK) std::memcpy(&word, volume, BLOCK);
-        else std::memcpy(&word, volume, size_t(count));
-        return word;
+    // The voxels of a column of a block, those beyond the map taken for free; in the machine's own order of bytes.
+    uint64_t word(const uint8_t *volume, int64_t x, int64_t y, int64_t z) const {
+        uint64_t bytes = 0;
+        const uint8_t *from = volume + ((x * shape[1] + y) * shape[2] + z);
+        if (shape[2] - z >= TALL) std::memcpy(&bytes, from, TALL);
+        else std::memcpy(&bytes, from, size_t(shape[2] - z));
+        return bytes;
     }
     uint64_t held(int64_t x, int64_t y, int64_t z) const {
-        const int64_t at = (x * shape[1] + y) * shape[2] + z, count = shape[2] - z;
-        const uint64_t word = row(occupied + at, count);
-        return word ? word & ~row(ground + at, count) : 0;
+        const uint64_t bytes = word(occupied, x, y, z);
+        return bytes ? bytes & ~word(ground, x, y, z) : 0;
     }
     bool holds_some(const int64_t (&block)[3]) {
         uint8_t &state = states[size_t((block[0] * blocks[1] + block[1]) * blocks[2] + block[2])];
-        if (state == UNKNOWN) {
-            state = NOTHING;
-            const int64_t x = BLOCK * block[0], y = BLOCK * block[1];
-            for (int64_t i = x; i < x + BLOCK && i < shape[0] && state == NOTHING; ++i)
-                for (int64_t j = y; j < y + BLOCK && j < shape[1]; ++j)
-                    if (held(i, j, BLOCK * block[2])) { state = SOME; break; }
-        }
-        return state == SOME;
+        if (state != UNKNOWN) return state == SOME;
+        const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
+        const int64_t x_end = std::min(x + WIDE, shape[0]), y_end = std::min(y + WIDE, shape[1]);
+        uint64_t any = 0, bytes = 0;
+        for (int64_t i = x; i < x_end; ++i)  // without a branch, all are fetched at once
+            for (int64_t j = y; j < y_end; ++j) any |= word(occupied, i, j, z);
+        if (any)
+            for (int64_t i = x; i < x_end; ++i)
+                for (int64_t j = y; j < y_end; ++j) bytes |= held(i, j, z);
+        state = bytes ? SOME : NOTHING;
+        return bytes;
     }
     // Squared gap, along one axis, between `size` voxels from `first` on and the box.
     static double gap(int64_t first, int64_t size, double low, double high) {
@@ -132,21 +137,21 @@ class Held {
     }
     template <class Visit>
     void open(const int64_t (&block)[3], const Vec &low, const Vec &high, const double &limit, Visit &&visit) const {
-        const int64_t x = BLOCK * block[0], y = BLOCK * block[1], z = BLOCK * block[2];
-        const bool down = double(x) + 0.5 * BLOCK < low[0], left = double(y) + 0.5 * BLOCK < low[1];  // near ones first
-        for (int64_t i = 0; i < BLOCK; ++i) {
-            const int64_t vx = down ? x + BLOCK - 1 - i : x + i;
+        const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
+        const bool down = double(x) + 0.5 * WIDE < low[0], left = double(y) + 0.5 * WIDE < low[1];  // near ones first
+        for (int64_t i = 0; i < WIDE; ++i) {
+            const int64_t vx = down ? x + WIDE - 1 - i : x + i;
             const double gx = gap(vx, 1, low[0], high[0]);
             if (vx >= shape[0] || gx > limit) continue;
-            for (int64_t j = 0; j < BLOCK; ++j) {
-                const int64_t vy = left ? y + BLOCK - 1 - j : y + j;
+            for (int64_t j = 0; j < WIDE; ++j) {
+                const int64_t vy = left ? y + WIDE - 1 - j : y + j;
                 const double gxy = gx + gap(vy, 1, low[1], high[1]);
                 if (vy >= shape[1] || gxy > limit) continue;
-                const uint64_t word = held(vx, vy, z);
-                if (!word) continue;
-                uint8_t bytes[BLOCK];
-                std::memcpy(bytes, &word, BLOCK);
-                for (int64_t k = 0; k < BLOCK; ++k) {
+                const uint64_t column = held(vx, vy, z);
+                if (!column) continue;
+                uint8_t bytes[TALL];
+                std::memcpy(bytes, &column, TALL);
+                for (int64_t k = 0; k < TALL; ++k) {
                     if (!bytes[k]) continue;
                     const double g = gxy + gap(z + k, 1, low[2], high[2]);
                     if (g <= limit) visit(Voxel{{vx, vy, z + k}}, g);
@@ -159,7 +164,7 @@ class Held {
     bool nothing = false;  // known to hold none
 
     explicit Held(const int64_t *shape) : shape(shape) {
-        for (int k = 0; k < 3; ++k) blocks[k] = (shape[k] + BLOCK - 1) / BLOCK;
+        for (int k = 0; k < 3; ++k) blocks[k] = (shape[k] + BLOCK[k] - 1) / BLOCK[k];
         states.resize(size_t(blocks[0] * blocks[1] * blocks[2]));
     }
     void of(const uint8_t *new_occupied, const uint8_t *new_ground) {
@@ -173,15 +178,16 @@ class Held {
         int64_t first[3], last[3];
         for (int k = 0; k < 3; ++k) {
             const double most = double(blocks[k] - 1);
-            first[k] = int64_t(lesser(larger(std::floor(low[k] / BLOCK), 0.0), most));
-            last[k] = int64_t(lesser(larger(std::floor(high[k] / BLOCK), 0.0), most));
+            first[k] = int64_t(lesser(larger(std::floor(low[k] / double(BLOCK[k])), 0.0), most));
+            last[k] = int64_t(lesser(larger(std::floor(high[k] / double(BLOCK[k])), 0.0), most));
         }
         for (int64_t r = 0; !nothing; ++r) {
             // What is r blocks away, or farther, is so along one axis.
             double least = INF;
             for (int k = 0; k < 3; ++k) {
-                if (first[k] >= r) least = lesser(least, gap(BLOCK * (first[k] - r), BLOCK, low[k], high[k]));
-                if (last[k] + r < blocks[k]) least = lesser(least, gap(BLOCK * (last[k] + r), BLOCK, low[k], high[k]));
+                const auto to = [&](int64_t block) { return gap(BLOCK[k] * block, BLOCK[k], low[k], high[k]); };
+                if (first[k] - r >= 0) least = lesser(least, to(first[k] - r));
+                if (last[k] + r < blocks[k]) least = lesser(least, to(last[k] + r));
             }
             if (least == INF || least > limit) return;
             shell(r, first, last, low, high, limit, visit);
@@ -194,14 +200,14 @@ class Held {
                const double &limit, Visit &&visit) {
         int64_t from[3], to[3], block[3];
         for (int k = 0; k < 3; ++k) {
-            from[k] = first[k] > r ? first[k] - r : 0;
-            to[k] = last[k] + r < blocks[k] ? last[k] + r : blocks[k] - 1;
+            from[k] = std::max(first[k] - r, int64_t(0));
+            to[k] = std::min(last[k] + r, blocks[k] - 1);
         }
         for (block[0] = from[0]; block[0] <= to[0]; ++block[0]) {
-            const double gx = gap(BLOCK * block[0], BLOCK, low[0], high[0]);
+            const double gx = gap(BLOCK[0] * block[0], BLOCK[0], low[0], high[0]);
             if (gx > limit) continue;
             for (block[1] = from[1]; block[1] <= to[1]; ++block[1]) {
-                const double gxy = gx + gap(BLOCK * block[1], BLOCK, low[1], high[1]);
+                const double gxy = gx + gap(BLOCK[1] * block[1], BLOCK[1], low[1], high[1]);
                 if (gxy > limit) continue;
                 const auto edge = [&](int k) { return block[k] == first[k] - r || block[k] == last[k] + r; };
                 const bool all = r == 0 || edge(0) || edge(1);
@@ -210,8 +216,8 @@ class Held {
                         block[2] = last[2] + r - 1;
                         continue;
                     }
-                    if (gxy + gap(BLOCK * block[2], BLOCK, low[2], high[2]) > limit || !holds_some(block)) continue;
-                    open(block, low, high, limit, visit);
+                    const double g = gxy + gap(BLOCK[2] * block[2], BLOCK[2], low[2], high[2]);
+                    if (g <= limit && holds_some(block)) open(block, low, high, limit, visit);
                 }
             }
         }
@@ -409,8 +415,8 @@ class Judge {
     }
 
     void measure(Verdict &verdict) {
-        const double first = std::fmin(distances.front(), asked.radius), last = std::fmin(distances.back(), asked.radius);
-        const double kept[4] = {0, first, last, lesser(first, last)};
+        const double first = std::fmin(distances.front(), asked.radius);
+        const double last = std::fmin(distances.back(), asked.radius), kept[4] = {0, first, last, lesser(first, last)};
         Least least = {{INF, INF, INF}, {INF, INF, INF, INF}, {}};
         bool cruises = false;
         for (int zone = ZONES - 1; zone >= 0; --zone)
