@@ -90,7 +90,7 @@ def data() -> Path:
 
 @pytest.fixture(scope="module")
 def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The compiled A*, built in a folder of its own; tests that need it are skipped where there is no compiler."""
+    """The compiled A*, built apart from the user's; tests that need it are skipped where there is no compiler."""
     from maxjax.planning.search import astar_compiled
 
     with compiled(astar_compiled.SOURCE, tmp_path_factory):
@@ -109,10 +109,11 @@ def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctyp
 
 @contextlib.contextmanager
 def compiled(source: Path, folders: pytest.TempPathFactory) -> Iterator[None]:
-    """The library of a source, built in a folder of its own."""
+    """The library of a source, built once a session."""
     from maxjax.programs import native
 
-    folder = folders.mktemp(source.stem)
+    folder = folders.getbasetemp() / "libraries"
+    folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(native, "cache_folder", lambda: folder)
         native._outcome.cache_clear()

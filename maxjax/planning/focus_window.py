@@ -29,7 +29,7 @@ from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
-from maxjax.planning.route import Route, Routes
+from maxjax.planning.route import Route, Routes, without_padding
 from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
 
@@ -235,6 +235,7 @@ class View:
 
     def placed(self, route: Route) -> Route:
         """Routes of all problems on the host, in index coordinates of the whole map."""
+        route = without_padding(route)
         if self.windows is None:
             return route
         return dataclasses.replace(route, path=np.asarray(route.path, np.float64) + self.corners[:, None])

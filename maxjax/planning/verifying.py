@@ -23,8 +23,8 @@ from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verdicts
 from maxjax.verification.verifier import verify_paths
 
-# Paths that are verified in one go: most of what one costs is the same for several.
-_TOGETHER = 16
+# Paths that a thread verifies in one go: 2 ms by the compiled verifier, of which its Python is a fiftieth.
+_TOGETHER = 32
 # An end of a path this close to where it was asked for is put there [voxels].
 _SAME = 1e-4
 
@@ -85,7 +85,8 @@ def _local(
     Each is filled up with its last point. Ends that `ends.placed` left alone are exact.
     """
     new = np.ones(path.shape[:2], bool)
-    new[:, 1:] = (path[:, 1:] != path[:, :-1]).any(axis=2)
+    x, y, z = np.moveaxis(path[:, 1:] != path[:, :-1], 2, 0)
+    new[:, 1:] = x | y | z
     counts = new.sum(axis=1)
     order = np.argsort(~new, axis=1, kind="stable")[:, : counts.max()]
     local = task.grid.spacing * np.take_along_axis(path, order[:, :, None], axis=1)

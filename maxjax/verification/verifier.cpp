@@ -369,8 +369,8 @@ class Judge {
         }
     }
 
-    // Least squared distances by zone, points that have them, and the least in each exemption, or in both.
-    struct Least { double zone[ZONES], group[4]; Vec point[ZONES]; };
+    // Least squared distances by zone, points that have them, the least of all, and that in each exemption or in both.
+    struct Least { double zone[ZONES], all, group[4]; Vec point[ZONES]; };
 
     // `clearances` of clearance.py, and of the exemptions alone: what is larger than `kept` is any number there.
     void measure_part(const Part &part, const double (&kept)[4], Least &least) {
@@ -378,11 +378,9 @@ class Judge {
         const double many = larger(std::ceil(length / PIECE), 1.0);
         const Vec step = {{part.step[0] / many, part.step[1] / many, part.step[2] / many}};
         const double half = 0.5 * length / many;
-        double above = INF;
-        for (int zone = part.zone; zone < ZONES; ++zone) above = lesser(above, least.zone[zone]);
-        double limit;  // what is farther changes nothing
+        double limit;  // what is farther changes nothing: outer zones, which count for inner ones, came first
         const auto lower_limit = [&] {
-            limit = lesser(above, least.zone[part.zone]);
+            limit = least.all;
             if (part.held) limit = larger(limit, lesser(least.group[part.held], kept[part.held] * kept[part.held]));
             limit += SLACK;
         };
@@ -396,7 +394,8 @@ class Judge {
                 Vec point;
                 const double squared = squared_distance(start, step, voxel, point);
                 if (squared < least.zone[part.zone]) least.zone[part.zone] = squared, least.point[part.zone] = point;
-                if (squared < least.group[part.held]) least.group[part.held] = squared;
+                least.all = lesser(least.all, squared);
+                least.group[part.held] = lesser(least.group[part.held], squared);
                 lower_limit();
             };
             // The voxel nearest to the middle first: where it is beyond the limit and half the piece, so are all.
@@ -417,7 +416,7 @@ class Judge {
     void measure(Verdict &verdict) {
         const double first = std::fmin(distances.front(), asked.radius);
         const double last = std::fmin(distances.back(), asked.radius), kept[4] = {0, first, last, lesser(first, last)};
-        Least least = {{INF, INF, INF}, {INF, INF, INF, INF}, {}};
+        Least least = {{INF, INF, INF}, INF, {INF, INF, INF, INF}, {}};
         bool cruises = false;
         for (int zone = ZONES - 1; zone >= 0; --zone)
             for (const Part &part : parts)

@@ -18,6 +18,8 @@ from maxjax.planning.search.astar import astar
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
 
+pytestmark = pytest.mark.usefixtures("each_verifier")
+
 
 def bounded_distance(a: np.ndarray, b: np.ndarray, voxel: np.ndarray, size: np.ndarray | int = 1) -> float:
     """Distance from a segment to a closed box of voxels: bounded least squares over t and the nearest point."""

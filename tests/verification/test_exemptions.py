@@ -18,6 +18,8 @@ from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verification
 from maxjax.verification.verifier import verify, verify_paths
 
+pytestmark = pytest.mark.usefixtures("each_verifier")
+
 SHAPE, SPACING, STEP = (14, 11, 9), 2.0, 0.01  # of samples [voxels]
 GRID = Grid(SHAPE, SPACING, (3.0, -7.0, 1.0))
 

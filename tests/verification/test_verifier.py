@@ -17,6 +17,8 @@ from maxjax.verification.contacts import touched_voxels
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
 
+pytestmark = pytest.mark.usefixtures("each_verifier")
+
 GRID = Grid((4, 3, 5), 2.0, (-1.0, 4.0, 0.5))
 UNIT = Grid((5, 4, 3), 1.0, (0.5, 0.5, 0.5))  # here index coordinates are world coordinates
 
