@@ -2,8 +2,9 @@
 //
 // Contacts, parts and pieces are those of contacts.py, exemptions.py and clearance.py to the bit, and so are verdicts.
 // What differs is the search for the nearest voxel, which reaches the same minimum: blocks of 4 x 4 x 8 voxels in
-// shells around a piece, nearest shell first, none of them beyond the least distance so far. Whether a block holds
-// anything is looked up when it is first asked for, so that a call reads no more of a map than lies around its paths.
+// shells around a piece, nearest shell first, none of them beyond the least distance so far; after a few shells, in
+// regions of 8 x 8 x 8 blocks. Whether one holds anything is looked up when it is first asked for, so that a call reads
+// no more of a map than lies around its paths.
 //
 // Every index is checked before it is used, and every cast is of a number that is known to be small: points of paths
 // that leave the map, or are not finite, are never made an index of.
@@ -40,6 +41,7 @@ namespace {
 constexpr double INF = std::numeric_limits<double>::infinity(), NOT = std::numeric_limits<double>::quiet_NaN();
 constexpr int ZONES = 3;
 constexpr int64_t WIDE = 4, TALL = 8, BLOCK[3] = {WIDE, WIDE, TALL};  // TALL: voxels, and so bytes, in a word
+constexpr int64_t EACH = 8, REGION[3] = {EACH * WIDE, EACH * WIDE, EACH * TALL}, SHELLS = 5;  // of blocks, at first
 constexpr double PIECE = 4.0, SLACK = 1e-6;  // as in clearance.py; SLACK also covers what triangle inequalities round
 
 struct Vec {
@@ -96,13 +98,15 @@ double squared_distance(const Vec &a, const Vec &d, const Voxel &voxel, Vec &poi
     return dot(vector, vector);
 }
 
+using Index = int64_t[3];
+
 // The voxels of one map from which distance is measured, found by their gap to a box.
 class Held {
     const uint8_t *occupied = nullptr, *ground = nullptr;
     const int64_t *shape;
-    int64_t blocks[3];
+    Index blocks, regions;  // how many there are along each axis
     enum State : uint8_t { UNKNOWN, NOTHING, SOME };
-    std::vector<uint8_t> states;
+    std::vector<uint8_t> of_blocks, of_regions;
 
     // The voxels of a column of a block, those beyond the map taken for free; in the machine's own order of bytes.
     uint64_t word(const uint8_t *volume, int64_t x, int64_t y, int64_t z) const {
@@ -116,8 +120,8 @@ class Held {
         const uint64_t bytes = word(occupied, x, y, z);
         return bytes ? bytes & ~word(ground, x, y, z) : 0;
     }
-    bool holds_some(const int64_t (&block)[3]) {
-        uint8_t &state = states[size_t((block[0] * blocks[1] + block[1]) * blocks[2] + block[2])];
+    bool block_holds_some(const Index &block) {
+        uint8_t &state = of_blocks[size_t((block[0] * blocks[1] + block[1]) * blocks[2] + block[2])];
         if (state != UNKNOWN) return state == SOME;
         const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
         const int64_t x_end = std::min(x + WIDE, shape[0]), y_end = std::min(y + WIDE, shape[1]);
@@ -130,13 +134,34 @@ class Held {
         state = bytes ? SOME : NOTHING;
         return bytes;
     }
+    // Visit the blocks of a region, until a visit says that it is enough.
+    template <class Visit> bool any_block(const Index &region, Visit &&visit) const {
+        Index end, block;
+        for (int k = 0; k < 3; ++k) end[k] = std::min(EACH * (region[k] + 1), blocks[k]);
+        for (block[0] = EACH * region[0]; block[0] < end[0]; ++block[0])
+            for (block[1] = EACH * region[1]; block[1] < end[1]; ++block[1])
+                for (block[2] = EACH * region[2]; block[2] < end[2]; ++block[2])
+                    if (visit(block)) return true;
+        return false;
+    }
+    bool region_holds_some(const Index &region) {
+        uint8_t &state = of_regions[size_t((region[0] * regions[1] + region[1]) * regions[2] + region[2])];
+        if (state == UNKNOWN)
+            state = any_block(region, [&](const Index &block) { return block_holds_some(block); }) ? SOME : NOTHING;
+        return state == SOME;
+    }
     // Squared gap, along one axis, between `size` voxels from `first` on and the box.
     static double gap(int64_t first, int64_t size, double low, double high) {
         const double g = larger(larger(double(first) - high, low - double(first + size)), 0.0);
         return g * g;
     }
+    static double gap(const Index &cell, const Index &size, const Vec &low, const Vec &high) {
+        double g = 0.0;
+        for (int k = 0; k < 3; ++k) g += gap(size[k] * cell[k], size[k], low[k], high[k]);
+        return g;
+    }
     template <class Visit>
-    void open(const int64_t (&block)[3], const Vec &low, const Vec &high, const double &limit, Visit &&visit) const {
+    void open(const Index &block, const Vec &low, const Vec &high, const double &limit, Visit &&visit) const {
         const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
         const bool down = double(x) + 0.5 * WIDE < low[0], left = double(y) + 0.5 * WIDE < low[1];  // near ones first
         for (int64_t i = 0; i < WIDE; ++i) {
@@ -160,67 +185,78 @@ class Held {
         }
     }
 
+    // Visit the cells of a size, of which there are so many, in shells around the box: those whose gap is at most
+    // `limit`, in so many shells. Whether that was all of them.
+    template <class Visit>
+    static bool in_shells(const Index &size, const Index &count, int64_t shells, const Vec &low, const Vec &high,
+                          const double &limit, Visit &&visit) {
+        Index first, last, from, to, cell;
+        for (int k = 0; k < 3; ++k) {
+            const double most = double(count[k] - 1);
+            first[k] = int64_t(lesser(larger(std::floor(low[k] / double(size[k])), 0.0), most));
+            last[k] = int64_t(lesser(larger(std::floor(high[k] / double(size[k])), 0.0), most));
+        }
+        for (int64_t r = 0; r < shells; ++r) {
+            double least = INF;  // what is r cells away, or farther, is so along one axis
+            for (int k = 0; k < 3; ++k) {
+                const auto gap_to = [&](int64_t at) { return gap(size[k] * at, size[k], low[k], high[k]); };
+                if (first[k] - r >= 0) least = lesser(least, gap_to(first[k] - r));
+                if (last[k] + r < count[k]) least = lesser(least, gap_to(last[k] + r));
+                from[k] = std::max(first[k] - r, int64_t(0)), to[k] = std::min(last[k] + r, count[k] - 1);
+            }
+            if (least == INF || least > limit) return true;
+            const auto edge = [&](int k) { return cell[k] == first[k] - r || cell[k] == last[k] + r; };
+            for (cell[0] = from[0]; cell[0] <= to[0]; ++cell[0]) {
+                const double gx = gap(size[0] * cell[0], size[0], low[0], high[0]);
+                if (gx > limit) continue;
+                for (cell[1] = from[1]; cell[1] <= to[1]; ++cell[1]) {
+                    const double gxy = gx + gap(size[1] * cell[1], size[1], low[1], high[1]);
+                    if (gxy > limit) continue;
+                    const bool all = r == 0 || edge(0) || edge(1);
+                    for (cell[2] = from[2]; cell[2] <= to[2]; ++cell[2]) {
+                        if (!all && !edge(2)) {  // was in an earlier shell, as all up to the other edge
+                            cell[2] = last[2] + r - 1;
+                            continue;
+                        }
+                        if (gxy + gap(size[2] * cell[2], size[2], low[2], high[2]) <= limit) visit(cell);
+                    }
+                }
+            }
+        }
+        return false;
+    }
+
   public:
     bool nothing = false;  // known to hold none
 
     explicit Held(const int64_t *shape) : shape(shape) {
-        for (int k = 0; k < 3; ++k) blocks[k] = (shape[k] + BLOCK[k] - 1) / BLOCK[k];
-        states.resize(size_t(blocks[0] * blocks[1] * blocks[2]));
+        for (int k = 0; k < 3; ++k) {
+            blocks[k] = (shape[k] + BLOCK[k] - 1) / BLOCK[k];
+            regions[k] = (shape[k] + REGION[k] - 1) / REGION[k];
+        }
+        of_blocks.resize(size_t(blocks[0] * blocks[1] * blocks[2]));
+        of_regions.resize(size_t(regions[0] * regions[1] * regions[2]));
     }
     void of(const uint8_t *new_occupied, const uint8_t *new_ground) {
         if (occupied == new_occupied && ground == new_ground) return;
-        occupied = new_occupied, ground = new_ground;
-        std::memset(states.data(), UNKNOWN, states.size());
-        nothing = false;
+        occupied = new_occupied, ground = new_ground, nothing = false;
+        std::fill(of_blocks.begin(), of_blocks.end(), uint8_t(UNKNOWN));
+        std::fill(of_regions.begin(), of_regions.end(), uint8_t(UNKNOWN));
     }
-    // Visit every voxel whose squared gap to the box is at most `limit`, which a visit may lower.
+    // Visit every voxel whose squared gap to the box is at most `limit`, which a visit may lower; some of them twice.
     template <class Visit> void around(const Vec &low, const Vec &high, const double &limit, Visit &&visit) {
-        int64_t first[3], last[3];
-        for (int k = 0; k < 3; ++k) {
-            const double most = double(blocks[k] - 1);
-            first[k] = int64_t(lesser(larger(std::floor(low[k] / double(BLOCK[k])), 0.0), most));
-            last[k] = int64_t(lesser(larger(std::floor(high[k] / double(BLOCK[k])), 0.0), most));
-        }
-        for (int64_t r = 0; !nothing; ++r) {
-            // What is r blocks away, or farther, is so along one axis.
-            double least = INF;
-            for (int k = 0; k < 3; ++k) {
-                const auto to = [&](int64_t block) { return gap(BLOCK[k] * block, BLOCK[k], low[k], high[k]); };
-                if (first[k] - r >= 0) least = lesser(least, to(first[k] - r));
-                if (last[k] + r < blocks[k]) least = lesser(least, to(last[k] + r));
-            }
-            if (least == INF || least > limit) return;
-            shell(r, first, last, low, high, limit, visit);
-        }
-    }
-
-  private:
-    template <class Visit>
-    void shell(int64_t r, const int64_t (&first)[3], const int64_t (&last)[3], const Vec &low, const Vec &high,
-               const double &limit, Visit &&visit) {
-        int64_t from[3], to[3], block[3];
-        for (int k = 0; k < 3; ++k) {
-            from[k] = std::max(first[k] - r, int64_t(0));
-            to[k] = std::min(last[k] + r, blocks[k] - 1);
-        }
-        for (block[0] = from[0]; block[0] <= to[0]; ++block[0]) {
-            const double gx = gap(BLOCK[0] * block[0], BLOCK[0], low[0], high[0]);
-            if (gx > limit) continue;
-            for (block[1] = from[1]; block[1] <= to[1]; ++block[1]) {
-                const double gxy = gx + gap(BLOCK[1] * block[1], BLOCK[1], low[1], high[1]);
-                if (gxy > limit) continue;
-                const auto edge = [&](int k) { return block[k] == first[k] - r || block[k] == last[k] + r; };
-                const bool all = r == 0 || edge(0) || edge(1);
-                for (block[2] = from[2]; block[2] <= to[2]; ++block[2]) {
-                    if (!all && !edge(2)) {  // was in an earlier shell, as all up to the other edge
-                        block[2] = last[2] + r - 1;
-                        continue;
-                    }
-                    const double g = gxy + gap(BLOCK[2] * block[2], BLOCK[2], low[2], high[2]);
-                    if (g <= limit && holds_some(block)) open(block, low, high, limit, visit);
-                }
-            }
-        }
+        if (nothing) return;
+        const auto look = [&](const Index &block) {
+            if (block_holds_some(block)) open(block, low, high, limit, visit);
+        };
+        if (in_shells(BLOCK, blocks, SHELLS, low, high, limit, look)) return;
+        in_shells(REGION, regions, std::numeric_limits<int64_t>::max(), low, high, limit, [&](const Index &region) {
+            if (region_holds_some(region))
+                any_block(region, [&](const Index &block) {
+                    if (gap(block, BLOCK, low, high) <= limit) look(block);
+                    return false;
+                });
+        });
     }
 };
 

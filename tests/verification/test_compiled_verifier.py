@@ -26,7 +26,7 @@ from maxjax.verification.verifier import plain_verdicts, verify_paths
 
 PATHS = int(os.environ.get("PATHS", "3000"))
 TOGETHER = 200
-SHAPES = [(9, 8, 7), (17, 16, 9), (1, 5, 3), (24, 8, 8), (40, 33, 20), (101, 60, 25)]
+SHAPES = [(9, 8, 7), (17, 16, 9), (1, 5, 3), (24, 8, 8), (40, 33, 140), (101, 60, 25)]
 KINDS = ("ok", "inside", "finite", "too_near")
 GRIDS = [(1.0, (0.5, 0.5, 0.5)), (2.0, (-100.0, -37.0, 0.0)), (0.3, (1.7, 250000.1, -3.3)), (0.7, (0.1, 0.2, 0.3))]
 RADII = [0.0, 0.5, 1.0, 3.0]
