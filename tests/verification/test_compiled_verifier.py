@@ -165,6 +165,21 @@ def test_an_exemption_is_judged_by_its_own_end_alone(
     check_same(asked, compiled_verdicts(asked, compiled_verifier), expected)
 
 
+def test_the_only_obstacle_is_found_wherever_it_stands_in_each_of_several_maps(compiled_verifier: ctypes.CDLL) -> None:
+    """Far beyond the blocks that are looked at first, and beyond what was seen to be empty in another map."""
+    grid, at = Grid((130, 70, 80), 1.0, (0.5, 0.5, 0.5)), np.array([3.25, 2.5, 1.5])
+    voxels = np.array([[129, 69, 79], [60, 0, 0], [0, 69, 0], [0, 0, 79], [31, 31, 63], [33, 33, 64], [129, 2, 1]])
+    occupied = np.zeros((len(voxels), *grid.shape), bool)
+    occupied[(np.arange(len(voxels)), *voxels.T)] = True
+    which = np.append(np.arange(len(voxels)), np.arange(len(voxels))[::-1])
+    where = VoxelMap(occupied, np.zeros_like(occupied), None, grid)
+    asked = Asked.of(Paths.of([at[None]] * len(which), which), where, 1.0, None, None)
+    found = compiled_verdicts(asked, compiled_verifier)
+    gaps = np.maximum(np.maximum(voxels - at, at - (voxels + 1)), 0)
+    np.testing.assert_allclose(found.clearance, np.linalg.norm(gaps, axis=1)[which], 1e-12)
+    check_same(asked, found, plain_verdicts(asked))
+
+
 def test_several_threads_ask_one_library(compiled_verifier: ctypes.CDLL) -> None:
     asked = [question(np.random.default_rng(seed)) for seed in range(4)]
     expected = [compiled_verdicts(one, compiled_verifier) for one in asked]
