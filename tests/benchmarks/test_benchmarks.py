@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import city_plan, lidar, plan, profile, rivals, startup, tables, training
+from benchmarks import city_plan, lidar, plan, profile, rivals, startup, tables, training, verifier
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -54,6 +54,17 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     assert solved["fleet of 6 near: compiled A*"] == 6
     document = json.loads((tmp_path / "rivals.json").read_text())
     assert "| one plan, priced |" in tables.rivals(document)
+
+
+@pytest.mark.usefixtures("compiled_verifier")
+def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -> None:
+    config = verifier.Config(("suburb",), problems=2, copies=2, together=3, shape=(51, 51, 33), repeats=1, out=tmp_path)
+    rows = {row["what"]: row for row in verifier.main(config)}
+    assert len(rows) == 5
+    assert {row["paths"] for what, row in rows.items() if "batch" in str(what)} == {4}
+    *_, last = rows.values()
+    assert last["differ"] == 0
+    assert all(row["median"] > 0 for row in rows.values())
 
 
 def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:
