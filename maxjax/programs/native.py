@@ -26,7 +26,7 @@ from maxjax.programs.cache import VARIABLE, cache_folder
 COMPILERS = ("c++", "g++", "clang++")
 # `-march=native` gains nothing here.
 FLAGS = ("-std=c++17", "-O3", "-ffp-contract=off", "-shared", "-fPIC")
-_SECONDS = 300  # that a compiler may take
+_SECONDS = 60  # that a compiler may take; a process that ends waits for it
 
 
 class NotCompiledError(RuntimeError):

@@ -1,9 +1,9 @@
 // The verdicts of verifier.py, compiled: the same rules by the same float64 operations in the same order, path by path.
 //
 // Contacts, parts and pieces are those of contacts.py, exemptions.py and clearance.py to the bit, and so are verdicts.
-// What differs is the search for the nearest voxel, which reaches the same minimum: blocks of 4 x 4 x 8 voxels in
+// What differs is the search for the nearest voxel, which reaches the same minimum: tiles of 4 x 4 x 8 voxels in
 // shells around a piece, nearest shell first, none of them beyond the least distance so far; after a few shells, in
-// regions of 8 x 8 x 8 blocks. Whether one holds anything is looked up when it is first asked for, so that a call reads
+// regions of 8 x 8 x 8 tiles. Whether one holds anything is looked up when it is first asked for, so that a call reads
 // no more of a map than lies around its paths.
 //
 // Every index is checked before it is used, and every cast is of a number that is known to be small: points of paths
@@ -40,8 +40,8 @@ struct Request {
 namespace {
 constexpr double INF = std::numeric_limits<double>::infinity(), NOT = std::numeric_limits<double>::quiet_NaN();
 constexpr int ZONES = 3;
-constexpr int64_t WIDE = 4, TALL = 8, BLOCK[3] = {WIDE, WIDE, TALL};  // TALL: voxels, and so bytes, in a word
-constexpr int64_t EACH = 8, REGION[3] = {EACH * WIDE, EACH * WIDE, EACH * TALL}, SHELLS = 5;  // of blocks, at first
+constexpr int64_t WIDE = 4, TALL = 8, TILE[3] = {WIDE, WIDE, TALL};  // TALL: voxels, and so bytes, in a word
+constexpr int64_t EACH = 8, REGION[3] = {EACH * WIDE, EACH * WIDE, EACH * TALL}, SHELLS = 5;  // of tiles, at first
 constexpr double PIECE = 4.0, SLACK = 1e-6;  // as in clearance.py; SLACK also covers what triangle inequalities round
 
 struct Vec {
@@ -104,11 +104,11 @@ using Index = int64_t[3];
 class Held {
     const uint8_t *occupied = nullptr, *ground = nullptr;
     const int64_t *shape;
-    Index blocks, regions;  // how many there are along each axis
+    Index tiles, regions;  // how many there are along each axis
     enum State : uint8_t { UNKNOWN, NOTHING, SOME };
-    std::vector<uint8_t> of_blocks, of_regions;
+    std::vector<uint8_t> of_tiles, of_regions;
 
-    // The voxels of a column of a block, those beyond the map taken for free; in the machine's own order of bytes.
+    // The voxels of a column of a tile, those beyond the map taken for free; in the machine's own order of bytes.
     uint64_t word(const uint8_t *volume, int64_t x, int64_t y, int64_t z) const {
         uint64_t bytes = 0;
         const uint8_t *from = volume + ((x * shape[1] + y) * shape[2] + z);
@@ -120,10 +120,10 @@ class Held {
         const uint64_t bytes = word(occupied, x, y, z);
         return bytes ? bytes & ~word(ground, x, y, z) : 0;
     }
-    bool block_holds_some(const Index &block) {
-        uint8_t &state = of_blocks[size_t((block[0] * blocks[1] + block[1]) * blocks[2] + block[2])];
+    bool tile_holds_some(const Index &tile) {
+        uint8_t &state = of_tiles[size_t((tile[0] * tiles[1] + tile[1]) * tiles[2] + tile[2])];
         if (state != UNKNOWN) return state == SOME;
-        const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
+        const int64_t x = WIDE * tile[0], y = WIDE * tile[1], z = TALL * tile[2];
         const int64_t x_end = std::min(x + WIDE, shape[0]), y_end = std::min(y + WIDE, shape[1]);
         uint64_t any = 0, bytes = 0;
         for (int64_t i = x; i < x_end; ++i)  // without a branch, all are fetched at once
@@ -134,20 +134,20 @@ class Held {
         state = bytes ? SOME : NOTHING;
         return bytes;
     }
-    // Visit the blocks of a region, until a visit says that it is enough.
-    template <class Visit> bool any_block(const Index &region, Visit &&visit) const {
-        Index end, block;
-        for (int k = 0; k < 3; ++k) end[k] = std::min(EACH * (region[k] + 1), blocks[k]);
-        for (block[0] = EACH * region[0]; block[0] < end[0]; ++block[0])
-            for (block[1] = EACH * region[1]; block[1] < end[1]; ++block[1])
-                for (block[2] = EACH * region[2]; block[2] < end[2]; ++block[2])
-                    if (visit(block)) return true;
+    // Visit the tiles of a region, until a visit says that it is enough.
+    template <class Visit> bool any_tile(const Index &region, Visit &&visit) const {
+        Index end, tile;
+        for (int k = 0; k < 3; ++k) end[k] = std::min(EACH * (region[k] + 1), tiles[k]);
+        for (tile[0] = EACH * region[0]; tile[0] < end[0]; ++tile[0])
+            for (tile[1] = EACH * region[1]; tile[1] < end[1]; ++tile[1])
+                for (tile[2] = EACH * region[2]; tile[2] < end[2]; ++tile[2])
+                    if (visit(tile)) return true;
         return false;
     }
     bool region_holds_some(const Index &region) {
         uint8_t &state = of_regions[size_t((region[0] * regions[1] + region[1]) * regions[2] + region[2])];
         if (state == UNKNOWN)
-            state = any_block(region, [&](const Index &block) { return block_holds_some(block); }) ? SOME : NOTHING;
+            state = any_tile(region, [&](const Index &tile) { return tile_holds_some(tile); }) ? SOME : NOTHING;
         return state == SOME;
     }
     // Squared gap, along one axis, between `size` voxels from `first` on and the box.
@@ -161,8 +161,8 @@ class Held {
         return g;
     }
     template <class Visit>
-    void open(const Index &block, const Vec &low, const Vec &high, const double &limit, Visit &&visit) const {
-        const int64_t x = WIDE * block[0], y = WIDE * block[1], z = TALL * block[2];
+    void open(const Index &tile, const Vec &low, const Vec &high, const double &limit, Visit &&visit) const {
+        const int64_t x = WIDE * tile[0], y = WIDE * tile[1], z = TALL * tile[2];
         const bool down = double(x) + 0.5 * WIDE < low[0], left = double(y) + 0.5 * WIDE < low[1];  // near ones first
         for (int64_t i = 0; i < WIDE; ++i) {
             const int64_t vx = down ? x + WIDE - 1 - i : x + i;
@@ -231,29 +231,29 @@ class Held {
 
     explicit Held(const int64_t *shape) : shape(shape) {
         for (int k = 0; k < 3; ++k) {
-            blocks[k] = (shape[k] + BLOCK[k] - 1) / BLOCK[k];
+            tiles[k] = (shape[k] + TILE[k] - 1) / TILE[k];
             regions[k] = (shape[k] + REGION[k] - 1) / REGION[k];
         }
-        of_blocks.resize(size_t(blocks[0] * blocks[1] * blocks[2]));
+        of_tiles.resize(size_t(tiles[0] * tiles[1] * tiles[2]));
         of_regions.resize(size_t(regions[0] * regions[1] * regions[2]));
     }
     void of(const uint8_t *new_occupied, const uint8_t *new_ground) {
         if (occupied == new_occupied && ground == new_ground) return;
         occupied = new_occupied, ground = new_ground, nothing = false;
-        std::fill(of_blocks.begin(), of_blocks.end(), uint8_t(UNKNOWN));
+        std::fill(of_tiles.begin(), of_tiles.end(), uint8_t(UNKNOWN));
         std::fill(of_regions.begin(), of_regions.end(), uint8_t(UNKNOWN));
     }
     // Visit every voxel whose squared gap to the box is at most `limit`, which a visit may lower; some of them twice.
     template <class Visit> void around(const Vec &low, const Vec &high, const double &limit, Visit &&visit) {
         if (nothing) return;
-        const auto look = [&](const Index &block) {
-            if (block_holds_some(block)) open(block, low, high, limit, visit);
+        const auto look = [&](const Index &tile) {
+            if (tile_holds_some(tile)) open(tile, low, high, limit, visit);
         };
-        if (in_shells(BLOCK, blocks, SHELLS, low, high, limit, look)) return;
+        if (in_shells(TILE, tiles, SHELLS, low, high, limit, look)) return;
         in_shells(REGION, regions, std::numeric_limits<int64_t>::max(), low, high, limit, [&](const Index &region) {
             if (region_holds_some(region))
-                any_block(region, [&](const Index &block) {
-                    if (gap(block, BLOCK, low, high) <= limit) look(block);
+                any_tile(region, [&](const Index &tile) {
+                    if (gap(tile, TILE, low, high) <= limit) look(tile);
                     return false;
                 });
         });
