@@ -53,27 +53,26 @@ def verified(routes: Route, task: Task, method: str, timings: Seconds | None = N
     status = status.copy()
     status[which[~verdicts.ok]] = Status.PATH_IN_COLLISION
 
-    def spread(values: np.ndarray, empty: np.ndarray) -> np.ndarray:
+    def spread(values: np.ndarray, empty: float | int | bool) -> np.ndarray:
         """Values of the paths that passed, among all problems."""
-        filled = np.array(np.broadcast_to(empty, (len(task), *values.shape[1:])))
+        filled = np.full((len(task), *values.shape[1:]), empty, values.dtype)
         filled[passed] = values[verdicts.ok]
         return filled
 
     cost = np.asarray(routes.cost, np.float64)[which]
     cost = np.where(cost > 0, cost, verdicts.length)  # 0 where nothing was priced
-    nan, zero = np.array(math.nan), np.array(0)
     return dataclasses.replace(
         nothing,
         status=status,
-        points=spread(_world(local, some), nan),
-        counts=spread(counts, zero),
-        length=spread(verdicts.length, nan),
-        clearance=spread(verdicts.clearance, nan),
-        cruise_clearance=spread(verdicts.cruise_clearance, nan),
-        cost=spread(cost, nan),
-        clearance_at=spread(verdicts.clearance_at, nan),
-        exemptions=spread(exemptions, np.array(0.0)),
-        geodesic=spread(np.asarray(routes.geodesic, bool)[which], np.array(False)),
+        points=spread(_world(local, some), math.nan),
+        counts=spread(counts, 0),
+        length=spread(verdicts.length, math.nan),
+        clearance=spread(verdicts.clearance, math.nan),
+        cruise_clearance=spread(verdicts.cruise_clearance, math.nan),
+        cost=spread(cost, math.nan),
+        clearance_at=spread(verdicts.clearance_at, math.nan),
+        exemptions=spread(exemptions, 0.0),
+        geodesic=spread(np.asarray(routes.geodesic, bool)[which], False),
     )
 
 
