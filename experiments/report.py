@@ -66,6 +66,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.rivals, ("rivals", "rivals_h200")),
     (tables.plans, ("plan", "plan_h200")),
     (tables.solves, ("potential", "potential_h200")),
+    (tables.verdicts, ("verifier", "verifier_h100")),
     (tables.profile, ("profile", "profile_h200", "profile_city_h200")),
     (tables.flights, ("flight", "flight_h200")),
     (tables.scaling, ("flight_devices_h200", "training_h200", "city_scale_h200")),

@@ -65,6 +65,8 @@ def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -
     *_, last = rows.values()
     assert last["differ"] == 0
     assert all(row["median"] > 0 for row in rows.values())
+    document = json.loads((tmp_path / "verifier.json").read_text())
+    assert tables.verdicts(document).splitlines()[-1].endswith("| 4 | 0 |")
 
 
 def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import maxjax
 from maxjax.planning.search import astar_compiled
 from maxjax.programs import native
 from maxjax.programs.native import NotCompiledError
+from maxjax.verification import compiled
 
 
 @pytest.fixture
@@ -96,8 +97,8 @@ def test_a_library_at_hand_is_not_waited_for_unless_it_is_there(source: Path) ->
     assert len(kept(source)) == 1
 
 
-def test_the_source_is_part_of_the_package() -> None:
+def test_the_sources_are_part_of_the_package() -> None:
     package = Path(maxjax.__file__).parent
-    for source in (astar_compiled.SOURCE,):
+    for source in (astar_compiled.SOURCE, compiled.SOURCE):
         assert source.is_file()
         assert os.path.commonpath([source, package]) == str(package)
