@@ -268,7 +268,6 @@ class Judge {
     std::vector<double> distances;  // of the points [voxels]
     std::vector<Part> parts;
     const uint8_t *occupied, *ground, *blocked;
-    const double *exemptions;
     double own[2], outer[2];  // radii of both levels of spheres around both ends [voxels]
     bool beside[2];
 
