@@ -36,7 +36,7 @@ from maxjax.programs.lowering import materialise
 # Windows that are tried before the whole map [voxels], and how many members of a batch are solved at once: nearly all
 # ask for the first, few for the next, hardly any for the whole map.
 _SIZES: tuple[Index3, ...] = ((48, 48, 24), (64, 64, 32))
-_AT_ONCE = 256, 64, 16
+_AT_ONCE = 512, 64, 8
 # Of a route that is proved: no number of a size.
 _PROVED = 1000
 # Voxels around the start that every window holds, so that `Sought.near` is known.
