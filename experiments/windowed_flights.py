@@ -102,6 +102,7 @@ def compared(windowed: dict[int, Outcome], whole: dict[int, Outcome]) -> dict[st
 
 def section(document: Document) -> str:
     """RESULTS.md: outcomes and lengths, in windows and in whole maps."""
+    where = device(document)
     lines = [
         [
             str(row["map"]),
@@ -128,7 +129,7 @@ def section(document: Document) -> str:
         "nearest [m]",
     ]
     return (
-        f"### Flights in windows\n\nThe same trials planned in windows and, in brackets, in whole maps, on {device(document)}.\n\n"
+        f"### Flights in windows\n\nThe same trials planned in windows, in brackets in whole maps; on {where}.\n\n"
         + table(heads, lines)
     )
 

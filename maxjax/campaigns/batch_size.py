@@ -1,7 +1,8 @@
 """How many flights fly at a time: what memory holds, a multiple of the number of devices.
 
 on a CPU    one flight a device; any size that is asked for, as far as it fits into free memory
-on a GPU    min(256, (free - PROGRAM) / FLIGHT) a device
+on a GPU    as many as fit, 4096 a device at most, of which 512 are computed at a time (`sim.flight`):
+                free >= PROGRAM + FLIGHT n + AT_ONCE min(n, 512)
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from collections.abc import Callable, Sequence
 
 import jax
 
-from maxjax.sim.flight import FlightConfig
+from maxjax.sim.flight import AT_ONCE, FlightConfig
 
-# Measured on a GPU with a map of 101³: memory for a voxel of one flight, and for any batch [B].
-_VOXEL, _PROGRAM = 70e6 / 101**3, 1e9
-# Larger batches fly no more trials a second on a GPU.
-_LARGEST = 256
+# Measured on one H100 with maps of 101³, 500 and 2,000 flights: memory for a voxel of a flight, for one of those that
+# are computed at a time, and for any batch [B].
+_FLIGHT, _COMPUTED, _PROGRAM = 1.5e6 / 101**3, 18e6 / 101**3, 1e9
+# Larger batches would be written down too seldom: as many take a quarter of a minute.
+_LARGEST = 4096
 
 
 def first_size(
@@ -32,8 +34,8 @@ def first_size(
         warn: called with a sentence when that size does not fit.
     """
     count, on_cpu = len(devices), devices[0].platform == "cpu"
-    each, free = _VOXEL * math.prod(config.shape), free_memory(devices[0])
-    fits = count * int(max(free - _PROGRAM, 0.0) / each / (count if on_cpu else 1))
+    free = free_memory(devices[0]) / (count if on_cpu else 1)
+    fits = count * _fitting(max(free - _PROGRAM, 0.0), math.prod(config.shape))
     if wanted is None:
         # Two cores gain nothing from a second flight, and lose where one takes longer than another.
         return count if on_cpu else count * min(_LARGEST, max(fits // count, 1))
@@ -42,6 +44,12 @@ def first_size(
     while on_cpu and size > count and size > fits:
         size = halved(size, devices, warn)
     return size
+
+
+def _fitting(free: float, voxels: int) -> int:
+    """Flights that so much memory holds."""
+    most = int(free / ((_FLIGHT + _COMPUTED) * voxels))
+    return most if most <= AT_ONCE else int((free / voxels - _COMPUTED * AT_ONCE) / _FLIGHT)
 
 
 def halved(size: int, devices: Sequence[jax.Device], warn: Callable[[str], None]) -> int:

@@ -48,6 +48,7 @@ from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.scenes import Scene
 
 __all__ = [
+    "AT_ONCE",
     "STAGES",
     "Flight",
     "FlightConfig",
@@ -62,7 +63,7 @@ __all__ = [
 ]
 
 # Flights of a batch that take an iteration at a time: of one that arrives, another takes the place.
-_AT_ONCE = 512
+AT_ONCE = 512
 
 # A stage of a planning iteration: pure, of arrays; the configuration is static but for its disturbances.
 Stage = Callable[[World, Flight, FlightConfig], Flight]
@@ -98,7 +99,7 @@ def fly_closed_loop(
         )
     _check(config)
     world = World(geoms, start, goal, key, config.disturbances)
-    return settle(_flies, iteration_of(config), world, take_off(world, config), at_once=_AT_ONCE).log
+    return settle(_flies, iteration_of(config), world, take_off(world, config), at_once=AT_ONCE).log
 
 
 def fly_all_closed_loop(worlds: World, config: FlightConfig) -> FlightLog:
@@ -109,7 +110,7 @@ def fly_all_closed_loop(worlds: World, config: FlightConfig) -> FlightLog:
     """
     _check(config)
     first = jax.vmap(functools.partial(take_off, config=config))(worlds)
-    return settle_batch(_flies, iteration_of(config), worlds, first, at_once=_AT_ONCE).log
+    return settle_batch(_flies, iteration_of(config), worlds, first, at_once=AT_ONCE).log
 
 
 def _check(config: FlightConfig) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import json
 import os
@@ -72,6 +73,11 @@ def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, co
     )
 
 
+def fake_fly_all(worlds: World, config: FlightConfig, fly: Any = fake_fly) -> FlightLog:
+    one = functools.partial(fly, config=config)
+    return jax.vmap(one)(worlds.geoms, worlds.start, worlds.goal, worlds.key)
+
+
 def fake_draw(name: str, seed: int, indices: range) -> Trial:
     wanted = np.asarray(indices)
     points = np.random.default_rng(seed).uniform(-50, 50, (1000, 2, 3)).astype(np.float32)[wanted]
@@ -92,6 +98,7 @@ fake_part = jax.jit(inspect.unwrap(module._fly_part))
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_one_by_one", fake_part)
     monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
+    monkeypatch.setattr(module, "fly_all_closed_loop", fake_fly_all)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
 
@@ -256,10 +263,15 @@ def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monke
 
 @pytest.mark.usefixtures("quick")
 def test_a_batch_beyond_the_computers_memory_is_split_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch_size, "free_memory", lambda device: 1e9 + 3 * 70e6 + 1)
+    monkeypatch.setattr(batch_size, "free_memory", lambda device: 1e9 + 3 * 19.5e6 + 1)
     warnings: list[str] = []
     assert len(flown(Campaign("suburb", 0, range(5), config=CALM), batch=8, warn=warnings.append)) == 5
     assert "going on with 2" in warnings[-1]
+
+
+@pytest.mark.parametrize(("free", "flights"), [(1e9, 0), (1e9 + 19.5e6, 1), (1e9 + 512 * 19.5e6, 512), (80e9, 46522)])
+def test_memory_holds_many_flights_of_which_some_are_computed_at_a_time(free: float, flights: int) -> None:
+    assert batch_size._fitting(free - 1e9 + 1, 101**3) == flights
 
 
 def test_no_batch_is_refused() -> None:
@@ -322,13 +334,17 @@ def settle(going: Any, step: Any, data: Any, state: Any, *, at_once: int) -> Any
     return jax.lax.while_loop(lambda state: going(data, state), lambda state: step(data, state), state)
 
 
+def settle_batch(going: Any, step: Any, data: Any, state: Any, *, at_once: int) -> Any:
+    return jax.vmap(functools.partial(settle, going, step, at_once=at_once))(data, state)
+
+
 def _real_flights(out: Path) -> None:
     """All cases on two devices, with and without a NaN, and one flight watched from the host.
 
     Without returns a flight ends after five plans: nobody needs to wait for twenty.
     """
     shorten()
-    flight.settle, replan._FAILURES = settle, 5
+    flight.settle, flight.settle_batch, replan._FAILURES = settle, settle_batch, 5
     module._one_by_one = module._fly_part  # as an accelerator flies them
     nan = float("nan")
     logs = {
@@ -337,7 +353,8 @@ def _real_flights(out: Path) -> None:
     }
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
     watched = list(watch(World(*world, TINY.disturbances), TINY))
-    module.fly_closed_loop, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
+    module.fly_closed_loop, module.fly_all_closed_loop = fake_fly, fake_fly_all
+    module.draw_many, module._city = fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = fake_part
     campaign = Campaign("suburb", 0, range(9), config=CALM)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
@@ -418,7 +435,9 @@ def _interrupted(folder: Path) -> None:
         turned = jax.lax.fori_loop(0, turns, lambda _, x: jnp.cos(x), log.flown_length)
         return dataclasses.replace(log, flown_length=log.flown_length + jnp.where(turned > 2.0, 1.0, 0.0))
 
-    module.fly_closed_loop, module.draw_many, module._city = slow_fly, fake_draw, lambda name, seed: ground_plane()
+    module.fly_closed_loop = slow_fly
+    module.fly_all_closed_loop = functools.partial(fake_fly_all, fly=slow_fly)
+    module.draw_many, module._city = fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = module._fly_part
     try:
         for some in fly_trials(SLOW, batch=4, folder=folder):
