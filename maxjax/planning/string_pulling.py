@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Bool, Float
 
 from maxjax.planning.line_of_sight import Sight, visibility
 from maxjax.programs.lowering import repeat
@@ -106,8 +106,8 @@ def tighten(
     second = jnp.where(used > WINDOW, -(-(used - WINDOW // 2) // WINDOW), 0)
     windows, joined = first + second, 0 if price is None else (second > 0).astype(jnp.int32)
 
-    def round_(k: Int32[Array, ""], carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        points, cost = carry
+    def round_(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        k, points, cost, _ = carry
         points = jnp.where(k == windows, _unrepeat(points), points)
         whole, fits = k >= windows, jnp.all(points[WINDOW - 1 :] == points[-1])
         at = jnp.where(k < first, k * WINDOW, (k - first) * WINDOW + WINDOW // 2)
@@ -118,9 +118,15 @@ def tighten(
         # What the parts of an edge cost is what the edge costs, but for the error of the quadrature.
         cheaper = True if price is None else ~refined | (paid <= cost)
         better = ~whole | (fits & cheaper)
-        points = jnp.where(better, lax.dynamic_update_slice(points, found, (at, 0)), points)
-        return points, jnp.where(better, paid, cost)
+        after = jnp.where(better, lax.dynamic_update_slice(points, found, (at, 0)), points)
+        # A refined round that changes nothing would do so again.
+        taut = refined & jnp.all(after == points)
+        return k + 1, after, jnp.where(better, paid, cost), taut
 
-    nothing = jnp.zeros((), path.dtype)
-    points, _ = lax.fori_loop(0, windows + joined + rounds, round_, (points, nothing))
+    def going(carry: tuple[Array, Array, Array, Array]) -> Bool[Array, ""]:
+        k, _, _, taut = carry
+        return (k < windows + joined + rounds) & ~taut
+
+    first_round = jnp.int32(0), points, jnp.zeros((), path.dtype), jnp.array(False)
+    _, points, _, _ = lax.while_loop(going, round_, first_round)
     return jnp.asarray(points[:n])
