@@ -5,11 +5,15 @@
 Each row is timed from the start of the process to its end. `first` has an empty cache folder, `second` the one that the
 first left; seconds of the CPU, of all threads, stand beside those of the clock: they depend less on what else the
 machine does.
+
+`program` rows: the whole program of one window, from its message to its route, as a device runs it: how many equations
+JAX traces for this platform, and what it takes to trace, lower and compile them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import resource
@@ -20,11 +24,19 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import jax
 import tyro
 
+import maxjax
 from benchmarks.common.harness import RESULTS, Row, save
+from maxjax.core.grid import Index3
+from maxjax.planning import pipeline
+from maxjax.planning.focus_window import SHAPES
+from maxjax.planning.surroundings import halo_of
 from maxjax.programs.cache import VARIABLE
+from maxjax.programs.lowering import lowered_for, target
 
 _MODULE = ("-m", "maxjax")
 # What the processes must not take over from this one: caches of JAX's, and the level of its logs.
@@ -37,6 +49,7 @@ class Config:
 
     Attributes:
         commands: of `plan`, `demo` and `fly`, those to time with an empty and a filled cache.
+        windows: how many of the smallest sizes of windows to compile the program of.
         map: of the plan.
         start, goal: of the plan [m].
         repeats: processes a row, but one with an empty cache.
@@ -44,6 +57,7 @@ class Config:
     """
 
     commands: tuple[str, ...] = ("plan", "demo", "fly")
+    windows: int = 3
     map: str = "downtown:0"
     start: tuple[float, float, float] = (-40.0, 0.0, 9.0)
     goal: tuple[float, float, float] = (40.0, 10.0, 9.0)
@@ -83,8 +97,34 @@ def main(config: Config) -> list[Row]:
             rows.append(_row(f"maxjax {name}: second", later))
             if name == "plan":
                 rows += _stages(later[-1].output)
+    rows += [_program(shape) for shape in SHAPES[: config.windows]]
     save("startup", config, rows, config.out)
     return rows
+
+
+def _program(shape: Index3) -> Row:
+    """The program of a window of this shape."""
+    distances, grid = maxjax.Distances(), maxjax.Grid(shape, 2.0, (0.0, 0.0, 0.0))
+    layout = pipeline.Layout(distances, grid, halo_of(distances, grid), priced=False)
+    started = time.perf_counter()
+    with lowered_for(target()):
+        traced = jax.jit(functools.partial(pipeline.answer, layout=layout, planner=maxjax.Field())).trace(
+            pipeline.sent(layout)
+        )
+        traced.lower().compile()
+    seconds = round(time.perf_counter() - started, 3)
+    what = f"program of a window of {' x '.join(map(str, shape))}"
+    return {"what": what, "unit": "s", "median": seconds, "n": 1, "equations": equations(traced.jaxpr.jaxpr)}
+
+
+def equations(jaxpr: Any) -> int:
+    """How many a program has, those of its loops and branches counted once."""
+    inner = (value for equation in jaxpr.eqns for value in jax.tree.leaves(list(equation.params.values())))
+    return len(jaxpr.eqns) + sum(equations(getattr(one, "jaxpr", one)) for one in inner if _is_program(one))
+
+
+def _is_program(value: Any) -> bool:
+    return hasattr(getattr(value, "jaxpr", value), "eqns")
 
 
 _NAMES = "import maxjax\nfor name in maxjax.__all__: getattr(maxjax, name)"

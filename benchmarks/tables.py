@@ -372,11 +372,12 @@ def startup(*documents: Document) -> str:
     for document in documents:
         for row in document["rows"]:
             figures = [number(row[key]) if key in row else "" for key in ("median", "min", "max", "cpu")]
-            lines.append([row["what"], device(document), *figures, str(row["n"])])
+            lines.append([row["what"], device(document), *figures, str(row["n"]), str(row.get("equations", ""))])
     return (
         "### From the start of a process to its end\n\n"
-        "First: nothing on disk. Second: with the executables that the first left. CPU: of all threads [s].\n\n"
-        + table(["what", "on", "median [s]", "min", "max", "CPU", "processes"], lines, left=2)
+        "First: nothing on disk. Second: with the executables that the first left. CPU: of all threads [s].\n"
+        "The program of a window is that of one problem as an accelerator runs it: traced, lowered, compiled.\n\n"
+        + table(["what", "on", "median [s]", "min", "max", "CPU", "n", "equations"], lines, left=2)
     )
 
 

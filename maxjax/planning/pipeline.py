@@ -83,8 +83,8 @@ def single(view: View, planner: Planner) -> Route:
     layout = layout_of(view)
     with timed("device"):
         message = np.asarray(_ONE.start(messages.pack(parts_of(view)), layout=layout, planner=planner))
-        answer = messages.unpack(message, _answered(planner, layout))
-    return view.placed(answer)
+        found = messages.unpack(message, _answered(planner, layout))
+    return view.placed(found)
 
 
 def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
@@ -117,7 +117,7 @@ def _own(view: View, rows: Rows) -> Parts:
     return view.own(rows) | rim | {"ends": view.ends(rows)}
 
 
-def _sent(layout: Layout) -> Parts:
+def sent(layout: Layout) -> Parts:
     """Shapes and types of the parts of one problem."""
     seen = [n + 2 * layout.halo for n in layout.grid.shape]
     rim = {"rim": _blank(np.int32, 3)} if layout.halo else {}
@@ -144,7 +144,7 @@ def _points(planner: Planner, layout: Layout) -> int:
     """How many points the paths of a batched planner have."""
     if isinstance(planner, FieldPlanner):
         return planner.ascent.steps + 1
-    path = jax.eval_shape(lambda parts: planner.route(formulated(parts, layout), layout.grid).path, _sent(layout))
+    path = jax.eval_shape(lambda parts: planner.route(formulated(parts, layout), layout.grid).path, sent(layout))
     return int(path.shape[0])
 
 
@@ -153,7 +153,8 @@ def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
     return np.broadcast_to(np.zeros((), dtype), shape)
 
 
-def _answer(parts: Parts, layout: Layout, planner: Planner) -> Route:
+def answer(parts: Parts, layout: Layout, planner: Planner) -> Route:
+    """The route of one problem, from its parts."""
     problem = formulated(parts, layout)
     answer = completed(problem, planner.route(problem, layout.grid), layout.grid)
     return dataclasses.replace(answer, geodesic=jnp.asarray(answer.geodesic))
@@ -161,8 +162,8 @@ def _answer(parts: Parts, layout: Layout, planner: Planner) -> Route:
 
 def _plan_one(message: UInt8[Array, " sent"], layout: Layout, planner: Planner) -> UInt8[Array, "1 got"]:
     """One problem, from its message to that of its answer."""
-    answer = _answer(messages.unpack(message, _sent(layout)), layout, planner)
-    return in_host_memory(jnp.asarray(messages.pack(answer))[None])
+    found = answer(messages.unpack(message, sent(layout)), layout, planner)
+    return in_host_memory(jnp.asarray(messages.pack(found))[None])
 
 
 def _plan_many(
@@ -173,12 +174,12 @@ def _plan_many(
     planner: Planner,
 ) -> UInt8[Array, "b written"]:
     """Several problems; maps that all of them share are sent once, in `common`."""
-    like = _sent(layout)
+    like = sent(layout)
     maps = messages.unpack(common, {name: like[name] for name in shared})
 
     def one(message: UInt8[Array, " sent"]) -> UInt8[Array, " written"]:
         parts = messages.unpack(message, {name: like[name] for name in like if name not in shared})
-        return jnp.asarray(messages.pack(_answer(maps | parts, layout, planner)))
+        return jnp.asarray(messages.pack(answer(maps | parts, layout, planner)))
 
     return in_host_memory(jax.vmap(one)(own))
 

@@ -98,10 +98,13 @@ def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
 
 
 def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path) -> None:
-    rows = startup.main(startup.Config(commands=(), repeats=2, out=tmp_path))
+    rows = startup.main(startup.Config(commands=(), windows=1, repeats=2, out=tmp_path))
     assert json.loads((tmp_path / "startup.json").read_text())["rows"] == rows
-    assert [row["what"] for row in rows] == ["import maxjax", "import maxjax, and its names", "maxjax --help"]
-    for row in rows:
+    *processes, program = rows
+    assert [row["what"] for row in processes] == ["import maxjax", "import maxjax, and its names", "maxjax --help"]
+    assert program["what"] == "program of a window of 32 x 32 x 24"
+    assert 1000 < program["equations"] < 20_000
+    for row in processes:
         assert row["n"] == 2
         assert 0 < row["min"] <= row["median"] <= row["max"]
         assert row["cpu"] > 0
