@@ -7,6 +7,7 @@ import inspect
 import json
 import os
 import shlex
+import shutil
 import types
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,6 +30,7 @@ from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog
 from maxjax.sim.lidar import Scan
 from maxjax.sim.rolling_map import empty
+from maxjax.view.trials import open_folder
 from maxjax.viz import campaign as pictures
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
@@ -228,6 +230,12 @@ def test_the_time_left_is_that_of_batches_after_the_compiled_one(
         (["suburb", "--dead-sector", 400], "dead"),
         (["suburb", "--reactive", -2], "reactive"),
         (["suburb", "--method", "magic"], "magic"),
+        (["suburb", "--shard", "0/2"], "--shard: expected --out"),
+        (["suburb", "--shard", "2/2", "--out", "none"], "shard: expected K/N with K from 0 to N - 1, given 2/2"),
+        (["suburb", "--shard", "0/2", "--merge", "--out", "none"], "--shard and --merge: expected one of them"),
+        (["suburb", "--merge", "--trial", 3, "--out", "none"], "--merge: goes with --trials"),
+        (["suburb", "--merge", "--out", "none"], "expected folders of shares"),
+        (["suburb", "--start", 0, 0, 5, "--goal", 9, 9, 5, "--shard", "0/2"], "--shard: goes with trials"),
     ],
 )
 def test_unusable_arguments_end_with_2_and_a_sentence(fly: Terminal, arguments: list[object], sentence: str) -> None:
@@ -235,6 +243,28 @@ def test_unusable_arguments_end_with_2_and_a_sentence(fly: Terminal, arguments: 
     assert code == 2
     assert not out
     assert sentence in err
+
+
+def test_shares_are_merged_into_what_one_process_leaves(fly: Terminal, tmp_path: Path) -> None:
+    one, out = tmp_path / "one", tmp_path / "out"
+    arguments = ("downtown", "--trials", 3, "--seed", 3, "--json", "--out")
+    _, expected, _ = fly(*arguments, one)
+    for k in range(4):
+        code, text, err = fly(*arguments, out, "--shard", f"{k}/4")
+        assert code == 0
+        # The share of one of four processes is empty, as there are three trials.
+        assert (text == "" and "has none to fly" in err) or json.loads(text)["trials"] == 1
+    assert not list(out.glob("shards/*/flights.png"))
+    code, text, _ = fly(*arguments, out, "--merge")
+    assert (code, text) == (0, expected)
+    assert (out / "flights.png").read_bytes() == (one / "flights.png").read_bytes()
+    shown, ledger = open_folder(out)
+    assert (shown, sorted(ledger.outcomes)) == ("downtown", [0, 1, 2])
+    shutil.rmtree(out / "shards" / "3-of-4")
+    (out / "trials.jsonl").unlink()
+    code, text, err = fly(*arguments, out, "--merge")
+    assert (code, text) == (1, "")
+    assert "1 of 3 trials are missing in 2 shares: 2;" in err
 
 
 def test_a_folder_that_cannot_be_written_is_found_out_first(fly: Terminal, tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def test_during_a_flight_after_the_first_outcome_and_the_campaign_goes_on(tmp_pa
 
     ended = interrupt([tmp_path / "endless.py", *arguments, out], flown, 1.0, cached=True)
     assert_ended_by(ended)
-    assert sorted(os.listdir(out)) == ["config.json", "positions", "times.json", "trials.jsonl"]
+    assert sorted(os.listdir(out)) == ["config.json", "lock", "positions", "times.json", "trials.jsonl"]
     assert [json.loads(line)["trial"] for line in rows.read_text().splitlines()] == [0]
     for name in ("config.json", "times.json"):
         json.loads((out / name).read_text())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from jaxtyping import Float
 import maxjax
 from experiments.differentiable.field import city, draw_city, figure
 from experiments.paper_figures.slices import draw_legend
-from maxjax.campaigns.ledger import ROWS, Ledger
+from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.viz import marks, style
 
@@ -48,15 +47,11 @@ def worst_flights(folder: Path, count: int) -> list[Flown]:
     Raises:
         ValueError: if the folder holds no campaign, or no flight.
     """
-    try:
-        campaign = json.loads((folder / "config.json").read_text(encoding="utf-8"))["campaign"]
-        lines = (folder / ROWS).read_text(encoding="utf-8").splitlines()
-        outcomes = {outcome.trial: outcome for outcome in (Outcome(**json.loads(line)) for line in lines)}
-        name = str(campaign["map"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"flights: expected the folder of a campaign, given {folder.name} ({error})") from error
-    positions = Ledger(folder, campaign, outcomes, None).positions()
-    found = [Flown(name, outcomes[trial], position) for trial, position in positions.items() if len(position) > 1]
+    ledger = Ledger.read(folder)
+    name, outcomes = str(ledger.configuration["map"]), ledger.outcomes
+    found = [
+        Flown(name, outcomes[trial], position) for trial, position in ledger.positions().items() if len(position) > 1
+    ]
     if not found:
         raise ValueError(f"flights: expected a flight with positions in {folder.name}, given none")
     return sorted(found, key=lambda flight: (-flight.detour, flight.outcome.trial))[:count]

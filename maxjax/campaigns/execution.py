@@ -12,6 +12,7 @@ writes of the ledger, while a device program that runs goes on; it does not keep
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +50,7 @@ def fly_trials(
         campaign: what to fly.
         batch: flights at a time, rounded up to a multiple of the number of devices; None: see `batch_size`.
         folder: where to keep outcomes and positions; made if missing. None: nowhere.
-        devices: to fly on; None: all.
+        devices: to fly on; None: all of this host's that this process may use.
         warn: called with a sentence when a batch did not fit and is split.
 
     Yields:
@@ -57,15 +58,28 @@ def fly_trials(
         flown, then those of each batch as it finishes.
 
     Raises:
-        ValueError: if the folder holds another campaign, or damaged files; for a batch below 1.
+        ValueError: if the folder holds another campaign, or damaged files, or another process flies into it; for a
+            batch below 1.
         MemoryError: if not even one flight fits.
         OSError: if the folder cannot be written.
         KeyboardInterrupt: at once, without waiting for the batch that flies; the folder is whole.
     """
-    devices = jax.devices() if devices is None else devices
+    devices = jax.local_devices() if devices is None else devices
     if batch is not None and batch < 1:
         raise ValueError(f"batch: expected at least 1, given {batch}")
     ledger = None if folder is None else campaign.ledger(folder)
+    with contextlib.nullcontext() if ledger is None else ledger.held():
+        yield from _fly_missing(campaign, batch, ledger, devices, warn)
+
+
+def _fly_missing(
+    campaign: Campaign,
+    batch: int | None,
+    ledger: Ledger | None,
+    devices: Sequence[jax.Device],
+    warn: Callable[[str], None],
+) -> Iterator[list[Outcome]]:
+    """What a ledger holds, then what it lacks; arguments as of `fly_trials`."""
     known = {} if ledger is None else dict(ledger.outcomes)
     if known:
         yield list(known.values())

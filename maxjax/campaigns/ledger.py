@@ -2,18 +2,21 @@
 
     config.json     the configuration          trials.jsonl    one outcome a line, appended a batch at a time
     positions/      every 0.1 s, by batch      times.json      run time of each batch
+    shards/K-of-N/  such folders, of shares    lock            held by the process that flies
 
 Lines are synchronised to the disk before their outcomes count; other files are replaced atomically. Only `times.json`
-depends on the clock, so a resumed campaign leaves the same files as an uninterrupted one.
+depends on the clock, so a resumed campaign leaves the same files as an uninterrupted one. Beside the configuration
+stands what the lines were flown by: the sources of maxjax, versions, devices.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +26,11 @@ from jaxtyping import Float
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.core.files import atomic_write
 from maxjax.core.interruption import finishing
+from maxjax.core.provenance import device, sources, versions
 from maxjax.core.serialization import read_npz
 
 CONFIG, ROWS, POSITIONS, TIMES = "config.json", "trials.jsonl", "positions", "times.json"
+_LOCK = "lock"
 
 
 class Ledger:
@@ -33,14 +38,16 @@ class Ledger:
 
     Attributes:
         folder: the folder.
+        configuration: all that the outcomes depend on, as JSON holds it.
         outcomes: by trial.
         batch: flights at a time when it was last flown; None for a new folder.
+        flown_by: what its lines were flown by, each once: digest of the sources, versions, device.
     """
 
-    def __init__(
-        self, folder: Path, configuration: dict[str, Any], outcomes: dict[int, Outcome], batch: int | None
-    ) -> None:
-        self.folder, self._configuration, self.outcomes, self.batch = folder, configuration, outcomes, batch
+    def __init__(self, folder: Path, configuration: dict[str, Any], outcomes: dict[int, Outcome] | None = None) -> None:
+        self.folder, self.configuration, self.outcomes = folder, configuration, outcomes or {}
+        self.batch: int | None = None
+        self.flown_by: list[dict[str, Any]] = []
 
     @classmethod
     def open(cls, folder: Path, configuration: dict[str, Any], trials: range) -> Ledger:
@@ -56,18 +63,14 @@ class Ledger:
             OSError: if it cannot be written.
         """
         (folder / POSITIONS).mkdir(parents=True, exist_ok=True)
-        config, rows = folder / CONFIG, folder / ROWS
-        if not config.exists():
-            if rows.exists():
+        if not (folder / CONFIG).exists():
+            if (folder / ROWS).exists():
                 raise ValueError(f"{folder}: holds {ROWS} but no {CONFIG}; choose another folder")
-            ledger = cls(folder, configuration, {}, None)
+            ledger = cls(folder, configuration)
             ledger._write_config()
             return ledger
-        try:
-            written = json.loads(config.read_text())
-            before, batch = dict(written["campaign"]), written["batch"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{config}: expected the configuration of a campaign; choose another folder") from error
+        ledger = cls.read(folder)
+        before = ledger.configuration
         differing = [name for name in {**before, **configuration} if before.get(name) != configuration.get(name)]
         if differing:
             name = differing[0]
@@ -75,18 +78,69 @@ class Ledger:
                 f"{folder}: holds another campaign: {name} was {before.get(name)} there, is {configuration.get(name)} "
                 "here; choose another folder"
             )
-        return cls(folder, configuration, _read(rows, trials), batch)
+        if foreign := sorted(set(ledger.outcomes) - set(trials)):
+            raise ValueError(f"{folder / ROWS}: holds trial {foreign[0]}, which is not of this campaign")
+        return ledger
+
+    @classmethod
+    def read(cls, folder: Path) -> Ledger:
+        """What a folder holds, or holds so far; nothing in it is changed, and a last line in writing is left out.
+
+        Raises:
+            ValueError: if it holds no campaign, or damaged files.
+        """
+        try:
+            written = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+            ledger = cls(folder, dict(written["campaign"]), _read(folder / ROWS))
+            ledger.batch, ledger.flown_by = written.get("batch"), list(written.get("flown_by", []))
+        except (OSError, KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise ValueError(
+                f"{folder}: expected a folder that maxjax fly --out has written, with its {CONFIG}; "
+                "choose another folder"
+            ) from error
+        return ledger
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other processes from flying into the folder: two that append to one file may lose lines.
+
+        A process that is killed lets go of it, and the line that it was writing is removed. On a file system without
+        locks nobody is kept from anything.
+
+        Raises:
+            ValueError: if another process flies into it.
+        """
+        with open(self.folder / _LOCK, "ab") as file:
+            try:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise ValueError(
+                    f"{self.folder}: another process flies into it; wait for that one, or choose another folder"
+                ) from error
+            except (ImportError, OSError):
+                pass
+            if (rows := self.folder / ROWS).exists():
+                os.truncate(rows, _whole(rows))
+            self.outcomes = _read(rows)  # another process may just have ended
+            yield
 
     def append(self, outcomes: Sequence[Outcome]) -> None:
-        """Append one line an outcome; they are on the disk when this returns."""
+        """Append one line an outcome, flown by this process; they are on the disk when this returns."""
         if not outcomes:
             return
-        lines = "".join(json.dumps(dataclasses.asdict(o), allow_nan=False) + "\n" for o in outcomes)
+        self.record_makers([{"sources": sources(), "versions": versions(), "device": device()}])
         # One call of the system's `write`: KeyboardInterrupt comes before or after it, not between two lines.
         with finishing(), open(self.folder / ROWS, "ab", buffering=0) as file:
-            file.write(lines.encode())
+            file.write(_lines(outcomes))
             os.fsync(file.fileno())
         self.outcomes.update({outcome.trial: outcome for outcome in outcomes})
+
+    def rewrite(self, outcomes: Sequence[Outcome]) -> None:
+        """Put these lines, in this order, in place of those that are there."""
+        atomic_write(self.folder / ROWS, _lines(outcomes))
+        self.outcomes = {outcome.trial: outcome for outcome in outcomes}
 
     def record_positions(self, trials: Sequence[int], position: Float[np.ndarray, "b t 3"]) -> None:
         """Write the positions of a batch to a file of its own; NaN after the end of a flight."""
@@ -97,52 +151,76 @@ class Ledger:
 
     def positions(self) -> dict[int, Float[np.ndarray, "t 3"]]:
         """Positions every 0.1 s [m] of the trials that have an outcome."""
-        found = {}
+        return {
+            trial: position[np.isfinite(position).all(axis=-1)]
+            for trials, batch in self.batches()
+            for trial, position in zip(trials, batch, strict=True)
+        }
+
+    def batches(self) -> Iterator[tuple[list[int], Float[np.ndarray, "b t 3"]]]:
+        """Trials that have an outcome and their positions [m], file by file, as `record_positions` takes them."""
         for file in sorted((self.folder / POSITIONS).glob("*.npz")):
             arrays = read_npz(file)
-            for trial, position in zip(arrays["trial"].tolist(), arrays["position"], strict=True):
-                if trial in self.outcomes:
-                    found[trial] = position[np.isfinite(position).all(axis=-1)]
-        return found
+            rows = [row for row, trial in enumerate(arrays["trial"].tolist()) if trial in self.outcomes]
+            if rows:
+                yield arrays["trial"][rows].tolist(), arrays["position"][rows]
 
-    def record_batch_size(self, size: int) -> None:
+    def record_batch_size(self, size: int | None) -> None:
         """Record the size of the batches, with which the campaign is resumed."""
         if size != self.batch:
             self.batch = size
             self._write_config()
 
+    def record_makers(self, makers: Iterable[dict[str, Any]]) -> None:
+        """Record what lines were flown by."""
+        before = len(self.flown_by)
+        for maker in makers:
+            if maker not in self.flown_by:
+                self.flown_by.append(maker)
+        if len(self.flown_by) > before:
+            self._write_config()
+
     def record_time(self, trials: Sequence[int], seconds: float) -> None:
         """Append the run time of a batch; that of the first one of a process includes compilation."""
-        path = self.folder / TIMES
+        self.record_times([{"first": trials[0], "trials": len(trials), "seconds": round(seconds, 3)}])
+
+    def record_times(self, times: Sequence[dict[str, Any]]) -> None:
+        """Append run times, as `times` tells them."""
+        atomic_write(self.folder / TIMES, json.dumps({"batches": [*self.times(), *times]}) + "\n")
+
+    def times(self) -> list[dict[str, Any]]:
+        """First trial, number of trials and run time [s] of each batch; empty where they cannot be read."""
         try:
-            times = json.loads(path.read_text())["batches"]
+            return list(json.loads((self.folder / TIMES).read_text())["batches"])
         except (OSError, ValueError, KeyError):
-            times = []
-        times.append({"first": trials[0], "trials": len(trials), "seconds": round(seconds, 3)})
-        atomic_write(path, json.dumps({"batches": times}) + "\n")
+            return []
 
     def _write_config(self) -> None:
-        content = {"campaign": self._configuration, "batch": self.batch}
+        content = {"campaign": self.configuration, "batch": self.batch, "flown_by": self.flown_by}
         atomic_write(self.folder / CONFIG, json.dumps(content, indent=2) + "\n")
 
 
-def _read(path: Path, trials: range) -> dict[int, Outcome]:
-    """Outcomes of a file of lines; an incomplete last line is removed."""
+def _lines(outcomes: Iterable[Outcome]) -> bytes:
+    """An outcome a line."""
+    return "".join(json.dumps(dataclasses.asdict(one), allow_nan=False) + "\n" for one in outcomes).encode()
+
+
+def _whole(path: Path) -> int:
+    """Bytes of a file up to the end of its last whole line."""
+    return path.read_bytes().rfind(b"\n") + 1
+
+
+def _read(path: Path) -> dict[int, Outcome]:
+    """Outcomes of a file of lines, none where there is no file; an incomplete last line is left out."""
     if not path.exists():
         return {}
-    content = path.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        os.truncate(path, whole)
     outcomes = {}
-    for number, line in enumerate(content[:whole].splitlines(), 1):
+    for number, line in enumerate(path.read_bytes()[: _whole(path)].splitlines(), 1):
         try:
             outcome = Outcome(**json.loads(line))
         except (ValueError, TypeError) as error:
             raise ValueError(
                 f"{path}: line {number} is no outcome; remove the file or choose another folder"
             ) from error
-        if outcome.trial not in trials:
-            raise ValueError(f"{path}: line {number} is about trial {outcome.trial}, which is not of this campaign")
         outcomes[outcome.trial] = outcome
     return outcomes

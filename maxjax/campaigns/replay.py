@@ -19,15 +19,16 @@ def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
     Returns:
         Its outcome, and the flight after each planning iteration; none if it cannot be flown.
     """
-    drawn = draw_trials(campaign)
-    flights: list[Flight] = []
-    if drawn["valid"][0]:
-        flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
-        logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
-        outcome = outcome_of(campaign, drawn, 0, logs)
-        ledger.record_positions([outcome.trial], logs["position"])
-    else:
-        outcome = outcome_of(campaign, drawn, 0)
-    if outcome.trial not in ledger.outcomes:
-        ledger.append([outcome])
-    return outcome, flights
+    with ledger.held():
+        drawn = draw_trials(campaign)
+        flights: list[Flight] = []
+        if drawn["valid"][0]:
+            flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
+            logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
+            outcome = outcome_of(campaign, drawn, 0, logs)
+            ledger.record_positions([outcome.trial], logs["position"])
+        else:
+            outcome = outcome_of(campaign, drawn, 0)
+        if outcome.trial not in ledger.outcomes:
+            ledger.append([outcome])
+        return outcome, flights

@@ -5,6 +5,7 @@ With ends given it flies a trajectory in a given map: `cli.tracking`.
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 import sys
 from collections.abc import Sequence
@@ -15,7 +16,9 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, summarise
+from maxjax.campaigns.processes import own_shard
 from maxjax.campaigns.replay import replay
+from maxjax.campaigns.shards import Shard, merge
 from maxjax.cli import report, tracking
 from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress, tally
@@ -29,6 +32,8 @@ from maxjax.sim.flight import Flight, FlightConfig
 def run_fly(options: FlyOptions) -> int:
     """Fly, show and write. Returns 0, as failed trials are a result; with ends given as `cli.tracking.fly_given`.
 
+    Where shares are merged and trials are missing: 1.
+
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
@@ -37,16 +42,103 @@ def run_fly(options: FlyOptions) -> int:
     if options.start is not None or options.goal is not None:
         return tracking.fly_given(options)
     tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
-    campaign, out = campaign_of(options), options.out
-    report.check_output(out)
-    ledger = None if out is None else campaign.ledger(out)
-    outcomes, flights = _fly(campaign, options, ledger)
-    origin = {"configuration": campaign.configuration(), "versions": versions(), "device": device()}
-    content = report.plain({**summarise(outcomes), **origin})
+    whole = _folder_of_shares(options)
+    if whole is not None and options.distributed:
+        with own_shard() as shard:
+            campaign = campaign_of(options)
+            _fly_share(campaign, options, shard, whole)
+        return 0 if shard.index else _merge(campaign, options, whole)
+    campaign = campaign_of(options)
+    if whole is None:
+        report.check_output(options.out)
+        outcomes, flights = _fly(campaign, options, options.out)
+        return _tell(campaign, options, options.out, outcomes, flights)
+    if options.shard is not None:
+        share, folder, outcomes = _fly_share(campaign, options, Shard.of(options.shard), whole)
+        return _tell(share, options, folder, outcomes) if outcomes else 0
+    return _merge(campaign, options, whole)
+
+
+def _folder_of_shares(options: FlyOptions) -> Path | None:
+    """The folder of a campaign that is flown in shares; None for one that is not.
+
+    Raises:
+        ValueError: for options that do not go together.
+    """
+    asked = {"--shard": options.shard is not None, "--merge": options.merge, "--distributed": options.distributed}
+    given = [name for name, value in asked.items() if value]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise ValueError(f"{given[0]} and {given[1]}: expected one of them, given both")
+    if options.trial is not None:
+        raise ValueError(f"{given[0]}: goes with --trials, not with --trial")
+    if options.out is None:
+        raise ValueError(f"{given[0]}: expected --out, the folder of the whole campaign, given none")
+    return options.out
+
+
+def _fly_share(
+    campaign: Campaign, options: FlyOptions, shard: Shard, whole: Path
+) -> tuple[Campaign, Path, list[Outcome]]:
+    """Fly a share into its folder: the share, the folder, and its outcomes, none of a share without trials."""
+    folder, trials = shard.folder(whole), shard.share(campaign.trials)
+    if not trials:
+        report.complain(f"Shard {shard.index}/{shard.count} of {len(campaign.trials)} trials has none to fly.")
+        return campaign, folder, []
+    report.check_output(folder, drawn=False)
+    share = dataclasses.replace(campaign, trials=trials)
+    return share, folder, _fly(share, options, folder)[0]
+
+
+def _merge(campaign: Campaign, options: FlyOptions, whole: Path) -> int:
+    """Make the folder of a campaign from those of its shares, and tell. Returns 1 where trials are missing, else 0."""
+    report.check_output(whole)
+    merged = merge(campaign, whole)
+    if merged.doubled:
+        report.complain(f"Note: {merged.doubled} trials were flown in more than one share, with the same outcome.")
+    if merged.missing:
+        report.complain(
+            f"{len(merged.missing)} of {len(campaign.trials)} trials are missing in {merged.shards} shares: "
+            f"{runs(merged.missing)}; fly those shares again, then merge again. Nothing was written."
+        )
+        return 1
+    outcomes = list(campaign.ledger(whole).outcomes.values())
+    return _tell(campaign, options, whole, outcomes, ())
+
+
+def runs(indices: Sequence[int], most: int = 5) -> str:
+    """Indices in order as text: runs of them, the first few."""
+    found: list[list[int]] = []
+    for index in indices:
+        if found and found[-1][-1] == index - 1:
+            found[-1][1:] = [index]
+        else:
+            found.append([index])
+    shown = [" to ".join(map(str, run)) for run in found[:most]]
+    return ", ".join(shown) + (", and others" if len(found) > most else "")
+
+
+def _tell(
+    campaign: Campaign,
+    options: FlyOptions,
+    out: Path | None,
+    outcomes: Sequence[Outcome],
+    flights: Sequence[Flight] | None = None,
+) -> int:
+    """Show and write the summary of a campaign; draw it in its folder, unless `flights` are None. Returns 0."""
+    origin: dict[str, Any] = {"versions": versions(), "device": device()}
     files: list[Path] = []
     if out is not None:
-        with progress("Drawing"):
-            files = _draw(campaign, out, flights)
+        ledger = campaign.ledger(out)
+        if makers := ledger.flown_by:  # other processes, maybe elsewhere
+            origin["versions"] = makers[-1]["versions"]
+            origin["device"] = "; ".join(dict.fromkeys(maker["device"] for maker in makers))
+        if flights is not None:
+            with progress("Drawing"):
+                files = _draw(campaign, ledger, flights)
+    content = report.plain({**summarise(outcomes), "configuration": campaign.configuration(), **origin})
+    if out is not None:
         atomic_write(out / "summary.json", report.dumps(content))
         files.append(out / "summary.json")
     if options.json:
@@ -116,15 +208,16 @@ def command_of(campaign: Campaign, trial: int) -> str:
     return shlex.join(words)
 
 
-def _fly(campaign: Campaign, options: FlyOptions, ledger: Ledger | None) -> tuple[list[Outcome], list[Flight]]:
+def _fly(campaign: Campaign, options: FlyOptions, out: Path | None) -> tuple[list[Outcome], list[Flight]]:
     """The outcomes of a campaign, and of a single trial with a folder the flight after each planning iteration."""
+    ledger = None if out is None else campaign.ledger(out)
     with tally(len(campaign.trials)) as tell:
         if options.trial is not None and ledger is not None:
             outcome, flights = replay(campaign, ledger)
             tell(1, outcome.arrived, 1)
             return [outcome], flights
         outcomes: list[Outcome] = []
-        for some in fly_trials(campaign, batch=options.batch, folder=options.out, warn=report.complain):
+        for some in fly_trials(campaign, batch=options.batch, folder=out, warn=report.complain):
             outcomes += some
             fresh = sum(outcome.flown for outcome in some) if ledger is None or _new(some, ledger) else 0
             tell(len(some), sum(outcome.arrived for outcome in some), fresh)
@@ -164,15 +257,14 @@ def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str
     return rows
 
 
-def _draw(campaign: Campaign, out: Path, flights: Sequence[Flight]) -> list[Path]:
+def _draw(campaign: Campaign, ledger: Ledger, flights: Sequence[Flight]) -> list[Path]:
     """flights.png: the flights of the first city; flight.gif: the only one. Those of an earlier run are removed."""
     from maxjax.viz.campaign import figure_campaign, film_trial
     from maxjax.viz.style import save_figure
 
-    picture, film = out / "flights.png", out / "flight.gif"
+    picture, film = ledger.folder / "flights.png", ledger.folder / "flight.gif"
     for old in (picture, film):
         old.unlink(missing_ok=True)
-    ledger = campaign.ledger(out)
     if not any(outcome.flown for outcome in ledger.outcomes.values()):
         return []
     save_figure(figure_campaign(campaign, ledger), picture)

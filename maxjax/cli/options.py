@@ -237,6 +237,10 @@ class FlyOptions:
         snapshot: Plan from the latest scan alone.
         reactive: Gain of the reactive layer [m/s^2]; 0 leaves it out.
         trial: Fly this trial only; with --out, film it.
+        shard: Fly the share K of N of the trials, K from 0 to N - 1, into a folder of its own below --out.
+        merge: Fly nothing: make the folder --out from those of all its shares.
+        distributed: Fly the share of this process among those of jax.distributed (Slurm, Kubernetes, Open MPI, or
+            JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID), and merge when all are done.
         out: Folder for flight.json, flight.csv and flight.png; of trials for trials.jsonl, summary.json, flights.png
             and, of one trial, flight.gif.
         json: Print the content of flight.json or summary.json, and nothing else, on stdout.
@@ -265,6 +269,9 @@ class FlyOptions:
     snapshot: _Flag = False
     reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0
     trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
+    shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
+    merge: _Flag = False
+    distributed: _Flag = False
     out: _OptionalFolder = None
     json: _Flag = False
 

@@ -54,8 +54,8 @@ def console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False)
 
 
-def check_output(out: Path | None) -> None:
-    """Find out before the work whether its results can be drawn and written.
+def check_output(out: Path | None, *, drawn: bool = True) -> None:
+    """Find out before the work whether its results can be drawn, if they are to be, and written.
 
     Raises:
         ImportError: if matplotlib is missing; names the extra.
@@ -64,7 +64,8 @@ def check_output(out: Path | None) -> None:
     if out is None:
         return
     try:
-        import matplotlib  # noqa: F401
+        if drawn:
+            import matplotlib  # noqa: F401
     except ImportError as error:
         raise ImportError("--out draws a figure, which needs the extra viz: pip install 'maxjax[viz]'") from error
     try:

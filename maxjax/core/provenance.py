@@ -1,13 +1,17 @@
-"""What produced a result: versions of everything that computes, and the device it ran on."""
+"""What produced a result: the sources of maxjax, versions of everything that computes, and the device it ran on."""
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import platform
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import jax
 
 _PACKAGES = ("maxjax", "jax", "jaxlib", "numpy", "scipy", "mujoco", "mujoco-mjx")
+_SOURCES = Path(__file__).parents[1]
 
 
 def versions() -> dict[str, str]:
@@ -22,7 +26,17 @@ def _version(name: str) -> str:
         return "not installed"
 
 
+@functools.cache
+def sources() -> str:
+    """A digest of the sources of maxjax, installed or not: what a commit and its uncommitted changes come to."""
+    digest = hashlib.sha256()
+    for path in sorted(_SOURCES.rglob("*.py")):
+        digest.update(f"{path.relative_to(_SOURCES)}\n".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 def device() -> str:
-    """Kind and number of the devices that JAX computes on, e.g. `1 x NVIDIA H200` or `1 x cpu`."""
-    devices = jax.devices()
+    """Kind and number of the devices that this process computes on, e.g. `1 x NVIDIA H200` or `1 x cpu`."""
+    devices = jax.local_devices()
     return f"{len(devices)} x {devices[0].device_kind}"

@@ -33,6 +33,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 
 from maxjax.core.files import atomic_write
+from maxjax.core.provenance import sources
 from maxjax.programs.cache import cache_folder, let_jax_keep, trim
 from maxjax.programs.compilation import compiling
 from maxjax.programs.lowering import target
@@ -41,7 +42,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _FORMAT = "maxjax executable 1"
-_SOURCES = Path(__file__).parents[1]
 
 
 class Stored(Generic[P, R]):
@@ -82,7 +82,7 @@ class Stored(Generic[P, R]):
         leaves, tree = jax.tree.flatten(arrays)
         placed = {device for x in leaves if isinstance(x, jax.Array) and x.committed for device in x.devices()}
         given = tuple(map(_abstract, leaves))
-        key = (tree, given, tuple(sorted(static.items())), frozenset(placed - {jax.devices()[0]}))
+        key = (tree, given, tuple(sorted(static.items())), frozenset(placed - {jax.local_devices()[0]}))
         if key not in self._ready:
             if unknown := set(static) - set(self._static):
                 raise TypeError(f"{self.name}: expected keywords among {self._static}, given {sorted(unknown)}")
@@ -114,7 +114,7 @@ class Stored(Generic[P, R]):
     def _file(self, leaves: list[Any], tree: Any, static: Mapping[str, Any]) -> Path | None:
         """Where the executable is kept; None where it is not."""
         folder = cache_folder()
-        home = jax.devices()[0]
+        home = jax.local_devices()[0]
         if folder is None or home.platform != "cpu" or target() != "cpu":
             return None
         if jax.config.values["jax_compilation_cache_dir"] or jax.config.values["jax_default_device"]:
@@ -146,7 +146,7 @@ def _read(file: Path, count: int) -> Callable[..., Any] | None:
     try:
         payload, out_tree = pickle.loads(zlib.decompress(file.read_bytes()))
         found: Callable[..., Any] = serialize_executable.deserialize_and_load(
-            payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.devices()[:1]
+            payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.local_devices()[:1]
         )
         return found
     except FileNotFoundError:
@@ -205,20 +205,10 @@ def _structure(tree: Any) -> str:
 def _surroundings() -> str:
     """What else tracing and compiling depend on."""
     settings = sorted((k, repr(v)) for k, v in jax.config.values.items() if "cache" not in k and "log_" not in k)
-    found = [_FORMAT, _sources(), *_versions(), repr(settings), os.environ.get("XLA_FLAGS", "")]
+    found = [_FORMAT, sources(), *_versions(), repr(settings), os.environ.get("XLA_FLAGS", "")]
     return "\n".join([*found, repr([argument for argument in sys.argv if argument.startswith("--xla")])])
 
 
 @functools.cache
 def _versions() -> tuple[str, str]:
     return version("jax"), version("jaxlib")
-
-
-@functools.cache
-def _sources() -> str:
-    """A digest of the sources of maxjax."""
-    digest = hashlib.sha256()
-    for path in sorted(_SOURCES.rglob("*.py")):
-        digest.update(f"{path.relative_to(_SOURCES)}\n".encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

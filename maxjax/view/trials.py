@@ -7,7 +7,6 @@ flown again                scan, rolling map, plan, reference by period   (`sim.
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.campaigns.ledger import CONFIG, ROWS, Ledger
+from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -46,23 +45,10 @@ def open_folder(folder: Path) -> tuple[str, Ledger]:
     Raises:
         ValueError: where it is none, or is damaged.
     """
-    try:
-        written = dict(json.loads((folder / CONFIG).read_text(encoding="utf-8"))["campaign"])
-        name = str(written["map"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{folder}: expected a folder that maxjax fly --out has written, with its {CONFIG}") from error
-    rows = folder / ROWS
-    content = rows.read_bytes() if rows.exists() else b""
-    outcomes = {}
-    for number, line in enumerate(content[: content.rfind(b"\n") + 1].splitlines(), 1):
-        try:
-            outcome = Outcome(**json.loads(line))
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{rows}: line {number} is no outcome; fly again, to another folder") from error
-        outcomes[outcome.trial] = outcome
-    if not outcomes:
+    ledger = Ledger.read(folder)
+    if not ledger.outcomes:
         raise ValueError(f"{folder}: expected at least one trial, given none yet")
-    return name, Ledger(folder, written, outcomes, None)
+    return str(ledger.configuration["map"]), ledger
 
 
 @functools.lru_cache(maxsize=4)

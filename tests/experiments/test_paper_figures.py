@@ -55,7 +55,7 @@ def test_the_worst_flights_come_first(folder: Path) -> None:
     assert [flight.outcome.trial for flight in worst] == [3, 2, 1]
     assert [len(flight.position) for flight in worst] == [30, 50, 50]
     assert worst[1].detour == pytest.approx(95.0 / 71.162, rel=1e-3)
-    with pytest.raises(ValueError, match="flights: expected the folder of a campaign"):
+    with pytest.raises(ValueError, match="expected a folder that maxjax fly --out has written"):
         worst_flights(folder.parent, 3)
 
 

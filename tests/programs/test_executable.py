@@ -104,7 +104,7 @@ def test_what_a_program_depends_on_has_a_file_of_its_own(
     distance_program()(MAP[:4], reach=2)
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
     distance_program()(MAP, reach=2)
-    monkeypatch.setattr(executable, "_sources", lambda: "a later version")
+    monkeypatch.setattr(executable, "sources", lambda: "a later version")
     distance_program()(MAP, reach=2)
     before = jax.config.values["jax_disable_most_optimizations"]
     jax.config.update("jax_disable_most_optimizations", not before)
