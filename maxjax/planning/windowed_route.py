@@ -37,6 +37,8 @@ from maxjax.programs.lowering import materialise
 # ask for the first, few for the next, hardly any for the whole map.
 _SIZES: tuple[Index3, ...] = ((48, 48, 24), (64, 64, 32))
 _AT_ONCE = 512, 64, 8
+# Voxels of whole maps that are solved at once where all members ask for theirs.
+_VOXELS = 2**26
 # Of a route that is proved: no number of a size.
 _PROVED = 1000
 # Voxels around the start that every window holds, so that `Sought.near` is known.
@@ -130,7 +132,8 @@ def route_in_windows(
         GUESS * jnp.linalg.norm(asked.ends[1] - asked.ends[0]),
         jnp.where(wanted, 0, len(finders)).astype(jnp.int32),
     )
-    for finder, at_once in zip(finders, (*_AT_ONCE[: len(sizes)], _AT_ONCE[-1]), strict=True):
+    whole = _AT_ONCE[-1] if sizes else max(_VOXELS // math.prod(grid.shape), 1)
+    for finder, at_once in zip(finders, (*_AT_ONCE[: len(sizes)], whole), strict=True):
         sought = settle(finder.suits, finder.improved, asked, sought, at_once=at_once)
     return sought
 
