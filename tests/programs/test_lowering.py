@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Array, Float, Int32
 from short_programs import shorten
 
-from maxjax.programs.batching import batched_by, settle
+from maxjax.programs.batching import batched_by, settle, settle_batch
 from maxjax.programs.lowering import (
     by_target,
     every,
@@ -39,18 +39,19 @@ class Walker:
     turns: Int32[Array, ""]
 
 
+def goes_on(data: tuple[Array, Array], walker: Walker) -> Array:
+    return jnp.max(jnp.abs(data[0] - walker.position)) > 0
+
+
+def strides(data: tuple[Array, Array], walker: Walker) -> Walker:
+    target, stride = data
+    move = jnp.clip(target - walker.position, -stride, stride)
+    return Walker(walker.position + move, walker.turns + 1)
+
+
 def walk(target: Float[Array, "2"], stride: Float[Array, ""], start: Float[Array, "2"], at_once: int) -> Walker:
     """Towards the target by one stride a turn: as many turns as it is far."""
-
-    def going(data: tuple[Array, Array], walker: Walker) -> Array:
-        return jnp.max(jnp.abs(data[0] - walker.position)) > 0
-
-    def step(data: tuple[Array, Array], walker: Walker) -> Walker:
-        target, stride = data
-        move = jnp.clip(target - walker.position, -stride, stride)
-        return Walker(walker.position + move, walker.turns + 1)
-
-    return settle(going, step, (target, stride), Walker(start, jnp.int32(0)), at_once=at_once)
+    return settle(goes_on, strides, (target, stride), Walker(start, jnp.int32(0)), at_once=at_once)
 
 
 @pytest.mark.parametrize("at_once", [64, 8, 1])
@@ -58,15 +59,23 @@ def walk(target: Float[Array, "2"], stride: Float[Array, ""], start: Float[Array
 def test_every_member_gets_what_it_gets_alone(at_once: int, shared: bool) -> None:
     targets = jnp.asarray(np.random.default_rng(0).integers(-9, 9, (37, 2)), jnp.float32).at[5].set(0.0)
     targets = targets.at[36].set(jnp.array([40.0, 2.0]))  # the last one fills up incomplete parts
-    strides = jnp.float32(1) if shared else 1 + jnp.arange(37, dtype=jnp.float32) % 3
+    pace = jnp.float32(1) if shared else 1 + jnp.arange(37, dtype=jnp.float32) % 3
     start = jnp.zeros(2)
     axes = (0, None if shared else 0, None)
-    batch = jax.jit(jax.vmap(lambda t, s, x: walk(t, s, x, at_once), axes))(targets, strides, start)
+    batch = jax.jit(jax.vmap(lambda t, s, x: walk(t, s, x, at_once), axes))(targets, pace, start)
     for k, target in enumerate(targets):
-        alone = walk(target, strides if shared else strides[k], start, at_once)
-        expected = np.ceil(np.abs(target).max() / (1 if shared else strides[k]))
+        alone = walk(target, pace if shared else pace[k], start, at_once)
+        expected = np.ceil(np.abs(target).max() / (1 if shared else pace[k]))
         np.testing.assert_array_equal(batch.position[k], target)
         assert int(alone.turns) == int(batch.turns[k]) == expected
+
+
+def test_a_batch_settles_without_a_member_traced() -> None:
+    targets = jnp.asarray(np.random.default_rng(1).integers(-9, 9, (11, 2)), jnp.float32)
+    first = Walker(jnp.zeros((11, 2)), jnp.zeros(11, jnp.int32))
+    found = jax.jit(lambda: settle_batch(goes_on, strides, (targets, jnp.ones(11)), first, at_once=3))()
+    np.testing.assert_array_equal(found.position, targets)
+    np.testing.assert_array_equal(found.turns, np.abs(targets).max(axis=1))
 
 
 def test_nested_batches() -> None:
