@@ -93,7 +93,7 @@ class Sought(NamedTuple):
 
 
 def boxed(
-    volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: float = False
+    volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: float | int = False
 ) -> Shaped[Array, "bx by bz"]:
     """What a volume holds in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
     at = [corner[axis] + jnp.arange(n, dtype=jnp.int32) for axis, n in enumerate(shape)]
@@ -169,6 +169,9 @@ class _Finder:
 
     def improved(self, asked: Asked, sought: Sought) -> Sought:
         """The better of a route and the one that the window holds."""
+        # Where nobody asks, as in what fills up a batch, all is closed: that is solved in no time.
+        closed = sought.least > self.number
+        asked = asked._replace(occupied=asked.occupied | closed)
         new = self.found(asked, sought.cost)
         better = (new.route.status == Status.OK) | (sought.route.status != Status.OK)
         route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
