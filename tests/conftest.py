@@ -53,6 +53,7 @@ LARGE = (
     "missions/test_as_flown",
     *(f"nn/test_{name}" for name in ("autoencoder", "dataset", "training", "weights")),
     *(f"planning/test_{name}" for name in ("corridor", "fleet", "kept_radius", "pipeline", "stored_paths")),
+    *(f"planning/test_{name}" for name in ("narrow_streets", "windowed_route")),
     "planning/test_focus_window.py::test_the_public_argument",
     "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
     "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
