@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from maxjax.planning.planner import Planner
     from maxjax.planning.problem import Problem
     from maxjax.planning.route import Route
+    from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.tracking import Tracking, fly
     from maxjax.solvers.potential import Potential, solve_potential
     from maxjax.trajectories.limits import FlightLimits
@@ -65,6 +66,8 @@ __all__ = [
     "Projected",
     "RRTStar",
     "Reading",
+    "Replanned",
+    "Replanner",
     "Route",
     "Status",
     "TangentPlane",
@@ -148,6 +151,10 @@ _MODULES = {
     "maxjax.planning.planner": ("Planner",),
     "maxjax.planning.problem": ("Problem",),
     "maxjax.planning.route": ("Route",),
+    "maxjax.replanner": (
+        "Replanned",
+        "Replanner",
+    ),
     "maxjax.sim.tracking": (
         "Tracking",
         "fly",

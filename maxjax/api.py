@@ -14,7 +14,7 @@ from maxjax.airspace.airspace import Airspace
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, checked_map
-from maxjax.fields.occupancy import voxelize
+from maxjax.fields.occupancy import filled_up, voxelize
 from maxjax.planners import Field
 from maxjax.planning import mission as missions
 from maxjax.planning.distances import Distances
@@ -187,6 +187,8 @@ def plan_scan(
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
         with timed("voxelise"):
+            # To a power of two, so that few numbers of points are compiled for.
+            cloud = filled_up(cloud, 1 << max(len(cloud) - 1, 0).bit_length())
             scan = jax.block_until_ready(voxelize(cloud, known.grid))
         seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
         task = _task(seen, *ends, distances)

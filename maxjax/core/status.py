@@ -35,6 +35,7 @@ class Status(enum.IntEnum):
     GOAL_IN_CLOSED_AREA = 19
     START_OUTSIDE_BAND = 20
     GOAL_OUTSIDE_BAND = 21
+    TIMEOUT = 22
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -82,5 +83,6 @@ _ADVICE = {
     Status.GOAL_IN_CLOSED_AREA: "The goal lies in a keep-out area or outside every keep-in area; move it, "
     "or leave that area out.",
     Status.START_OUTSIDE_BAND: "The start lies below the floor or above a ceiling; move it, or widen the band.",
+    Status.TIMEOUT: "The deadline came before a plan was found; allow more time, or plan in a smaller grid.",
     Status.GOAL_OUTSIDE_BAND: "The goal lies below the floor or above a ceiling; move it, or widen the band.",
 }

@@ -66,6 +66,11 @@ def voxelize(points: Float[Array | np.ndarray, "n 3"], grid: Grid) -> Occupancy:
     return found
 
 
+def filled_up(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
+    """A cloud of so many points, filled up with misses (NaN), so that clouds of any size share a program."""
+    return np.pad(points, ((0, count - len(points)), (0, 0)), constant_values=np.nan)
+
+
 @functools.partial(jax.jit, static_argnames="grid")
 def _voxelize(points: Float[Array, "n 3"], valid: Bool[Array, " n"], grid: Grid) -> Occupancy:
     kept = valid & grid.contains(points)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -121,9 +121,9 @@ def with_largest_radii(plans: Plans) -> Plans:
     return dataclasses.replace(plans, radius=radius)
 
 
-def one_by_one(view: View, planner: Planner) -> Routes:
-    """Routes of a view problem by problem; those of a batched planner on all cores."""
-    find = _host_finder(planner)
+def one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> Routes:
+    """Routes of a view problem by problem; those of a batched planner on all cores, by a finder if one is given."""
+    find = finder or _host_finder(planner)
 
     def one(k: int) -> tuple[Route, dict[str, float]]:
         with recording() as recorder:
@@ -201,8 +201,8 @@ def fetched(tree: Any) -> Any:
         return jax.device_get(tree)
 
 
-def staged(planner: FieldPlanner) -> RouteFn:
-    """How a field is climbed by programs of their own, each timed."""
+def staged(planner: FieldPlanner, factors: Sequence[int] = _FACTORS) -> RouteFn:
+    """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
 
     def find(problem: Problem, grid: Grid) -> Route:
         field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, planner.potential)
@@ -218,23 +218,27 @@ def staged(planner: FieldPlanner) -> RouteFn:
                 return Routes.of([found(points, bool(certified), bool(geodesic))])
             return Routes.of([failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))])
 
-        return with_longer_ascents(attempt, 1, planner.ascent).one(0)
+        return with_longer_ascents(attempt, 1, planner.ascent, factors).one(0)
 
     return find
 
 
 def with_longer_ascents(
-    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], Routes], count: int, settings: Ascent
+    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], Routes],
+    count: int,
+    settings: Ascent,
+    factors: Sequence[int] = _FACTORS,
 ) -> Routes:
     """Attempt several problems; those that stall go again, by themselves, with longer ascents.
 
     Args:
         attempt: (which of them, settings) ↦ a route for each.
         count: how many there are.
-        settings: of the first attempt.
+        settings: of an attempt.
+        factors: how many times as many steps each attempt has.
     """
     results, waiting = Routes.blank(count), np.arange(count)
-    for factor in _FACTORS:
+    for factor in factors:
         longer = dataclasses.replace(settings, steps=settings.steps * factor)
         results = results.put(waiting, attempt(waiting, longer))
         waiting = waiting[results.route.status[waiting] == Status.PATH_STALLED]

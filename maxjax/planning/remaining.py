@@ -1,0 +1,65 @@
+"""What is left of a plan, for a vehicle on its way and a map that has changed.
+
+    nearest point q of the path to the vehicle x, on its edge (p_i, p_i+1)
+    rest = x, p_i+1, p_i+2, …        or, where that does not pass,        x, q, p_i+1, p_i+2, …
+
+The rest is as good as any plan: the verifier passes it in the new map, from where the vehicle is, or there is none. The
+exemption around its start is what the ball around the plan's own start leaves of a ball around x, never more.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float64
+
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.plan import Plan
+from maxjax.verification.verifier import verify
+
+
+def rest_of(plan: Plan, start: Float64[np.ndarray, " 3"], where: VoxelMap) -> Plan | None:
+    """What is left of a plan, verified in a map; None where that does not pass.
+
+    Args:
+        plan: one that is OK.
+        start: where the vehicle is [m], ENU.
+        where: the map, one.
+
+    Returns:
+        A plan with the length, clearances and exemptions of the rest. Its cost is NaN, since nothing was priced.
+    """
+    ahead, beside = _ahead(plan.path, start)
+    left = max(plan.exemptions[0] - math.dist(start, plan.path[0]), 0.0)
+    exemptions = (left, plan.exemptions[1])
+    for path in (np.vstack([start, ahead]), np.vstack([start, beside, ahead])):
+        verdict = verify(path, where, radius=plan.radius, exemptions=exemptions)
+        if verdict.ok:
+            return dataclasses.replace(
+                plan,
+                path=path,
+                length=verdict.length,
+                clearance=verdict.clearance,
+                cruise_clearance=verdict.cruise_clearance,
+                clearance_at=verdict.clearance_at,
+                exemptions=exemptions,
+                cost=math.nan,
+                ratio=math.nan,
+                timings={},
+                map=where,
+            )
+    return None
+
+
+def _ahead(
+    path: Float64[np.ndarray, "t 3"], start: Float64[np.ndarray, " 3"]
+) -> tuple[Float64[np.ndarray, "r 3"], Float64[np.ndarray, " 3"]]:
+    """The points of a path that lie ahead of a place beside it, and the point of the path nearest to the place."""
+    low, step = path[:-1], np.diff(path, axis=0)
+    squared = np.maximum((step**2).sum(axis=1), np.finfo(np.float64).tiny)
+    along = np.clip(((start - low) * step).sum(axis=1) / squared, 0.0, 1.0)
+    nearest = low + along[:, None] * step
+    edge = int(((nearest - start) ** 2).sum(axis=1).argmin())
+    return path[edge + 1 :], nearest[edge]

@@ -1,0 +1,200 @@
+"""The loop on board: a scan in, a verified path out, many times a second, without ever compiling anything.
+
+    scan → voxels → known map ∪ scan → route → verifier → new plan
+                                                 ↘ none, or too late:  what is left of the last plan, verified anew
+
+Shapes are fixed. Clouds are filled up to one number of points; windows of the map come from a list
+(`planning.fixed_shapes`); the grid may lie elsewhere in each call, as it may follow the vehicle. Scans are not
+gathered: what is known from earlier ones is for the caller to say.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float64, Real
+
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.fields.occupancy import filled_up, voxelize
+from maxjax.planners import Field
+from maxjax.planning.distances import Distances
+from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.fixed_shapes import FixedShapes
+from maxjax.planning.plan import Plan, no_plans
+from maxjax.planning.remaining import rest_of
+from maxjax.planning.taken_end import plans_of_taken_ends
+from maxjax.planning.task import Task, points_of
+from maxjax.planning.verifying import verified, with_closures
+from maxjax.verification.verifier import verify
+
+_LARGEST = 2**22
+"""Voxels of a grid: a larger map has ways that no window holds, and takes seconds as a whole."""
+
+# Of a deadline, kept for the verifier [s].
+_JUDGING = 0.005
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replanned:
+    """What to fly next.
+
+    Attributes:
+        plan: verified in the map of this call: a new one, or what is left of the last one; None: there is neither.
+        status: OK where it is new; else why there is no new one, TIMEOUT where there was no time for it.
+        age: how old the scan is that it was planned in [s]; 0 for a new one, NaN without a plan.
+        seconds: what the call took.
+        late: whether that was more than the deadline. A plan that is late was verified all the same.
+    """
+
+    plan: Plan | None
+    status: Status
+    age: float
+    seconds: float
+    late: bool
+
+
+class Replanner:
+    """Plans anew with each scan, on a grid of one shape and spacing.
+
+    Args:
+        grid: where voxels lie unless a call says otherwise; at most 4 million of them.
+        planner: one that climbs a field.
+        distances: to keep.
+        points: that a program takes at a time. A cloud of more is taken in several turns; nothing of it is dropped.
+
+    Raises:
+        ValueError: for a grid of more voxels, a planner that climbs no field, distances longer than the grid, or no
+            points.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        planner: FieldPlanner = Field(),  # noqa: B008 (frozen)
+        distances: Distances = Distances(),  # noqa: B008 (frozen)
+        points: int = 32_768,
+    ) -> None:
+        if math.prod(grid.shape) > _LARGEST:
+            raise ValueError(f"grid: expected at most {_LARGEST} voxels, given {grid.shape}; take those around the way")
+        if not isinstance(planner, FieldPlanner):
+            raise ValueError(f"planner: expected one that climbs a field, as maxjax.Field(), given {planner!r}")
+        if points < 1:
+            raise ValueError(f"points: expected at least 1, given {points}")
+        self.grid, self.distances, self.points = grid, distances.within(grid), points
+        self._shapes = FixedShapes(grid, planner, distances)
+        self._warm = False
+        # The last new plan, when its call began [s], and the last map that a scan was seen in.
+        self._last: tuple[Plan, float] | None = None
+        self._seen: VoxelMap | None = None
+
+    def warmup(self) -> None:
+        """Compile all that `replan` runs, or read it from disk: minutes the first time on a machine, then seconds."""
+        self._scanned(np.full((1, 3), np.nan), self._known(None))
+        self._shapes.warm_up()
+        self._warm = True
+
+    def replan(
+        self,
+        points: Real[Array | np.ndarray, "n 3"],
+        start: Real[Array | np.ndarray, " 3"] | Sequence[float],
+        goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
+        deadline: float = 0.1,
+        known: Grid | VoxelMap | None = None,
+    ) -> Replanned:
+        """Plan from a scan, or verify anew what is left of the last plan.
+
+        Nothing is begun that took too long last time to end before the deadline; a program that runs is waited for, so
+        a call can be late, and says so. Where a scan holds no return, what is left of the last plan has to pass in the
+        map of the last scan that held one, too. What is left of a plan to another goal, a voxel away or more, is not
+        handed out.
+
+        Args:
+            points: returns in the world frame [m], as `maxjax.plan_scan` takes them.
+            start: where the vehicle is, or will be [m].
+            goal: [m].
+            deadline: when to answer, from the call on [s].
+            known: what is known beside the scan, or where the grid lies now; of the grid's shape and spacing. None:
+                nothing, and where it was.
+
+        Raises:
+            ValueError: for points or positions that are none, a deadline that is no positive time, or a map or grid of
+                another shape or spacing.
+            RuntimeError: before `warmup`.
+        """
+        began = time.perf_counter()
+        if not self._warm:
+            raise RuntimeError("Replanner: expected a call of warmup() before that of replan(), given none")
+        if not deadline > 0:
+            raise ValueError(f"deadline: expected a positive time [s], given {deadline}")
+        cloud = points_of("points", points, ("n", 3), least=0)
+        ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
+        seen, kept = self._scanned(cloud, self._known(known))
+        task = Task.of(seen, ends[0][None], ends[1], self.distances)
+        found = self._planned(task, began + deadline - _JUDGING) if kept else self._nothing(task)
+        plan, age = (found, 0.0) if found.status == Status.OK else self._rest(*ends, seen, kept, began)
+        if kept:
+            self._seen = seen
+        if found.status == Status.OK:
+            self._last = found, began
+        seconds = time.perf_counter() - began
+        return Replanned(plan, found.status, age, seconds, seconds > deadline)
+
+    def _known(self, given: Grid | VoxelMap | None) -> VoxelMap:
+        """What is known before a scan."""
+        if given is None or isinstance(given, Grid):
+            grid = self.grid if given is None else given
+            known = VoxelMap.on(grid, np.zeros(grid.shape, bool))
+        else:
+            known = checked_map(given, "known").on_host()
+        grid = known.grid
+        if known.batch is not None or (grid.shape, grid.spacing) != (self.grid.shape, self.grid.spacing):
+            raise ValueError(
+                f"known: expected one map or grid of shape {self.grid.shape} and spacing {self.grid.spacing:g} m, "
+                f"given {known.occupied.shape} and {grid.spacing:g} m"
+            )
+        return known
+
+    def _scanned(self, cloud: Float64[np.ndarray, "n 3"], known: VoxelMap) -> tuple[VoxelMap, int]:
+        """The known map with a scan in it, and how many points fell into the grid."""
+        occupied, kept = np.asarray(known.occupied), 0
+        for first in range(0, max(len(cloud), 1), self.points):
+            some = filled_up(cloud[first : first + self.points], self.points)
+            scan = jax.block_until_ready(voxelize(some, known.grid))
+            occupied, kept = occupied | np.asarray(scan.occupied), kept + int(scan.kept)
+        return dataclasses.replace(known, occupied=occupied), kept
+
+    def _planned(self, task: Task, until: float) -> Plan:
+        """A new plan, or why there is none."""
+        name = self._shapes.planner.name
+        taken = plans_of_taken_ends(task, name)
+        if taken is None:
+            routes = self._shapes.route(task, until)
+            taken = verified(routes.route, task, name, routes.timings)
+        return with_closures(taken)[0]
+
+    def _nothing(self, task: Task) -> Plan:
+        return no_plans(task, Status.EMPTY_SCAN, self._shapes.planner.name)[0]
+
+    def _rest(
+        self,
+        start: Float64[np.ndarray, " 3"],
+        goal: Float64[np.ndarray, " 3"],
+        seen: VoxelMap,
+        kept: int,
+        now: float,
+    ) -> tuple[Plan | None, float]:
+        """What is left of the last plan, and its age."""
+        if self._last is None or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing:
+            return None, math.nan
+        last, when = self._last
+        rest = rest_of(last, start, seen if kept or self._seen is None else self._seen)
+        if rest is None or not verify(rest.path, seen, radius=rest.radius, exemptions=rest.exemptions).ok:
+            return None, math.nan
+        return rest, now - when
