@@ -51,6 +51,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("clearance_ablation", "clearance"),
         ("trajectories", "trajectories"),
         ("trajectories_many", "trajectories"),
+        ("onboard_loop", "onboard_loop"),
     ),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),

@@ -51,6 +51,7 @@ class Replanned:
         age: how old the scan is that it was planned in [s]; 0 for a new one, NaN without a plan.
         seconds: what the call took.
         late: whether that was more than the deadline. A plan that is late was verified all the same.
+        map: what was known and this scan; given as `known` to the next call, scans are gathered.
     """
 
     plan: Plan | None
@@ -58,6 +59,7 @@ class Replanned:
     age: float
     seconds: float
     late: bool
+    map: VoxelMap = dataclasses.field(repr=False)
 
 
 class Replanner:
@@ -144,7 +146,7 @@ class Replanner:
         if found.status == Status.OK:
             self._last = found, began
         seconds = time.perf_counter() - began
-        return Replanned(plan, found.status, age, seconds, seconds > deadline)
+        return Replanned(plan, found.status, age, seconds, seconds > deadline, seen)
 
     def _known(self, given: Grid | VoxelMap | None) -> VoxelMap:
         """What is known before a scan."""
