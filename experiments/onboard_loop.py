@@ -199,8 +199,8 @@ def section(document: Document) -> str:
     return (
         f"### The loop on board ({device(document)})\n\n"
         f"`maxjax.Replanner` in {shape} voxels of {config['spacing']:g} m, a simulated scan every "
-        f"{config['period']:g} s on the way\nthrough an unknown downtown; from the points to the verified path, nothing "
-        "compiled after `warmup`.\n\n"
+        f"{config['period']:g} s on the way\nthrough an unknown downtown; from the points to the "
+        "verified path, nothing compiled after `warmup`.\n\n"
         + table(["cycles", "new plans", "last plan", "none", "late", "median [ms]", "99 %", "worst"], lines)
     )
 

@@ -28,7 +28,7 @@ from maxjax.planning.distances import Distances
 from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.fixed_shapes import FixedShapes
 from maxjax.planning.plan import Plan, no_plans
-from maxjax.planning.remaining import rest_of
+from maxjax.planning.remainder import remainder
 from maxjax.planning.taken_end import plans_of_taken_ends
 from maxjax.planning.task import Task, points_of
 from maxjax.planning.verifying import verified, with_closures
@@ -68,7 +68,7 @@ class Replanner:
     Args:
         grid: where voxels lie unless a call says otherwise; at most 4 million of them.
         planner: one that climbs a field.
-        distances: to keep.
+        distances: to keep. A price of each voxel goes with the voxels, wherever the grid lies.
         points: that a program takes at a time. A cloud of more is taken in several turns; nothing of it is dropped.
 
     Raises:
@@ -140,7 +140,7 @@ class Replanner:
         seen, kept = self._scanned(cloud, self._known(known))
         task = Task.of(seen, ends[0][None], ends[1], self.distances)
         found = self._planned(task, began + deadline - _JUDGING) if kept else self._nothing(task)
-        plan, age = (found, 0.0) if found.status == Status.OK else self._rest(*ends, seen, kept, began)
+        plan, age = (found, 0.0) if found.status == Status.OK else self._left(*ends, seen, kept, began)
         if kept:
             self._seen = seen
         if found.status == Status.OK:
@@ -184,7 +184,7 @@ class Replanner:
     def _nothing(self, task: Task) -> Plan:
         return no_plans(task, Status.EMPTY_SCAN, self._shapes.planner.name)[0]
 
-    def _rest(
+    def _left(
         self,
         start: Float64[np.ndarray, " 3"],
         goal: Float64[np.ndarray, " 3"],
@@ -196,7 +196,7 @@ class Replanner:
         if self._last is None or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing:
             return None, math.nan
         last, when = self._last
-        rest = rest_of(last, start, seen if kept or self._seen is None else self._seen)
-        if rest is None or not verify(rest.path, seen, radius=rest.radius, exemptions=rest.exemptions).ok:
+        left = remainder(last, start, seen if kept or self._seen is None else self._seen)
+        if left is None or not verify(left.path, seen, radius=left.radius, exemptions=left.exemptions).ok:
             return None, math.nan
-        return rest, now - when
+        return left, now - when

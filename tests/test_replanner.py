@@ -19,7 +19,7 @@ import maxjax
 from maxjax import Distances, Field, Grid, Problem, Replanned, Replanner, Route, Status, VoxelMap, plan_scan, verify
 from maxjax.planning import focus_window as focus
 from maxjax.planning.focus_window import View
-from maxjax.planning.remaining import rest_of
+from maxjax.planning.remainder import remainder
 from maxjax.planning.route import Routes
 
 GRID = Grid((22, 20, 12), 2.0, (3.0, -7.0, 1.0))
@@ -336,7 +336,7 @@ def test_calls_that_cannot_be_answered_are_refused(replanner: Replanner) -> None
 # --- What is left of a plan. ---
 
 
-def test_the_rest_of_a_plan_leads_from_beside_it_to_its_goal_and_is_no_longer_than_the_way_there() -> None:
+def test_the_remainder_of_a_plan_leads_from_beside_it_to_its_goal_and_is_no_longer_than_the_way_there() -> None:
     where = VoxelMap.on(GRID, wall())
     path = np.stack([BEFORE, at(11, 9, 6), at(14, 13, 6), GOAL])
     plan = bare_plan(where, path, DISTANCES, clearance_at=np.zeros(len(path)))
@@ -345,12 +345,12 @@ def test_the_rest_of_a_plan_leads_from_beside_it_to_its_goal_and_is_no_longer_th
     for along in rng.uniform(0, edges.sum(), 30):
         place = np.array([np.interp(along, np.concatenate([[0.0], np.cumsum(edges)]), path[:, k]) for k in range(3)])
         here = place + rng.uniform(-0.3, 0.3, 3)
-        rest = rest_of(plan, here, where)
-        assert rest is not None
-        np.testing.assert_array_equal(rest.path[[0, -1]], [here, GOAL])
-        assert verify(rest.path, where, radius=plan.radius).ok
-        assert rest.length <= edges.sum() - along + 2 * math.dist(here, place) + 1e-9
-        assert len(rest.clearance_at) == len(rest.path)
+        left = remainder(plan, here, where)
+        assert left is not None
+        np.testing.assert_array_equal(left.path[[0, -1]], [here, GOAL])
+        assert verify(left.path, where, radius=plan.radius).ok
+        assert left.length <= edges.sum() - along + 2 * math.dist(here, place) + 1e-9
+        assert len(left.clearance_at) == len(left.path)
 
 
 def test_an_exemption_shrinks_as_its_end_is_left() -> None:
@@ -360,7 +360,7 @@ def test_an_exemption_shrinks_as_its_end_is_left() -> None:
     where, start = VoxelMap.on(GRID, occupied), at(3, 5.75, 6)  # half a metre off the wall's face
     path = np.stack([start, at(3, 9, 6), GOAL])
     plan = bare_plan(where, path, DISTANCES, exemptions=(3.0, 0.0), clearance_at=np.zeros(3))
-    rest = rest_of(plan, start + np.array([0.0, 0.2, 0.0]), where)
-    assert rest is not None
-    assert rest.exemptions == pytest.approx((2.8, 0.0))
-    assert rest_of(plan, start + np.array([4.0, 0.0, 0.0]), where) is None
+    left = remainder(plan, start + np.array([0.0, 0.2, 0.0]), where)
+    assert left is not None
+    assert left.exemptions == pytest.approx((2.8, 0.0))
+    assert remainder(plan, start + np.array([4.0, 0.0, 0.0]), where) is None

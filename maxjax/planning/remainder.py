@@ -1,10 +1,10 @@
 """What is left of a plan, for a vehicle on its way and a map that has changed.
 
     nearest point q of the path to the vehicle x, on its edge (p_i, p_i+1)
-    rest = x, p_i+1, p_i+2, …        or, where that does not pass,        x, q, p_i+1, p_i+2, …
+    remainder = x, p_i+1, p_i+2, …        or, where that does not pass,        x, q, p_i+1, p_i+2, …
 
-The rest is as good as any plan: the verifier passes it in the new map, from where the vehicle is, or there is none. The
-exemption around its start is what the ball around the plan's own start leaves of a ball around x, never more.
+The remainder is as good as any plan: the verifier passes it in the new map, from where the vehicle is, or there is
+none. The exemption around its start is what the ball around the plan's own start leaves of a ball around x, never more.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from maxjax.planning.plan import Plan
 from maxjax.verification.verifier import verify
 
 
-def rest_of(plan: Plan, start: Float64[np.ndarray, " 3"], where: VoxelMap) -> Plan | None:
+def remainder(plan: Plan, start: Float64[np.ndarray, " 3"], where: VoxelMap) -> Plan | None:
     """What is left of a plan, verified in a map; None where that does not pass.
 
     Args:
@@ -29,7 +29,7 @@ def rest_of(plan: Plan, start: Float64[np.ndarray, " 3"], where: VoxelMap) -> Pl
         where: the map, one.
 
     Returns:
-        A plan with the length, clearances and exemptions of the rest. Its cost is NaN, since nothing was priced.
+        A plan with the length, clearances and exemptions of what is left. Its cost is NaN, since nothing was priced.
     """
     ahead, beside = _ahead(plan.path, start)
     left = max(plan.exemptions[0] - math.dist(start, plan.path[0]), 0.0)
