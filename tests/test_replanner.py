@@ -17,6 +17,7 @@ from references import random_blocks
 
 import maxjax
 from maxjax import Distances, Field, Grid, Problem, Replanned, Replanner, Route, Status, VoxelMap, plan_scan, verify
+from maxjax.planning import fixed_shapes
 from maxjax.planning import focus_window as focus
 from maxjax.planning.focus_window import View
 from maxjax.planning.remainder import remainder
@@ -181,6 +182,20 @@ def test_what_a_window_found_is_the_answer_where_there_is_no_time_for_a_larger_o
     assert passes(found, occupied)
     assert found.plan.cost >= cheapest.plan.cost - 1e-3
     assert not found.late
+
+
+@pytest.mark.large
+def test_as_one_program_as_on_an_accelerator(replanner: Replanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fixed_shapes, "target", lambda: "cuda")
+    whole = warm(Field(focus=False), points=512)
+    with counted() as compiled:
+        for occupied, points, ends in scans(20, seed=7):
+            found, expected = (one.replan(points, *ends, deadline=math.inf) for one in (whole, replanner))
+            assert found.status == expected.status
+            if found.status == Status.OK:
+                assert passes(found, occupied)
+                np.testing.assert_allclose(found.plan.cost, expected.plan.cost, rtol=1e-3)  # type: ignore[union-attr]
+    assert not compiled
 
 
 # --- The last plan, for want of a new one. ---
