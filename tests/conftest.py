@@ -108,6 +108,16 @@ def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctyp
         yield native.library(SOURCE)
 
 
+@pytest.fixture(scope="module")
+def compiled_lowest_open(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
+    """The library of `planning.lowest_open`, as `compiled_astar`."""
+    from maxjax.planning.lowest_open import SOURCE
+    from maxjax.programs import native
+
+    with compiled(SOURCE, tmp_path_factory):
+        yield native.library(SOURCE)
+
+
 @contextlib.contextmanager
 def compiled(source: Path, folders: pytest.TempPathFactory) -> Iterator[None]:
     """The library of a source, built once a session."""

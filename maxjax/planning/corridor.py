@@ -131,7 +131,7 @@ def _path(routes: Routes, k: int) -> Points:
 def _factors(task: Task) -> list[int]:
     """f: the least at which a window of the coarse map holds the way, and that at which it is solved as a whole."""
     shape = np.array(task.grid.shape)
-    low, high = ellipsoid_box(task.index[0], straight(task.index[0]), shape)
+    low, high = ellipsoid_box(task.index, straight(task.index), shape)
     window = math.ceil(((high - low + 1) / np.array(SHAPES[-1])).max())
     whole = math.ceil((math.prod(task.grid.shape) / _COARSE) ** (1 / 3))
     return sorted({max(factor, 2) for factor in (min(window, whole), whole)})

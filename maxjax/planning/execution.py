@@ -276,4 +276,5 @@ def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:
         return [-(-most // -(-most // small))] * -(-most // small)
     large = max(min(_VOXELS // math.prod(view.grid.shape), _WINDOWS), small) if chunk is None else small
     few, rest = divmod(count, large)
-    return [large] * few + ([large] if 4 * rest > large else [small] * -(-rest // small))
+    # A problem takes up to twice as long in a small chunk; one that fills up a large chunk takes as long as any.
+    return [large] * few + ([large] if 2 * rest > large else [small] * -(-rest // small))

@@ -22,16 +22,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
+from jaxtyping import Float, Float64, Int32, Int64, Shaped
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
+from maxjax.planning.lowest_open import lowest_open
 from maxjax.planning.route import Route, Routes, without_padding
 from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
+from maxjax.programs.threads import concurrently
 
 # Shapes of windows, flat as cities are [voxels].
 SHAPES: tuple[Index3, ...] = (
@@ -46,6 +49,8 @@ SHAPES: tuple[Index3, ...] = (
 )
 # To multiples of what shapes of whole maps are rounded up, where their programs are to serve others.
 _ROUNDED = 32, 32, 16
+# Windows that a thread chooses in one go: of fewer, NumPy's calls would cost more than what they find.
+_TOGETHER = 64
 # What the cheapest way is taken to cost, in terms of the straight line, and by what that grows where ends are not
 # joined.
 GUESS, GROWTH = 1.25, 1.6
@@ -57,112 +62,118 @@ LOCAL = (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)
 Volumes = dict[str, np.ndarray]
 
 
-@dataclasses.dataclass(frozen=True)
-class FocusWindow:
-    """A box of a map.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Windows:
+    """Boxes of maps, one for each of several problems.
 
     Attributes:
-        corner: its lowest voxel, of the map.
-        shape: voxels; those beyond the map hold nothing.
-        bound: least cost of a way between the ends that leaves it [voxels].
+        corners: the lowest voxel of each, of the map.
+        sizes: voxels along the axes; those beyond the map hold nothing.
+        bounds: least cost of a way between the ends that leaves it [voxels]; NaN: it is no window, but the whole map.
     """
 
-    corner: Index3
-    shape: Index3
-    bound: float
+    corners: Int64[np.ndarray, "b 3"]
+    sizes: Int64[np.ndarray, "b 3"]
+    bounds: Float64[np.ndarray, " b"]
 
-    def cut(self, volume: Shaped[np.ndarray, "nx ny nz"], halo: int, shown: Shaped[np.ndarray, "hx hy hz"]) -> None:
-        """Show, in an array, what it holds of a map and, so wide, around it; what lies beyond the map stays."""
-        of_map, of_cut = [], []
-        for corner, n, most in zip(self.corner, self.shape, volume.shape, strict=True):
-            low, high = max(corner - halo, 0), min(corner + n + halo, most)
-            of_map.append(slice(low, high))
-            of_cut.append(slice(low - corner + halo, high - corner + halo))
-        shown[tuple(of_cut)] = volume[tuple(of_map)]
+    @property
+    def shape(self) -> Index3:
+        """Of all of them, where they have one shape."""
+        x, y, z = self.sizes[0].tolist()
+        return x, y, z
+
+    def some(self, rows: Rows) -> Windows:
+        """Those of some of the problems."""
+        return Windows(self.corners[rows], self.sizes[rows], self.bounds[rows])
+
+    def cut(
+        self, volumes: Shaped[np.ndarray, "m nx ny nz"], map_of: Int64[np.ndarray, " b"], halo: int, beyond: float
+    ) -> Shaped[np.ndarray, "b hx hy hz"]:
+        """What windows of one shape hold of maps and, so wide, around them; `beyond` where a map ends."""
+        low, high = self.corners - halo, self.corners + self.sizes + halo
+        shown = np.full((len(low), *(n + 2 * halo for n in self.shape)), beyond, volumes.dtype)
+        first, last = np.maximum(low, 0), np.minimum(high, volumes.shape[1:])
+        boxes = zip(shown, map_of.tolist(), first.tolist(), last.tolist(), (first - low).tolist(), strict=True)
+        for part, m, (x, y, z), (end_x, end_y, end_z), (i, j, k) in boxes:
+            part[i : i + end_x - x, j : j + end_y - y, k : k + end_z - z] = volumes[m, x:end_x, y:end_y, z:end_z]
+        return shown
 
 
-def straight(ends: Float[np.ndarray, "2 3"]) -> float:
-    """A first guess of what the cheapest way costs."""
-    return GUESS * float(np.linalg.norm(ends[1].astype(np.float64) - ends[0]))
+def straight(ends: Float64[np.ndarray, "b 2 3"]) -> Float64[np.ndarray, " b"]:
+    """First guesses of what the cheapest ways cost."""
+    first: Float64[np.ndarray, " b"] = GUESS * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return first
 
 
-def window_around(
-    occupied: Bool[np.ndarray, "nx ny nz"], ends: Float[np.ndarray, "2 3"], cost: float
-) -> FocusWindow | None:
-    """The smallest window that no way of this cost leaves.
+def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
+    """The smallest window of each problem that no way of its cost leaves.
 
     Args:
-        occupied: the map.
-        ends: start and goal.
-        cost: of the way, at least the straight line.
+        task: maps and ends.
+        costs: of the ways, at least the straight lines.
 
     Returns:
-        The window. None: the whole map, since there is none smaller, or an end is not inside it.
+        The windows; none where there is no smaller one than the whole map, or an end is not inside it.
     """
-    limits = np.array(occupied.shape)
-    whole = np.floor(np.where(np.isfinite(ends), ends, -1) + 0.5)
-    if (whole < 0).any() or (whole >= limits).any() or (ends[0] == ends[1]).all():
-        return None
-    low, high = ellipsoid_box(ends.astype(np.float64), cost, limits)
-    low[2] = _floor(occupied, low, high)
-    for shape in SHAPES:
-        size = np.array(shape)
-        if (high - low < size).all() and 2 * size.prod() < limits.prod():
-            last = np.maximum(limits - size, 0)
-            corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), last)
-            corner[2] = min(_floor(occupied, corner, np.append((corner + size)[:2] - 1, low[2])), last[2])
-            return FocusWindow(_index(corner), _index(size), way_out(occupied, ends, corner, size))
-    return None
+    limits, shapes = np.array(task.grid.shape), np.array(SHAPES)
+    voxels = np.floor(np.where(np.isfinite(task.index), task.index, -1) + 0.5)
+    inside = ((voxels >= 0) & (voxels < limits)).all(axis=(1, 2)) & (task.index[:, 0] != task.index[:, 1]).any(axis=1)
+    rows = np.flatnonzero(inside)
+    some = task.some(rows)
+    low, high = ellipsoid_box(some.index, costs[rows], limits)
+    low[:, 2] = np.minimum(lowest_open(*some.stacked(task.barred), low, high), high[:, 2])
+    fits = (high - low < shapes[:, None]).all(axis=2) & (2 * shapes.prod(axis=1) < limits.prod())[:, None]
+    sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
+    rows, low, high, sizes = rows[fitting], low[fitting], high[fitting], sizes[fitting]
+    none = np.zeros((len(task), 3), np.int64)
+    found = Windows(none, none.copy(), np.full(len(task), math.nan))
+    found.sizes[rows], found.corners[rows] = sizes, _corners(task.some(rows), low, high, sizes)
+    found.bounds[rows] = ways_out(task.some(rows), found.corners[rows], sizes)
+    return found
 
 
-def _floor(occupied: Bool[np.ndarray, "nx ny nz"], low: Int64[np.ndarray, " 3"], high: Int64[np.ndarray, " 3"]) -> int:
-    """The lowest layer of a box that is not all occupied, as a city is below its ground; the highest if all are."""
-    x, y, z = (slice(a, b + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True))
-    # Axis by axis: over two at once NumPy reduces voxel by voxel.
-    solid: Bool[np.ndarray, " layers"] = np.logical_and.reduce(np.logical_and.reduce(occupied[x, y, z], axis=0), axis=0)
-    return int(low[2]) + (int(np.argmin(solid)) if not solid.all() else len(solid) - 1)
-
-
-def _index(numbers: Int64[np.ndarray, " 3"]) -> Index3:
-    x, y, z = numbers.tolist()
-    return x, y, z
+def _corners(
+    task: Task, low: Int64[np.ndarray, "b 3"], high: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
+) -> Int64[np.ndarray, "b 3"]:
+    """Lowest voxels of windows around boxes: these in the middle, and below them only layers that are all occupied."""
+    last = np.maximum(np.array(task.grid.shape) - sizes, 0)
+    corners: Int64[np.ndarray, "b 3"] = np.clip((low + high + 1 - sizes) // 2, 0, last)
+    top = corners + sizes - 1
+    top[:, 2] = low[:, 2]
+    floor = lowest_open(*task.stacked(task.barred), corners, top)
+    corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), last[:, 2])
+    return corners
 
 
 def ellipsoid_box(
-    ends: Float64[np.ndarray, "2 3"], cost: float, limits: Int64[np.ndarray, " 3"]
-) -> tuple[Int64[np.ndarray, " 3"], Int64[np.ndarray, " 3"]]:
-    """The lowest and the highest voxels of a map of this shape that an ellipsoid with these foci meets."""
-    middle, chord = ends.mean(axis=0), ends[1] - ends[0]
-    across = max(cost**2 - float(chord @ chord), 0.0) / 4
+    ends: Float64[np.ndarray, "b 2 3"], costs: Float64[np.ndarray, " b"], limits: Int64[np.ndarray, " 3"]
+) -> tuple[Int64[np.ndarray, "b 3"], Int64[np.ndarray, "b 3"]]:
+    """The lowest and the highest voxels of a map of this shape that ellipsoids with these foci meet."""
+    middle, chord = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    across = np.maximum(costs**2 - (chord**2).sum(axis=1), 0.0) / 4
     # Along each axis: a² u² + b² (1 − u²) with the half axes a² = b² + |chord|²/4 and b, u the chord's direction.
-    half = np.sqrt(across + chord**2 / 4)
+    half = np.sqrt(across[:, None] + chord**2 / 4)
     low, high = np.floor(middle - half).astype(np.int64), np.ceil(middle + half).astype(np.int64)
-    # Not `clip`, which asks for the limits of integers each time.
-    low, high = (np.minimum(np.maximum(corner, 0), limits - 1) for corner in (low, high))
-    return low, high
+    return np.clip(low, 0, limits - 1), np.clip(high, 0, limits - 1)
 
 
-def way_out(
-    occupied: Bool[np.ndarray, "nx ny nz"],
-    ends: Float[np.ndarray, "2 3"],
-    corner: Int64[np.ndarray, " 3"],
-    size: Int64[np.ndarray, " 3"],
-) -> float:
-    """The least cost of a way that leaves a window, by the centres of its outermost voxels; infinite if none can."""
-    start, goal = ends.astype(np.float64)
-    inside = tuple(slice(a, a + n) for a, n in zip(corner.tolist(), size.tolist(), strict=True))
-    bound = math.inf
+def ways_out(
+    task: Task, corners: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
+) -> Float64[np.ndarray, " b"]:
+    """The least cost of a way that leaves each window, by the centres of its outermost voxels; infinite if none can."""
+    bounds, (start, goal) = np.full(len(task), math.inf), np.moveaxis(task.index, 1, 0)
+    maps, limits = task.stacked(task.barred), task.grid.shape
     for axis in range(3):
-        last = int(corner[axis] + size[axis]) - 1
-        for face, beyond in ((int(corner[axis]), int(corner[axis]) - 1), (last, last + 1)):
-            if not 0 <= beyond < occupied.shape[axis]:
-                continue
-            layer = tuple(beyond if k == axis else part for k, part in enumerate(inside))
-            if not occupied[layer].all():
-                mirrored = start.copy()
-                mirrored[axis] = 2 * face - start[axis]
-                bound = min(bound, float(np.linalg.norm(mirrored - goal)))
-    return bound
+        for face, step in ((corners[:, axis], -1), (corners[:, axis] + sizes[:, axis] - 1, 1)):
+            first, last = corners.copy(), np.minimum(corners + sizes, limits) - 1
+            first[:, axis] = last[:, axis] = face + step
+            open_from = lowest_open(*maps, first, last)
+            crossed = (face + step >= 0) & (face + step < limits[axis]) & (open_from <= last[:, 2])
+            mirrored = start.copy()
+            mirrored[:, axis] = 2 * face - start[:, axis]
+            way = np.linalg.norm(mirrored - goal, axis=1)
+            bounds = np.where(crossed, np.minimum(bounds, way), bounds)
+    return bounds
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -171,11 +182,11 @@ class View:
 
     Attributes:
         task: whose maps are whole.
-        windows: of one shape, one for each problem; None: it is shown the whole maps.
+        windows: one for each problem; None: it is shown the whole maps.
     """
 
     task: Task
-    windows: tuple[FocusWindow, ...] | None = None
+    windows: Windows | None = None
 
     def __len__(self) -> int:
         return len(self.task)
@@ -184,7 +195,7 @@ class View:
     def grid(self) -> Grid:
         """Of the voxels that are planned in, with its origin at zero."""
         grid = self.task.grid.local
-        return grid if self.windows is None else Grid(self.windows[0].shape, grid.spacing, grid.origin)
+        return grid if self.windows is None else Grid(self.windows.shape, grid.spacing, grid.origin)
 
     @property
     def halo(self) -> int:
@@ -207,20 +218,12 @@ class View:
         """Those that are not shared, for some of the problems."""
         shared = self.shared
         volumes = {name: volume for name, volume in self._volumes.items() if name not in shared}
-        if self.windows is None:
-            return {name: self.task.some(rows).each(volume) for name, volume in volumes.items()}
-        which = np.arange(len(self))[rows].tolist()
-        return {name: self._cut(volume, name, which) for name, volume in volumes.items()}
-
-    def _cut(self, volume: Shaped[np.ndarray, "..."], name: str, which: list[int]) -> Shaped[np.ndarray, "b hx hy hz"]:
-        """A volume in the windows of some problems; a price ends with them, and beyond the map a metre costs 1."""
-        assert self.windows is not None
-        halo = 0 if name == "price" else self.halo
-        seen = [len(which), *(n + 2 * halo for n in self.grid.shape)]
-        shown = np.ones(seen, np.float32) if name == "price" else np.zeros(seen, bool)
-        for row, k in enumerate(which):
-            self.windows[k].cut(self.task.one(volume, k), halo, shown[row])
-        return shown
+        some = self.some(rows)
+        if some.windows is None:
+            return {name: some.task.each(volume) for name, volume in volumes.items()}
+        # A price ends with a window, and beyond the map a metre costs 1.
+        rims = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
+        return {name: some.windows.cut(*some.task.stacked(v), *rims[name]) for name, v in volumes.items()}
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""
@@ -243,22 +246,18 @@ class View:
     @property
     def corners(self) -> Float64[np.ndarray, "b 3"]:
         """Lowest voxels of what each problem is shown."""
-        if self.windows is None:
-            return np.zeros((len(self), 3))
-        return np.array([window.corner for window in self.windows], np.float64)
+        return np.zeros((len(self), 3)) if self.windows is None else self.windows.corners.astype(np.float64)
 
     def some(self, rows: Rows) -> View:
         """Some of the problems."""
-        if self.windows is None:
-            return View(self.task.some(rows))
-        windows = tuple(self.windows[k] for k in np.arange(len(self))[rows].tolist())
-        return View(self.task.some(rows), windows)
+        return View(self.task.some(rows), None if self.windows is None else self.windows.some(rows))
 
 
 def rounded(task: Task) -> View:
     """Whole maps, in windows of a rounded shape, so that their programs serve other maps as well."""
     x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
-    return View(task, (FocusWindow((0, 0, 0), (x, y, z), math.inf),) * len(task))
+    corners = np.zeros((len(task), 3), np.int64)
+    return View(task, Windows(corners, corners + np.array([x, y, z]), np.full(len(task), math.inf)))
 
 
 # Views, in each windows of one shape, ↦ the routes of each, in index coordinates of the whole map.
@@ -277,26 +276,23 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
         One route a problem, with the timings of all its windows.
     """
     found = Routes.blank(len(task))
-    costs = np.array([straight(ends) for ends in task.index])
-    asked = np.arange(len(task))
+    costs, asked = straight(task.index), np.arange(len(task))
     while asked.size:
-        windows = {k: window_around(task.one(task.barred, k), task.index[k], costs[k]) for k in asked.tolist()}
-        groups: dict[Index3 | None, list[int]] = {}
-        for k, window in windows.items():
-            groups.setdefault(None if window is None else window.shape, []).append(k)
-        rest = np.array(groups.pop(None, []), np.int64)
-        rows = [np.array(group) for group in groups.values()]
-        views = [View(task.some(group), tuple(windows[k] for k in group.tolist())) for group in rows]  # type: ignore[misc]
-        for group, routes in zip(rows, find(views) if views else [], strict=True):
-            found = found.put(group, routes)
+        parts = [asked[k : k + _TOGETHER] for k in range(0, len(asked), _TOGETHER)]
+        chosen = concurrently(lambda part: windows_around(task.some(part), costs[part]), parts, os.cpu_count() or 1)
+        windows = Windows(*map(np.concatenate, zip(*(dataclasses.astuple(part) for part in chosen), strict=True)))
+        groups = [rows for shape in SHAPES if (rows := np.flatnonzero((windows.sizes == shape).all(axis=1))).size]
+        views = [View(task.some(asked[rows]), windows.some(rows)) for rows in groups]
+        for rows, routes in zip(groups, find(views) if views else [], strict=True):
+            found = found.put(asked[rows], routes)
+        rest = asked[np.isnan(windows.bounds)]
         if rest.size:
             answers = whole(task.some(rest))
             # A path that a window did not prove the cheapest is better than none.
             better = answers.ok | ~found.ok[rest]
             found = found.put(rest[better], answers.some(better))
             found = found.spending(rest[~better], answers.some(~better).timings)
-        bounds = np.array([math.nan if windows[k] is None else windows[k].bound for k in asked.tolist()])  # type: ignore[union-attr]
-        costs[asked] = _next_costs(found.route, asked, bounds, costs[asked], task.grid.spacing)
+        costs[asked] = _next_costs(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
         asked = asked[~np.isnan(costs[asked])]
     return found
 

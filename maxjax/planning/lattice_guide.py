@@ -18,7 +18,7 @@ from jaxtyping import Float64
 
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
-from maxjax.planning.focus_window import FocusWindow, View, ellipsoid_box, straight, way_out
+from maxjax.planning.focus_window import View, Windows, ellipsoid_box, straight, ways_out
 from maxjax.planning.problem import Problem
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.task import Task
@@ -54,28 +54,26 @@ def lattice_path(task: Task, show: Show) -> LatticePath | None:
     with timed("compile"):
         if not astar_compiled.available():
             return None
-    ends, cost = task.index[0].astype(np.float64), straight(task.index[0])
+    costs = straight(task.index)
     while True:
-        window = _box(task, ends, cost)
-        path = _search(show(View(task, (window,))), window)
-        if window.bound == math.inf or (path is not None and path.cost <= window.bound):
+        window = _box(task, costs)
+        path, bound = _search(show(View(task, window)), window), float(window.bounds[0])
+        if bound == math.inf or (path is not None and path.cost <= bound):
             return path
-        cost = _GROWTH * cost if path is None else max(path.cost, cost)
+        costs = _GROWTH * costs if path is None else np.maximum(path.cost, costs)
 
 
-def _box(task: Task, ends: Float64[np.ndarray, "2 3"], cost: float) -> FocusWindow:
+def _box(task: Task, costs: Float64[np.ndarray, " 1"]) -> Windows:
     """The box around the ellipsoid of a cost, of a rounded shape within the map where the map is large enough."""
-    limits = np.array(task.grid.shape)
-    low, high = ellipsoid_box(ends, cost, limits)
-    low[2] = 0  # the ground is its own bound
-    step = np.array(_ROUNDED)
-    size = -(-(high + 1 - low) // step) * step
-    corner = np.maximum(np.minimum((low + high + 1 - size) // 2, limits - size), 0)
-    (i, j, k), (x, y, z) = corner.tolist(), size.tolist()
-    return FocusWindow((i, j, k), (x, y, z), way_out(task.one(task.barred, 0), ends, corner, size))
+    limits, step = np.array(task.grid.shape), np.array(_ROUNDED)
+    low, high = ellipsoid_box(task.index, costs, limits)
+    low[:, 2] = 0  # the ground is its own bound
+    sizes = -(-(high + 1 - low) // step) * step
+    corners = np.maximum(np.minimum((low + high + 1 - sizes) // 2, limits - sizes), 0)
+    return Windows(corners, sizes, ways_out(task, corners, sizes))
 
 
-def _search(problem: Problem, window: FocusWindow) -> LatticePath | None:
+def _search(problem: Problem, window: Windows) -> LatticePath | None:
     """The cheapest path of a problem in a box."""
     if int(problem.status) != Status.OK:
         return None
@@ -87,4 +85,4 @@ def _search(problem: Problem, window: FocusWindow) -> LatticePath | None:
         found = astar_compiled.compiled_astar(np.asarray(problem.blocked), start, (d, e, f), price)
     if found.status != Status.OK:
         return None
-    return LatticePath(found.path + np.array(window.corner, np.float64), found.cost)
+    return LatticePath(found.path + window.corners[0].astype(np.float64), found.cost)

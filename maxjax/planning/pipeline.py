@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped, UInt8
+from jaxtyping import Array, Float, Int64, Shaped, UInt8
 
 from maxjax.core.grid import Grid
 from maxjax.planning.distances import Distances
@@ -32,10 +33,14 @@ from maxjax.programs import message as messages
 from maxjax.programs.lowering import in_host_memory
 from maxjax.programs.program import Program
 from maxjax.programs.stage_timer import timed
+from maxjax.programs.threads import concurrently
 
 # What a device is sent of a problem, by name: `occupied` and `ground` (what is closed counts as both), `ends` in index
 # coordinates; of a window `rim`, how much of it the map fills; and `price`, where voxels have one.
 Parts = dict[str, Any]
+
+# Problems whose message a thread makes in one go.
+_TOGETHER = 32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,8 +99,7 @@ def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
 
     def prepared(k: int) -> Any:
         """What is sent of a chunk, while the device is busy with the chunk before."""
-        own = _own(view, np.resize(chunks[k], sizes[k]))
-        return jax.device_put((messages.pack(shared), messages.pack(own, axes=1)))
+        return jax.device_put((messages.pack(shared), _packed(view, np.resize(chunks[k], sizes[k]))))
 
     answers = []
     with ThreadPoolExecutor(2) as pool, timed("device"):
@@ -109,6 +113,13 @@ def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
             answers.append(pool.submit(np.asarray, started))
         rows = [answer.result()[: len(chunk)] for answer, chunk in zip(answers, chunks, strict=True)]
     return view.placed(messages.unpack(np.concatenate(rows), _answered(planner, layout)))
+
+
+def _packed(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
+    """The messages of some problems, cut and packed on all cores."""
+    parts = [rows[k : k + _TOGETHER] for k in range(0, len(rows), _TOGETHER)]
+    packed = concurrently(lambda part: messages.pack(_own(view, part), axes=1), parts, os.cpu_count() or 1)
+    return np.concatenate(list(packed))
 
 
 def _own(view: View, rows: Rows) -> Parts:

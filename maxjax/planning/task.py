@@ -136,6 +136,10 @@ class Task:
         """That of `barred` or `kept_off` which the k-th problem is in."""
         return volumes if volumes.ndim == 3 else volumes[self.map_of[k]]
 
+    def stacked(self, volumes: Volume) -> tuple[Bool[np.ndarray, "m nx ny nz"], Int64[np.ndarray, " b"]]:
+        """A volume of one map or of several as a row of maps, and which of them each problem is in."""
+        return (volumes[None], np.zeros_like(self.map_of)) if volumes.ndim == 3 else (volumes, self.map_of)
+
     def each(self, volumes: Volume) -> Bool[np.ndarray, "b nx ny nz"]:
         """Those of `barred` or `kept_off`, one for each problem; views where they are a shared one or in a row."""
         if volumes.ndim == 3:

@@ -17,6 +17,7 @@ from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
 from maxjax.planning.plan import Plans
 from maxjax.planning.task import Task
+from maxjax.programs import native
 
 SMALL = ((10, 10, 8), (16, 16, 12))
 # One grid for most tests, so that they share programs.
@@ -49,6 +50,97 @@ def check_same(task: Task) -> Plans:
     return windowed
 
 
+def task_of(occupied: np.ndarray, ends: np.ndarray) -> Task:
+    """A task in index coordinates; maps may lead, as problems do."""
+    where = VoxelMap.of(occupied, spacing=1.0, origin=(0.0, 0.0, 0.0))
+    return Task.of(where, ends[..., 0, :].reshape(-1, 3), ends[..., 1, :].reshape(-1, 3), Distances(0.5, 4.0))
+
+
+def window_of(occupied: np.ndarray, ends: np.ndarray, cost: float) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Corner, size and bound of the window of one problem; None: it is the whole map."""
+    window = focus.windows_around(task_of(occupied, ends), np.array([cost]))
+    return None if np.isnan(window.bounds[0]) else (window.corners[0], window.sizes[0], float(window.bounds[0]))
+
+
+def window_by_definition(
+    occupied: np.ndarray, ends: np.ndarray, cost: float
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """`window_of`, step by step."""
+    limits = np.array(occupied.shape)
+    whole = np.floor(np.where(np.isfinite(ends), ends, -1) + 0.5)
+    if (whole < 0).any() or (whole >= limits).any() or (ends[0] == ends[1]).all():
+        return None
+
+    def solid(low: np.ndarray, high: np.ndarray) -> bool:
+        return bool(occupied[tuple(slice(max(a, 0), b + 1) for a, b in zip(low, high, strict=True))].all())
+
+    def floor(low: np.ndarray, high: np.ndarray) -> int:
+        layers = range(low[2], high[2] + 1)
+        return next((z for z in layers if not solid(np.array([*low[:2], z]), np.array([*high[:2], z]))), high[2])
+
+    middle, chord = ends.mean(axis=0), ends[1] - ends[0]
+    half = np.sqrt(max(cost**2 - float((chord**2).sum()), 0.0) / 4 + chord**2 / 4)
+    low = np.clip(np.floor(middle - half).astype(int), 0, limits - 1)
+    high = np.clip(np.ceil(middle + half).astype(int), 0, limits - 1)
+    low[2] = floor(low, high)
+    fitting = [np.array(s) for s in focus.SHAPES if (high - low < s).all() and 2 * np.prod(s) < limits.prod()]
+    if not fitting:
+        return None
+    size = fitting[0]
+    last = np.maximum(limits - size, 0)
+    corner = np.minimum(np.maximum((low + high + 1 - size) // 2, 0), last)
+    corner[2] = min(floor(corner, np.append((corner + size)[:2] - 1, low[2])), last[2])
+    bound = np.inf
+    for axis, side in itertools.product(range(3), (0, 1)):
+        first, outermost = corner.copy(), corner + size - 1
+        face = (first, outermost)[side][axis]
+        first[axis] = outermost[axis] = face + (-1, 1)[side]
+        if 0 <= first[axis] < limits[axis] and not solid(first, outermost):
+            mirrored = ends[0].copy()
+            mirrored[axis] = 2 * face - mirrored[axis]
+            bound = min(bound, float(np.linalg.norm(mirrored - ends[1])))
+    return corner, size, bound
+
+
+def rolling_map(rng: np.random.Generator, shape: tuple[int, int, int]) -> np.ndarray:
+    """Flat or sloped ground under buildings, with a cave or two."""
+    x, y, z = np.indices(shape)
+    slope = rng.choice([0.0, 0.15], 2)
+    occupied = z < rng.integers(0, shape[2] // 2) + slope[0] * x + slope[1] * y
+    for _ in range(rng.integers(0, 12)):
+        low = rng.integers(0, shape)
+        high = low + rng.integers(1, 12, 3)
+        occupied[tuple(map(slice, low, high))] = rng.random() < 0.8
+    return occupied
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_windows_of_many_problems_are_those_of_the_definition(
+    small_windows: None, monkeypatch: pytest.MonkeyPatch, compiled: bool, request: pytest.FixtureRequest
+) -> None:
+    """Each in a map of its own, or all in one, in any order in memory; ends anywhere, also outside and equal."""
+    library = request.getfixturevalue("compiled_lowest_open") if compiled else None
+    monkeypatch.setattr(native, "at_hand", lambda source: library)
+    rng, whole = np.random.default_rng(11), 0
+    for shape in ((40, 34, 24), (60, 9, 30), (24, 24, 24)):
+        maps = np.pad([rolling_map(rng, shape) for _ in range(300)], 1)[1:-1, 1:-1, 1:-1, 1:-1]
+        ends = rng.uniform(-0.5, np.array(shape) - 0.5, (300, 2, 3))
+        ends[::2, 1] = ends[::2, 0] + rng.uniform(-5, 5, (150, 3))
+        ends[::5] = np.round(2 * ends[::5]) / 2
+        ends[::20, 1], ends[3::20, 0, 1], ends[7::20, 1, 2] = ends[::20, 0], np.nan, np.inf
+        costs = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) * rng.uniform(1, 1.6, 300)
+        for given in (maps, maps[3], np.asfortranarray(maps[4])):
+            found = focus.windows_around(task_of(given, ends), costs)
+            for k, one in enumerate(maps if given.ndim == 4 else [given] * 300):
+                expected = window_by_definition(one, ends[k], costs[k])
+                whole += expected is None
+                assert (expected is None) == bool(np.isnan(found.bounds[k]))
+                if expected is not None:
+                    assert np.array_equal([found.corners[k], found.sizes[k]], expected[:2])
+                    assert found.bounds[k] == pytest.approx(expected[2], rel=1e-15)
+    assert 300 < whole < 2000
+
+
 def test_a_window_holds_every_point_of_the_ellipsoid_of_its_cost() -> None:
     rng = np.random.default_rng(0)
     open_map = np.zeros((101, 101, 101), bool)
@@ -56,15 +148,15 @@ def test_a_window_holds_every_point_of_the_ellipsoid_of_its_cost() -> None:
         ends = rng.uniform(0, 100, (2, 3))
         ends[1] = np.clip(ends[0] + rng.uniform(-25, 25, 3), 0, 100)
         cost = np.linalg.norm(ends[1] - ends[0]) * rng.uniform(1, 1.3)
-        window = focus.window_around(open_map, ends, cost)
-        if window is None:
+        if (window := window_of(open_map, ends, cost)) is None:
             continue
+        low, size, bound = window
+        high = low + size - 1
         points = rng.uniform(-0.5, 100.5, (20000, 3))
         within = np.linalg.norm(points - ends[0], axis=1) + np.linalg.norm(points - ends[1], axis=1) <= cost
-        low, high = np.array(window.corner), np.array(window.corner) + window.shape - 1
         rim = (points[within] < 0) | (points[within] > 100)
         assert (((points[within] >= low) & (points[within] <= high)) | rim).all()
-        assert window.bound >= cost
+        assert bound >= cost
 
 
 def test_the_bound_is_the_least_cost_over_the_faces_that_a_way_may_cross() -> None:
@@ -73,10 +165,11 @@ def test_the_bound_is_the_least_cost_over_the_faces_that_a_way_may_cross() -> No
     occupied[:, :, :20] = True
     for _ in range(20):
         ends = rng.uniform((15, 15, 20), (45, 45, 35), (2, 3))
-        window = focus.window_around(occupied, ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
+        window = window_of(occupied, ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
         assert window is not None
-        assert window.corner[2] >= 20
-        low, high = np.array(window.corner), np.array(window.corner) + window.shape - 1
+        low, size, bound = window
+        high = low + size - 1
+        assert low[2] >= 20
         least = np.inf
         for axis, face in itertools.product(range(3), (0, 1)):
             at = (low, high)[face][axis]
@@ -88,8 +181,8 @@ def test_the_bound_is_the_least_cost_over_the_faces_that_a_way_may_cross() -> No
             points[:, others] = np.stack(np.meshgrid(*[np.linspace(-40, 100, 300)] * 2), axis=-1).reshape(-1, 2)
             sums = np.linalg.norm(points - ends[0], axis=1) + np.linalg.norm(points - ends[1], axis=1)
             least = min(least, float(sums.min()))
-        assert window.bound <= least + 1e-9
-        assert window.bound == pytest.approx(least, abs=0.05)
+        assert bound <= least + 1e-9
+        assert bound == pytest.approx(least, abs=0.05)
 
 
 def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
@@ -99,17 +192,18 @@ def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
         limits = rng.integers((20, 20, 5), (400, 300, 40))
         ends = rng.uniform(0, limits - 1, (2, 3))
         ends[1] = np.clip(ends[0] + rng.uniform(-30, 30, 3), 0, limits - 1)
-        window = focus.window_around(np.zeros(limits, bool), ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
+        window = window_of(np.zeros(limits, bool), ends, 1.2 * float(np.linalg.norm(ends[1] - ends[0])))
         if window is None:
             continue
         found += 1
-        assert window.shape in focus.SHAPES
-        assert (ends >= window.corner).all()
-        assert (ends <= np.minimum(np.array(window.corner) + window.shape, limits) - 1).all()
+        corner, size, _ = window
+        assert tuple(size.tolist()) in focus.SHAPES
+        assert (ends >= corner).all()
+        assert (ends <= np.minimum(corner + size, limits) - 1).all()
         # Only what is smaller than the window lets it reach beyond.
-        beyond = np.array(window.corner) + window.shape > limits
-        assert (np.array(window.corner)[beyond] == 0).all()
-        assert (limits[beyond] < np.array(window.shape)[beyond]).all()
+        beyond = corner + size > limits
+        assert (corner[beyond] == 0).all()
+        assert (limits[beyond] < size[beyond]).all()
     assert found > 20
 
 
@@ -117,18 +211,17 @@ def test_no_window_for_ends_that_are_not_inside_the_map() -> None:
     occupied = np.zeros((101, 101, 101), bool)
     inside = np.array([50.0, 50.0, 50.0])
     for other in ([-0.6, 50, 50], [50, 100.6, 50], [np.nan, 50, 50], inside):
-        assert focus.window_around(occupied, np.array([inside, other]), 50.0) is None
-        assert focus.window_around(occupied, np.array([other, inside]), 50.0) is None
+        assert window_of(occupied, np.array([inside, other]), 50.0) is None
+        assert window_of(occupied, np.array([other, inside]), 50.0) is None
 
 
-def test_what_a_window_is_shown_is_the_map_with_a_halo_and_nothing_beyond() -> None:
+def test_what_windows_are_shown_is_the_map_with_a_halo_and_nothing_beyond() -> None:
     rng = np.random.default_rng(2)
-    occupied = rng.random((20, 21, 22)) < 0.5
-    window = focus.FocusWindow((0, 5, 14), (8, 8, 8), 10.0)
-    shown = np.zeros((14, 14, 14), bool)
-    window.cut(occupied, 3, shown)
-    padded = np.pad(occupied, 3)
-    assert np.array_equal(shown, padded[0:14, 5:19, 14:28])
+    maps = rng.random((2, 20, 21, 22)) < 0.5
+    windows = focus.Windows(np.array([[0, 5, 14], [12, 13, 0]]), np.full((2, 3), 8), np.full(2, 10.0))
+    shown = windows.cut(maps, np.array([1, 0]), 3, 0.0)
+    assert np.array_equal(shown[0], np.pad(maps[1], 3)[0:14, 5:19, 14:28])
+    assert np.array_equal(shown[1], np.pad(maps[0], 3)[12:26, 13:27, 0:14])
 
 
 def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
