@@ -31,7 +31,7 @@ from maxjax.planning.field_planner import FieldPlanner, potential_field
 from maxjax.planning.line_of_sight import Sight, sight_of
 from maxjax.planning.plan import Plans
 from maxjax.planning.problem import Problem, faults_of, inner_places, located, problem_in
-from maxjax.planning.route import Route, Routes, whole
+from maxjax.planning.route import Route, Routes, whole, without_padding
 from maxjax.planning.string_pulling import tighten
 from maxjax.planning.surroundings import Surroundings, surroundings
 from maxjax.planning.task import Task
@@ -40,9 +40,10 @@ from maxjax.programs.program import Program
 from maxjax.programs.stage_timer import recording, timed
 from maxjax.programs.threads import concurrently
 
-# Starts that climb at a time. Fewer of them are filled up to one of two sizes, so that fleets of all sizes share two
-# programs. On a CPU paths are pulled taut one by one: together they would leave its cache.
-_BATCH, _SMALL_BATCH = 64, 8
+# Starts that climb at a time; fewer are filled up to the lesser number, so that fleets of all sizes share two programs.
+# On an accelerator a climb takes its number of steps, however many climb. On a CPU paths are pulled taut one by one:
+# together they would leave its cache.
+_ON_CPU, _ON_ACCELERATOR = (8, 64), (64, 512)
 
 
 class Places(NamedTuple):
@@ -205,18 +206,20 @@ def _routes(group: Group, fleet: Fleet, planner: FieldPlanner, task: Task) -> Ro
         nothing = Routes.blank(count, int(field.status))
         return Routes(dataclasses.replace(nothing.route, certified=certified))
     codes, places = _CODES(group.blocked, room=room), group.places
-    at_a_time = 1 if target() == "cpu" else _BATCH
+    few, many = _ON_CPU if target() == "cpu" else _ON_ACCELERATOR
 
     def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> Routes:
-        batches = _filled(which, _SMALL_BATCH if len(which) <= _SMALL_BATCH else _BATCH)
+        size = few if len(which) <= few else many
+        batches = _filled(which, size)
         climbs = [(field.log_phi, codes, group.blocked, places.inner[some]) for some in batches]
         paths, arrived = _together(_ASCENTS, climbs, len(which), settings=settings, room=room)
-        rows = _filled(np.arange(len(which)), at_a_time)
+        rows = _filled(np.arange(len(which)), 1 if target() == "cpu" else size)
         pulls = [(codes, price, paths[some], places.exact[which[some]]) for some in rows]
         paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
         status = np.where(arrived, Status.OK, Status.PATH_STALLED).astype(np.int32)
         costs = (task.grid.spacing * costs).astype(np.float32)
-        return Routes(Route(paths, status, certified[which], places.exemptions[which], geodesic[which], costs))
+        route = Route(paths, status, certified[which], places.exemptions[which], geodesic[which], costs)
+        return Routes(without_padding(route))
 
     return with_longer_ascents(attempt, count, planner.ascent)
 
