@@ -48,8 +48,8 @@ _CHUNK = 32
 _VOXELS, _WINDOWS = 2**26, 512
 # Voxels of the largest map that is solved as a whole where no window answers.
 _LARGEST_WHOLE = 2**22
-# Steps of an ascent, in terms of those of its settings, until it arrives.
-_FACTORS = (1, 4, 16, 64, 256, 1024)
+# Steps of the further ascents, in terms of those of the first one, until one arrives.
+_FACTORS = (4, 16, 64, 256, 1024)
 
 
 def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plans:
@@ -90,7 +90,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def find_all(views: list[View]) -> list[Routes]:
         # One shape is compiled beside the others.
-        return list(concurrently(find, views, max(len(views), 1))) if chunked else [find(view) for view in views]
+        return list(concurrently(find, views, len(views))) if chunked and len(views) > 1 else list(map(find, views))
 
     def otherwise(some: Task) -> Routes:
         """Routes of what no window answers."""
@@ -234,16 +234,15 @@ def with_longer_ascents(
     Args:
         attempt: (which of them, settings) ↦ a route for each.
         count: how many there are.
-        settings: of an attempt.
-        factors: how many times as many steps each attempt has.
+        settings: of the first attempt.
+        factors: how many times as many steps each further attempt has.
     """
-    results, waiting = Routes.blank(count), np.arange(count)
+    results = attempt(np.arange(count), settings)
     for factor in factors:
-        longer = dataclasses.replace(settings, steps=settings.steps * factor)
-        results = results.put(waiting, attempt(waiting, longer))
-        waiting = waiting[results.route.status[waiting] == Status.PATH_STALLED]
+        waiting = np.flatnonzero(results.route.status == Status.PATH_STALLED)
         if not waiting.size:
             break
+        results = results.put(waiting, attempt(waiting, dataclasses.replace(settings, steps=settings.steps * factor)))
     return results
 
 

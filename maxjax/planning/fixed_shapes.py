@@ -51,7 +51,7 @@ class FixedShapes:
     def __init__(self, grid: Grid, planner: FieldPlanner, distances: Distances) -> None:
         ascent = dataclasses.replace(planner.ascent, steps=LONGER * planner.ascent.steps)
         self.grid, self.planner, self.distances = grid, dataclasses.replace(planner, ascent=ascent), distances
-        self._finder = staged(self.planner, factors=(1,))
+        self._finder = staged(self.planner, factors=())
         # What each shape took when it was last asked [s].
         self._seconds: dict[Index3, float] = {}
 

@@ -21,8 +21,8 @@ Positions are index coordinates of the map (whole numbers at voxel centres), cos
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-import os
 from collections.abc import Callable
 
 import numpy as np
@@ -34,7 +34,7 @@ from maxjax.planning.lowest_open import lowest_open
 from maxjax.planning.route import Route, Routes, without_padding
 from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
-from maxjax.programs.threads import concurrently
+from maxjax.programs.threads import in_parts
 
 # Shapes of windows, flat as cities are [voxels].
 SHAPES: tuple[Index3, ...] = (
@@ -161,19 +161,21 @@ def ways_out(
     task: Task, corners: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
 ) -> Float64[np.ndarray, " b"]:
     """The least cost of a way that leaves each window, by the centres of its outermost voxels; infinite if none can."""
-    bounds, (start, goal) = np.full(len(task), math.inf), np.moveaxis(task.index, 1, 0)
-    maps, limits = task.stacked(task.barred), task.grid.shape
-    for axis in range(3):
-        for face, step in ((corners[:, axis], -1), (corners[:, axis] + sizes[:, axis] - 1, 1)):
-            first, last = corners.copy(), np.minimum(corners + sizes, limits) - 1
-            first[:, axis] = last[:, axis] = face + step
-            open_from = lowest_open(*maps, first, last)
-            crossed = (face + step >= 0) & (face + step < limits[axis]) & (open_from <= last[:, 2])
-            mirrored = start.copy()
-            mirrored[:, axis] = 2 * face - start[:, axis]
-            way = np.linalg.norm(mirrored - goal, axis=1)
-            bounds = np.where(crossed, np.minimum(bounds, way), bounds)
-    return bounds
+    limits, (start, goal) = np.array(task.grid.shape), np.moveaxis(task.index, 1, 0)
+    maps, map_of = task.stacked(task.barred)
+    lowest = np.repeat(corners[None], 6, axis=0)
+    highest = np.repeat(np.minimum(corners + sizes, limits)[None] - 1, 6, axis=0)
+    images = np.repeat(start[None], 6, axis=0)
+    for k, (axis, step) in enumerate(itertools.product(range(3), (-1, 1))):
+        face = corners[:, axis] if step < 0 else corners[:, axis] + sizes[:, axis] - 1
+        lowest[k, :, axis] = highest[k, :, axis] = face + step
+        images[k, :, axis] = 2 * face - start[:, axis]
+    # The layers beyond the faces: those within the map that are not all occupied are crossed.
+    inside = ((lowest >= 0) & (highest < limits)).all(axis=2)
+    layers = np.tile(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3)
+    crossed = inside & (lowest_open(maps, *layers).reshape(inside.shape) <= highest[..., 2])
+    ways: Float64[np.ndarray, "6 b"] = np.where(crossed, np.linalg.norm(images - goal, axis=2), math.inf)
+    return np.asarray(ways.min(axis=0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -278,9 +280,7 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
     found = Routes.blank(len(task))
     costs, asked = straight(task.index), np.arange(len(task))
     while asked.size:
-        parts = [asked[k : k + _TOGETHER] for k in range(0, len(asked), _TOGETHER)]
-        chosen = concurrently(lambda part: windows_around(task.some(part), costs[part]), parts, os.cpu_count() or 1)
-        windows = Windows(*map(np.concatenate, zip(*(dataclasses.astuple(part) for part in chosen), strict=True)))
+        windows = _windows_of_all(task.some(asked), costs[asked])
         groups = [rows for shape in SHAPES if (rows := np.flatnonzero((windows.sizes == shape).all(axis=1))).size]
         views = [View(task.some(asked[rows]), windows.some(rows)) for rows in groups]
         for rows, routes in zip(groups, find(views) if views else [], strict=True):
@@ -295,6 +295,14 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
         costs[asked] = _next_costs(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
         asked = asked[~np.isnan(costs[asked])]
     return found
+
+
+def _windows_of_all(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
+    """`windows_around`, on all cores."""
+    parts = in_parts(lambda rows: windows_around(task.some(rows), costs[rows]), len(task), _TOGETHER)
+    return Windows(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("corners", "sizes", "bounds"))
+    )
 
 
 def _next_costs(
@@ -319,6 +327,6 @@ def _next_costs(
     lengths = np.linalg.norm(np.diff(path, axis=1), axis=2).sum(axis=1)
     found = np.where(found > 0, found, lengths)
     ok = status == Status.OK
-    proved = np.isnan(bounds) | np.isin(status, LOCAL) | (ok & (found <= bounds))
+    proved = np.isnan(bounds) | np.logical_or(*(status == fault for fault in LOCAL)) | (ok & (found <= bounds))
     following: Float64[np.ndarray, " r"] = np.where(ok, np.maximum(found, costs), GROWTH * costs)
     return np.where(proved, math.nan, following)

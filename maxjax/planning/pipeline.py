@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -33,7 +32,7 @@ from maxjax.programs import message as messages
 from maxjax.programs.lowering import in_host_memory
 from maxjax.programs.program import Program
 from maxjax.programs.stage_timer import timed
-from maxjax.programs.threads import concurrently
+from maxjax.programs.threads import in_parts
 
 # What a device is sent of a problem, by name: `occupied` and `ground` (what is closed counts as both), `ends` in index
 # coordinates; of a window `rim`, how much of it the map fills; and `price`, where voxels have one.
@@ -95,11 +94,12 @@ def single(view: View, planner: Planner) -> Route:
 def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
     """Routes in chunks of these sizes, which are enough for all; the last one is filled up with copies."""
     layout, shared = layout_of(view), view.shared
-    chunks = np.split(np.arange(len(view)), np.cumsum(sizes)[:-1])
+    chunks = [rows for rows in np.split(np.arange(len(view)), np.cumsum(sizes)[:-1]) if rows.size]
 
     def prepared(k: int) -> Any:
         """What is sent of a chunk, while the device is busy with the chunk before."""
-        return jax.device_put((messages.pack(shared), _packed(view, np.resize(chunks[k], sizes[k]))))
+        own = _packed(view, chunks[k])
+        return jax.device_put((messages.pack(shared), np.resize(own, (sizes[k], own.shape[1]))))
 
     answers = []
     with ThreadPoolExecutor(2) as pool, timed("device"):
@@ -117,9 +117,8 @@ def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
 
 def _packed(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
     """The messages of some problems, cut and packed on all cores."""
-    parts = [rows[k : k + _TOGETHER] for k in range(0, len(rows), _TOGETHER)]
-    packed = concurrently(lambda part: messages.pack(_own(view, part), axes=1), parts, os.cpu_count() or 1)
-    return np.concatenate(list(packed))
+    packed = in_parts(lambda part: messages.pack(_own(view, rows[part]), axes=1), len(rows), _TOGETHER)
+    return np.concatenate(packed)
 
 
 def _own(view: View, rows: Rows) -> Parts:

@@ -107,10 +107,8 @@ class Task:
         """Some of the problems, with the maps as they are: no volume is copied."""
         some = {name: getattr(self, name)[rows] for name in ("map_of", "starts", "goals")}
         found = dataclasses.replace(self, **some)
-        # What is cached of the map holds for the part as well.
-        for name in ("barred", "kept_off"):
-            if name in self.__dict__:
-                found.__dict__[name] = self.__dict__[name]
+        # What is known of the map and of the ends holds for the part as well.
+        found.__dict__.update(barred=self.barred, kept_off=self.kept_off, index=self.index[rows])
         return found
 
     @property

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -18,7 +17,7 @@ from maxjax.planning.plan import Plans, Seconds, no_plans
 from maxjax.planning.route import Route
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
-from maxjax.programs.threads import concurrently
+from maxjax.programs.threads import in_parts
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verdicts
 from maxjax.verification.verifier import verify_paths
@@ -130,10 +129,7 @@ def _verdicts(
     def some(rows: slice) -> Verdicts:
         return verify_paths(paths.some(rows), where, radius=task.distances.radius, exemptions=exemptions[rows])
 
-    parts = [slice(k, k + _TOGETHER) for k in range(0, len(counts), _TOGETHER)]
-    if len(parts) == 1:
-        return some(parts[0])
-    return Verdicts.joined(list(concurrently(some, parts, os.cpu_count() or 1)))
+    return Verdicts.joined(in_parts(some, len(counts), _TOGETHER))
 
 
 # What an end that lies in a voxel which is closed, but holds nothing, is told: (start, goal).

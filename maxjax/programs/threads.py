@@ -7,6 +7,7 @@ that were not started are dropped, and the threads of started ones do not keep t
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -63,6 +64,18 @@ def concurrently(function: Callable[[Item], Result], items: Iterable[Item], thre
     finally:
         # After an interrupt, or a consumer that stops early.
         drop()
+
+
+def in_parts(function: Callable[[slice], Result], count: int, size: int) -> list[Result]:
+    """The values of a function for parts of a batch: on all cores, or in this thread where it is one part.
+
+    Args:
+        function: of which rows.
+        count: rows in all, at least 1.
+        size: rows of a part.
+    """
+    parts = [slice(k, min(k + size, count)) for k in range(0, count, size)]
+    return list(concurrently(function, parts, os.cpu_count() or 1)) if len(parts) > 1 else [function(parts[0])]
 
 
 def interruptible(function: Callable[[], Result]) -> Result:

@@ -11,6 +11,8 @@ from maxjax.planning.ascent import Ascent
 from maxjax.planning.distances import Distances
 from maxjax.planning.execution import plan_task
 from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.focus_window import View
+from maxjax.planning.pipeline import pipelined
 from maxjax.planning.task import Task
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
@@ -67,6 +69,16 @@ def test_chunks_do_not_change_the_plans(problems: tuple[np.ndarray, ...]) -> Non
     assert whole[5].status is Status.NO_VALID_PATH
     assert whole[2].status is Status.OK
     assert sum(plan.status is Status.OK for plan in whole) == COUNT - 1
+
+
+def test_chunks_without_a_problem_are_left_out(problems: tuple[np.ndarray, ...]) -> None:
+    """Sizes that are enough for more problems than there are."""
+    occupied, ground, starts, goals = problems
+    task = Task.of(VoxelMap.on(GRID, occupied, ground), starts, goals, DISTANCES)
+    planner = FieldPlanner(solve_potential, Ascent(steps=STEPS[0]))
+    few, many = (pipelined(View(task), planner, [3] * count) for count in (3, 5))
+    assert np.array_equal(few.status, many.status)
+    assert np.array_equal(few.path, many.path)
 
 
 def test_one_program_answers_one_problem_as_its_stages_do(problems: tuple[np.ndarray, ...]) -> None:

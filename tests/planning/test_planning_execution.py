@@ -104,7 +104,7 @@ def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
 
 @pytest.mark.large
 def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(execute, "_FACTORS", (1, 1))  # no number of steps would do
+    monkeypatch.setattr(execute, "_FACTORS", (1,))  # no number of steps would do
     check_failed(run(FieldPlanner(capped, focus=False)), Status.NOT_CONVERGED)  # type: ignore[arg-type]
     check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)  # type: ignore[arg-type]
 
