@@ -91,8 +91,9 @@ class Windows:
     ) -> Shaped[np.ndarray, "b hx hy hz"]:
         """What windows of one shape hold of maps and, so wide, around them; `beyond` where a map ends."""
         low, high = self.corners - halo, self.corners + self.sizes + halo
-        shown = np.full((len(low), *(n + 2 * halo for n in self.shape)), beyond, volumes.dtype)
         first, last = np.maximum(low, 0), np.minimum(high, volumes.shape[1:])
+        shown = np.empty((len(low), *(n + 2 * halo for n in self.shape)), volumes.dtype)
+        shown[((first > low) | (last < high)).any(axis=1)] = beyond
         boxes = zip(shown, map_of.tolist(), first.tolist(), last.tolist(), (first - low).tolist(), strict=True)
         for part, m, (x, y, z), (end_x, end_y, end_z), (i, j, k) in boxes:
             part[i : i + end_x - x, j : j + end_y - y, k : k + end_z - z] = volumes[m, x:end_x, y:end_y, z:end_z]
