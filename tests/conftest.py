@@ -109,9 +109,9 @@ def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctyp
 
 
 @pytest.fixture(scope="module")
-def compiled_lowest_open(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
-    """The library of `planning.lowest_open`, as `compiled_astar`."""
-    from maxjax.planning.lowest_open import SOURCE
+def compiled_boxes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
+    """The library of `planning.boxes`, as `compiled_astar`."""
+    from maxjax.planning.boxes import SOURCE
     from maxjax.programs import native
 
     with compiled(SOURCE, tmp_path_factory):

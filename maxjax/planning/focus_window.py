@@ -26,11 +26,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Float64, Int32, Int64, Shaped
+from jaxtyping import Float, Float64, Int32, Int64
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
-from maxjax.planning.lowest_open import lowest_open
+from maxjax.planning.boxes import Boxes, lowest_open, voxels_in
 from maxjax.planning.route import Route, Routes, without_padding
 from maxjax.planning.surroundings import halo_of
 from maxjax.planning.task import Rows, Task
@@ -86,19 +86,6 @@ class Windows:
         """Those of some of the problems."""
         return Windows(self.corners[rows], self.sizes[rows], self.bounds[rows])
 
-    def cut(
-        self, volumes: Shaped[np.ndarray, "m nx ny nz"], map_of: Int64[np.ndarray, " b"], halo: int, beyond: float
-    ) -> Shaped[np.ndarray, "b hx hy hz"]:
-        """What windows of one shape hold of maps and, so wide, around them; `beyond` where a map ends."""
-        low, high = self.corners - halo, self.corners + self.sizes + halo
-        first, last = np.maximum(low, 0), np.minimum(high, volumes.shape[1:])
-        shown = np.empty((len(low), *(n + 2 * halo for n in self.shape)), volumes.dtype)
-        shown[((first > low) | (last < high)).any(axis=1)] = beyond
-        boxes = zip(shown, map_of.tolist(), first.tolist(), last.tolist(), (first - low).tolist(), strict=True)
-        for part, m, (x, y, z), (end_x, end_y, end_z), (i, j, k) in boxes:
-            part[i : i + end_x - x, j : j + end_y - y, k : k + end_z - z] = volumes[m, x:end_x, y:end_y, z:end_z]
-        return shown
-
 
 def straight(ends: Float64[np.ndarray, "b 2 3"]) -> Float64[np.ndarray, " b"]:
     """First guesses of what the cheapest ways cost."""
@@ -122,7 +109,7 @@ def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     rows = np.flatnonzero(inside)
     some = task.some(rows)
     low, high = ellipsoid_box(some.index, costs[rows], limits)
-    low[:, 2] = np.minimum(lowest_open(*some.stacked(task.barred), low, high), high[:, 2])
+    low[:, 2] = np.minimum(lowest_open(Boxes(*some.stacked(task.barred), low, high)), high[:, 2])
     fits = (high - low < shapes[:, None]).all(axis=2) & (2 * shapes.prod(axis=1) < limits.prod())[:, None]
     sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
     rows, low, high, sizes = rows[fitting], low[fitting], high[fitting], sizes[fitting]
@@ -141,7 +128,7 @@ def _corners(
     corners: Int64[np.ndarray, "b 3"] = np.clip((low + high + 1 - sizes) // 2, 0, last)
     top = corners + sizes - 1
     top[:, 2] = low[:, 2]
-    floor = lowest_open(*task.stacked(task.barred), corners, top)
+    floor = lowest_open(Boxes(*task.stacked(task.barred), corners, top))
     corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), last[:, 2])
     return corners
 
@@ -173,8 +160,8 @@ def ways_out(
         images[k, :, axis] = 2 * face - start[:, axis]
     # The layers beyond the faces: those within the map that are not all occupied are crossed.
     inside = ((lowest >= 0) & (highest < limits)).all(axis=2)
-    layers = np.tile(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3)
-    crossed = inside & (lowest_open(maps, *layers).reshape(inside.shape) <= highest[..., 2])
+    layers = Boxes(maps, np.tile(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3))
+    crossed = inside & (lowest_open(layers).reshape(inside.shape) <= highest[..., 2])
     ways: Float64[np.ndarray, "6 b"] = np.where(crossed, np.linalg.norm(images - goal, axis=2), math.inf)
     return np.asarray(ways.min(axis=0))
 
@@ -219,14 +206,17 @@ class View:
 
     def own(self, rows: Rows) -> Volumes:
         """Those that are not shared, for some of the problems."""
-        shared = self.shared
+        shared, some = self.shared, self.some(rows)
         volumes = {name: volume for name, volume in self._volumes.items() if name not in shared}
-        some = self.some(rows)
         if some.windows is None:
             return {name: some.task.each(volume) for name, volume in volumes.items()}
+        low, high = some.windows.corners, some.windows.corners + some.windows.sizes - 1
         # A price ends with a window, and beyond the map a metre costs 1.
-        rims = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
-        return {name: some.windows.cut(*some.task.stacked(v), *rims[name]) for name, v in volumes.items()}
+        around = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
+        return {
+            name: voxels_in(Boxes(*some.task.stacked(volumes[name]), low - halo, high + halo), beyond)
+            for name, (halo, beyond) in around.items()
+        }
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""

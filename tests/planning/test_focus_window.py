@@ -119,7 +119,7 @@ def test_windows_of_many_problems_are_those_of_the_definition(
     small_windows: None, monkeypatch: pytest.MonkeyPatch, compiled: bool, request: pytest.FixtureRequest
 ) -> None:
     """Each in a map of its own, or all in one, in any order in memory; ends anywhere, also outside and equal."""
-    library = request.getfixturevalue("compiled_lowest_open") if compiled else None
+    library = request.getfixturevalue("compiled_boxes") if compiled else None
     monkeypatch.setattr(native, "at_hand", lambda source: library)
     rng, whole = np.random.default_rng(11), 0
     for shape in ((40, 34, 24), (60, 9, 30), (24, 24, 24)):
@@ -213,15 +213,6 @@ def test_no_window_for_ends_that_are_not_inside_the_map() -> None:
     for other in ([-0.6, 50, 50], [50, 100.6, 50], [np.nan, 50, 50], inside):
         assert window_of(occupied, np.array([inside, other]), 50.0) is None
         assert window_of(occupied, np.array([other, inside]), 50.0) is None
-
-
-def test_what_windows_are_shown_is_the_map_with_a_halo_and_nothing_beyond() -> None:
-    rng = np.random.default_rng(2)
-    maps = rng.random((2, 20, 21, 22)) < 0.5
-    windows = focus.Windows(np.array([[0, 5, 14], [12, 13, 0]]), np.full((2, 3), 8), np.full(2, 10.0))
-    shown = windows.cut(maps, np.array([1, 0]), 3, 0.0)
-    assert np.array_equal(shown[0], np.pad(maps[1], 3)[0:14, 5:19, 14:28])
-    assert np.array_equal(shown[1], np.pad(maps[0], 3)[12:26, 13:27, 0:14])
 
 
 def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
