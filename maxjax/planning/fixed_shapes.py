@@ -24,7 +24,7 @@ from maxjax.planning import focus_window, pipeline
 from maxjax.planning.distances import Distances
 from maxjax.planning.execution import one_by_one, staged
 from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.focus_window import FocusWindow, View, in_windows
+from maxjax.planning.focus_window import View, Windows, in_windows
 from maxjax.planning.route import Routes
 from maxjax.planning.task import Task
 from maxjax.programs.lowering import target
@@ -69,9 +69,9 @@ class FixedShapes:
             far = np.minimum(shape, self.grid.shape) - 1
             ends = [self.grid.to_metres(np.round(share * far)) for share in (0.25, 0.75)]
             task = Task.of(nothing, ends[0][None], ends[1], self.distances)
-            windows = None if shape == self.grid.shape else (FocusWindow((0, 0, 0), shape, math.inf),)
+            windows = Windows(np.zeros((1, 3), np.int64), np.array([shape], np.int64), np.array([math.inf]))
             for _ in range(2):
-                self._asked(View(task, windows))
+                self._asked(View(task, None if shape == self.grid.shape else windows))
 
     def route(self, task: Task, until: float) -> Routes:
         """The route of the only problem of a task; TIMEOUT where none was found in time.
