@@ -45,8 +45,8 @@ _PROVED = 1000
 NEAR = 6
 
 
-class Asked(NamedTuple):
-    """What a route is sought for.
+class MapAndEnds(NamedTuple):
+    """A map and two ends in it, between which a route is sought.
 
     Attributes:
         occupied: occupied voxels, ground included.
@@ -71,7 +71,7 @@ class Asked(NamedTuple):
         ends: Float[Array, "2 3"],
         origin: Float[Array, " 3"],
         price: Float[Array, "nx ny nz"] | None = None,
-    ) -> Asked:
+    ) -> MapAndEnds:
         """That of a map: `occupied` and `ground`."""
         return cls(*volumes, ends, origin, jnp.all(volumes[0], axis=(0, 1)), price)
 
@@ -110,7 +110,7 @@ def start_corner(ends: Float[Array, "2 3"], half: int) -> Int32[Array, " 3"]:
 
 
 def route_in_windows(
-    asked: Asked, wanted: Bool[Array, ""], distances: Distances, grid: Grid, planner: Planner
+    asked: MapAndEnds, wanted: Bool[Array, ""], distances: Distances, grid: Grid, planner: Planner
 ) -> Sought:
     """The route of two ends in a map, in index coordinates of the map.
 
@@ -138,7 +138,7 @@ def route_in_windows(
     return sought
 
 
-def _points(planner: Planner, finder: _Finder, asked: Asked) -> int:
+def _points(planner: Planner, finder: _Finder, asked: MapAndEnds) -> int:
     """How many points a route has, with its exact ends."""
     if isinstance(planner, FieldPlanner):
         return planner.ascent.steps + 3
@@ -162,12 +162,12 @@ class _Finder:
     number: int
     size: Index3 | None
 
-    def suits(self, asked: Asked, sought: Sought) -> Bool[Array, ""]:
+    def suits(self, asked: MapAndEnds, sought: Sought) -> Bool[Array, ""]:
         """Whether the window may show more, and no way of the cost leaves it."""
         more = sought.least <= self.number
         return more if self.size is None else more & _placed(asked, sought.cost, self.size)[0]
 
-    def improved(self, asked: Asked, sought: Sought) -> Sought:
+    def improved(self, asked: MapAndEnds, sought: Sought) -> Sought:
         """The better of a route and the one that the window holds."""
         # Where nobody asks, as in what fills up a batch, all is closed: that is solved in no time.
         closed = sought.least > self.number
@@ -177,7 +177,7 @@ class _Finder:
         route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
         return new._replace(route=route)
 
-    def found(self, asked: Asked, cost: Float[Array, ""]) -> Sought:
+    def found(self, asked: MapAndEnds, cost: Float[Array, ""]) -> Sought:
         """The route that the window holds, and what to look for next."""
         if self.size is None:
             problem = formulate(asked.occupied, asked.ground, asked.ends, self.distances, self.grid)
@@ -214,7 +214,7 @@ class _Finder:
             jnp.where(proved, _PROVED, self.number + 1).astype(jnp.int32),
         )
 
-    def _problem(self, asked: Asked, corner: Int32[Array, " 3"], grid: Grid) -> Problem:
+    def _problem(self, asked: MapAndEnds, corner: Int32[Array, " 3"], grid: Grid) -> Problem:
         """The problem in a window of the map, with what lies around it."""
         halo = halo_of(self.distances, grid)
         x, y, z = (n + 2 * halo for n in grid.shape)
@@ -225,7 +225,7 @@ class _Finder:
         return formulate(materialise(occupied), materialise(ground), ends, self.distances, grid, rim)
 
 
-def _placed(asked: Asked, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
+def _placed(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
     """Whether a window of this size holds every way of a cost and what is near the start, and its lowest voxel."""
     limits, ends = jnp.asarray(asked.occupied.shape, jnp.int32), asked.ends
     whole = jnp.floor(ends + 0.5)
@@ -248,7 +248,7 @@ def _placed(asked: Asked, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Ar
     return inside & jnp.all(high - low < jnp.asarray(size)), corner
 
 
-def _way_out(asked: Asked, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
+def _way_out(asked: MapAndEnds, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
     """`focus_window.way_out`: the least cost of a way that leaves a window; infinite if none can."""
     start, goal = asked.ends
     bound = jnp.asarray(jnp.inf, jnp.float32)

@@ -27,7 +27,7 @@ from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.windowed_route import Asked, boxed, route_in_windows
+from maxjax.planning.windowed_route import MapAndEnds, boxed, route_in_windows
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
@@ -155,7 +155,7 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     law, price = config.distances.split(grid)
     origin = mapping.origin(flight.rolling_map)
     volumes = occupied & here, ground & here
-    asked = Asked.of(volumes, ends, origin, None if price is None else jnp.asarray(price))
+    asked = MapAndEnds.of(volumes, ends, origin, None if price is None else jnp.asarray(price))
     route, near, *_ = route_in_windows(asked, ~flight.done, law, grid.local, config.planner)
     path = origin + config.spacing * _filled_up(jnp.asarray(route.path), len(flight.path))
     return Candidate(start, path, jnp.asarray(route.status), jnp.asarray(route.certified), near)

@@ -63,7 +63,7 @@ def test_routes_in_windows_are_those_of_whole_maps(small_windows: None) -> None:
     volumes = jnp.asarray(occupied), jnp.asarray(ground)
 
     def sought(ends: jax.Array, wanted: jax.Array) -> windowed.Sought:
-        asked = windowed.Asked.of(volumes, ends, origin)
+        asked = windowed.MapAndEnds.of(volumes, ends, origin)
         return windowed.route_in_windows(asked, wanted, DISTANCES, GRID, planner)
 
     wanted = jnp.ones(len(both), bool).at[0].set(False)
@@ -106,7 +106,7 @@ def test_what_lies_around_the_start_is_what_the_whole_map_blocks(small_windows: 
     planner = planner_named("field")
     ends = jnp.array([[4.0, 4.0, 4.0], [14.0, 9.0, 6.0]])
     occupied[2:7, 2:7, 3:6] = False
-    asked = windowed.Asked.of((jnp.asarray(occupied), jnp.asarray(ground)), ends, jnp.zeros(3))
+    asked = windowed.MapAndEnds.of((jnp.asarray(occupied), jnp.asarray(ground)), ends, jnp.zeros(3))
     found = jax.jit(lambda: windowed.route_in_windows(asked, jnp.array(True), DISTANCES, GRID, planner))()
     problem, _ = routed(VoxelMap.on(GRID, occupied, ground), ends, DISTANCES, dataclasses.replace(planner, focus=False))
     blocked = np.pad(np.asarray(problem.blocked), windowed.NEAR, constant_values=True)
