@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import json
 import os
@@ -27,7 +28,7 @@ from maxjax.cli.flying import command_of
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import Flight, FlightConfig, FlightLog
+from maxjax.sim.flight import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.lidar import Scan
 from maxjax.sim.rolling_map import empty
 from maxjax.view.trials import open_folder
@@ -58,6 +59,13 @@ def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, co
         margin=jnp.full(4, 8.0),
         certified=jnp.int32(4),
     )
+
+
+def fake_fly_all(worlds: World, config: FlightConfig) -> FlightLog:
+    """The flights above, a batch of them."""
+    one = functools.partial(fake_fly, config=config)
+    logs: FlightLog = jax.vmap(one)(worlds.geoms, worlds.start, worlds.goal, worlds.key)
+    return logs
 
 
 def fake_draw(name: str, seed: int, indices: Any) -> Trial:
@@ -115,6 +123,7 @@ class Terminal:
 def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
     monkeypatch.setattr(module, "_one_by_one", fake_part)
     monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
+    monkeypatch.setattr(module, "fly_all_closed_loop", fake_fly_all)
     monkeypatch.setattr(module, "draw_many", fake_draw)
     monkeypatch.setattr(module, "_city", lambda name, seed: town())
     monkeypatch.setattr(replay, "watch", fake_watch)
