@@ -168,9 +168,7 @@ def problem_of(task: Task) -> Problem:
 
 def problem_shown(view: View) -> Problem:
     """The only problem that a device is shown."""
-    with timed("transfer"):
-        parts = jax.block_until_ready(jax.device_put(pipeline.parts_of(view)))
-    problem: Problem = _FORMULATE(parts, layout=pipeline.layout_of(view))
+    problem: Problem = _FORMULATE(pipeline.parts_of(view), layout=pipeline.layout_of(view))
     return problem
 
 

@@ -48,8 +48,8 @@ class Plan:
             from voxel to voxel, or the straight line where there is no compiled A* (`planning.corridor`); NaN where
             nothing had to guide it, as a window proves its route the cheapest.
         margin: distance from which on a metre costs no more than its length [m].
-        timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way to the
-            device and back; `device` is all of that in one program), `compile` apart, and `total` without it.
+        timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way back
+            from the device; `device` is all of that in one program), `compile` apart, and `total` without it.
         method: name of the planner.
         map: that it was planned and verified in.
     """
