@@ -53,7 +53,8 @@ def _shorten(
     while path.shape[0] < n:
         path, follow = jnp.concatenate([path, follow[path]]), follow[follow]
     path = path[:n]
-    return points[path], jnp.min(edge[0] + cost) - _TOLL * jnp.sum(path[1:] != path[:-1])
+    edges = jnp.sum(path[1:] != path[:-1]).astype(points.dtype)
+    return points[path], (jnp.min(edge[0] + cost) - _TOLL * edges).astype(points.dtype)
 
 
 def _unrepeat(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
