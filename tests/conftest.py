@@ -64,6 +64,7 @@ LARGE = (
     "test_cli_places",
     "campaigns/test_shards",
     "test_origins",
+    "view/test_browser",
     "test_readme.py::test_scans_maps_and_plans",
     "test_replanner.py::test_nothing_compiles",
     "test_public_calls.py::test_a_strangers_planner",
