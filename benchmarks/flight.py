@@ -142,7 +142,8 @@ def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> Iterat
     many = len(each) > 1
     worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *each) if many else each[0]
     flights: Flight = jax.jit(jax.vmap(begin) if many else begin)(worlds)
-    stages = [jax.jit(jax.vmap(stage) if many else stage) for stage in stages_of(config)]
+    steps = [functools.partial(stage, config=config) for stage in stages_of(config)]
+    stages = [jax.jit(jax.vmap(step) if many else step) for step in steps]
     for _ in range(_BEFORE):
         for stage in stages:
             flights = stage(worlds, flights)
