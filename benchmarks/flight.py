@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
@@ -33,7 +33,7 @@ from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
 from maxjax.campaigns.outcomes import Table
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
-from maxjax.sim.flight import Flight, FlightConfig, World, stages_of, take_off
+from maxjax.sim.flight import Flight, FlightConfig, Stage, World, stages_of, take_off
 
 _STAGES = ("sense", "fuse", "plan", "follow")
 # Iterations before the stages are timed: by then the map is about as full as it gets.
@@ -142,7 +142,11 @@ def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> Iterat
     many = len(each) > 1
     worlds: World = jax.tree.map(lambda *x: jnp.stack(x), *each) if many else each[0]
     flights: Flight = jax.jit(jax.vmap(begin) if many else begin)(worlds)
-    steps = [functools.partial(stage, config=config) for stage in stages_of(config)]
+
+    def step_of(stage: Stage) -> Callable[[World, Flight], Flight]:
+        return lambda world, flight: stage(world, flight, config)
+
+    steps = map(step_of, stages_of(config))
     stages = [jax.jit(jax.vmap(step) if many else step) for step in steps]
     for _ in range(_BEFORE):
         for stage in stages:
