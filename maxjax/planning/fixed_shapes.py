@@ -59,7 +59,7 @@ class FixedShapes:
     def shapes(self) -> tuple[Index3, ...]:
         """Of all windows that may be asked, and of the grid."""
         whole = self.grid.shape
-        few = [shape for shape in focus_window.SHAPES if 2 * math.prod(shape) < math.prod(whole)]
+        few = [shape for shape in focus_window.SHAPES if focus_window.worthwhile(shape, whole)]
         return (*(few if self.planner.focus else []), whole)
 
     def warm_up(self) -> None:

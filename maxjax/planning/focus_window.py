@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Float64, Int32, Int64
+from jaxtyping import Bool, Float, Float64, Int32, Int64
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
@@ -87,6 +87,11 @@ class Windows:
         return Windows(self.corners[rows], self.sizes[rows], self.bounds[rows])
 
 
+def worthwhile(shapes: Index3 | Int64[np.ndarray, "n 3"], whole: Index3) -> Bool[np.ndarray, "*n"]:
+    """Whether windows of such shapes, each three numbers, have less than half of the voxels of a whole map."""
+    return np.asarray(2 * np.prod(np.asarray(shapes), axis=-1) < math.prod(whole))
+
+
 def straight(ends: Float64[np.ndarray, "b 2 3"]) -> Float64[np.ndarray, " b"]:
     """First guesses of what the cheapest ways cost."""
     first: Float64[np.ndarray, " b"] = GUESS * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -110,7 +115,7 @@ def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     some = task.some(rows)
     low, high = ellipsoid_box(some.index, costs[rows], limits)
     low[:, 2] = np.minimum(lowest_open(Boxes(*some.stacked(task.barred), low, high)), high[:, 2])
-    fits = (high - low < shapes[:, None]).all(axis=2) & (2 * shapes.prod(axis=1) < limits.prod())[:, None]
+    fits = (high - low < shapes[:, None]).all(axis=2) & worthwhile(shapes, task.grid.shape)[:, None]
     sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
     rows, low, high, sizes = rows[fitting], low[fitting], high[fitting], sizes[fitting]
     none = np.zeros((len(task), 3), np.int64)

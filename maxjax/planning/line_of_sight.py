@@ -248,7 +248,6 @@ def clear_and_paid(
     price: Float[Array, "nx ny nz"],
     a: Float[Array, "*#k 3"],
     b: Float[Array, "*#k 3"],
-    slabs: int | None = None,
 ) -> tuple[Bool[Array, "*k"], Float[Array, "*k"]]:
     """`clear`, and ∫ n ds along the segments [voxels], be they clear or not.
 
@@ -261,9 +260,8 @@ def clear_and_paid(
         sight: from `sight_of`.
         price: n ≥ 1.
         a, b: ends in index coordinates.
-        slabs: as for `clear`; of a longer segment the price is not that of all of it. Static.
     """
-    slabs = max(sight.codes.shape) + 1 if slabs is None else slabs
+    slabs = max(sight.codes.shape) + 1
     s = _segments(sight.codes.shape, sight.room, a, b)
     parts = _parts(sight.room)
 
@@ -284,7 +282,7 @@ def paid(price: Float[Array, "nx ny nz"], a: Float[Array, "*#k 3"], b: Float[Arr
 
 
 def visibility(
-    sight: Sight, points: Float[Array, "n 3"], slabs: int | None = None, price: Float[Array, "nx ny nz"] | None = None
+    sight: Sight, points: Float[Array, "n 3"], price: Float[Array, "nx ny nz"] | None = None
 ) -> tuple[Bool[Array, "n n"], Float[Array, "n n"]]:
     """Pairwise `clear`, and the length or, with a price, ∫ n ds: the upper triangle; the rest is False, and 0."""
     # Constants of the program: computed on an accelerator, each step towards them would be a kernel.
@@ -292,7 +290,7 @@ def visibility(
     rows, columns = np.nonzero(upper)
     pair = np.maximum(np.cumsum(upper).reshape(upper.shape) - 1, 0)
     if price is None:
-        seen = clear(sight, points[rows], points[columns], slabs)
+        seen = clear(sight, points[rows], points[columns])
         return seen[pair] & upper, jnp.where(upper, jnp.linalg.norm(points[:, None] - points[None], axis=-1), 0)
-    seen, paid = clear_and_paid(sight, price, points[rows], points[columns], slabs)
+    seen, paid = clear_and_paid(sight, price, points[rows], points[columns])
     return seen[pair] & upper, jnp.where(upper, paid[pair], 0)

@@ -24,7 +24,7 @@ from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.distances import Distances
 from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.focus_window import GROWTH, GUESS, LOCAL
+from maxjax.planning.focus_window import GROWTH, GUESS, LOCAL, worthwhile
 from maxjax.planning.line_of_sight import clear, sight_of
 from maxjax.planning.planner import Planner, in_flight
 from maxjax.planning.problem import Problem, formulate
@@ -104,9 +104,9 @@ def boxed(
     return jnp.where(within, shown, jnp.asarray(beyond, volume.dtype))
 
 
-def start_corner(ends: Float[Array, "2 3"], half: int) -> Int32[Array, " 3"]:
-    """The lowest voxel of the box so far around the start's voxel."""
-    return jnp.floor(ends[0] + 0.5).astype(jnp.int32) - half
+def corner_around(place: Float[Array, " 3"], half: int) -> Int32[Array, " 3"]:
+    """The lowest voxel of the box that reaches so far around the voxel of a place."""
+    return jnp.floor(place + 0.5).astype(jnp.int32) - half
 
 
 def route_in_windows(
@@ -122,7 +122,7 @@ def route_in_windows(
         planner: how. Static; without `focus` only the whole map is solved.
     """
     focused = isinstance(planner, FieldPlanner) and planner.focus
-    sizes = [size for size in _SIZES if focused and 2 * math.prod(size) < math.prod(grid.shape)]
+    sizes = [size for size in _SIZES if focused and worthwhile(size, grid.shape)]
     finders = [_Finder(distances, grid, planner, k, size) for k, size in enumerate((*sizes, None))]
     zero, no = jnp.zeros((), jnp.float32), jnp.array(False)
     path = jnp.zeros((_points(planner, finders[-1], asked), 3), jnp.float32)
@@ -205,7 +205,7 @@ class _Finder:
         paid = jnp.where(route.cost > 0, route.cost / grid.spacing, length)
         ok = status == Status.OK
         proved = (ok & (paid <= bound)) | functools.reduce(jnp.logical_or, [status == fault for fault in LOCAL])
-        near = start_corner(asked.ends, NEAR) - corner
+        near = corner_around(asked.ends[0], NEAR) - corner
         k = 2 * NEAR + 1
         return Sought(
             route,
@@ -234,7 +234,7 @@ def _placed(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bo
     middle, chord = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
     # The box of the ellipsoid, as in `focus_window.ellipsoid_box`.
     half = jnp.sqrt(jnp.maximum(cost**2 - jnp.sum(chord**2), 0.0) / 4 + chord**2 / 4)
-    start = start_corner(ends, 0)
+    start = corner_around(ends[0], 0)
     low = jnp.minimum(jnp.floor(middle - half).astype(jnp.int32), start - NEAR)
     high = jnp.maximum(jnp.ceil(middle + half).astype(jnp.int32), start + NEAR)
     low, high = (jnp.clip(corner, 0, limits - 1) for corner in (low, high))

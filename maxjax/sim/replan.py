@@ -27,7 +27,7 @@ from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.windowed_route import MapAndEnds, boxed, route_in_windows
+from maxjax.planning.windowed_route import MapAndEnds, boxed, corner_around, route_in_windows
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
@@ -194,7 +194,7 @@ def _sidestep(
     path, spacing = candidate.path, config.spacing
     whole = (candidate.start - mapping.origin(flight.rolling_map)) / spacing
     # Viewpoints and what they look at lie near the start: of the map a box around it is enough.
-    corner = jnp.floor(whole + 0.5).astype(jnp.int32) - AROUND
+    corner = corner_around(whole, AROUND)
     view = _view(flight.rolling_map, candidate.near, corner)
     origin = mapping.origin(flight.rolling_map) + spacing * corner
     start = whole - corner
