@@ -26,7 +26,7 @@ import jax
 import tyro
 
 import maxjax
-from benchmarks.common.harness import RESULTS, Row, save
+from benchmarks.common.harness import RESULTS, Row, keep, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.core.grid import Index3
 from maxjax.methods import planner_named
@@ -77,6 +77,7 @@ def main(config: Config) -> list[Row]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     rows = _plan_rows(_drawn(config.problems, config, grid))
     for size in config.batches:
+        keep("plan", config, rows, config.out)  # compiling the next may take long
         rows += _batch_rows(joined(_drawn(-(-size // len(config.maps)), config, grid)[:size]), config.repeats)
     rows.append(
         {"what": "peak memory of a process that plans once", "unit": "MB", "median": _peak_memory(config.shape)}

@@ -9,10 +9,11 @@ counts, as it does for fleets: machines are shared.
 
 `query` rows: a search alone, from blocked voxels and prices to a path of voxels, by A* in Python and compiled, on one
 core. `plan` rows: from the map to the verified path, by the field and by A* (its formulation, checks and judge are the
-field's). `batch` rows: compiled searches on all cores, and `plan_batch`. `fleet` rows, with prices: many starts for one
-goal on one map, 20 to 80 m from it or anywhere: the one field alone, `plan_fleet` from the map to verified paths,
-compiled searches on all cores, and as many plans by A*, of which a few are timed. dijkstra3d's full distance fields
-(extra `bench`) count 26 neighbours too, but they cut corners, and a price is paid by the voxel, not by the metre.
+field's). `batch` rows: compiled searches on all cores, `plan_batch`, and as many plans by A*, a process a core. `fleet`
+rows, with prices: many starts for one goal on one map, 20 to 80 m from it or anywhere: the one field alone,
+`plan_fleet` from the map to verified paths, compiled searches on all cores, and as many plans by A*, of which a few are
+timed, one after the other. dijkstra3d's full distance fields (extra `bench`) count 26 neighbours too, but they cut
+corners, and a price is paid by the voxel, not by the metre.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ import numpy as np
 import tyro
 
 import maxjax
-from benchmarks.common.harness import RESULTS, Row, left_out, package, save
+from benchmarks.common.harness import RESULTS, Row, keep, left_out, package, save
 from benchmarks.common.problems import joined, problems, voxels_of
+from benchmarks.common.processes import planned_by_processes
 from maxjax import VoxelMap
 from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
@@ -85,12 +87,22 @@ def main(config: Config) -> list[Row]:
     grid = maxjax.Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     tasks = [task for name in config.maps for task in problems(name, config.problems, config.seed, grid, config.margin)]
     rows: list[Row] = []
-    for price in (Price(height=0.0), Price()):
-        told = "priced" if price.height else "by length"
-        priced = [dataclasses.replace(t, distances=dataclasses.replace(t.distances, price=price)) for t in tasks]
-        rows += _query_rows(priced, told) + _batch_rows(priced, told, config)
+
+    def add(some: list[Row]) -> None:
+        rows.extend(some)
+        keep("rivals", config, rows, config.out)
+
+    priced, by_length = (
+        [dataclasses.replace(t, distances=dataclasses.replace(t.distances, price=price)) for t in tasks]
+        for price in (Price(), Price(height=0.0))
+    )
+    # What is planned by default first, single queries last: a long run may be cut.
+    add(_batch_rows(priced, "priced", config))
     for name, reach in (("near", NEAR), ("anywhere", (0.0, np.inf))):
-        rows += _fleet_rows(f"fleet of {config.starts:,} {name}", config, grid, reach)
+        add(_fleet_rows(f"fleet of {config.starts:,} {name}", config, grid, reach))
+    add(_query_rows(priced, "priced"))
+    add(_batch_rows(by_length, "by length", config))
+    add(_query_rows(by_length, "by length"))
     if not astar_compiled.available():
         rows.append(left_out("compiled A*", "no C++ compiler"))
     if package("dijkstra3d") is None:
@@ -174,7 +186,10 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
         return maxjax.plan_batch(task.map, task.starts, task.goals, distances=task.distances)
 
     solved = int(sum(run().status == maxjax.Status.OK))
-    return [*rows, _rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved))]
+    run()
+    rows.append(_rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved)))
+    seconds, solved = planned_by_processes(tasks, "astar", len(task), config.repeats)
+    return [*rows, _rate(_row(f"batch, {told}: plans by A*", [min(seconds)], len(task), solved=solved))]
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:

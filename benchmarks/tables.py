@@ -102,8 +102,9 @@ def rivals(*documents: Document) -> str:
         "with blocked voxels and prices and ends with a path of voxels; a plan begins with the map and ends with a\n"
         "verified path, whichever method finds it; the field's paths are certified and at any angle. Queries and\n"
         "plans: median and, in brackets, 99th percentile [ms] over problems, of each the least of three runs;\n"
-        "searches on one core. Batches: on all cores. Fleets, priced: all starts together [ms], 20 to 80 m\n"
-        "from their goal or anywhere on the map.\n\n" + parts
+        "searches on one core. Batches: on all cores, plans by A\\* a process a core. Fleets, priced: all starts\n"
+        "together [ms], 20 to 80 m from their goal or anywhere on the map; plans by A\\* one after the other.\n\n"
+        + parts
     )
 
 
@@ -125,7 +126,9 @@ def _rivals(document: Document) -> str:
         lines.append([f"one plan, {told}", cell(f"plan, {told}: solver"), cell(f"plan, {told}: astar"), ""])
     for told in ("by length", "priced"):
         lines.append([f"batch, {told}: searches", "", cell(f"batch, {told}: compiled A*"), ""])
-        lines.append([f"batch, {told}: plans", cell(f"batch, {told}: plan_batch"), "", ""])
+        lines.append(
+            [f"batch, {told}: plans", cell(f"batch, {told}: plan_batch"), cell(f"batch, {told}: plans by A*"), ""]
+        )
     fleets = list(dict.fromkeys(what.split(":")[0] for what in rows if what.startswith("fleet")))
     for fleet in fleets:
         lines.append(
