@@ -21,9 +21,9 @@ BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 # File: the command that writes it, for the reader of the message that it is missing.
 _FILES = {
     "benchmarks/results/plan.json": "python -m benchmarks.plan",
-    "benchmarks/results/plan_h200.json": "python -m benchmarks.plan",
+    "benchmarks/results/plan_h100.json": "python -m benchmarks.plan",
     "benchmarks/results/rivals.json": "python -m benchmarks.rivals",
-    "benchmarks/results/rivals_h200.json": "python -m benchmarks.rivals --batch 1024",
+    "benchmarks/results/rivals_h100.json": "python -m benchmarks.rivals --batch 1024",
     "benchmarks/results/potential.json": "python -m benchmarks.potential",
     "benchmarks/results/potential_h200.json": "python -m benchmarks.potential",
 }

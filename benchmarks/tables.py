@@ -113,7 +113,7 @@ def _rivals(document: Document) -> str:
 
     def cell(what: str) -> str:
         row = rows.get(what)
-        if row is None:
+        if row is None or "note" in row:
             return ""
         if "per_second" in row:
             return f"{number(row['per_second'])} a second"
@@ -143,7 +143,8 @@ def _rivals(document: Document) -> str:
         sentences.append(f"dijkstra3d's full distance fields, which cut corners, on one core: {told}.")
     sentences += [f"{row['what']}: {row['note']}." for row in rows.values() if "note" in row]
     heads = [f"on {device(document)}", "field", "A\\*, compiled", "A\\*, Python"]
-    return table(heads, lines) + "".join(f"\n{sentence}\n" for sentence in sentences)
+    measured = [line for line in lines if any(line[1:])]
+    return table(heads, measured) + "".join(f"\n{sentence}\n" for sentence in sentences)
 
 
 # Of so many times a 99th percentile says something.
@@ -362,9 +363,11 @@ def scaling(*documents: Document) -> str:
             times = rate / single.setdefault(what, rate / row["devices"])
             lines.append([what, str(row["devices"]), figure, f"{times:.2f}", f"{times / row['devices']:.2f}"])
     kinds = ", ".join(dict.fromkeys(str(d["provenance"]["device"]).split(" x ")[-1] for d in documents))
+    flown = any("flights_per_s" in row for document in documents for row in document["rows"])
+    flights = "Flights: as many on each device (weak scaling). " if flown else ""
     return (
         f"### Several devices ({kinds})\n\n"
-        "Flights: as many on each device (weak scaling). Training and city: the same work, split (strong scaling).\n\n"
+        f"{flights}Training and city: the same work, split (strong scaling).\n\n"
         + table(["what", "devices", "", "times one device", "of linear"], lines)
     )
 

@@ -1,7 +1,7 @@
 """The closed loop by the thousand: who arrives, over what way, after how many plans, in what weather.
 
     python -m experiments.closed_loop --trials 50 --methods solver astar            # one H200: 3 minutes
-    python -m experiments.closed_loop --trials 10000 --keep OUT                     # one H200: 25 minutes, resumes
+    python -m experiments.closed_loop --trials 10000 --keep OUT                     # one H100: 8 minutes, resumes
     python -m experiments.closed_loop --trials 500 --conditions wind noise dropout dead-sector blackout drift latency
 
 The protocol of the paper's Table I (bottom), on both unseen maps: start and goal 50 to 80 m apart, 3 to 15 m high, 10 m
