@@ -9,11 +9,11 @@ counts, as it does for fleets: machines are shared.
 
 `query` rows: a search alone, from blocked voxels and prices to a path of voxels, by A* in Python and compiled, on one
 core. `plan` rows: from the map to the verified path, by the field and by A* (its formulation, checks and judge are the
-field's). `batch` rows: compiled searches on all cores, `plan_batch`, and as many plans by A*, a process a core. `fleet`
-rows, with prices: many starts for one goal on one map, 20 to 80 m from it or anywhere: the one field alone,
-`plan_fleet` from the map to verified paths, compiled searches on all cores, and as many plans by A*, of which a few are
-timed, one after the other. dijkstra3d's full distance fields (extra `bench`) count 26 neighbours too, but they cut
-corners, and a price is paid by the voxel, not by the metre.
+field's). `batch` rows: compiled searches on all cores, `plan_batch`, and with prices as many plans by A*, a process a
+core. `fleet` rows, with prices: many starts for one goal on one map, 20 to 80 m from it or anywhere: the one field
+alone, `plan_fleet` from the map to verified paths, compiled searches on all cores, and as many plans by A*, of which a
+few are timed, one after the other. dijkstra3d's full distance fields (extra `bench`) count 26 neighbours too, but they
+cut corners, and a price is paid by the voxel, not by the metre.
 """
 
 from __future__ import annotations
@@ -98,6 +98,7 @@ def main(config: Config) -> list[Row]:
     )
     # What is planned by default first, single queries last: a long run may be cut.
     add(_batch_rows(priced, "priced", config))
+    add([_planned_by_astar(priced, "priced", config)])
     for name, reach in (("near", NEAR), ("anywhere", (0.0, np.inf))):
         add(_fleet_rows(f"fleet of {config.starts:,} {name}", config, grid, reach))
     add(_query_rows(priced, "priced"))
@@ -187,9 +188,12 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
 
     solved = int(sum(run().status == maxjax.Status.OK))
     run()
-    rows.append(_rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved)))
-    seconds, solved = planned_by_processes(tasks, "astar", len(task), config.repeats)
-    return [*rows, _rate(_row(f"batch, {told}: plans by A*", [min(seconds)], len(task), solved=solved))]
+    return [*rows, _rate(_row(f"batch, {told}: plan_batch", [_least(run)], len(task), solved=solved))]
+
+
+def _planned_by_astar(tasks: list[Task], told: str, config: Config) -> Row:
+    seconds, solved = planned_by_processes(tasks, "astar", config.batch, config.repeats)
+    return _rate(_row(f"batch, {told}: plans by A*", [min(seconds)], config.batch, solved=solved))
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:

@@ -1,7 +1,7 @@
 """The Hague and Venice (Los Angeles) as surveyed: plans and flights in city geometry that nobody here made.
 
     MAXJAX_DATA=... python -m experiments.real_cities --workers 16                        # a GPU
-    MAXJAX_DATA=... python -m experiments.real_cities --problems 20 --windows 4 --trials 4    # two cores: 15 minutes
+    MAXJAX_DATA=... python -m experiments.real_cities --problems 20 --windows 4 --trials 4    # two cores: 6 minutes
 
 Windows of 200 x 200 m, side by side, those with the most built area of each city. Buildings become upright boxes on
 level ground (`maxjax.worlds.real_city`, which says what that covers and loses; `geometry` rows measure it). Outside its

@@ -51,6 +51,7 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     assert solved["fleet of 6 near: plan_fleet"] == solved["fleet of 6 anywhere: plan_fleet"] == 6
     assert all(row["median"] > 0 for row in rows.values() if "note" not in row)
     assert "query, priced: compiled A*" in rows
+    assert solved["batch, priced: plans by A*"] == solved["batch, priced: plan_batch"] == 1
     assert solved["fleet of 6 near: compiled A*"] == 6
     document = json.loads((tmp_path / "rivals.json").read_text())
     assert "| one plan, priced |" in tables.rivals(document)
