@@ -1,7 +1,7 @@
 """Every scenario of two whole Warframe maps: 20,000 mazes of others against their optimal lengths.
 
     MAXJAX_DATA=... python -m experiments.warframe_full                  # 20,000 scenarios, on a GPU
-    MAXJAX_DATA=... python -m experiments.warframe_full --every 500      # 20 a map; 3 minutes on two cores
+    MAXJAX_DATA=... python -m experiments.warframe_full --every 50       # 200 a map; 1 minute on two cores
 
 The maps Simple and Complex of the Moving AI 3D benchmark (Brewer and Sturtevant, 2018), with all their scenarios. Each
 map is one grid: the box of its obstacles and of every scenario's ends with `border` free voxels around. Nothing shorter

@@ -1,6 +1,6 @@
 """Flights that plan in windows beside the same flights that plan in whole maps: outcome, length, nearest approach.
 
-    python -m experiments.windowed_flights                        # two CPU cores: 20 minutes
+    python -m experiments.windowed_flights                        # two CPU cores: 20 minutes a map
     python -m experiments.windowed_flights --keep OUT             # resumes
 
 Trials of the closed loop (`experiments.closed_loop`), each flown twice with the same key. A flight in windows solves in
