@@ -50,7 +50,7 @@ def plans(*documents: Document) -> str:
         line("all before verify, as one program", "plan, solver: device"),
         line("**whole plan**", "plan, solver: total"),
         line("whole plan, slowest", "plan, solver: total", "max"),
-        line("compilation, once [s]", "plan, solver: total", "compile_s"),
+        line("programs compiled, or read from disk, once [s]", "plan, solver: total", "compile_s"),
         line("A\\*: search", "plan, astar: search"),
         line("**A\\*: whole plan**", "plan, astar: total"),
     ]
