@@ -25,7 +25,8 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from maxjax.programs.lowering import matmul
 from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.raycast import cast_rays
+from maxjax.worlds.movers import Moving
+from maxjax.worlds.raycast import cast_rays, cast_rays_moving
 
 
 @jax.tree_util.register_static
@@ -34,13 +35,16 @@ class Lidar:
     """Sensor model; static.
 
     Attributes:
-        channels: elevations, 32 to 128.
+        channels: elevations, 2 to 128.
         rays: rays a scan over all channels, a multiple of `channels`.
         elevation_min: lowest elevation [deg], sensor frame.
         elevation_max: highest elevation [deg].
         max_range: farthest return [m].
         range_noise: standard deviation of the measured distance [m].
         dropout: probability that a return is lost.
+        turn: duration of a scan [s]; its columns are measured one after the other, the first one a turn before the
+            last.
+        width: of the field of view [deg], around the sensor's x; rays outside of it return nothing.
 
     Raises:
         ValueError: for values outside these ranges.
@@ -53,10 +57,12 @@ class Lidar:
     max_range: float = 100.0
     range_noise: float = 0.02
     dropout: float = 0.01
+    turn: float = 0.1
+    width: float = 360.0
 
     def __post_init__(self) -> None:
-        if not 32 <= self.channels <= 128:
-            raise ValueError(f"Lidar.channels: expected 32 to 128, given {self.channels}")
+        if not 2 <= self.channels <= 128:
+            raise ValueError(f"Lidar.channels: expected 2 to 128, given {self.channels}")
         if self.rays < self.channels or self.rays % self.channels:
             raise ValueError(f"Lidar.rays: expected a positive multiple of {self.channels} channels, given {self.rays}")
         if not -90.0 <= self.elevation_min < self.elevation_max <= 90.0:
@@ -70,6 +76,15 @@ class Lidar:
             raise ValueError(f"Lidar.range_noise: expected at least 0 m, given {self.range_noise}")
         if not 0.0 <= self.dropout <= 1.0:
             raise ValueError(f"Lidar.dropout: expected a probability, given {self.dropout}")
+        if not self.turn > 0.0:
+            raise ValueError(f"Lidar.turn: expected a positive number of seconds, given {self.turn}")
+        if not 0.0 < self.width <= 360.0:
+            raise ValueError(f"Lidar.width: expected an angle up to 360 degrees, given {self.width}")
+
+    @property
+    def columns(self) -> int:
+        """Azimuths of a scan."""
+        return self.rays // self.channels
 
 
 @jax.tree_util.register_dataclass
@@ -91,8 +106,7 @@ class Scan:
 def directions(lidar: Lidar) -> Float[Array, "r 3"]:
     """Unit vectors of all rays, sensor frame (x forward, y left, z up), channel by channel from below."""
     elevation = np.deg2rad(np.linspace(lidar.elevation_min, lidar.elevation_max, lidar.channels))[:, None]
-    steps = lidar.rays // lidar.channels
-    azimuth = 2.0 * np.pi * np.arange(steps)[None, :] / steps
+    azimuth = 2.0 * np.pi * np.arange(lidar.columns)[None, :] / lidar.columns
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.broadcast_to(np.sin(elevation), x.shape)
     return jnp.asarray(np.stack([x, y, z], -1).reshape(-1, 3), jnp.float32)
@@ -104,8 +118,9 @@ def scan(
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     key: PRNGKeyArray,
+    moving: Moving | None = None,
 ) -> Scan:
-    """One scan from a pose; safe under `jit` and `vmap` over geoms, poses and keys.
+    """One scan from a pose; safe under `jit` and `vmap` over geoms, poses, keys and movers.
 
     Args:
         geoms: one scene.
@@ -113,6 +128,8 @@ def scan(
         position: of the sensor, world frame [m].
         rotation: sensor frame -> world frame.
         key: for range noise and dropout.
+        moving: movers, and the time at which the scan ends: a ray meets them where they are when it is cast. The pose
+            is that of all rays, as of a scan whose own motion was taken out.
 
     Returns:
         The scan, lidar.rays rays in the order of `directions`. A surface counts if it lies within
@@ -128,6 +145,12 @@ def scan(
         )
     rays = matmul(directions(lidar), rotation.T)
     distance = cast_rays(geoms, position, rays)
+    if moving is not None:
+        columns = jnp.swapaxes(rays.reshape(lidar.channels, lidar.columns, 3), 0, 1)
+        nearer = cast_rays_moving(moving.movers, position, columns, cast_at(lidar, moving.time))
+        distance = jnp.minimum(distance, nearer.T.reshape(-1))
+    if lidar.width < 360.0:
+        distance = jnp.where(_within_width(lidar), distance, jnp.inf)
     key_noise, key_dropout = jax.random.split(key)
     lost = jax.random.bernoulli(key_dropout, lidar.dropout, distance.shape)
     hit = (distance <= lidar.max_range) & ~lost
@@ -135,3 +158,14 @@ def scan(
     measured = jnp.clip(jnp.where(hit, distance, 0.0) + noise, 0.0, lidar.max_range)
     points = jnp.where(hit[:, None], position + measured[:, None] * rays, jnp.nan)
     return Scan(points, jnp.where(hit, measured, jnp.inf), hit)
+
+
+def cast_at(lidar: Lidar, end: Float[Array, ""]) -> Float[Array, " columns"]:
+    """Times at which the columns of a scan are measured, if it ends at a time [s]."""
+    return end + lidar.turn * (np.arange(1, lidar.columns + 1) / lidar.columns - 1.0)
+
+
+def _within_width(lidar: Lidar) -> Bool[np.ndarray, " r"]:
+    azimuth = np.arange(lidar.columns) * 360.0 / lidar.columns
+    within = np.minimum(azimuth, 360.0 - azimuth) <= 0.5 * lidar.width
+    return np.tile(within, lidar.channels)

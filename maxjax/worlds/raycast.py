@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.worlds.movers import Movers, solids_at
 
 # Geoms per loop iteration: one pass over the rays' memory serves this many. Higher values compile longer and run no
 # faster.
@@ -70,6 +72,38 @@ def cast_rays(geoms: Geoms, origin: Float[Array, "3"], directions: Float[Array, 
             return jnp.where((near <= far) & (far >= 0.0), jnp.minimum(best, first), best), None
 
         best, _ = lax.scan(nearer, best, (local_origin, group.rotation, group.size), unroll=_UNROLL)
+    return best
+
+
+def cast_rays_moving(
+    movers: Movers, origin: Float[Array, "3"], directions: Float[Array, "c r 3"], times: Float[Array, " c"]
+) -> Float[Array, "c r"]:
+    """Distance along each ray to the first mover [m], where the movers are when the ray is cast; infinity: none.
+
+    Args:
+        movers: of one world.
+        origin: common origin of the rays, world frame [m].
+        directions: unit vectors, world frame; those of a column are cast at a time.
+        times: of the columns [s].
+    """
+    solids = jax.vmap(solids_at, (None, 0))(movers, times)
+    best = jnp.full(directions.shape[:2], jnp.inf, directions.dtype)
+    for geom_type in sorted(set(solids.type)):
+        meet = jax.vmap(_MEET[geom_type], (0, 0, None))
+
+        def nearer(
+            best: Array, geom: tuple[Array, Array, Array], meet: Callable[..., Interval] = meet
+        ) -> tuple[Array, None]:
+            place, rotation, size = geom
+            local = jnp.einsum("cji,cj->ci", rotation, origin - place, precision="highest")
+            rays = jnp.einsum("cji,crj->icr", rotation, directions, precision="highest")
+            near, far = meet(local, (rays[0], rays[1], rays[2]), size[0])
+            first = jnp.where(near >= 0.0, near, far)
+            return jnp.where((near <= far) & (far >= 0.0), jnp.minimum(best, first), best), None
+
+        group = solids.of_type(geom_type)
+        each = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (group.position, group.rotation, group.size))
+        best, _ = lax.scan(nearer, best, each)
     return best
 
 

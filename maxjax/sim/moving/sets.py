@@ -1,0 +1,114 @@
+"""Sets that hold movers: intervals of place and velocity, and where they can be later.
+
+    |dv/dt| ≤ A,  |v| ≤ V  on each axis
+
+    v(t + τ) ∈ [v⁻ − Aτ, v⁺ + Aτ] ∩ [−V, V]
+    p(t + τ) ∈ [p⁻ + ∫ max(v⁻ − As, −V) ds,  p⁺ + ∫ min(v⁺ + As, V) ds]
+
+A mover that keeps the bounds and was in its set is in the later set; and a set that is intersected with what was
+measured lies in the one that it came from, so that what could be reached at any time from now only shrinks. So a motion
+that was verified against the sets stays verified.
+
+A set is of the middle of the mover; its body lies in a box of half edges `half` around that. Frame: world, each axis by
+itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """What movers are assumed to keep; static.
+
+    Attributes:
+        speed: V, on each axis [m/s].
+        acceleration: A, on each axis [m/s²].
+        size: longest edge of the box around a mover [m], as far as less of it is seen.
+
+    Raises:
+        ValueError: unless all are positive finite numbers.
+    """
+
+    speed: float = 8.0
+    acceleration: float = 2.0
+    size: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"Bounds.{name}: expected a positive finite number, given {value!r}")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tracks:
+    """Movers that are followed, in slots; batch axes lead. All of one time.
+
+    Attributes:
+        low, high: set of the middle [m].
+        slowest, fastest: set of the velocity [m/s]: least and greatest on each axis.
+        half: half edges of the box around the middle that holds the body [m].
+        used: whether a slot holds a mover.
+        confirmed: whether it was seen often enough to be one.
+        place, velocity: best estimate [m], [m/s]; for labels and prices, never for proofs.
+        seen: scans that showed it.
+        missed: scans since it was seen last.
+    """
+
+    low: Float[Array, "*batch s 3"]
+    high: Float[Array, "*batch s 3"]
+    slowest: Float[Array, "*batch s 3"]
+    fastest: Float[Array, "*batch s 3"]
+    half: Float[Array, "*batch s 3"]
+    used: Bool[Array, "*batch s"]
+    confirmed: Bool[Array, "*batch s"]
+    place: Float[Array, "*batch s 3"]
+    velocity: Float[Array, "*batch s 3"]
+    seen: Int32[Array, "*batch s"]
+    missed: Int32[Array, "*batch s"]
+
+
+def nobody(slots: int) -> Tracks:
+    """Tracks without movers."""
+    zero, none, flag = jnp.zeros((slots, 3)), jnp.zeros(slots, jnp.int32), jnp.zeros(slots, bool)
+    return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, none, none)
+
+
+def reachable(
+    tracks: Tracks, times: Float[Array, " t"], bounds: Bounds
+) -> tuple[Float[Array, "t s 3"], Float[Array, "t s 3"]]:
+    """Boxes that hold the bodies at times from now [s]: least and greatest coordinates [m]; of unused slots: NaN."""
+    later = times[:, None, None]
+    least = tracks.low - _furthest(-tracks.slowest, later, bounds) - tracks.half
+    greatest = tracks.high + _furthest(tracks.fastest, later, bounds) + tracks.half
+    used = tracks.used[:, None]
+    return jnp.where(used, least, jnp.nan), jnp.where(used, greatest, jnp.nan)
+
+
+def propagated(tracks: Tracks, time: Float[Array, ""] | float, bounds: Bounds) -> Tracks:
+    """The tracks a time later [s], without a measurement."""
+    change = bounds.acceleration * time
+    return dataclasses.replace(
+        tracks,
+        low=tracks.low - _furthest(-tracks.slowest, time, bounds),
+        high=tracks.high + _furthest(tracks.fastest, time, bounds),
+        slowest=jnp.maximum(tracks.slowest - change, -bounds.speed),
+        fastest=jnp.minimum(tracks.fastest + change, bounds.speed),
+        place=tracks.place + time * tracks.velocity,
+    )
+
+
+def _furthest(fastest: Array, time: Array | float, bounds: Bounds) -> Array:
+    """∫ min(v + As, V) ds from 0 to a time, for v ≤ V [m]."""
+    fastest = jnp.minimum(fastest, bounds.speed)
+    speeding = jnp.minimum((bounds.speed - fastest) / bounds.acceleration, time)
+    gained = fastest * speeding + 0.5 * bounds.acceleration * speeding**2
+    return gained + bounds.speed * (time - speeding)
