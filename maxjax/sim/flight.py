@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterator
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
@@ -40,11 +40,14 @@ from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, degrade, mean_wind, outage, position_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, estimated_position
 from maxjax.sim.lidar import Scan, scan
+from maxjax.sim.moving.among import Among, no_flags, raised
+from maxjax.sim.moving.avoid import resting, setpoint_of, steered
 from maxjax.sim.reactive import push
 from maxjax.sim.replan import plan
 from maxjax.trajectories.online import profile, sample, setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.movers import Movers, Moving, solids_at
 from maxjax.worlds.scenes import Scene
 
 __all__ = [
@@ -75,14 +78,16 @@ def fly_closed_loop(
     goal: Float[Array, "3"],
     key: PRNGKeyArray,
     config: FlightConfig,
+    movers: Movers | None = None,
 ) -> FlightLog:
-    """Fly once; pure, for `jit` and `vmap` over geoms, ends, keys and disturbances.
+    """Fly once; pure, for `jit` and `vmap` over geoms, ends, keys, disturbances and movers.
 
     Args:
         scene: the city.
         start, goal: world frame [m].
         key: of all random numbers of the flight.
         config: how to fly.
+        movers: in the city besides; the vehicle looks for them if `config.moving` says how.
 
     Returns:
         The log. Its status is OK only if the vehicle came within `config.tolerance` of the goal and no solid within
@@ -98,7 +103,7 @@ def fly_closed_loop(
             f"fly_closed_loop: expected start and goal (3,), given {start.shape} and {goal.shape}; use vmap"
         )
     _check(config)
-    world = World(geoms, start, goal, key, config.disturbances)
+    world = World(geoms, start, goal, key, config.disturbances, movers)
     return settle(_flies, iteration_of(config), world, take_off(world, config), at_once=AT_ONCE).log
 
 
@@ -163,7 +168,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     start, goal = (jnp.where(finite, x, 0.0) for x in (start, goal))
     reach = config.spacing * (jnp.asarray(config.shape) // 2)
-    clearance = distance(world.geoms, start)
+    clearance = _clearance(world, start, jnp.float32(0.0))
     status = jnp.select(
         [
             ~finite,
@@ -195,10 +200,11 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         clearance=clearance,
         margin=jnp.full(config.plans, nan),
         certified=none,
+        flags=None if config.moving is None else no_flags(),
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
     course = sample(path, config.limits, config.sampling)
-    return Flight(
+    flight = Flight(
         vehicle=vehicle,
         observer=control.init(vehicle),
         gust=gust,
@@ -217,25 +223,49 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         done=status != Status.OK,
         log=log,
     )
+    if config.moving is None:
+        return flight
+    seen = config.moving.perception.start(world, flight, config)
+    among = Among(seen, resting(start, config.moving), zero)
+    return look(world, dataclasses.replace(flight, among=among), config)
 
 
 def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """One scan from the true pose, its points shifted to the estimated position."""
-    sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, flight.log.planning_iterations))
+    """One scan from the true pose, its points shifted to the estimated position; movers were looked for already."""
+    return flight if config.moving is not None else _scanned(world, flight, config, flight.log.planning_iterations)
+
+
+def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+    """The flight with a scan, numbered for its noise."""
+    sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, number))
     position, lidar = flight.vehicle.position, config.lidar
     failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
-    measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key)
+    moving = None if world.movers is None else Moving(world.movers, flight.log.duration)
+    measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
     measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
     measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
     returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
     return dataclasses.replace(flight, scan=measured, returns=returns)
 
 
+def look(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A scan, and what it shows of movers."""
+    assert config.moving is not None
+    assert flight.among is not None
+    number = jnp.round(flight.log.duration / LOG_PERIOD).astype(jnp.int32)
+    flight = _scanned(world, flight, config, number)
+    seen = config.moving.perception.look(world, flight, config)
+    among = dataclasses.replace(flight.among, seen=seen)  # type: ignore[type-var]
+    return dataclasses.replace(flight, among=among)
+
+
 def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """The map recentred on the estimated position, with the scan in it."""
     position = estimated_position(world, flight)
     recentred = mapping.recentre(flight.rolling_map, position)
-    fused = mapping.fused(recentred, flight.scan, config.lidar, position, flight.vehicle.rotation, config.snapshot)
+    pose = position, flight.vehicle.rotation
+    movers = None if flight.among is None else flight.among.seen.returns
+    fused = mapping.fused(recentred, flight.scan, config.lidar, *pose, config.snapshot, movers)
     return dataclasses.replace(flight, rolling_map=fused)
 
 
@@ -252,7 +282,11 @@ def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
         row, noise = inputs
         was_done = flight.done
+        if config.moving is not None:
+            flight = _unless(was_done, flight, _steer(world, flight, config))
         flight, _ = lax.scan(step, flight, noise)
+        if config.moving is not None:
+            flight = _unless(flight.done, flight, look(world, flight, config))
         position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
         log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
         return dataclasses.replace(flight, log=log), None
@@ -262,6 +296,14 @@ def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     last = ~flight.done & (flight.log.planning_iterations >= config.plans)
     status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
     return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
+
+
+def _steer(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A motion among movers, and the flags that are up with it."""
+    among, up = steered(world, flight, config)
+    assert flight.log.flags is not None
+    flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
+    return dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
 
 
 def _physics_step(
@@ -278,7 +320,12 @@ def _physics_step(
     """
     log, before, vehicle = flight.log, flight.vehicle, config.vehicle
     error = position_error(world.disturbances, world.key, log.duration)
-    setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, config.controller.lead)
+    lead, among = config.controller.lead, flight.among
+    if among is None:
+        setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, lead)
+    else:
+        setpoint = setpoint_of(among, lead)
+        among = dataclasses.replace(among, since=among.since + vehicle.timestep)
     estimated = dataclasses.replace(before, position=before.position + error)
     if config.reactive > 0:
         extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
@@ -288,7 +335,7 @@ def _physics_step(
     strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
     after = physics.advance(vehicle, before, command, wind + strength * gust)
 
-    clearance = distance(world.geoms, after.position)
+    clearance = _clearance(world, after.position, log.duration + vehicle.timestep)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
     touches = clearance <= config.radius
     arrives = jnp.linalg.norm(world.goal - after.position) <= config.tolerance
@@ -308,7 +355,14 @@ def _physics_step(
         reference_time=flight.reference_time + vehicle.timestep,
         done=~finite | touches | arrives,
         log=log,
+        among=among,
     )
+
+
+def _clearance(world: World, position: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, ""]:
+    """Distance to the nearest solid, moving or not [m]."""
+    still = distance(world.geoms, position)
+    return still if world.movers is None else jnp.minimum(still, distance(solids_at(world.movers, time), position))
 
 
 _TAKE_OFF = Stored("take-off", take_off)

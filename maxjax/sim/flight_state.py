@@ -23,9 +23,11 @@ from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
 from maxjax.sim.lidar import Lidar, Scan
+from maxjax.sim.moving.among import Among, Avoidance, Flags
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Reference, Sampling
 from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.movers import Movers
 
 Path = Float[Array, "n 3"]
 
@@ -53,6 +55,7 @@ class FlightConfig:
         radius: of the sphere around the vehicle that must not touch any solid [m].
         snapshot: plan on the latest scan alone, as the paper does, instead of the fused map.
         reactive: gain of the reactive layer [m/s²]; 0: none.
+        moving: how to fly among movers, which are looked for ten times a second; None: none are expected.
         stages: of a planning iteration, pure functions (world, flight, config) ↦ flight. None: `sim.flight.STAGES`.
     """
 
@@ -75,6 +78,7 @@ class FlightConfig:
     radius: float = dataclasses.field(default=0.5, metadata={"static": True})
     snapshot: bool = dataclasses.field(default=False, metadata={"static": True})
     reactive: float = dataclasses.field(default=0.0, metadata={"static": True})
+    moving: Avoidance | None = dataclasses.field(default=None, metadata={"static": True})
     stages: tuple[Callable[[World, Flight, FlightConfig], Flight], ...] | None = dataclasses.field(
         default=None, metadata={"static": True}
     )
@@ -106,6 +110,7 @@ class FlightLog:
         clearance: least distance from the centre of the vehicle to any solid [m].
         margin: of each plan [m]; NaN where there was none.
         certified: number of paths that climb a certified field.
+        flags: what was assumed of movers and did not hold; None where none are expected.
     """
 
     status: Int32[Array, "*batch"]
@@ -117,18 +122,20 @@ class FlightLog:
     clearance: Float[Array, "*batch"]
     margin: Float[Array, "*batch p"]
     certified: Int32[Array, "*batch"]
+    flags: Flags | None = None
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """What a flight cannot change: solids, start and goal [m], random key, disturbances."""
+    """What a flight cannot change: solids, start and goal [m], random key, disturbances, movers if there are any."""
 
     geoms: Geoms
     start: Float[Array, "3"]
     goal: Float[Array, "3"]
     key: PRNGKeyArray
     disturbances: Disturbances
+    movers: Movers | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -154,6 +161,7 @@ class Flight:
         failures: consecutive plans without a path.
         done: whether the flight is over.
         log: so far.
+        among: what is known of movers, and the motion that is flown; None where none are expected.
     """
 
     vehicle: physics.State
@@ -173,6 +181,7 @@ class Flight:
     failures: Int32[Array, ""]
     done: Bool[Array, ""]
     log: FlightLog
+    among: Among | None = None
 
 
 def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:

@@ -59,6 +59,7 @@ class Tracks:
         used: whether a slot holds a mover.
         confirmed: whether it was seen often enough to be one.
         place, velocity: best estimate [m], [m/s]; for labels and prices, never for proofs.
+        rests: whether it was seen to stay where it is: then it is assumed to, as the static map is.
         seen: scans that showed it.
         missed: scans since it was seen last.
     """
@@ -72,6 +73,7 @@ class Tracks:
     confirmed: Bool[Array, "*batch s"]
     place: Float[Array, "*batch s 3"]
     velocity: Float[Array, "*batch s 3"]
+    rests: Bool[Array, "*batch s"]
     seen: Int32[Array, "*batch s"]
     missed: Int32[Array, "*batch s"]
 
@@ -79,31 +81,38 @@ class Tracks:
 def nobody(slots: int) -> Tracks:
     """Tracks without movers."""
     zero, none, flag = jnp.zeros((slots, 3)), jnp.zeros(slots, jnp.int32), jnp.zeros(slots, bool)
-    return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, none, none)
+    return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, flag, none, none)
 
 
 def reachable(
     tracks: Tracks, times: Float[Array, " t"], bounds: Bounds
 ) -> tuple[Float[Array, "t s 3"], Float[Array, "t s 3"]]:
     """Boxes that hold the bodies at times from now [s]: least and greatest coordinates [m]; of unused slots: NaN."""
-    later = times[:, None, None]
-    least = tracks.low - _furthest(-tracks.slowest, later, bounds) - tracks.half
-    greatest = tracks.high + _furthest(tracks.fastest, later, bounds) + tracks.half
+    down, up = _moved(tracks, times[:, None, None], bounds)
+    least, greatest = tracks.low - down - tracks.half, tracks.high + up + tracks.half
     used = tracks.used[:, None]
     return jnp.where(used, least, jnp.nan), jnp.where(used, greatest, jnp.nan)
 
 
 def propagated(tracks: Tracks, time: Float[Array, ""] | float, bounds: Bounds) -> Tracks:
     """The tracks a time later [s], without a measurement."""
-    change = bounds.acceleration * time
+    change = jnp.where(tracks.rests[:, None], 0.0, bounds.acceleration * time)
+    down, up = _moved(tracks, time, bounds)
     return dataclasses.replace(
         tracks,
-        low=tracks.low - _furthest(-tracks.slowest, time, bounds),
-        high=tracks.high + _furthest(tracks.fastest, time, bounds),
+        low=tracks.low - down,
+        high=tracks.high + up,
         slowest=jnp.maximum(tracks.slowest - change, -bounds.speed),
         fastest=jnp.minimum(tracks.fastest + change, bounds.speed),
-        place=tracks.place + time * tracks.velocity,
+        place=tracks.place + time * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity),
     )
+
+
+def _moved(tracks: Tracks, time: Array | float, bounds: Bounds) -> tuple[Array, Array]:
+    """How far down and up each coordinate of the middle may have moved by a time [m]."""
+    rests = tracks.rests[:, None]
+    down, up = _furthest(-tracks.slowest, time, bounds), _furthest(tracks.fastest, time, bounds)
+    return jnp.where(rests, 0.0, down), jnp.where(rests, 0.0, up)
 
 
 def _furthest(fastest: Array, time: Array | float, bounds: Bounds) -> Array:

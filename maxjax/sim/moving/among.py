@@ -1,0 +1,140 @@
+"""The data of a flight among movers: how it is flown, what it knows, and what it assumed in vain.
+
+No contact with a mover before the motion that is flown has ended, unless a flag is up:
+
+    BOUND     a measurement outside the set of its track: the mover broke its bounds
+    NEAR      a mover first confirmed nearer than what confirming it and an escape take
+    DRIFTED   the vehicle further from its motion than assumed
+    TRAPPED   no verified motion is left
+    CROWDED   more movers than there are slots for
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from maxjax.sim.moving.choice import Keeping
+from maxjax.sim.moving.local_value import Crowding
+from maxjax.sim.moving.motions import Motion, MotionSet
+from maxjax.sim.moving.sets import Bounds, Tracks
+
+
+class Flag(enum.IntEnum):
+    """What did not hold."""
+
+    BOUND = 0
+    NEAR = 1
+    DRIFTED = 2
+    TRAPPED = 3
+    CROWDED = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Flags:
+    """How long each flag was up, and when last; batch axes lead.
+
+    Attributes:
+        seconds: that each flag was up [s], by `Flag`.
+        any_seconds: that some flag was up [s].
+        last: time at which each was up last [s]; minus infinity: never.
+    """
+
+    seconds: Float[Array, "*batch f"]
+    any_seconds: Float[Array, "*batch"]
+    last: Float[Array, "*batch f"]
+
+
+def no_flags() -> Flags:
+    """None was up."""
+    return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf))
+
+
+def raised(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: float) -> Flags:
+    """The flags after some were up for a while.
+
+    Args:
+        flags: before.
+        up: which.
+        time: since when [s].
+        lasts: for so long [s].
+    """
+    return Flags(
+        flags.seconds + lasts * up,
+        flags.any_seconds + lasts * jnp.any(up),
+        jnp.where(up, time, flags.last),
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """What a look has shown; batch axes lead.
+
+    Attributes:
+        tracks: of the movers.
+        returns: rays of the scan that met movers: the static map is not told of them.
+        flags: which of the assumptions about movers broke.
+        memory: what the next look needs.
+    """
+
+    tracks: Tracks
+    returns: Bool[Array, "*batch r"]
+    flags: Bool[Array, "*batch f"]
+    memory: Any
+
+
+class Perception(Protocol):
+    """Who finds movers; static, hashable."""
+
+    def start(self, world: Any, flight: Any, config: Any) -> Seen:
+        """What is known before the first look."""
+        ...
+
+    def look(self, world: Any, flight: Any, config: Any) -> Seen:
+        """What is known after the scan in `flight.scan`."""
+        ...
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Avoidance:
+    """How to fly among movers; static.
+
+    Attributes:
+        perception: who finds them.
+        bounds: that they are assumed to keep.
+        choice: motions that are tried.
+        keeping: distances that motions keep.
+        crowd: what nearness costs on the way.
+        drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
+    """
+
+    perception: Perception
+    bounds: Bounds = Bounds()
+    choice: MotionSet = MotionSet()
+    keeping: Keeping = Keeping()
+    crowd: Crowding = Crowding()
+    drift: float = 0.4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Among:
+    """What evolves in a flight among movers; batch axes lead.
+
+    Attributes:
+        seen: by the latest look.
+        motion: that is flown.
+        since: time since its start [s].
+    """
+
+    seen: Seen
+    motion: Motion
+    since: Float[Array, "*batch"]

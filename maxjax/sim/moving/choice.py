@@ -1,0 +1,163 @@
+"""Choose a motion that is verified against the sets of all movers and the hard set, and keep it until a better one is.
+
+    verified:  at every time of the horizon, boxes that may hold movers are `radius` away, walls as well,
+               and every voxel on the way was seen free
+    chosen:    the verified motion of least  cost-to-go of its place of rest + price of nearness
+
+A motion that is flown is replaced only by a verified one; where there is none it is flown to its end, at which the
+vehicle rests. If what is flown is not verified any more (a mover broke its bound, or appeared from nowhere) and nothing
+is, the motion that stays out of the sets for longest is taken, and flagged.
+
+Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
+to be clear; boxes are those that hold a mover at any time of a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from maxjax.sim.moving.hard_set import HardSet, gaps, seen_free
+from maxjax.sim.moving.local_value import LocalValue, cost_to_go
+from maxjax.sim.moving.motions import Motion, MotionSet, at, motions
+from maxjax.sim.moving.sets import Bounds, Tracks, reachable
+
+# Half the distance over which the slope of the cost-to-go is taken [voxels].
+_SLOPE = 1.0
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Keeping:
+    """Distances that motions keep; static.
+
+    Attributes:
+        radius: to what may hold a mover [m]: of the vehicle, and how far it may be from its motion.
+        wall: to the cubes of blocked voxels [m].
+        step: between the samples of a motion [s].
+        comfort: distance to a mover from which on nearness costs nothing [m].
+        nearness: cost of touching a mover's likely place [m].
+
+    Raises:
+        ValueError: unless all are positive.
+    """
+
+    radius: float = 1.0
+    wall: float = 1.0
+    step: float = 0.1
+    comfort: float = 3.0
+    nearness: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise ValueError(f"Keeping.{name}: expected a positive number, given {value!r}")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Scored:
+    """What is known of each motion; batch axes lead.
+
+    Attributes:
+        verified: against sets, walls and unseen space, for the whole horizon.
+        free: time up to which it stays out of the sets [s].
+        allowed: whether walls and unseen space allow it.
+        cost: the less, the better [m].
+        margin: least distance to where movers are likely to be [m].
+    """
+
+    verified: Bool[Array, "*batch n"]
+    free: Float[Array, "*batch n"]
+    allowed: Bool[Array, "*batch n"]
+    cost: Float[Array, "*batch n"]
+    margin: Float[Array, "*batch n"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Around:
+    """What motions have to keep clear of, and where they should lead."""
+
+    tracks: Tracks
+    hard: HardSet
+    guide: LocalValue
+
+
+def chosen(
+    around: Around, flown: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping
+) -> tuple[Motion, Bool[Array, ""]]:
+    """The motion to fly from now on, and whether it is verified.
+
+    Args:
+        around: what is around.
+        flown: the motion that is flown, as left from now on.
+        choice: motions that are tried. Static.
+        bounds: that movers are assumed to keep. Static.
+        keeping: distances. Static.
+    """
+    tried = motions(choice, flown.place, flown.velocity, _towards(around.guide, flown, choice))
+    every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), flown, tried)
+    scored = score(around, every, choice, bounds, keeping)
+    some = jnp.any(scored.verified)
+    best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
+    # Longest out of the sets; among equals, far from where movers are likely, and on the way.
+    hope = scored.free + 0.5 * jnp.minimum(scored.margin, 1.0) - 0.02 * scored.cost
+    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 100.0))
+    taken = jnp.where(some, best, last)
+    return jax.tree.map(lambda x: x[taken], every), some
+
+
+def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:
+    """Judge motions that all start now."""
+    steps = round(choice.horizon / keeping.step)
+    times = keeping.step * jnp.arange(steps + 1)
+    place, velocity, _ = jax.vmap(lambda t: at(tried, t), out_axes=1)(times)  # (n, t, 3)
+    sweep = 0.5 * keeping.step * jnp.linalg.norm(velocity, axis=-1)
+
+    edges = jnp.maximum(keeping.step * (jnp.arange(steps + 2) - 0.5), 0.0)
+    least, greatest = reachable(around.tracks, edges, bounds)
+    least, greatest = jnp.minimum(least[:-1], least[1:]), jnp.maximum(greatest[:-1], greatest[1:])
+    apart = _distance(place, least, greatest)
+    # Whoever is nearer than that already can only get further away.
+    required = jnp.minimum(keeping.radius, apart[:, :1] - 1e-3)
+    clear = apart >= required + jnp.where(times > 0.0, sweep, 0.0)
+    free = jnp.where(jnp.all(clear, axis=1), choice.horizon + keeping.step, times[jnp.argmin(clear, axis=1)])
+
+    flat = place.reshape(-1, 3)
+    wall = gaps(around.hard, flat).reshape(sweep.shape)
+    wall_required = jnp.minimum(keeping.wall, wall[:, :1] - 1e-3)
+    open_air = (wall >= jnp.minimum(wall_required + sweep, 0.999 * around.hard.spacing)) | (times == 0.0)
+    own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
+    known = seen_free(around.hard, flat).reshape(sweep.shape) | own
+    allowed = jnp.all(open_air & known, axis=1)
+
+    likely = around.tracks.place + times[:, None, None] * around.tracks.velocity
+    half = jnp.where(around.tracks.used[:, None], around.tracks.half, jnp.nan)
+    margin = jnp.min(_distance(place, likely - half, likely + half), axis=1)
+    price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
+    cost = cost_to_go(around.guide, place[:, -1]) + price
+    return Scored(allowed & (free > choice.horizon), free, allowed, cost, margin)
+
+
+def _distance(place: Float[Array, "n t 3"], least: Array, greatest: Array) -> Float[Array, "n t"]:
+    """From places to the nearest of the boxes of their time [m]; of none: infinity."""
+
+    def to_nearest(place: Float[Array, "n 3"], least: Float[Array, "s 3"], greatest: Array) -> Float[Array, " n"]:
+        outside = jnp.maximum(jnp.maximum(least - place[:, None], place[:, None] - greatest), 0.0)
+        squared = jnp.sum(outside * outside, axis=-1)
+        return jnp.min(jnp.where(jnp.isnan(squared), jnp.inf, squared), axis=1, initial=jnp.inf)
+
+    squared = jax.vmap(to_nearest, in_axes=(1, 0, 0), out_axes=1)(place, least, greatest)
+    return jnp.sqrt(squared)
+
+
+def _towards(guide: LocalValue, flown: Motion, choice: MotionSet) -> Float[Array, "3"]:
+    """The greatest velocity down the cost-to-go [m/s]."""
+    apart = _SLOPE * guide.spacing * jnp.eye(3)
+    values = cost_to_go(guide, jnp.concatenate([flown.place - apart, flown.place + apart]))
+    fall = values[:3] - values[3:]
+    return choice.speed * fall / jnp.maximum(jnp.linalg.norm(fall), 1e-6)

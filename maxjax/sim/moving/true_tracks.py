@@ -1,0 +1,95 @@
+"""Movers as they are: the perception that makes no mistake, for ceilings and for telling apart what limits a flight.
+
+What is within `reach` of the vehicle is in its slot with its place, its velocity and its shape, hidden or not. With
+`past` it is that of so many seconds ago, as a network would tell it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from maxjax.sim.moving.among import Flag, Seen
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody, propagated
+from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms
+from maxjax.worlds.movers import Movers, places, solids_at
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class TrueTracks:
+    """Tracks of the movers themselves; static.
+
+    Attributes:
+        reach: of sight [m].
+        slots: movers that are followed, the nearest ones.
+        place, velocity: half widths of their sets [m], [m/s].
+        past: age of what is known [s].
+    """
+
+    reach: float = 45.0
+    slots: int = 32
+    place: float = 0.02
+    velocity: float = 0.1
+    past: float = 0.0
+
+    def start(self, world: object, flight: object, config: object) -> Seen:
+        """Nobody."""
+        return self._seen(nobody(self.slots), config)
+
+    def look(self, world: object, flight: object, config: object) -> Seen:
+        """All movers within reach."""
+        movers, log = world.movers, flight.log  # type: ignore[attr-defined]
+        if movers is None:
+            return self._seen(nobody(self.slots), config)
+        position = flight.vehicle.position  # type: ignore[attr-defined]
+        bounds = config.moving.bounds  # type: ignore[attr-defined]
+        then = tracks_of(movers, log.duration - self.past, position, bounds, self)
+        return self._seen(propagated(then, self.past, bounds) if self.past else then, config)
+
+    def _seen(self, tracks: Tracks, config: object) -> Seen:
+        rays = config.lidar.rays  # type: ignore[attr-defined]
+        return Seen(tracks, jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+
+
+def tracks_of(
+    movers: Movers, time: Float[Array, ""], position: Float[Array, "3"], bounds: Bounds, how: TrueTracks
+) -> Tracks:
+    """The movers nearest to a position, as sets that hold them."""
+    place, velocity = places(movers, time)
+    half = half_edges(solids_at(movers, time))
+    apart = jnp.linalg.norm(jnp.maximum(jnp.abs(place - position) - half, 0.0), axis=1)
+    count = min(how.slots, movers.count)
+    _, nearest = jax.lax.top_k(-apart, count)
+    used = apart[nearest] < how.reach
+    place, velocity, half = place[nearest], velocity[nearest], half[nearest]
+    found = Tracks(
+        low=place - how.place,
+        high=place + how.place,
+        slowest=jnp.maximum(velocity - how.velocity, -bounds.speed),
+        fastest=jnp.minimum(velocity + how.velocity, bounds.speed),
+        half=half,
+        used=used,
+        confirmed=used,
+        place=place,
+        velocity=velocity,
+        rests=jnp.all(movers.amplitude == 0.0, axis=(1, 2))[nearest] & jnp.all(velocity == 0.0, axis=1),
+        seen=jnp.ones(count, jnp.int32),
+        missed=jnp.zeros(count, jnp.int32),
+    )
+    filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, nobody(how.slots))
+    return filled
+
+
+def half_edges(solids: Geoms) -> Float[Array, "g 3"]:
+    """Half edges of the box, along the world's axes, around each solid [m]."""
+    size, rotation = solids.size, jnp.abs(solids.rotation)
+    kinds = jnp.asarray(solids.type)[:, None]
+    box = jnp.einsum("gij,gj->gi", rotation, size, precision="highest")
+    capsule = size[:, :1] + rotation[:, :, 2] * size[:, 1:2]
+    sphere = jnp.broadcast_to(size[:, :1], size.shape)
+    known = [(BOX, box), (CAPSULE, capsule), (SPHERE, sphere)]
+    return jnp.select([kinds == kind for kind, _ in known], [half for _, half in known], box)
