@@ -55,6 +55,7 @@ class FlightConfig:
         radius: of the sphere around the vehicle that must not touch any solid [m].
         snapshot: plan on the latest scan alone, as the paper does, instead of the fused map.
         reactive: gain of the reactive layer [m/s²]; 0: none.
+        exact: whether the vehicle is where its set-point is, as in protocols that judge commanded points.
         moving: how to fly among movers, which are looked for ten times a second; None: none are expected.
         stages: of a planning iteration, pure functions (world, flight, config) ↦ flight. None: `sim.flight.STAGES`.
     """
@@ -78,6 +79,7 @@ class FlightConfig:
     radius: float = dataclasses.field(default=0.5, metadata={"static": True})
     snapshot: bool = dataclasses.field(default=False, metadata={"static": True})
     reactive: float = dataclasses.field(default=0.0, metadata={"static": True})
+    exact: bool = dataclasses.field(default=False, metadata={"static": True})
     moving: Avoidance | None = dataclasses.field(default=None, metadata={"static": True})
     stages: tuple[Callable[[World, Flight, FlightConfig], Flight], ...] | None = dataclasses.field(
         default=None, metadata={"static": True}

@@ -114,14 +114,16 @@ class Avoidance:
         keeping: distances that motions keep.
         crowd: what nearness costs on the way.
         drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
+        within: least and greatest coordinates of the air that may be flown in [m]; None: any.
     """
 
     perception: Perception
-    bounds: Bounds = Bounds()
-    choice: MotionSet = MotionSet()
-    keeping: Keeping = Keeping()
-    crowd: Crowding = Crowding()
+    bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
+    choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
+    keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)
+    crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
     drift: float = 0.4
+    within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
 
 
 @jax.tree_util.register_dataclass

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from maxjax.planning.windowed_route import boxed, corner_around
 from maxjax.sim import rolling_map as mapping
@@ -21,7 +21,7 @@ from maxjax.sim.moving.choice import Around, chosen
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import Motion, at, later
-from maxjax.trajectories.online import Setpoint
+from maxjax.trajectories.online import Setpoint, profile, sample
 
 if TYPE_CHECKING:
     from maxjax.sim.flight_state import Flight, FlightConfig, World
@@ -56,7 +56,8 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
     hard = _hard(flight, config, left.place)
     guide = _guide(world, flight, config, left.place)
-    motion, verified = chosen(Around(among.seen.tracks, hard, guide), left, how.choice, how.bounds, how.keeping)
+    around = Around(among.seen.tracks, hard, guide, how.within)
+    motion, verified = chosen(around, left, how.choice, how.bounds, how.keeping)
     up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~verified)
     return dataclasses.replace(among, motion=motion, since=jnp.float32(0.0)), up
 
@@ -79,23 +80,47 @@ def _hard(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> Har
 
 def _guide(world: World, flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> LocalValue:
     """Cost-to-go around the vehicle: where the window ends, along the static way."""
-    how, among, rolling_map, spacing = config.moving, flight.among, flight.rolling_map, config.spacing
+    how, among, rolling_map = config.moving, flight.among, flight.rolling_map
     assert how is not None
     assert among is not None
-    shape = how.crowd.shape
+    cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
     base = mapping.origin(rolling_map)
-    corner = jnp.floor((place - base) / spacing + 0.5).astype(jnp.int32) - jnp.asarray(shape) // 2
-    blocked = boxed(mapping.occupied(rolling_map) | mapping.ground(rolling_map), corner, shape, beyond=True)
-    origin = base + spacing * corner
-    centres = origin + spacing * jnp.stack(jnp.meshgrid(*map(jnp.arange, shape), indexing="ij"), -1).reshape(-1, 3)
+    corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
+    corner -= jnp.asarray([size * (n // 2) + size // 2 for n in cells])
+    blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    blocked = boxed(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
+    # A large cell is dear where some of it is blocked, and closed where most is.
+    share = jnp.mean(blocked.reshape(cells[0], size, cells[1], size, cells[2], size), axis=(1, 3, 5))
+    origin = base + config.spacing * (corner + 0.5 * (size - 1))
+    centres = origin + spacing * jnp.stack(jnp.meshgrid(*map(jnp.arange, cells), indexing="ij"), -1).reshape(-1, 3)
+    free = (share <= 0.5) & _within(centres, how).reshape(cells)
 
-    course = jax.tree.map(lambda x: x[:: max(round(spacing / 2 / config.sampling.spacing), 1)], flight.reference.course)
-    points, s = course.points, course.arclength
-    beside = jnp.linalg.norm(centres[:, None] - points, axis=-1)
-    ends = jnp.min(s[-1] - s + _ASIDE * beside, axis=1).reshape(shape)
-    inner = jnp.zeros(shape, bool).at[1:-1, 1:-1, 1:-1].set(True)
+    every = max(round(spacing / 2 / config.sampling.spacing), 1)
+    course = jax.tree.map(lambda x: x[::every], flight.reference.course)
+    points, s = course.points, flight.reference.course.arclength[-1] - course.arclength
+    ends = jnp.min(s + _ASIDE * jnp.linalg.norm(centres[:, None] - points, axis=-1), axis=1).reshape(cells)
+    inner = jnp.zeros(cells, bool).at[1:-1, 1:-1, 1:-1].set(True)
     # The end of the way: where it lies in the window, a way may end.
-    close = (jnp.linalg.norm(centres - points[-1], axis=1) < spacing).reshape(shape)
+    close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
-    price = crowding(centres, place, how.choice.speed, among.seen.tracks, how.crowd).reshape(shape)
-    return local_value(~blocked, origin, spacing, ends, price, how.crowd.sweeps)
+    price = crowding(centres, place, how.choice.speed, among.seen.tracks, how.crowd).reshape(cells)
+    return local_value(free, origin, spacing, ends, price + how.crowd.wall * share, how.crowd.sweeps)
+
+
+def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:
+    """Whether points lie in the air that may be flown in."""
+    if how.within is None:
+        return jnp.ones(len(points), bool)
+    low, high = (jnp.asarray(x, points.dtype) for x in how.within)
+    return jnp.all((points >= low) & (points <= high), axis=1)
+
+
+def straight_way(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A stage in place of the plan, for worlds whose goal no map reaches: the way is the straight line to the goal."""
+    start, log = flight.vehicle.position, flight.log
+    path = start + jnp.linspace(0.0, 1.0, len(flight.path))[:, None] * (world.goal - start)
+    course = sample(path, config.limits, config.sampling)
+    reference = profile(course, jnp.full(len(course.arclength), config.limits.speed), jnp.float32(0.0), config.limits)
+    number = log.planning_iterations + 1
+    log = dataclasses.replace(log, planning_iterations=number)
+    return dataclasses.replace(flight, path=path, reference=reference, reference_time=jnp.float32(0.0), log=log)

@@ -80,11 +80,14 @@ class Scored:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Around:
-    """What motions have to keep clear of, and where they should lead."""
+    """What motions have to keep clear of, and where they should lead; the box that they may not leave is static."""
 
     tracks: Tracks
     hard: HardSet
     guide: LocalValue
+    within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = dataclasses.field(
+        default=None, metadata={"static": True}
+    )
 
 
 def chosen(
@@ -134,6 +137,11 @@ def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keep
     own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
     known = seen_free(around.hard, flat).reshape(sweep.shape) | own
     allowed = jnp.all(open_air & known, axis=1)
+    if around.within is not None:
+        low, high = (jnp.asarray(x, place.dtype) for x in around.within)
+        # Whoever is outside may come back.
+        beyond = jnp.maximum(jnp.max(jnp.maximum(low - place, place - high), axis=-1), 0.0)
+        allowed &= jnp.all(beyond <= beyond[:, :1] + 1e-3, axis=1)
 
     likely = around.tracks.place + times[:, None, None] * around.tracks.velocity
     half = jnp.where(around.tracks.used[:, None], around.tracks.half, jnp.nan)

@@ -51,8 +51,8 @@ def hard_set(
     wide = jnp.pad(blocked, 1)
     nx, ny, nz = blocked.shape
     bits = jnp.zeros(blocked.shape, jnp.int32)
-    for k, (i, j, l) in enumerate(_AROUND):
-        bits |= wide[1 + i : 1 + i + nx, 1 + j : 1 + j + ny, 1 + l : 1 + l + nz].astype(jnp.int32) << k
+    for bit, (i, j, k) in enumerate(_AROUND):
+        bits |= wide[1 + i : 1 + i + nx, 1 + j : 1 + j + ny, 1 + k : 1 + k + nz].astype(jnp.int32) << bit
     return HardSet(bits, seen, origin, spacing)
 
 
@@ -64,9 +64,9 @@ def gaps(hard: HardSet, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
     to = jnp.stack([0.5 + at, jnp.zeros_like(at), 0.5 - at], -1)
     squared = to * to
     least = jnp.ones(len(points), points.dtype)
-    for k, (i, j, l) in enumerate(_AROUND):
-        here = squared[:, 0, i + 1] + squared[:, 1, j + 1] + squared[:, 2, l + 1]
-        least = jnp.where((bits >> k) & 1 == 1, jnp.minimum(least, here), least)
+    for bit, (i, j, k) in enumerate(_AROUND):
+        here = squared[:, 0, i + 1] + squared[:, 1, j + 1] + squared[:, 2, k + 1]
+        least = jnp.where((bits >> bit) & 1 == 1, jnp.minimum(least, here), least)
     return hard.spacing * jnp.sqrt(least)
 
 

@@ -37,7 +37,9 @@ class Crowding:
         price: a, the further cost of a metre at a mover.
         reach: D, distance from which on it costs nothing [m].
         sweeps: of the dynamic programming.
-        shape: of the window [voxels].
+        shape: of the window, in cells of the dynamic programming.
+        cell: edge of a cell, voxels of the map.
+        wall: price of a cell that holds blocked voxels where cells are larger than voxels; else it is closed.
         earlier, later: the time at which the vehicle may be at a voxel [s], before and after the soonest.
     """
 
@@ -45,6 +47,8 @@ class Crowding:
     reach: float = 3.0
     sweeps: int = 40
     shape: Index3 = (24, 24, 9)
+    cell: int = 1
+    wall: float = 8.0
     earlier: float = 0.2
     later: float = 1.0
 
