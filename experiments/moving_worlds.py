@@ -20,8 +20,8 @@ import random
 import jax.numpy as jnp
 import numpy as np
 
-from maxjax.worlds.geoms import BOX, Geoms
-from maxjax.worlds.movers import Movers, straight
+from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
+from maxjax.worlds.movers import Movers, straight, through
 
 SANDO_START, SANDO_GOAL = (0.0, 0.0, 2.0), (105.0, 0.0, 2.0)
 SANDO_HEIGHT = (0.5, 6.0)  # permitted [m]
@@ -66,6 +66,69 @@ def sando(count: int, seed: int) -> Movers:
         frequency=jnp.asarray(turns / slowness[:, None], jnp.float32),
         phase=jnp.asarray(phase, jnp.float32),
     )
+
+
+P2M_START, P2M_GOAL = (0.0, -15.0, 2.0), (0.0, 15.0, 2.0)
+P2M_HEIGHT = (0.3, 4.0)  # permitted [m]: above the walls' feet, below what is forbidden
+P2M_SECONDS = 60.0
+_AREA = (5.0, 12.5)  # half extents of what is drawn in [m]
+_WALLS = (6.5, 17.5)
+_AMPLITUDE, _FREQUENCY, _OFFSET = (0.34, 1.68), (0.0, 2.0), 1.1
+_WIDTH, _TALL = (0.4, 0.5), (3.5, 4.0)
+_DIAMETER, _FACTOR, _APART = (0.5, 0.7), (0.5, 1.5), 0.8
+_KNOT = 0.02  # between the knots of a mover [s]
+
+
+def p2m(moving: int, still: int, seed: int) -> tuple[Geoms, Movers]:
+    """The walls and cylinders of P2M's world, and its movers, over `P2M_SECONDS`.
+
+    Args:
+        moving, still: 7 + 7, 13 + 13, 25 + 19, 25 + 0 and 0 + 44 there.
+        seed: of NumPy's generator.
+    """
+    rng = np.random.default_rng(seed)
+    places: list[np.ndarray] = []
+    while len(places) < still:
+        place = rng.uniform(-1.0, 1.0, 2) * _AREA
+        if all(np.linalg.norm(place - other) >= _APART for other in places):
+            places.append(place)
+    radius = 0.5 * rng.uniform(*_DIAMETER, still) * rng.uniform(*_FACTOR, still)
+    # Capsules whose caps lie below the ground and above the permitted air are cylinders in between.
+    sizes = np.stack([radius, np.full(still, 3.0), np.zeros(still)], -1)
+    middle = np.concatenate([np.array(places).reshape(still, 2), np.full((still, 1), 2.0)], 1)
+    upright = jnp.broadcast_to(jnp.eye(3), (still, 3, 3))
+    cylinders = Geoms(jnp.asarray(middle, jnp.float32), upright, jnp.asarray(sizes, jnp.float32), (CAPSULE,) * still)
+    return concatenate([ground_plane(), _walls(), cylinders]), _p2m_movers(rng, max(moving, 1), moving == 0)
+
+
+def _walls() -> Geoms:
+    x, y = _WALLS
+    places = jnp.array([[x + 0.1, 0, 3], [-x - 0.1, 0, 3], [0, y + 0.1, 3], [0, -y - 0.1, 3]])
+    half = np.array([[0.1, y, 3], [0.1, y, 3], [x, 0.1, 3], [x, 0.1, 3]])
+    return dataclasses.replace(_boxes(half), position=places)
+
+
+def _p2m_movers(rng: np.random.Generator, count: int, hidden: bool) -> Movers:
+    """Columns whose velocities turn round at the border of the area; `hidden`: below the ground."""
+    place = rng.uniform(-1.0, 1.0, (count, 2)) * _AREA
+    amplitude = rng.uniform(*_AMPLITUDE, (count, 2))
+    frequency = rng.uniform(*_FREQUENCY, (count, 2))
+    half = 0.5 * np.stack([rng.uniform(*_WIDTH, count)] * 2 + [rng.uniform(*_TALL, count)], -1)
+    times = _KNOT * np.arange(round(P2M_SECONDS / _KNOT) + 1)
+    knots, velocity = np.zeros((2, count, len(times), 3))
+    knots[..., 2] = half[:, None, 2] - (100.0 if hidden else 0.0)
+    for k, time in enumerate(times):
+        # Who leaves the area turns round, on both axes at once.
+        outward = np.sign(place) * amplitude * (np.sin(frequency * time) + _OFFSET) > 0.0
+        leaves = np.any((np.abs(place) > _AREA) & outward, axis=1)
+        amplitude[leaves] *= -1.0
+        knots[:, k, :2] = place
+        velocity[:, k, :2] = amplitude * (np.sin(frequency * time) + _OFFSET)
+        # ∫ A (sin ωt + 1.1) dt over a step, exactly.
+        step = _KNOT * np.sinc(frequency * _KNOT / (2.0 * np.pi)) * np.sin(frequency * (time + 0.5 * _KNOT))
+        place = place + amplitude * (step + _OFFSET * _KNOT)
+    each = (jnp.asarray(x, jnp.float32) for x in (knots, velocity, np.full(count, _KNOT)))
+    return through(_boxes(half), *each)
 
 
 def _boxes(half: np.ndarray) -> Geoms:
