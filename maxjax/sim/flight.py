@@ -39,7 +39,8 @@ from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, degrade, mean_wind, outage, position_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, estimated_position
-from maxjax.sim.lidar import Scan, scan
+from maxjax.sim.lidar import Scan
+from maxjax.sim.lidar import scan as scan_of
 from maxjax.sim.moving.among import Among, no_flags, raised
 from maxjax.sim.moving.avoid import resting, setpoint_of, steered
 from maxjax.sim.reactive import push
@@ -241,7 +242,7 @@ def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[A
     position, lidar = flight.vehicle.position, config.lidar
     failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
     moving = None if world.movers is None else Moving(world.movers, flight.log.duration)
-    measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
+    measured = scan_of(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
     measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
     measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
     returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
@@ -264,8 +265,10 @@ def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
     position = estimated_position(world, flight)
     recentred = mapping.recentre(flight.rolling_map, position)
     pose = position, flight.vehicle.rotation
-    movers = None if flight.among is None else flight.among.seen.returns
-    fused = mapping.fused(recentred, flight.scan, config.lidar, *pose, config.snapshot, movers)
+    scan = flight.scan
+    if flight.among is not None:  # what moves is no part of the map, but hides what is behind it
+        scan = dataclasses.replace(scan, hit=scan.hit & ~flight.among.seen.returns)
+    fused = mapping.fused(recentred, scan, config.lidar, *pose, config.snapshot)
     return dataclasses.replace(flight, rolling_map=fused)
 
 

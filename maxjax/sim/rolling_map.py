@@ -133,7 +133,6 @@ def fused(
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     snapshot: bool = False,
-    movers: Bool[Array, " r"] | None = None,
 ) -> RollingMap:
     """One scan fused into the map; safe under `jit` and `vmap`.
 
@@ -144,15 +143,13 @@ def fused(
         position: estimated position of the sensor, world frame [m].
         rotation: estimated, sensor frame -> world frame.
         snapshot: drop everything but this scan, as the paper does. Static.
-        movers: rays that met what moves: they show free space up to there, and occupy nothing.
 
     Returns:
         The map; unchanged (with `snapshot`: empty) by a scan without returns or a pose that is not finite.
     """
     if scan.distance.shape != (lidar.rays,):
         raise ValueError(f"scan: expected {lidar.rays} rays as in `lidar`, given {scan.distance.shape}; use vmap")
-    solid = scan if movers is None else dataclasses.replace(scan, hit=scan.hit & ~movers)
-    hit = _hits(rolling_map, solid, lidar, position, rotation)
+    hit = _hits(rolling_map, scan, lidar, position, rotation)
     free = _seen_free(rolling_map, scan, lidar, position, rotation)
     cells = jnp.zeros_like(rolling_map.cells) if snapshot else rolling_map.cells
     evidence = cells % _SEEN

@@ -5,7 +5,7 @@ No contact with a mover before the motion that is flown has ended, unless a flag
     BOUND     a measurement outside the set of its track: the mover broke its bounds
     NEAR      a mover first confirmed nearer than what confirming it and an escape take
     DRIFTED   the vehicle further from its motion than assumed
-    TRAPPED   no verified motion is left
+    TRAPPED   the motion that was verified has ended, or is not any more, and no other one is
     CROWDED   more movers than there are slots for
 """
 
@@ -13,15 +13,15 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.moving.choice import Keeping
+from maxjax.sim.moving.choice import Commitment, Keeping
 from maxjax.sim.moving.local_value import Crowding
-from maxjax.sim.moving.motions import Motion, MotionSet
+from maxjax.sim.moving.motions import MotionSet
 from maxjax.sim.moving.sets import Bounds, Tracks
 
 
@@ -90,6 +90,7 @@ class Seen:
     memory: Any
 
 
+@runtime_checkable
 class Perception(Protocol):
     """Who finds movers; static, hashable."""
 
@@ -133,10 +134,10 @@ class Among:
 
     Attributes:
         seen: by the latest look.
-        motion: that is flown.
+        flown: the motion that is flown.
         since: time since its start [s].
     """
 
     seen: Seen
-    motion: Motion
+    flown: Commitment
     since: Float[Array, "*batch"]

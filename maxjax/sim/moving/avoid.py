@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.planning.windowed_route import boxed, corner_around
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.moving.among import Among, Avoidance, Flag
-from maxjax.sim.moving.choice import Around, chosen
+from maxjax.sim.moving.choice import Around, Commitment, chosen
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import Motion, at, later
@@ -30,17 +30,19 @@ if TYPE_CHECKING:
 _ASIDE = 1.5
 
 
-def resting(position: Float[Array, "3"], how: Avoidance) -> Motion:
+def resting(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     """To stay where one is."""
     zero = jnp.zeros(3)
-    return Motion(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration))
+    return Commitment(
+        Motion(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration)), jnp.float32(0.0)
+    )
 
 
 def setpoint_of(among: Among, lead: float) -> Setpoint:
     """Of the motion that is flown; acceleration that much later [s]."""
-    place, velocity, acceleration = at(among.motion, among.since)
+    place, velocity, acceleration = at(among.flown.motion, among.since)
     if lead:
-        acceleration = at(among.motion, among.since + lead)[2]
+        acceleration = at(among.flown.motion, among.since + lead)[2]
     return Setpoint(place, velocity, acceleration, jnp.zeros((), place.dtype))
 
 
@@ -49,7 +51,7 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     how, among = config.moving, flight.among
     assert how is not None
     assert among is not None
-    left = later(among.motion, among.since)
+    left = later(among.flown.motion, among.since)
     drifted = jnp.linalg.norm(left.place - flight.vehicle.position) > how.drift
     # Far from its motion the vehicle begins another one from where it is.
     here = Motion(flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
@@ -57,9 +59,10 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     hard = _hard(flight, config, left.place)
     guide = _guide(world, flight, config, left.place)
     around = Around(among.seen.tracks, hard, guide, how.within)
-    motion, verified = chosen(around, left, how.choice, how.bounds, how.keeping)
-    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~verified)
-    return dataclasses.replace(among, motion=motion, since=jnp.float32(0.0)), up
+    verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
+    flown, holds = chosen(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
+    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds)
+    return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
 
 
 def _hard(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> HardSet:

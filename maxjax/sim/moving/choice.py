@@ -59,6 +59,15 @@ class Keeping:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Commitment:
+    """The motion that is flown, and for how long from its start it was verified [s]; batch axes lead."""
+
+    motion: Motion
+    verified: Float[Array, "*batch"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Scored:
     """What is known of each motion; batch axes lead.
 
@@ -91,27 +100,31 @@ class Around:
 
 
 def chosen(
-    around: Around, flown: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping
-) -> tuple[Motion, Bool[Array, ""]]:
-    """The motion to fly from now on, and whether it is verified.
+    around: Around, flown: Commitment, choice: MotionSet, bounds: Bounds, keeping: Keeping
+) -> tuple[Commitment, Bool[Array, ""]]:
+    """The motion to fly from now on, and whether its promise holds: no contact while it is verified.
 
     Args:
         around: what is around.
-        flown: the motion that is flown, as left from now on.
+        flown: the motion that is flown, as left from now on, and how long it is verified from now on.
         choice: motions that are tried. Static.
         bounds: that movers are assumed to keep. Static.
         keeping: distances. Static.
     """
-    tried = motions(choice, flown.place, flown.velocity, _towards(around.guide, flown, choice))
-    every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), flown, tried)
+    present = flown.motion
+    tried = motions(choice, present.place, present.velocity, _towards(around.guide, present, choice))
+    every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, bounds, keeping)
     some = jnp.any(scored.verified)
     best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
+    keeps = (flown.verified >= keeping.step) & (scored.free[0] > flown.verified) & scored.allowed[0]
     # Longest out of the sets; among equals, far from where movers are likely, and on the way.
     hope = scored.free + 0.5 * jnp.minimum(scored.margin, 1.0) - 0.02 * scored.cost
     last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 100.0))
-    taken = jnp.where(some, best, last)
-    return jax.tree.map(lambda x: x[taken], every), some
+    taken = jnp.where(some, best, jnp.where(keeps, 0, last))
+    verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
+    motion: Motion = jax.tree.map(lambda x: x[taken], every)
+    return Commitment(motion, verified), some | keeps
 
 
 def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:

@@ -108,9 +108,7 @@ class MotionSet:
     def __post_init__(self) -> None:
         least = max(self.brakes) + self.speed / self.acceleration
         if not self.horizon >= least:
-            raise ValueError(
-                f"MotionSet.horizon: expected at least {least:.2f} s to come to rest, given {self.horizon}"
-            )
+            raise ValueError(f"MotionSet.horizon: expected {least:.2f} s or more to come to rest, given {self.horizon}")
 
     @property
     def targets(self) -> Float[np.ndarray, "n 3"]:

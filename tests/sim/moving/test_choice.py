@@ -1,0 +1,157 @@
+"""Motions that are called verified, against movers that do their worst and walls, in float64; and what is kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maxjax.sim.moving.choice import Around, Commitment, Keeping, chosen, score
+from maxjax.sim.moving.hard_set import hard_set
+from maxjax.sim.moving.local_value import LocalValue
+from maxjax.sim.moving.motions import Motion, MotionSet, at, motions
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody
+
+BOUNDS = Bounds(speed=4.0, acceleration=2.0, size=1.0)
+CHOICE = MotionSet(speed=5.0, acceleration=4.0, directions=24, brakes=(0.3, 0.8), horizon=2.2)
+KEEPING = Keeping(radius=0.8, wall=1.0)
+SHAPE, SPACING = (21, 21, 11), 2.0
+ORIGIN = -SPACING * np.array([10.0, 10.0, 5.0])
+CENTRES = ORIGIN + SPACING * np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), -1)
+
+
+def around(tracks: Tracks, blocked: np.ndarray | None = None, seen: np.ndarray | None = None) -> Around:
+    """An open sky, or what is given; the way leads east."""
+    blocked = np.zeros(SHAPE, bool) if blocked is None else blocked
+    seen = ~blocked if seen is None else seen
+    origin = jnp.asarray(ORIGIN, jnp.float32)
+    hard = hard_set(jnp.asarray(blocked), jnp.asarray(seen), origin, SPACING)
+    return Around(tracks, hard, LocalValue(jnp.asarray(30.0 - CENTRES[..., 0], jnp.float32), origin, SPACING))
+
+
+def at_rest(place: np.ndarray, verified: float = 0.0) -> Commitment:
+    zero = jnp.zeros(3)
+    motion = Motion(jnp.asarray(place, jnp.float32), zero, zero, jnp.float32(0.0), jnp.float32(CHOICE.acceleration))
+    return Commitment(motion, jnp.float32(verified))
+
+
+def crowd(rng: np.random.Generator, count: int) -> Tracks:
+    """Movers around the origin, none nearer than six metres, as sets of some width."""
+    place = rng.normal(size=(count, 3)) * [8.0, 8.0, 3.0]
+    place *= np.maximum(1.0, 6.0 / np.linalg.norm(place, axis=1, keepdims=True))
+    velocity = rng.uniform(-2.0, 2.0, (count, 3))
+    given = {"low": place - 0.1, "high": place + 0.1, "slowest": velocity - 0.3, "fastest": velocity + 0.3}
+    given |= {"half": rng.uniform(0.2, 0.5, (count, 3)), "place": place, "velocity": velocity}
+    used = jnp.ones(count, bool)
+    tracks = dataclasses.replace(nobody(count), **{k: jnp.asarray(v, jnp.float32) for k, v in given.items()})
+    return dataclasses.replace(tracks, used=used, confirmed=used)
+
+
+choose = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
+
+
+def nearest_approach(rng: np.random.Generator, motion: Motion, tracks: Tracks) -> float:
+    """Least distance from the vehicle to bodies that start anywhere in their sets and chase it within the bounds."""
+    step = 0.01
+    low, high, half = (np.asarray(x, float) for x in (tracks.low, tracks.high, tracks.half))
+    place = rng.uniform(low, high)
+    velocity = rng.uniform(np.asarray(tracks.slowest, float), np.asarray(tracks.fastest, float))
+    least = np.inf
+    for k in range(round(CHOICE.horizon / step) + 1):
+        vehicle = np.asarray(at(motion, jnp.float32(k * step))[0], float)
+        outside = np.maximum(np.abs(vehicle - place) - half, 0.0)
+        least = min(least, np.linalg.norm(outside, axis=1).min())
+        push = np.sign(vehicle - place) * BOUNDS.acceleration
+        after = np.clip(velocity + step * push, -BOUNDS.speed, BOUNDS.speed)
+        place, velocity = place + 0.5 * step * (velocity + after), after
+    return least
+
+
+def test_nobody_who_keeps_the_bounds_can_touch_a_verified_motion() -> None:
+    rng = np.random.default_rng(0)
+    held, moved = 0, 0.0
+    for _ in range(12):
+        tracks = crowd(rng, 4)
+        flown, holds = choose(around(tracks), at_rest(np.zeros(3)))
+        if holds:
+            held += 1
+            moved += float(jnp.linalg.norm(at(flown.motion, jnp.float32(CHOICE.horizon))[0]))
+            assert nearest_approach(rng, flown.motion, tracks) >= KEEPING.radius - 0.02
+    assert held >= 4
+    assert moved / held > 0.5  # and it gets on
+
+
+def test_an_unverified_motion_can_be_touched() -> None:
+    """The chase is able to touch what is not verified, or the test above would show nothing."""
+    rng = np.random.default_rng(1)
+    tracks = crowd(rng, 8)
+    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
+    scored = score(around(tracks), tried, CHOICE, BOUNDS, KEEPING)
+    bad = np.flatnonzero(~np.asarray(scored.verified))
+    touched = [nearest_approach(rng, jax.tree.map(lambda x, k=k: x[k], tried), tracks) < KEEPING.radius for k in bad]
+    assert sum(touched) > 0.5 * len(bad) > 0
+
+
+def test_motions_keep_their_distance_from_walls_and_stay_where_was_seen() -> None:
+    rng = np.random.default_rng(2)
+    blocked = rng.random(SHAPE) < 0.15
+    blocked[9:12, 9:12, 4:7] = False
+    seen = ~blocked & (np.linalg.norm(CENTRES, axis=-1) < 11.0)
+    tried = motions(CHOICE, jnp.zeros(3), jnp.array([2.0, 0.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
+    scored = score(around(nobody(2), blocked, seen), tried, CHOICE, BOUNDS, KEEPING)
+    places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 150)), float)
+    cubes = CENTRES[blocked]
+    outside = np.maximum(np.abs(places[:, :, None] - cubes) - 0.5 * SPACING, 0.0)
+    gap = np.sqrt((outside**2).sum(-1)).min(axis=(1, 2))
+    index = np.floor((places - ORIGIN) / SPACING + 0.5).astype(int)
+    known = seen[tuple(np.moveaxis(index, -1, 0))].all(axis=1)
+    verified = np.asarray(scored.verified)
+    assert 0.2 < verified.mean() < 0.9
+    assert (gap[verified] >= KEEPING.wall - 0.02).all()
+    assert known[verified].all()
+    # What is well clear of everything is not refused.
+    assert verified[(gap > KEEPING.wall + 0.3) & known].all()
+
+
+def test_the_permitted_air_is_not_left() -> None:
+    within = ((-3.0, -30.0, -1.0), (30.0, 30.0, 2.0))
+    given = dataclasses.replace(around(nobody(1)), within=within)
+    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
+    scored = score(given, tried, CHOICE, BOUNDS, KEEPING)
+    places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 23)))
+    inside = ((places >= np.array(within[0]) - 2e-3) & (places <= np.array(within[1]) + 2e-3)).all(axis=(1, 2))
+    assert (np.asarray(scored.verified) == inside).all()
+    assert 0 < inside.sum() < len(inside)
+
+
+def test_what_was_verified_is_kept_until_its_end_and_then_the_trap_is_told() -> None:
+    """A mover whose set soon covers all around: nothing is verified for the whole horizon."""
+    tracks = crowd(np.random.default_rng(3), 1)
+    wide = dataclasses.replace(tracks, place=jnp.array([[6.0, 0.0, 0.0]]), low=jnp.array([[5.0, -1.0, -1.0]]),
+                               high=jnp.array([[7.0, 1.0, 1.0]]), slowest=jnp.full((1, 3), -4.0),
+                               fastest=jnp.full((1, 3), 4.0))  # fmt: skip
+    free = score(around(wide), jax.tree.map(lambda x: x[None], at_rest(np.zeros(3)).motion), CHOICE, BOUNDS, KEEPING)
+    assert 0.5 < float(free.free[0]) < CHOICE.horizon
+    assert not free.verified[0]
+    kept, holds = choose(around(wide), at_rest(np.zeros(3), verified=0.4))
+    assert holds
+    assert float(kept.verified) == pytest.approx(0.4)
+    np.testing.assert_array_equal(kept.motion.target, np.zeros(3))
+    fled, holds = choose(around(wide), at_rest(np.zeros(3)))
+    assert not holds
+    assert float(fled.motion.target[0]) < 0.0  # away from it
+
+
+def test_who_is_too_near_already_gets_away() -> None:
+    tracks = crowd(np.random.default_rng(4), 1)
+    zero = jnp.zeros((1, 3))
+    near = dataclasses.replace(tracks, place=jnp.array([[-0.9, 0.0, 0.0]]), low=jnp.array([[-0.9, 0.0, 0.0]]),
+                               high=jnp.array([[-0.9, 0.0, 0.0]]), slowest=zero, fastest=zero, velocity=zero,
+                               rests=jnp.array([True]), half=jnp.full((1, 3), 0.5))  # fmt: skip
+    flown, holds = choose(around(near), at_rest(np.zeros(3)))
+    assert holds
+    assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
