@@ -1,11 +1,12 @@
 """A rolling map of what the scans have shown: each voxel occupied, seen free, or unknown.
 
     return in the voxel:        evidence ← min(evidence + 2, 6)
-    voxel seen free:            evidence ← max(evidence − 1, 0)        occupied  iff  evidence > 0
+    voxel seen free:            evidence ← max(evidence − loss, 0)     occupied  iff  evidence > 0
 
 Evidence is log-odds in small integers, clamped to 0 to 6. One return occupies a voxel at once; each scan that sees it
-free takes 1 away; within one scan a return takes precedence. The lower bound 0 means that earlier free observations do
-not delay the detection of a new obstacle.
+free takes the map's `loss` away: 1 in a world that stands still; 3 among movers, where two scans clear what is gone.
+Within one scan a return takes precedence. The lower bound 0 means that earlier free observations do not delay the
+detection of a new obstacle.
 
 Frame: the map is a box of voxels aligned with the world's axes that moves by whole voxels. Voxel i has its centre at
 spacing · (corner + i), so one voxel centre lies at the origin; the world's ground is the plane z = 0.
@@ -17,9 +18,8 @@ size over the range image are computed once a scan; then each voxel costs one lo
 one return anywhere on the patch of a wall that a voxel covers keeps it from being seen free, whatever share of the
 beams is lost.
 
-A lost beam measures nothing: it may have met no surface, or dropped out. It counts as free up to the lidar's range only
-in columns (azimuths) where other beams returned; over a city the lower ones always meet the ground. A column without
-returns carries no information and sees no voxel free: neither do an empty scan or a dead sector.
+What a lost beam says: `sim.range_image`. A return whose `hit` was taken away, because it is a mover's, occupies no
+voxel, but still ends its beam: nothing behind a mover is seen free.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ import math
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, UInt8
 
 from maxjax.core.grid import Index3
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Lidar, Scan, directions
+from maxjax.sim.range_image import clear_range, pixel, rise
 
 # Evidence of one return, and its maximum. A single false return is removed by 2 scans that see the voxel free, a
 # maximum by 6.
@@ -45,8 +45,6 @@ _MAXIMUM = 6
 _SEEN = 128
 # Half widths of the minimum filters [channels]. Coarse steps hide voxels beside walls; each filter costs a pass a scan.
 _HALF_WIDTHS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 128)
-# Returns in a column and its two neighbours below which the column counts as without returns.
-_FEWEST_RETURNS = 3
 # A wall measured too far by up to this many standard deviations is not taken for free space.
 _SIGMAS = 3.0
 
@@ -61,31 +59,39 @@ class RollingMap:
             byte a voxel bounds the memory of a batch of flights; read it by `occupied`, `seen` and `ground`.
         corner: index of voxel (0, 0, 0) in the world's lattice.
         spacing: edge of a voxel [m]; static.
+        loss: evidence that a scan takes away which sees a voxel free, 1 to 6; static.
     """
 
     cells: UInt8[Array, "*batch nx ny nz"]
     corner: Int32[Array, "*batch 3"]
     spacing: float = dataclasses.field(metadata={"static": True})
+    loss: int = dataclasses.field(default=1, metadata={"static": True})
 
 
-def empty(position: Float[Array, "3"], shape: Index3 = (101, 101, 101), spacing: float = 2.0) -> RollingMap:
+def empty(
+    position: Float[Array, "3"], shape: Index3 = (101, 101, 101), spacing: float = 2.0, loss: int = 1
+) -> RollingMap:
     """A map without observations, centred on a position.
 
     Args:
         position: world frame [m].
         shape: voxels along x, y, z. Static.
         spacing: edge of a voxel [m]. Static.
+        loss: evidence that a scan takes away which sees a voxel free, 1 to 6. Static.
 
     Raises:
-        ValueError: for a shape that is not three positive integers, or a spacing that is not a positive finite number.
+        ValueError: for a shape that is not three positive integers, a spacing that is not a positive finite number, or
+            another loss.
     """
     if len(shape) != 3 or min(shape) < 1:
         raise ValueError(f"shape: expected three positive integers, given {shape}")
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"spacing: expected a positive number of metres, given {spacing}")
+    if loss not in range(1, _MAXIMUM + 1):
+        raise ValueError(f"loss: expected 1 to {_MAXIMUM}, given {loss}")
     known = jnp.all(jnp.isfinite(position))
     corner = _corner(jnp.where(known, position, 0.0), shape, spacing)
-    return RollingMap(jnp.zeros(shape, jnp.uint8), corner, spacing)
+    return RollingMap(jnp.zeros(shape, jnp.uint8), corner, spacing, loss)
 
 
 def recentre(rolling_map: RollingMap, position: Float[Array, "3"]) -> RollingMap:
@@ -98,7 +104,8 @@ def recentre(rolling_map: RollingMap, position: Float[Array, "3"]) -> RollingMap
     known = jnp.all(jnp.isfinite(position))
     corner = _corner(jnp.where(known, position, 0.0), rolling_map.cells.shape, rolling_map.spacing)
     corner = jnp.where(known, corner, rolling_map.corner)
-    return RollingMap(_moved(rolling_map.cells, corner - rolling_map.corner), corner, rolling_map.spacing)
+    moved = _moved(rolling_map.cells, corner - rolling_map.corner)
+    return dataclasses.replace(rolling_map, cells=moved, corner=corner)
 
 
 def origin(rolling_map: RollingMap) -> Float[Array, "*batch 3"]:
@@ -155,8 +162,8 @@ def fused(
     evidence = cells % _SEEN
     clear = cells - evidence
     more = jnp.minimum(evidence, _MAXIMUM - _RETURN) + _RETURN + clear
-    less = jnp.where(evidence > 0, evidence - 1, evidence) + _SEEN
-    return RollingMap(jnp.where(hit, more, jnp.where(free, less, cells)), rolling_map.corner, rolling_map.spacing)
+    less = jnp.where(evidence > rolling_map.loss, evidence - rolling_map.loss, 0) + _SEEN
+    return dataclasses.replace(rolling_map, cells=jnp.where(hit, more, jnp.where(free, less, cells)))
 
 
 def _corner(position: Float[Array, "3"], shape: tuple[int, ...], spacing: float) -> Int32[Array, "3"]:
@@ -211,9 +218,7 @@ def _seen_free(
     # The cube reaches this far beyond its centre along the line of sight.
     far = distance + half * span * inverse + _SIGMAS * lidar.range_noise
 
-    rise = math.radians(lidar.elevation_max - lidar.elevation_min) / (lidar.channels - 1)
-    channel = (_arctan2(z, jnp.sqrt(level_squared)) - math.radians(lidar.elevation_min)) / rise
-    column = _arctan2(y, x) * (columns / (2.0 * math.pi))
+    channel, column = pixel(x, y, z, level_squared, lidar)
     row = jnp.floor(channel + 0.5).astype(jnp.int32)
     turn = jnp.floor(column + 0.5).astype(jnp.int32) % columns
 
@@ -222,7 +227,7 @@ def _seen_free(
     inside = (row >= 0) & (row < lidar.channels)
     near = distance < 2.0 * half
     around = (jnp.abs(centre[0]) <= half) & (jnp.abs(centre[1]) <= half) & (jnp.abs(centre[2]) <= half)
-    needed = jnp.where(around | (near & ~inside), float(_HALF_WIDTHS[-1]), half * inverse / rise)
+    needed = jnp.where(around | (near & ~inside), float(_HALF_WIDTHS[-1]), half * inverse / rise(lidar))
     level = sum((needed > w + 0.5).astype(jnp.int32) for w in _HALF_WIDTHS[:-1])
     flat = (level * lidar.channels + jnp.clip(row, 0, lidar.channels - 1)) * columns + turn
     return (inside | near) & (minima.reshape(-1)[flat] > far)
@@ -235,15 +240,11 @@ def _along(axis: int, values: Float[Array, " n"]) -> Float[Array, "..."]:
 
 def _minima(scan: Scan, lidar: Lidar) -> Float[Array, "level channel column"]:
     """Minimum filters of the range image, of growing size; zero where a column in the filter has no returns."""
-    image = scan.distance.reshape(lidar.channels, -1)
-    hit = scan.hit.reshape(lidar.channels, -1)
+    image = clear_range(scan, lidar)
     columns = image.shape[1]
-    returns = jnp.sum(hit, axis=0)
-    informative = returns + jnp.roll(returns, 1) + jnp.roll(returns, -1) >= _FEWEST_RETURNS
-    image = jnp.where(hit, image, jnp.where(informative, lidar.max_range, 0.0))
     # Beams are denser along a channel than across: the same angle spans more of them.
-    rise = (lidar.elevation_max - lidar.elevation_min) / (lidar.channels - 1)
-    wide = [min(math.ceil(w * rise * columns / 360.0), columns // 2) for w in _HALF_WIDTHS]
+    step = (lidar.elevation_max - lidar.elevation_min) / (lidar.channels - 1)
+    wide = [min(math.ceil(w * step * columns / 360.0), columns // 2) for w in _HALF_WIDTHS]
     high = [min(w, lidar.channels) for w in _HALF_WIDTHS]
     # Padding: azimuths are periodic; above and below the field of view there are no beams.
     image = jnp.concatenate([image[:, columns - wide[-1] :], image, image[:, : wide[-1]]], axis=1)
@@ -266,21 +267,3 @@ def _minimum_of(image: Float[Array, "a b"], axis: int, beams: int, target: int) 
         first, last = (lax.slice_in_dim(image, k, n - step + k, axis=axis) for k in (0, step))
         image, beams = jnp.minimum(first, last), beams + step
     return image, beams
-
-
-# Odd minimax polynomial of arctan on [0, 1], good to 1e-5 rad: a thousandth of the angle between beams.
-_ARCTAN = (0.9998660, -0.3302995, 0.1801410, -0.0851330, 0.0208351)
-
-
-def _arctan2(y: Array, x: Array) -> Array:
-    """Angle of (x, y) [rad]; several times faster on CPU than `jnp.arctan2`, which XLA does not vectorise there."""
-    a, b = jnp.abs(x), jnp.abs(y)
-    t = jnp.minimum(a, b) / jnp.maximum(jnp.maximum(a, b), 1e-12)
-    q = t * t
-    angle = jnp.zeros_like(t)
-    for coefficient in reversed(_ARCTAN):
-        angle = angle * q + coefficient
-    angle = angle * t
-    angle = jnp.where(b > a, 0.5 * np.pi - angle, angle)
-    angle = jnp.where(x < 0, np.pi - angle, angle)
-    return jnp.where(y < 0, -angle, angle)

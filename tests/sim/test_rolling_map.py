@@ -13,8 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim import rolling_map as module
 from maxjax.sim.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.range_image import arctan2
 from maxjax.sim.rolling_map import RollingMap, empty, fused, ground, occupied, origin, recentre, seen
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
 from maxjax.worlds.raycast import cast_rays
@@ -48,6 +48,10 @@ STREET = street()
 def grid_of(rolling_map: RollingMap) -> Grid:
     x, y, z = (float(c) for c in origin(rolling_map))
     return Grid(rolling_map.cells.shape, rolling_map.spacing, (x, y, z))
+
+
+def voxel_at(rolling_map: RollingMap, *point: float) -> tuple[int, ...]:
+    return tuple(int(i) for i in np.floor((np.array(point) - np.asarray(origin(rolling_map))) / 2.0 + 0.5))
 
 
 def lost(result: Scan, kept: np.ndarray) -> Scan:
@@ -262,11 +266,51 @@ def test_batches_equal_the_loop_and_a_nan_touches_no_other() -> None:
     assert batch.cells.dtype == jnp.uint8
 
 
+def test_a_mover_occupies_nothing_and_hides_what_is_behind_it() -> None:
+    """A block in front of the wall: with its hits taken away the map has neither it nor anything free behind it."""
+    block = Geoms(jnp.array([[0.0, 4.0, 3.0]]), jnp.eye(3)[None], jnp.array([[1.5, 0.5, 1.5]]), (BOX,))
+    at = jnp.array([0.0, 0.0, 3.0])
+    result = jit_scan(concatenate([STREET, block]), CLEAN, at, LEVEL, KEY)
+    points = np.asarray(result.points)
+    on_block = (np.abs(points[:, 0]) < 1.6) & (points[:, 1] > 3.0) & (points[:, 1] < 5.0) & (points[:, 2] > 1.4)
+    assert on_block.sum() > 100
+    before = jit_fuse(empty(at, SHAPE), jit_scan(STREET, CLEAN, at, LEVEL, KEY), CLEAN, at, LEVEL)
+    masked = dataclasses.replace(result, hit=result.hit & ~jnp.asarray(on_block))
+    after = jit_fuse(before, masked, CLEAN, at, LEVEL)
+    block_voxel, wall = voxel_at(before, 0.0, 4.0, 3.0), voxel_at(before, 0.0, 8.2, 3.0)
+    assert occupied(jit_fuse(before, result, CLEAN, at, LEVEL))[block_voxel]
+    assert not occupied(after)[block_voxel]
+    assert occupied(before)[wall]
+    assert after.cells[wall] == before.cells[wall]
+    # Removed with their distances, they would have shown the wall behind them to be gone.
+    gone = jit_fuse(before, lost(result, ~on_block), CLEAN, at, LEVEL)
+    assert gone.cells[wall] % 128 < before.cells[wall] % 128
+
+
+def test_a_ghost_fades_in_two_scans_of_a_map_that_forgets() -> None:
+    at = jnp.array([0.0, 0.0, 3.0])
+    ghost = Geoms(jnp.array([[0.0, 4.0, 3.0]]), jnp.eye(3)[None], jnp.array([[1.0, 0.3, 1.0]]), (BOX,))
+    shown = jit_scan(concatenate([STREET, ghost]), CLEAN, at, LEVEL, KEY)
+    clear = jit_scan(STREET, CLEAN, at, LEVEL, KEY)
+    needed = {}
+    for loss in (1, 3):
+        rolling_map = empty(at, SHAPE, loss=loss)
+        voxel = voxel_at(rolling_map, 0.0, 4.0, 3.0)
+        for _ in range(4):
+            rolling_map = jit_fuse(rolling_map, shown, CLEAN, at, LEVEL)
+        needed[loss] = 0
+        while occupied(rolling_map)[voxel]:
+            rolling_map = jit_fuse(jit_recentre(rolling_map, at), clear, CLEAN, at, LEVEL)
+            needed[loss] += 1
+        assert seen(rolling_map)[voxel]
+    assert needed == {1: 6, 3: 2}
+
+
 def test_the_angle_is_good_to_a_thousandth_of_a_beam() -> None:
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-3, 3, (2, 20_000))
     x, y = np.concatenate([x, [0, 0, 1, -1]]), np.concatenate([y, [1, -1, 0, 0]])
-    given = np.asarray(module._arctan2(jnp.asarray(y, jnp.float32), jnp.asarray(x, jnp.float32)), float)
+    given = np.asarray(arctan2(jnp.asarray(y, jnp.float32), jnp.asarray(x, jnp.float32)), float)
     error = np.angle(np.exp(1j * (given - np.arctan2(y, x))))
     assert np.abs(error).max() < 1.5e-5
 
@@ -277,5 +321,7 @@ def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         empty(jnp.zeros(3), (0, 5, 5))
     with pytest.raises(ValueError, match="spacing"):
         empty(jnp.zeros(3), SHAPE, spacing=float("nan"))
+    with pytest.raises(ValueError, match="loss: expected 1 to 6, given 0"):
+        empty(jnp.zeros(3), SHAPE, loss=0)
     with pytest.raises(ValueError, match="expected 32768 rays"):
         fused(empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL)
