@@ -94,8 +94,8 @@ def reachable(
     return jnp.where(used, least, jnp.nan), jnp.where(used, greatest, jnp.nan)
 
 
-def propagated(tracks: Tracks, time: Float[Array, ""] | float, bounds: Bounds) -> Tracks:
-    """The tracks a time later [s], without a measurement."""
+def propagated(tracks: Tracks, time: Array | float, bounds: Bounds) -> Tracks:
+    """The tracks a time later [s], one for all or (s, 1), without a measurement."""
     change = jnp.where(tracks.rests[:, None], 0.0, bounds.acceleration * time)
     down, up = _moved(tracks, time, bounds)
     return dataclasses.replace(

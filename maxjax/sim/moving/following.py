@@ -1,0 +1,257 @@
+"""Following movers from scan to scan: guaranteed estimation of place and velocity.
+
+    place      ←  (place, propagated to the time of the measurement) ∩ measured
+    velocity   ←  velocity ∩ [ (p⁻ − P⁺)/T − A T/2,  (p⁺ − P⁻)/T + A T/2 ]       for earlier sets [P⁻, P⁺], T before
+
+The mean velocity between two times lies within A T / 2 of the one at the later time. Where an intersection is empty, the
+mover broke its bound, or the measurement is another one's: the slot is flagged, and its set begins again.
+
+A track of a mover that was not seen is propagated. In plain view it is given up after some looks; hidden, beyond reach
+or outside the field of view it is kept until its set says nothing any more.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.sim.moving.assignment import assigned
+from maxjax.sim.moving.estimate import Estimate, corrected, predicted
+from maxjax.sim.moving.sets import Tracks, nobody, propagated
+from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.visible import Visible
+
+# Earlier sets that velocities are taken from; a look each.
+_EARLIER = 10
+# A measurement that no set expects, but this near to where a track was expected, is its [m].
+_BROKE = 1.5
+# Looks in which a new track has to be seen again.
+_TENTATIVE = 2
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Following:
+    """Tracks and what they are made from; batch axes lead.
+
+    Attributes:
+        tracks: at `time`.
+        estimate: of their places and velocities.
+        low, high: sets of places after earlier looks, newest first [m]; infinite where there were none.
+        times: of these [s].
+        rested: how long each has not moved [s].
+        time: of the last look [s]; -infinity before the first.
+    """
+
+    tracks: Tracks
+    estimate: Estimate
+    low: Float[Array, "*batch j s 3"]
+    high: Float[Array, "*batch j s 3"]
+    times: Float[Array, "*batch j"]
+    rested: Float[Array, "*batch s"]
+    time: Float[Array, "*batch"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Matches:
+    """What became of one look's measurements; batch axes lead.
+
+    Attributes:
+        of_track: the measurement of each slot, or -1.
+        broken: slots whose set did not hold what was measured, or that are larger than assumed.
+        appeared: slots that were confirmed just now.
+        left_out: whether a measurement found no slot.
+    """
+
+    of_track: Int32[Array, "*batch s"]
+    broken: Bool[Array, "*batch s"]
+    appeared: Bool[Array, "*batch s"]
+    left_out: Bool[Array, "*batch"]
+
+
+def nobody_followed(sight: Sight) -> Following:
+    """No tracks."""
+    s = sight.slots
+    zero, never = jnp.zeros((s, 3)), jnp.full((_EARLIER, s, 3), jnp.inf)
+    estimate = Estimate(zero, zero, zero, zero, zero)
+    times = jnp.full(_EARLIER, -jnp.inf)
+    return Following(nobody(s), estimate, -never, never, times, jnp.zeros(s), jnp.asarray(-jnp.inf))
+
+
+def awaited(state: Following, time: Float[Array, ""], sight: Sight) -> Following:
+    """The tracks at a later time, without measurements."""
+    passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
+    tracks = propagated(state.tracks, passed, sight.bounds)
+    return dataclasses.replace(
+        state, tracks=tracks, estimate=predicted(state.estimate, jnp.reshape(passed, (1, 1))), time=time
+    )
+
+
+def followed(
+    state: Following, seen: Visible, plain: Bool[Array, " s"], time: Float[Array, ""], sight: Sight
+) -> tuple[Following, Matches]:
+    """The tracks after a look.
+
+    Args:
+        state: after the last look.
+        seen: bodies in the scan.
+        plain: slots whose mover, where it is expected, would be seen.
+        time: of the end of the scan [s].
+        sight: settings. Static.
+    """
+    later = awaited(state, time, sight)
+    chosen = assigned(_cost(later, seen, sight))
+    matched = chosen >= 0
+    tracks, estimate, broken = _measured(state, later, seen, chosen, sight)
+    missed = jnp.where(matched, 0, tracks.missed + (plain & ~_covered(tracks, seen)))
+    tracks = dataclasses.replace(tracks, seen=tracks.seen + matched, missed=missed)
+    confirmed = tracks.used & (tracks.confirmed | (tracks.seen >= 2))
+    appeared = confirmed & ~tracks.confirmed
+    patience = jnp.where(confirmed, sight.misses, _TENTATIVE)
+    known = jnp.all(tracks.high - tracks.low <= 2.0 * sight.lost, axis=1)
+    used = tracks.used & (missed < patience) & known
+    tracks = dataclasses.replace(tracks, used=used, confirmed=confirmed & used)
+
+    passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
+    still = used & (jnp.linalg.norm(estimate.velocity, axis=1) < sight.still)
+    rested = jnp.where(still, later.rested + jnp.where(matched, passed, 0.0), 0.0)
+    never = broken[:, None]
+    low = jnp.where(never, -jnp.inf, state.low)
+    high = jnp.where(never, jnp.inf, state.high)
+    after = Following(tracks, estimate, low, high, state.times, rested, time)
+    after, chosen, left_out = _born(after, seen, chosen, sight)
+    sets = (after.tracks.low[None], after.tracks.high[None])
+    after = dataclasses.replace(
+        after,
+        low=jnp.concatenate([sets[0], after.low[:-1]]),
+        high=jnp.concatenate([sets[1], after.high[:-1]]),
+        times=jnp.concatenate([jnp.reshape(time, (1,)), after.times[:-1]]),
+    )
+    grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
+    return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
+
+
+def resting(state: Following, sight: Sight) -> Bool[Array, " s"]:
+    """Slots whose mover has stopped: the map may take it over."""
+    return state.tracks.used & (state.rested >= sight.rest)
+
+
+def _cost(later: Following, seen: Visible, sight: Sight) -> Float[Array, "s d"]:
+    """Distance from where a track was expected when a body was measured [m]; infinite where it cannot be the same."""
+    tracks, age = later.tracks, seen.age[None, :, None]
+    expected = tracks.place[:, None] - age * tracks.velocity[:, None]
+    distance = jnp.linalg.norm(expected - seen.place[None], axis=-1)
+    moved = sight.bounds.speed * age
+    overlap = (tracks.low[:, None] <= seen.high[None] + moved) & (seen.low[None] - moved <= tracks.high[:, None])
+    possible = jnp.all(overlap, axis=-1) | (distance < _BROKE)
+    # Confirmed tracks choose first.
+    possible &= tracks.used[:, None] & seen.used[None]
+    return jnp.where(possible, distance + jnp.where(tracks.confirmed, 0.0, 0.5)[:, None], jnp.inf)
+
+
+def _measured(
+    state: Following, later: Following, seen: Visible, chosen: Int32[Array, " s"], sight: Sight
+) -> tuple[Tracks, Estimate, Bool[Array, " s"]]:
+    """Sets and estimates with the measurements that belong to them, at the time of the look."""
+    matched, index = (chosen >= 0)[:, None], jnp.maximum(chosen, 0)
+    age = jnp.where(matched, seen.age[index][:, None], 0.0)
+    passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(later.time - state.time, 0.0), 0.0)
+    age = jnp.minimum(age, passed)
+    bounds, measured = sight.bounds, (seen.low[index], seen.high[index])
+    # At the time of the measurement.
+    then = propagated(state.tracks, passed - age, bounds)
+    low, high = jnp.maximum(then.low, measured[0]), jnp.minimum(then.high, measured[1])
+    slowest, fastest = _between(state, low, high, later.time - age, sight)
+    slowest, fastest = jnp.maximum(then.slowest, slowest), jnp.minimum(then.fastest, fastest)
+    empty = jnp.any((low > high) | (slowest > fastest + 1e-3), axis=1, keepdims=True) & matched
+    low, high = jnp.where(empty, measured[0], low), jnp.where(empty, measured[1], high)
+    slowest = jnp.where(empty, -bounds.speed, jnp.minimum(slowest, fastest))
+    fastest = jnp.where(empty, bounds.speed, fastest)
+    estimate = corrected(predicted(state.estimate, passed - age), seen.place[index], seen.variance[index])
+    estimate = dataclasses.replace(
+        estimate,
+        place=jnp.clip(estimate.place, low, high),
+        velocity=jnp.clip(estimate.velocity, slowest, fastest),
+    )
+    known = dataclasses.replace(
+        then, low=low, high=high, slowest=slowest, fastest=fastest, half=seen.half[index],
+        place=estimate.place, velocity=estimate.velocity,
+    )  # fmt: skip
+    known, estimate = propagated(known, age, bounds), predicted(estimate, age)
+    tracks, estimate = jax.tree.map(
+        lambda a, b: jnp.where(matched if a.ndim == 2 else matched[:, 0], a, b),
+        (known, estimate),
+        (later.tracks, later.estimate),
+    )
+    return tracks, estimate, empty[:, 0]
+
+
+def _between(
+    state: Following, low: Float[Array, "s 3"], high: Float[Array, "s 3"], time: Float[Array, "s 1"], sight: Sight
+) -> tuple[Float[Array, "s 3"], Float[Array, "s 3"]]:
+    """Set of the velocity at a time from the sets of places then and before."""
+    since = time[None] - state.times[:, None, None]
+    apart = jnp.isfinite(since) & (since > 1e-3)
+    since = jnp.where(apart, since, 1.0)
+    turned = 0.5 * sight.bounds.acceleration * since
+    slowest = jnp.where(apart, (low[None] - state.high) / since - turned, -jnp.inf)
+    fastest = jnp.where(apart, (high[None] - state.low) / since + turned, jnp.inf)
+    return jnp.max(slowest, axis=0), jnp.min(fastest, axis=0)
+
+
+def _covered(tracks: Tracks, seen: Visible) -> Bool[Array, " s"]:
+    """Tracks in whose place something moves, though it was taken for another one."""
+    low, high = tracks.place - tracks.half, tracks.place + tracks.half
+    meets = jnp.all((low[:, None] <= seen.seen_high[None]) & (seen.seen_low[None] <= high[:, None]), axis=-1)
+    return jnp.any(meets & seen.used[None], axis=1)
+
+
+def _born(
+    state: Following, seen: Visible, chosen: Int32[Array, " s"], sight: Sight
+) -> tuple[Following, Int32[Array, " s"], Bool[Array, ""]]:
+    """New tracks from measurements that belong to none, nearest first, in free slots."""
+    tracks, count = state.tracks, seen.used.shape[0]
+    taken = jnp.zeros(count + 1, bool).at[jnp.where(chosen >= 0, chosen, count)].set(True)[:count]
+    # What is seen within the body of a track is a part of it.
+    middle = 0.5 * (seen.seen_low + seen.seen_high)
+    least, greatest = tracks.low - tracks.half, tracks.high + tracks.half
+    within = jnp.all((least[:, None] <= middle[None]) & (middle[None] <= greatest[:, None]), axis=-1)
+    part = jnp.any(within & (tracks.confirmed & (chosen >= 0))[:, None], axis=0)
+    new = seen.used & ~taken & ~part & (seen.count >= 2)
+    order = jnp.cumsum(new) - 1
+    free = ~tracks.used
+    place_of = jnp.cumsum(free) - 1
+    number = jnp.where(new, order, count)
+    # The k-th new one goes to the k-th free slot.
+    which = jnp.full(count + 1, -1).at[number].set(np.arange(count), mode="drop")
+    which = which.at[count].set(-1)
+    source = jnp.where(free, which[jnp.minimum(place_of, count)], -1)
+    born, index = (source >= 0)[:, None], jnp.maximum(source, 0)
+    top = sight.bounds.speed
+    zero = jnp.zeros_like(tracks.low)
+    fresh = Tracks(
+        low=seen.low[index], high=seen.high[index], slowest=zero - top, fastest=zero + top, half=seen.half[index],
+        used=born[:, 0], confirmed=jnp.zeros_like(tracks.used), place=seen.place[index], velocity=zero,
+        seen=jnp.ones_like(tracks.seen), missed=jnp.zeros_like(tracks.missed),
+    )  # fmt: skip
+    fresh = propagated(fresh, seen.age[index][:, None], sight.bounds)
+    guess = Estimate(seen.place[index], zero, seen.variance[index], zero, zero + top**2 / 3.0)
+    guess = predicted(guess, seen.age[index][:, None])
+
+    def either(a: Array, b: Array) -> Array:
+        return jnp.where(born if a.ndim == 2 else born[:, 0], a, b)
+
+    after = dataclasses.replace(
+        state,
+        tracks=jax.tree.map(either, fresh, tracks),
+        estimate=jax.tree.map(either, guess, state.estimate),
+        low=jnp.where(born, -jnp.inf, state.low),
+        high=jnp.where(born, jnp.inf, state.high),
+        rested=jnp.where(born[:, 0], 0.0, state.rested),
+    )
+    return after, jnp.where(born[:, 0], source, chosen).astype(jnp.int32), jnp.sum(new) > jnp.sum(free)

@@ -1,0 +1,113 @@
+"""Range images of the last looks, and what they say of a place: nothing was there, or something was.
+
+    nothing stood at p at that time   ⟸   |p − x| + margin < min over the beams around p of their range
+    something did                     ⟸   | |p − x| − that minimum | ≤ margin
+
+x is where the sensor was. The minimum is over the 3 x 3 beams around p's direction: they enclose p, so that of a surface
+that is sampled at most as coarsely as beams are spaced one beam is at least as near as p; what lies between two beams
+alone (a wire, a far lamp post) can be missed. Beyond the field of view, in columns without returns, and where all beams
+ended at a mover, nothing is known.
+
+Beams that ended at a mover are no part of the background: they are left out of the minimum. So a mover lights up against
+what stands behind it, and not against where it was itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.programs.lowering import matmul
+from maxjax.sim.lidar import Scan
+from maxjax.sim.moving.sight import Sight
+from maxjax.sim.range_image import clear_range, pixel
+
+# Largest error of a minimum over beams as the range of a surface: so much [m], and so much of the range.
+_MARGIN, _SLOPE = 0.1, 0.01
+_SIGMAS = 5.0
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """Posed range images, newest first; batch axes lead.
+
+    Attributes:
+        background: least range over 3 x 3 beams without those of movers [m]; 0 where nothing is known.
+        position, rotation: of the sensor, world frame [m].
+        time: of each [s]; -infinity where there is none yet.
+    """
+
+    background: Float[Array, "*batch k channels columns"]
+    position: Float[Array, "*batch k 3"]
+    rotation: Float[Array, "*batch k 3 3"]
+    time: Float[Array, "*batch k"]
+
+
+def nothing_remembered(sight: Sight) -> Memory:
+    """No images."""
+    k, lidar = sight.images, sight.lidar
+    rotation = jnp.broadcast_to(jnp.eye(3), (k, 3, 3))
+    return Memory(jnp.zeros((k, lidar.channels, lidar.columns)), jnp.zeros((k, 3)), rotation, jnp.full(k, -jnp.inf))
+
+
+def remembered(
+    memory: Memory, scan: Scan, moving: Bool[Array, " r"], pose: tuple[Array, Array], time: Array, sight: Sight
+) -> Memory:
+    """The memory with a scan in place of its oldest image, if the newest is old enough.
+
+    Args:
+        memory: so far.
+        scan: its distances.
+        moving: rays that ended at a mover.
+        pose: position [m] and rotation of the sensor; where it is not finite, nothing changes.
+        time: of the end of the scan [s].
+        sight: settings. Static.
+    """
+    position, rotation = pose
+    known = jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(rotation))
+    # Looks are counted in time, which rounds.
+    due = known & (time >= memory.time[0] + sight.apart - 1e-3)
+    new = Memory(_background(scan, moving, sight)[None], position[None], rotation[None], jnp.reshape(time, (1,)))
+    return jax.tree.map(lambda a, b: jnp.where(due, jnp.concatenate([a, b[:-1]]), b), new, memory)
+
+
+def witnesses(
+    memory: Memory, points: Float[Array, "n 3"], sight: Sight
+) -> tuple[Int32[Array, " n"], Int32[Array, " n"]]:
+    """Numbers of images that saw nothing at each place, and that saw something there; world frame [m]."""
+    empty, taken = jax.vmap(_witness, (0, None, None))(memory, points, sight)
+    return jnp.sum(empty, axis=0), jnp.sum(taken, axis=0)
+
+
+def margin(distance: Array, sight: Sight) -> Array:
+    """How far a measured surface may be from the least range around it [m]."""
+    return _MARGIN + sight.pose_error + _SIGMAS * sight.lidar.range_noise + _SLOPE * distance
+
+
+def _witness(
+    image: Memory, points: Float[Array, "n 3"], sight: Sight
+) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+    lidar = sight.lidar
+    x, y, z = matmul(points - image.position, image.rotation).T
+    level_squared = x * x + y * y
+    distance = jnp.sqrt(level_squared + z * z)
+    row, column = pixel(x, y, z, level_squared, lidar)
+    inside = (row >= 0.0) & (row <= lidar.channels - 1)
+    i = jnp.clip(jnp.floor(jnp.where(inside, row, 0.0) + 0.5), 0, lidar.channels - 1).astype(jnp.int32)
+    j = jnp.floor(jnp.where(inside, column, 0.0) + 0.5).astype(jnp.int32) % lidar.columns
+    least = image.background.reshape(-1)[i * lidar.columns + j]
+    known, allowed = inside & (least > 0.0), margin(distance, sight)
+    return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
+
+
+def _background(scan: Scan, moving: Bool[Array, " r"], sight: Sight) -> Float[Array, "channels columns"]:
+    image = jnp.where(moving.reshape(sight.lidar.channels, -1), jnp.inf, clear_range(scan, sight.lidar))
+    image = jnp.minimum(image, jnp.minimum(jnp.roll(image, 1, axis=1), jnp.roll(image, -1, axis=1)))
+    # Azimuths are periodic; above and below the field of view there are no beams.
+    padded = jnp.pad(image, ((1, 1), (0, 0)), constant_values=jnp.inf)
+    least = jnp.minimum(image, jnp.minimum(padded[:-2], padded[2:]))
+    return jnp.where(least < jnp.inf, least, 0.0)

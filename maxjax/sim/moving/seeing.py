@@ -1,0 +1,162 @@
+"""Seeing movers: a look at one scan, from returns to tracks.
+
+    scan → returns that move → clusters → visible bodies → tracks → memory
+
+A return moves if at least two range images of the last looks saw nothing where it is, and none saw something there. Where
+a confirmed track expects its mover, returns count that no image saw: so the whole body of a slow one is found, and one
+that flies away along the line of sight.
+
+What has rested is left to the map: its returns are no longer a mover's, so that it becomes background, and its track
+fades.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from maxjax.programs.lowering import matmul
+from maxjax.sim.lidar import Scan, directions
+from maxjax.sim.moving.clusters import Clusters, clustered
+from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, resting
+from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, witnesses
+from maxjax.sim.moving.sets import Tracks
+from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.visible import visible
+from maxjax.sim.range_image import clear_range, pixel
+
+# Images that must have seen nothing where a return is.
+_WITNESSES = 2
+# A mover that is hidden at its middle, so far in front of its body, is not seen [m].
+_HIDDEN = 0.3
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Seeing:
+    """What is known of movers; batch axes lead.
+
+    Attributes:
+        following: the tracks, and what they are made from.
+        memory: range images of the last looks.
+        moving: rays of the last scan that ended at a confirmed mover: no part of a map.
+        broken: slots whose set did not hold what was measured: the mover broke a bound, or two were confused.
+        near: slots that were confirmed just now, nearer than `Sight.near`.
+        rests: slots whose mover has stopped: the map takes it over.
+        overflow: whether returns, bodies or tracks were left out for want of room.
+    """
+
+    following: Following
+    memory: Memory
+    moving: Bool[Array, "*batch r"]
+    broken: Bool[Array, "*batch s"]
+    near: Bool[Array, "*batch s"]
+    rests: Bool[Array, "*batch s"]
+    overflow: Bool[Array, "*batch"]
+
+    @property
+    def tracks(self) -> Tracks:
+        """Movers that are followed, at the time of the last look."""
+        return self.following.tracks
+
+
+def nothing_seen(sight: Sight) -> Seeing:
+    """The state before the first look."""
+    flags = jnp.zeros(sight.slots, bool)
+    moving = jnp.zeros(sight.lidar.rays, bool)
+    return Seeing(
+        nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, jnp.zeros((), bool)
+    )
+
+
+def look(
+    seeing: Seeing,
+    scan: Scan,
+    position: Float[Array, "3"],
+    rotation: Float[Array, "3 3"],
+    time: Float[Array, ""],
+    sight: Sight,
+) -> Seeing:
+    """What is known after a scan; safe under `jit` and `vmap`.
+
+    Args:
+        seeing: after the last look.
+        scan: its distances; places are computed from the pose given here.
+        position: estimated, of the sensor, world frame [m]. A pose that is not finite shows nothing.
+        rotation: estimated, sensor frame -> world frame.
+        time: of the end of the scan [s].
+        sight: settings. Static.
+
+    Raises:
+        ValueError: for a scan of another sensor.
+    """
+    if scan.distance.shape != (sight.lidar.rays,):
+        raise ValueError(f"look: expected {sight.lidar.rays} rays as in `sight.lidar`, given {scan.distance.shape}")
+    known = jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(rotation))
+    scan = dataclasses.replace(scan, distance=jnp.where(known, scan.distance, jnp.inf))
+    position, rotation = jnp.where(known, position, 0.0), jnp.where(known, rotation, jnp.eye(3))
+    returned = scan.distance < jnp.inf
+    rays = directions(sight.lidar)
+    own = jnp.where(returned, scan.distance, 0.0)[:, None] * rays
+    points = position + matmul(own, rotation.T)
+
+    expected = awaited(seeing.following, time, sight).tracks
+    empty, taken = witnesses(seeing.memory, points, sight)
+    near = returned & (scan.distance <= sight.reach) & (taken == 0)
+    awaits = near & _expected(points, expected)
+    clusters = clustered(own, scan.distance, awaits | (near & (empty >= _WITNESSES)), awaits, sight)
+    bodies = visible(clusters, scan, position, rotation, sight)
+    plain = known & _plain(expected, scan, position, rotation, sight)
+    following, matches = followed(seeing.following, bodies, plain, time, sight)
+
+    stopped = resting(following, sight)
+    moving = _moving(clusters, matches, following.tracks.confirmed & ~stopped, sight)
+    pose = (jnp.where(known, position, jnp.nan), rotation)
+    distance = jnp.linalg.norm(following.tracks.place - position, axis=1)
+    return Seeing(
+        following=following,
+        memory=remembered(seeing.memory, scan, moving, pose, time, sight),
+        moving=moving,
+        broken=matches.broken,
+        near=matches.appeared & (distance < sight.near),
+        rests=stopped,
+        overflow=clusters.overflow | matches.left_out,
+    )
+
+
+def _expected(points: Float[Array, "r 3"], tracks: Tracks) -> Bool[Array, " r"]:
+    """Returns where the body of a confirmed track may be."""
+    low, high = tracks.low - tracks.half, tracks.high + tracks.half
+    low = jnp.where(tracks.confirmed[:, None], low, jnp.inf)
+    inside = jnp.zeros(points.shape[0], bool)
+    for k in range(low.shape[0]):
+        inside |= jnp.all((points >= low[k]) & (points <= high[k]), axis=1)
+    return inside
+
+
+def _plain(
+    tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: Sight
+) -> Bool[Array, " s"]:
+    """Tracks whose mover, where it is expected, lies in the field of view, within reach, and not behind something."""
+    lidar = sight.lidar
+    x, y, z = matmul(tracks.place - position, rotation).T
+    level = x * x + y * y
+    distance = jnp.sqrt(level + z * z)
+    row, column = pixel(x, y, z, level, lidar)
+    inside = (row >= 1.0) & (row <= lidar.channels - 2.0) & (distance < sight.reach)
+    i = jnp.clip(jnp.round(jnp.where(inside, row, 0.0)), 0, lidar.channels - 1).astype(jnp.int32)
+    j = jnp.round(jnp.where(inside, column, 0.0)).astype(jnp.int32) % lidar.columns
+    clear = clear_range(scan, lidar).reshape(-1)[i * lidar.columns + j]
+    body = jnp.max(tracks.half, axis=1) + margin(distance, sight) + _HIDDEN
+    return inside & (clear > 0.0) & (clear > distance - body)
+
+
+def _moving(clusters: Clusters, matches: Matches, movers: Bool[Array, " s"], sight: Sight) -> Bool[Array, " r"]:
+    """Rays that ended at one of the movers."""
+    d = sight.detections
+    chosen = jnp.where(movers & (matches.of_track >= 0), matches.of_track, d)
+    body = jnp.zeros(d + 1, bool).at[chosen].set(True).at[d].set(False)
+    return jnp.zeros(sight.lidar.rays, bool).at[clusters.ray].max(body[clusters.cluster])
