@@ -1,11 +1,15 @@
-"""Clusters: returns of movers that belong together, as connected components in the range image.
+"""Clusters: returns that belong to a body, as connected components in the range image.
 
     p ~ q   ⟺   their pixels are at most 2 channels and 3 columns apart, and |p − q| ≤ gap + 1.3 · rise · range
 
-`rise` is the angle between channels, the coarser one: what is one body is sampled no coarser. Returns are first gathered
-into a list of fixed length, the nearest ones. Labels: each takes the least of its neighbours' labels, passes it on to
-the one whose label it had, and follows labels to labels (pointer jumping); a few turns suffice for blobs, and what they
-leave apart is two clusters, not one lost.
+`rise` is the angle between channels, the coarser one: what is one body is sampled no coarser. Taken are returns that
+move, and all others around these and around where tracks are expected. A component no larger than a body can be, while
+its surroundings were taken, stands free in the air: all of it is the body, if a part of it moves or a track is expected
+there. What is larger is joined to a wall or the ground: of that the moving returns alone are clustered.
+
+Labels: each return takes the least of its neighbours' labels, passes it on to the one whose label it had, and follows
+labels to labels (pointer jumping); a few turns suffice for blobs, and what they leave apart is two clusters, not one
+lost.
 """
 
 from __future__ import annotations
@@ -25,8 +29,26 @@ from maxjax.sim.range_image import rise
 _ROWS, _COLUMNS = 2, 3
 _GAP, _STEPS = 0.2, 1.3
 _TURNS = 6
-# Returns below which a cluster is none, unless a track expects it.
+# Moving returns below which a cluster is none, unless a track expects it.
 _FEWEST = 2
+# How much larger than a body its returns may seem [m].
+_SLACK = 0.2
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Signs:
+    """What is known of each return; batch axes lead.
+
+    Attributes:
+        moves: nothing stood there before.
+        expected: a track is expected there.
+        around: it does, is, or has such a one within a body's size.
+    """
+
+    moves: Bool[Array, "*batch r"]
+    expected: Bool[Array, "*batch r"]
+    around: Bool[Array, "*batch r"]
 
 
 @jax.tree_util.register_dataclass
@@ -49,30 +71,38 @@ class Clusters:
     overflow: Bool[Array, "*batch"]
 
 
-def clustered(
-    points: Float[Array, "r 3"], distance: Float[Array, " r"], chosen: Bool[Array, " r"], expected: Array, sight: Sight
-) -> Clusters:
-    """Connected components of the chosen returns.
+def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: Signs, sight: Sight) -> Clusters:
+    """Clusters of returns that belong to bodies.
 
     Args:
-        points: of all rays, in any frame [m].
+        points: of all rays, world frame [m].
         distance: of all rays [m].
-        chosen: rays that returned from a mover.
-        expected: of those, returns where a track is expected: one such makes a cluster.
+        signs: what is known of each return.
         sight: settings. Static.
     """
-    ray, there, left_out = gathered(distance, chosen, sight.points)
-    label = _labels(points, distance, ray, there, sight.lidar)
     size = sight.points
-    count = jnp.zeros(size, jnp.int32).at[label].add(there.astype(jnp.int32))
-    awaited = jnp.zeros(size, bool).at[label].max(there & expected[ray])
-    nearest = jnp.full(size, jnp.inf).at[label].min(jnp.where(there, distance[ray], jnp.inf))
-    kept = (count >= _FEWEST) | awaited
+    ray, there, left_out = gathered(distance, signs.around, size)
+    mine, far, moves = points[ray], distance[ray], signs.moves[ray]
+    neighbour = _neighbours(mine, far, ray, there, sight.lidar)
+    whole = _labels(neighbour)
+    low = jnp.full((size, 3), jnp.inf).at[whole].min(mine)
+    high = jnp.full((size, 3), -jnp.inf).at[whole].max(mine)
+    free = jnp.all(high - low <= sight.bounds.size + _SLACK, axis=1)[whole]
+    # The moving ones alone: other returns are no one's neighbours.
+    both = moves[:, None] & moves[neighbour]
+    part = _labels(jnp.where(both, neighbour, jnp.arange(size, dtype=jnp.int32)[:, None]))
+    label = jnp.where(free, whole, part)
+    belongs = there & (free | moves)
+    count = jnp.zeros(size, jnp.int32).at[label].add(belongs.astype(jnp.int32))
+    moving = jnp.zeros(size, jnp.int32).at[label].add((belongs & moves).astype(jnp.int32))
+    expected = jnp.zeros(size, bool).at[label].max(belongs & signs.expected[ray])
+    nearest = jnp.full(size, jnp.inf).at[label].min(jnp.where(belongs, far, jnp.inf))
+    kept = (moving >= _FEWEST) | (expected & (count > 0))
     # Nearest first: the rank of each kept root.
     value, root = lax.top_k(-jnp.where(kept, nearest, jnp.inf), sight.detections)
     used = value > -jnp.inf
     rank = jnp.full(size, sight.detections).at[root].set(jnp.where(used, np.arange(sight.detections), sight.detections))
-    cluster = jnp.where(there, rank[label], sight.detections)
+    cluster = jnp.where(belongs, rank[label], sight.detections)
     return Clusters(ray, cluster, used, jnp.where(used, count[root], 0), left_out | (jnp.sum(kept) > sight.detections))
 
 
@@ -96,9 +126,10 @@ def gathered(
     return ray, jnp.arange(size) < jnp.sum(within), many
 
 
-def _labels(
-    points: Float[Array, "r 3"], distance: Float[Array, " r"], ray: Array, there: Array, lidar: Lidar
-) -> Int32[Array, " p"]:
+def _neighbours(
+    points: Float[Array, "p 3"], distance: Float[Array, " p"], ray: Array, there: Array, lidar: Lidar
+) -> Int32[Array, "p n"]:
+    """Of each return those near to it in image and space; itself in place of others."""
     size, columns = ray.shape[0], lidar.columns
     own = jnp.arange(size, dtype=jnp.int32)
     at = jnp.full(lidar.rays, -1, jnp.int32).at[jnp.where(there, ray, lidar.rays)].set(own, mode="drop")
@@ -107,14 +138,15 @@ def _labels(
     row, column = (ray // columns)[:, None] + di, ((ray % columns)[:, None] + dj) % columns
     inside = (row >= 0) & (row < lidar.channels)
     other = jnp.where(inside, at[jnp.clip(row, 0, lidar.channels - 1) * columns + column], -1)
-    mine, far = points[ray], distance[ray]
-    apart = jnp.sum((mine[:, None] - mine[other]) ** 2, axis=-1)
-    gap = _GAP + 0.5 * _STEPS * rise(lidar) * (far[:, None] + far[other])
-    neighbour = jnp.where((other >= 0) & there[:, None] & (apart <= gap * gap), other, own[:, None])
+    apart = sum((axis[:, None] - axis[other]) ** 2 for axis in points.T)
+    gap = _GAP + 0.5 * _STEPS * rise(lidar) * (distance[:, None] + distance[other])
+    return jnp.where((other >= 0) & there[:, None] & (apart <= gap * gap), other, own[:, None])
 
+
+def _labels(neighbour: Int32[Array, "p n"]) -> Int32[Array, " p"]:
     def turn(_: int, label: Array) -> Array:
         least = jnp.min(label[neighbour], axis=1)
         passed = jnp.minimum(label, least).at[label].min(least)
         return passed[passed][passed]
 
-    return lax.fori_loop(0, _TURNS, turn, own)
+    return lax.fori_loop(0, _TURNS, turn, jnp.arange(neighbour.shape[0], dtype=jnp.int32))

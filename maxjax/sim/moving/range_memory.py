@@ -77,10 +77,11 @@ def remembered(
 
 def witnesses(
     memory: Memory, points: Float[Array, "n 3"], sight: Sight
-) -> tuple[Int32[Array, " n"], Int32[Array, " n"]]:
-    """Numbers of images that saw nothing at each place, and that saw something there; world frame [m]."""
-    empty, taken = jax.vmap(_witness, (0, None, None))(memory, points, sight)
-    return jnp.sum(empty, axis=0), jnp.sum(taken, axis=0)
+) -> tuple[Int32[Array, " n"], Int32[Array, " n"], Int32[Array, " n"]]:
+    """Numbers of images that saw nothing at each place, that saw something there, and from which it was hidden."""
+    seen = jax.vmap(_witness, (0, None, None))(memory, points, sight)
+    empty, taken, hidden = (jnp.sum(each, axis=0) for each in seen)
+    return empty, taken, hidden
 
 
 def margin(distance: Array, sight: Sight) -> Array:
@@ -90,7 +91,7 @@ def margin(distance: Array, sight: Sight) -> Array:
 
 def _witness(
     image: Memory, points: Float[Array, "n 3"], sight: Sight
-) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+) -> tuple[Bool[Array, " n"], Bool[Array, " n"], Bool[Array, " n"]]:
     lidar = sight.lidar
     x, y, z = matmul(points - image.position, image.rotation).T
     level_squared = x * x + y * y
@@ -101,7 +102,8 @@ def _witness(
     j = jnp.floor(jnp.where(inside, column, 0.0) + 0.5).astype(jnp.int32) % lidar.columns
     least = image.background.reshape(-1)[i * lidar.columns + j]
     known, allowed = inside & (least > 0.0), margin(distance, sight)
-    return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
+    empty, hidden = known & (distance + allowed < least), known & (distance > least + allowed)
+    return empty, known & ~empty & ~hidden, hidden
 
 
 def _background(scan: Scan, moving: Bool[Array, " r"], sight: Sight) -> Float[Array, "channels columns"]:

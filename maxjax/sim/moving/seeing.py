@@ -13,14 +13,16 @@ fades.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Scan, directions
-from maxjax.sim.moving.clusters import Clusters, clustered
+from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
 from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, resting
 from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, witnesses
 from maxjax.sim.moving.sets import Tracks
@@ -30,6 +32,8 @@ from maxjax.sim.range_image import clear_range, pixel
 
 # Images that must have seen nothing where a return is.
 _WITNESSES = 2
+# And that may have seen something, as the nearest to it of a slow one does.
+_DOUBTS = 1
 # A mover that is hidden at its middle, so far in front of its body, is not seen [m].
 _HIDDEN = 0.3
 
@@ -104,10 +108,8 @@ def look(
     points = position + matmul(own, rotation.T)
 
     expected = awaited(seeing.following, time, sight).tracks
-    empty, taken = witnesses(seeing.memory, points, sight)
-    near = returned & (scan.distance <= sight.reach) & (taken == 0)
-    awaits = near & _expected(points, expected)
-    clusters = clustered(own, scan.distance, awaits | (near & (empty >= _WITNESSES)), awaits, sight)
+    signs = _signs(seeing, points, returned & (scan.distance <= sight.reach), position, expected, sight)
+    clusters = clustered(points, scan.distance, signs, sight)
     bodies = visible(clusters, scan, position, rotation, sight)
     plain = known & _plain(expected, scan, position, rotation, sight)
     following, matches = followed(seeing.following, bodies, plain, time, sight)
@@ -127,14 +129,35 @@ def look(
     )
 
 
-def _expected(points: Float[Array, "r 3"], tracks: Tracks) -> Bool[Array, " r"]:
-    """Returns where the body of a confirmed track may be."""
+def _signs(
+    seeing: Seeing, points: Float[Array, "r 3"], near: Bool[Array, " r"], position: Array, tracks: Tracks, sight: Sight
+) -> Signs:
+    empty, taken, _ = witnesses(seeing.memory, points, sight)
+    moves = near & (empty >= _WITNESSES) & (taken <= _DOUBTS)
+    size = sight.bounds.size
+    awaited = tracks.confirmed & ~seeing.rests
+    expected, around = jnp.zeros_like(near), jnp.zeros_like(near)
     low, high = tracks.low - tracks.half, tracks.high + tracks.half
-    low = jnp.where(tracks.confirmed[:, None], low, jnp.inf)
-    inside = jnp.zeros(points.shape[0], bool)
-    for k in range(low.shape[0]):
-        inside |= jnp.all((points >= low[k]) & (points <= high[k]), axis=1)
-    return inside
+    for k in range(sight.slots):
+        expected |= awaited[k] & jnp.all((points >= low[k]) & (points <= high[k]), axis=1)
+        around |= awaited[k] & jnp.all((points >= low[k] - size) & (points <= high[k] + size), axis=1)
+    return Signs(moves, near & expected, near & (around | _beside(points - position, moves, sight)))
+
+
+def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: Sight) -> Bool[Array, " r"]:
+    """Returns that have a moving one at most a body's size away, and some up to twice that: by cells of that size."""
+    size, reach = sight.bounds.size, math.ceil(sight.reach / sight.bounds.size) + 1
+    edge = 2 * reach + 1
+    cell = jnp.clip(jnp.floor(offset / size).astype(jnp.int32) + reach, 0, edge - 1)
+    moving, some, _ = gathered(jnp.linalg.norm(offset, axis=1), moves, sight.points)
+    around = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    cells = jnp.clip(cell[moving][:, None] + around, 0, edge - 1)
+    marked = jnp.zeros(edge**3, bool).at[_flat(cells, edge)].max(some[:, None])
+    return marked[_flat(cell, edge)]
+
+
+def _flat(cell: Int32[Array, "*n 3"], edge: int) -> Int32[Array, "*n"]:
+    return (cell[..., 0] * edge + cell[..., 1]) * edge + cell[..., 2]
 
 
 def _plain(

@@ -42,9 +42,9 @@ class Sight:
     near: float = 10.0
     slots: int = 32
     detections: int = 48
-    points: int = 2048
-    images: int = 4
-    apart: float = 0.15
+    points: int = 4096
+    images: int = 5
+    apart: float = 0.2
     pose_error: float = 0.0
     misses: int = 8
     lost: float = 10.0
