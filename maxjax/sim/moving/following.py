@@ -237,6 +237,7 @@ def _born(
     fresh = Tracks(
         low=seen.low[index], high=seen.high[index], slowest=zero - top, fastest=zero + top, half=seen.half[index],
         used=born[:, 0], confirmed=jnp.zeros_like(tracks.used), place=seen.place[index], velocity=zero,
+        rests=jnp.zeros_like(tracks.used),
         seen=jnp.ones_like(tracks.seen), missed=jnp.zeros_like(tracks.missed),
     )  # fmt: skip
     fresh = propagated(fresh, seen.age[index][:, None], sight.bounds)

@@ -1,0 +1,60 @@
+"""Perception of movers by the flight's own LiDAR: ten looks a second, at the estimated pose."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from maxjax.sim.disturbances import position_error
+from maxjax.sim.moving.among import Flag, Seen
+from maxjax.sim.moving.seeing import Seeing, look, nothing_seen
+from maxjax.sim.moving.sight import Sight
+
+if TYPE_CHECKING:
+    from maxjax.sim.flight_state import Flight, FlightConfig, World
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class LidarPerception:
+    """Tracks of confirmed movers; static.
+
+    Attributes:
+        sight: settings; its sensor is the flight's, its bounds are those that motions are verified with.
+    """
+
+    sight: Sight = Sight()  # noqa: RUF009 (frozen)
+
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+        """Nobody.
+
+        Raises:
+            ValueError: for another sensor than the flight's, or other bounds.
+        """
+        assert config.moving is not None
+        if self.sight.lidar != config.lidar or self.sight.bounds != config.moving.bounds:
+            raise ValueError(
+                "Sight: expected the lidar of the flight and the bounds of its avoidance, given "
+                f"{self.sight.lidar} and {self.sight.bounds}"
+            )
+        return _seen(nothing_seen(self.sight))
+
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+        """After the scan in `flight.scan`."""
+        assert flight.among is not None
+        position = flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
+        seeing = look(
+            flight.among.seen.memory, flight.scan, position, flight.vehicle.rotation, flight.log.duration, self.sight
+        )
+        return _seen(seeing)
+
+
+def _seen(seeing: Seeing) -> Seen:
+    tracks = dataclasses.replace(seeing.tracks, used=seeing.tracks.used & seeing.tracks.confirmed, rests=seeing.rests)
+    up: Bool[Array, " f"] = jnp.zeros(len(Flag), bool)
+    up = up.at[Flag.BOUND].set(jnp.any(seeing.broken)).at[Flag.NEAR].set(jnp.any(seeing.near))
+    return Seen(tracks, seeing.moving, up.at[Flag.CROWDED].set(seeing.overflow), seeing)
