@@ -102,8 +102,8 @@ class MotionSet:
     acceleration: float = 3.0
     directions: int = 48
     shares: tuple[float, ...] = (1.0, 0.5)
-    brakes: tuple[float, ...] = (0.4, 1.2)
-    horizon: float = 3.2
+    brakes: tuple[float, ...] = (0.2, 0.5)
+    horizon: float = 2.2
 
     def __post_init__(self) -> None:
         least = max(self.brakes) + self.speed / self.acceleration

@@ -31,7 +31,7 @@ def integrated(motion: Motion, row: int, end: float, step: float = 1e-3) -> tupl
     return place, velocity
 
 
-@pytest.mark.parametrize("end", [0.3, 0.9, 2.0, 3.2])
+@pytest.mark.parametrize("end", [0.3, 0.9, 1.4, 2.2])
 def test_a_motion_is_where_its_law_leads(end: float) -> None:
     tried = drawn(0)
     for row in range(0, len(tried.brakes), 23):
@@ -58,7 +58,7 @@ def test_no_motion_needs_more_than_it_may_and_each_ends_at_rest() -> None:
 
 def test_what_is_left_of_a_motion_is_the_same_curve() -> None:
     tried = drawn(2)
-    for passed in (0.0, 0.2, 0.7, 1.3, 2.0, 3.0):
+    for passed in (0.0, 0.1, 0.3, 0.7, 1.3, 2.1):
         rest = later(tried, jnp.float32(passed))
         for time in (0.0, 0.15, 0.6, 1.9):
             whole, left = at(tried, jnp.float32(passed + time)), at(rest, jnp.float32(time))
@@ -79,5 +79,5 @@ def test_targets_are_spread_over_all_directions() -> None:
 
 
 def test_a_horizon_too_short_to_come_to_rest_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"horizon: expected 2.87 s or more to come to rest, given 2.0"):
+    with pytest.raises(ValueError, match=r"horizon: expected 2.17 s or more to come to rest, given 2.0"):
         MotionSet(horizon=2.0)
