@@ -8,8 +8,8 @@ that is sampled at most as coarsely as beams are spaced one beam is at least as 
 alone (a wire, a far lamp post) can be missed. Beyond the field of view, in columns without returns, and where all beams
 ended at a mover, nothing is known.
 
-Beams that ended at a mover are no part of the background: they are left out of the minimum. So a mover lights up against
-what stands behind it, and not against where it was itself.
+Beams that ended at a mover are no part of the background, and say nothing of what is around them: the rest of the
+minimum might not enclose p.
 """
 
 from __future__ import annotations
@@ -107,9 +107,8 @@ def _witness(
 
 
 def _background(scan: Scan, moving: Bool[Array, " r"], sight: Sight) -> Float[Array, "channels columns"]:
-    image = jnp.where(moving.reshape(sight.lidar.channels, -1), jnp.inf, clear_range(scan, sight.lidar))
+    image = jnp.where(moving.reshape(sight.lidar.channels, -1), 0.0, clear_range(scan, sight.lidar))
     image = jnp.minimum(image, jnp.minimum(jnp.roll(image, 1, axis=1), jnp.roll(image, -1, axis=1)))
     # Azimuths are periodic; above and below the field of view there are no beams.
     padded = jnp.pad(image, ((1, 1), (0, 0)), constant_values=jnp.inf)
-    least = jnp.minimum(image, jnp.minimum(padded[:-2], padded[2:]))
-    return jnp.where(least < jnp.inf, least, 0.0)
+    return jnp.minimum(image, jnp.minimum(padded[:-2], padded[2:]))
