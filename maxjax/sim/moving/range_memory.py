@@ -18,7 +18,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float
 
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Scan
@@ -75,13 +75,15 @@ def remembered(
     return jax.tree.map(lambda a, b: jnp.where(due, jnp.concatenate([a, b[:-1]]), b), new, memory)
 
 
-def witnesses(
-    memory: Memory, points: Float[Array, "n 3"], sight: Sight
-) -> tuple[Int32[Array, " n"], Int32[Array, " n"], Int32[Array, " n"]]:
-    """Numbers of images that saw nothing at each place, that saw something there, and from which it was hidden."""
-    seen = jax.vmap(_witness, (0, None, None))(memory, points, sight)
-    empty, taken, hidden = (jnp.sum(each, axis=0) for each in seen)
-    return empty, taken, hidden
+def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: Sight) -> Bool[Array, " n"]:
+    """Places, world frame [m], where the last images saw nothing until something came.
+
+    Two images or more saw nothing there, and the two oldest ones did, or at most one saw something: a slow mover stands
+    in the latest images where it is now.
+    """
+    empty, taken = jax.vmap(_witness, (0, None, None))(memory, points, sight)
+    lately = (jnp.sum(empty, axis=0) >= 2) & (jnp.sum(taken, axis=0) <= 1)
+    return lately | (empty[-1] & empty[-2])
 
 
 def margin(distance: Array, sight: Sight) -> Array:
@@ -91,7 +93,7 @@ def margin(distance: Array, sight: Sight) -> Array:
 
 def _witness(
     image: Memory, points: Float[Array, "n 3"], sight: Sight
-) -> tuple[Bool[Array, " n"], Bool[Array, " n"], Bool[Array, " n"]]:
+) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     lidar = sight.lidar
     x, y, z = matmul(points - image.position, image.rotation).T
     level_squared = x * x + y * y
@@ -102,8 +104,7 @@ def _witness(
     j = jnp.floor(jnp.where(inside, column, 0.0) + 0.5).astype(jnp.int32) % lidar.columns
     least = image.background.reshape(-1)[i * lidar.columns + j]
     known, allowed = inside & (least > 0.0), margin(distance, sight)
-    empty, hidden = known & (distance + allowed < least), known & (distance > least + allowed)
-    return empty, known & ~empty & ~hidden, hidden
+    return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
 
 
 def _background(scan: Scan, moving: Bool[Array, " r"], sight: Sight) -> Float[Array, "channels columns"]:

@@ -2,9 +2,9 @@
 
     scan → returns that move → clusters → visible bodies → tracks → memory
 
-A return moves if at least two range images of the last looks saw nothing where it is, and none saw something there. Where
-a confirmed track expects its mover, returns count that no image saw: so the whole body of a slow one is found, and one
-that flies away along the line of sight.
+A return moves if the range images of the last looks saw nothing where it is. Of a body that stands free in the air all
+returns count, if a part of it moves or a confirmed track expects its mover there: so the whole body of a slow one is
+found, and one that flies away along the line of sight.
 
 What has rested is left to the map: its returns are no longer a mover's, so that it becomes background, and its track
 fades.
@@ -24,16 +24,12 @@ from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Scan, directions
 from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
 from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, resting
-from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, witnesses
+from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, was_empty
 from maxjax.sim.moving.sets import Tracks
 from maxjax.sim.moving.sight import Sight
 from maxjax.sim.moving.visible import visible
 from maxjax.sim.range_image import clear_range, pixel
 
-# Images that must have seen nothing where a return is.
-_WITNESSES = 2
-# And that may have seen something, as the nearest to it of a slow one does.
-_DOUBTS = 1
 # A mover that is hidden at its middle, so far in front of its body, is not seen [m].
 _HIDDEN = 0.3
 
@@ -132,8 +128,7 @@ def look(
 def _signs(
     seeing: Seeing, points: Float[Array, "r 3"], near: Bool[Array, " r"], position: Array, tracks: Tracks, sight: Sight
 ) -> Signs:
-    empty, taken, _ = witnesses(seeing.memory, points, sight)
-    moves = near & (empty >= _WITNESSES) & (taken <= _DOUBTS)
+    moves = near & was_empty(seeing.memory, points, sight)
     size = sight.bounds.size
     awaited = tracks.confirmed & ~seeing.rests
     expected, around = jnp.zeros_like(near), jnp.zeros_like(near)

@@ -47,12 +47,13 @@ class Sight:
     apart: float = 0.2
     pose_error: float = 0.0
     misses: int = 8
-    lost: float = 10.0
+    lost: float = 6.0
     rest: float = 1.5
     still: float = 0.3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
+            kept = isinstance(value, (Lidar, Bounds))
             least = "at least 0" if name == "pose_error" else "positive"
             fine = isinstance(value, (Lidar, Bounds)) or (0.0 <= value < math.inf and (value > 0 or name == "pose_error"))
             if not fine:
