@@ -53,6 +53,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trajectories_many", "trajectories"),
         ("onboard_loop", "onboard_loop"),
     ),
+    "A world that moves": (("tracking", "tracking"),),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),
         ("differentiable_design", "differentiable.design"),

@@ -23,7 +23,7 @@ def assigned(cost: Float[Array, "s d"]) -> Int32[Array, " s"]:
         agree = (row[column] == jnp.arange(rows)) & (jnp.min(cost, axis=1) < jnp.inf)
         taken = jnp.zeros(columns, bool).at[column].max(agree)
         cost = jnp.where(agree[:, None] | taken[None], jnp.inf, cost)
-        return jnp.where(agree, column, chosen), cost
+        return jnp.where(agree, column, chosen).astype(jnp.int32), cost
 
-    chosen, _ = lax.fori_loop(0, _TURNS, turn, (jnp.full(rows, -1), cost))
-    return chosen.astype(jnp.int32)
+    chosen: Array = lax.fori_loop(0, _TURNS, turn, (jnp.full(rows, -1, jnp.int32), cost))[0]
+    return chosen

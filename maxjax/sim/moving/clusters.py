@@ -149,4 +149,5 @@ def _labels(neighbour: Int32[Array, "p n"]) -> Int32[Array, " p"]:
         passed = jnp.minimum(label, least).at[label].min(least)
         return passed[passed][passed]
 
-    return lax.fori_loop(0, _TURNS, turn, jnp.arange(neighbour.shape[0], dtype=jnp.int32))
+    label: Array = lax.fori_loop(0, _TURNS, turn, jnp.arange(neighbour.shape[0], dtype=jnp.int32))
+    return label

@@ -3,8 +3,8 @@
     place      ←  (place, propagated to the time of the measurement) ∩ measured
     velocity   ←  velocity ∩ [ (p⁻ − P⁺)/T − A T/2,  (p⁺ − P⁻)/T + A T/2 ]       for earlier sets [P⁻, P⁺], T before
 
-The mean velocity between two times lies within A T / 2 of the one at the later time. Where an intersection is empty, the
-mover broke its bound, or the measurement is another one's: the slot is flagged, and its set begins again.
+The mean velocity between two times lies within A T / 2 of the one at the later time. Where an intersection is empty,
+the mover broke its bound, or the measurement is another one's: the slot is flagged, and its set begins again.
 
 A track of a mover that was not seen is propagated. In plain view it is given up after some looks; hidden, beyond reach
 or outside the field of view it is kept until its set says nothing any more.

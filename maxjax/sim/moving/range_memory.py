@@ -3,10 +3,10 @@
     nothing stood at p at that time   ⟸   |p − x| + margin < min over the beams around p of their range
     something did                     ⟸   | |p − x| − that minimum | ≤ margin
 
-x is where the sensor was. The minimum is over the 3 x 3 beams around p's direction: they enclose p, so that of a surface
-that is sampled at most as coarsely as beams are spaced one beam is at least as near as p; what lies between two beams
-alone (a wire, a far lamp post) can be missed. Beyond the field of view, in columns without returns, and where all beams
-ended at a mover, nothing is known.
+x is where the sensor was. The minimum is over the 3 x 3 beams around p's direction: they enclose p, so that of a
+surface that is sampled at most as coarsely as beams are spaced one beam is at least as near as p; what lies between two
+beams alone (a wire, a far lamp post) can be missed. Beyond the field of view, in columns without returns, and beside
+beams that ended at a mover, nothing is known.
 
 Beams that ended at a mover are no part of the background, and say nothing of what is around them: the rest of the
 minimum might not enclose p.
@@ -72,7 +72,8 @@ def remembered(
     # Looks are counted in time, which rounds.
     due = known & (time >= memory.time[0] + sight.apart - 1e-3)
     new = Memory(_background(scan, moving, sight)[None], position[None], rotation[None], jnp.reshape(time, (1,)))
-    return jax.tree.map(lambda a, b: jnp.where(due, jnp.concatenate([a, b[:-1]]), b), new, memory)
+    shifted: Memory = jax.tree.map(lambda a, b: jnp.where(due, jnp.concatenate([a, b[:-1]]), b), new, memory)
+    return shifted
 
 
 def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: Sight) -> Bool[Array, " n"]:
@@ -91,9 +92,7 @@ def margin(distance: Array, sight: Sight) -> Array:
     return _MARGIN + sight.pose_error + _SIGMAS * sight.lidar.range_noise + _SLOPE * distance
 
 
-def _witness(
-    image: Memory, points: Float[Array, "n 3"], sight: Sight
-) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+def _witness(image: Memory, points: Float[Array, "n 3"], sight: Sight) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     lidar = sight.lidar
     x, y, z = matmul(points - image.position, image.rotation).T
     level_squared = x * x + y * y

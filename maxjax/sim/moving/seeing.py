@@ -67,9 +67,7 @@ def nothing_seen(sight: Sight) -> Seeing:
     """The state before the first look."""
     flags = jnp.zeros(sight.slots, bool)
     moving = jnp.zeros(sight.lidar.rays, bool)
-    return Seeing(
-        nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, jnp.zeros((), bool)
-    )
+    return Seeing(nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, jnp.zeros((), bool))
 
 
 def look(

@@ -43,7 +43,7 @@ class Sight:
     slots: int = 32
     detections: int = 48
     points: int = 4096
-    images: int = 5
+    images: int = 6
     apart: float = 0.2
     pose_error: float = 0.0
     misses: int = 8
@@ -53,8 +53,7 @@ class Sight:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            kept = isinstance(value, (Lidar, Bounds))
-            least = "at least 0" if name == "pose_error" else "positive"
-            fine = isinstance(value, (Lidar, Bounds)) or (0.0 <= value < math.inf and (value > 0 or name == "pose_error"))
-            if not fine:
-                raise ValueError(f"Sight.{name}: expected a finite number, {least}, given {value!r}")
+            least = 0.0 if name == "pose_error" else math.ulp(0.0)
+            if not isinstance(value, (Lidar, Bounds)) and not least <= value < math.inf:
+                expected = "at least 0" if name == "pose_error" else "above 0"
+                raise ValueError(f"Sight.{name}: expected a finite number, {expected}, given {value!r}")

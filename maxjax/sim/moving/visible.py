@@ -5,10 +5,10 @@ A body with a middle (its mirror image in it is itself) reaches from l⁻ to l�
 
     l⁻ ∈ [max(a − δ⁻, b − E), a],   l⁺ ∈ [b, min(b + δ⁺, a + E)]
 
-Across the line of sight δ is a step between beams where the beams beside the body passed it, two where one was lost, and
-unbounded where something nearer, or as near, may hide the rest. Along it δ⁻ is small, for what is seen is the front, and
-δ⁺ is unbounded. The set is the box around that in world axes, within the one of the axes' own points and extents. It is
-widened by noise, pose error, and the time over which the returns were measured.
+Across the line of sight δ is a step between beams where the beams beside the body passed it, two where one was lost,
+and unbounded where something nearer, or as near, may hide the rest. Along it δ⁻ is small, for what is seen is the
+front, and δ⁺ is unbounded. The set is the box around that in world axes, within the one of the axes' own points and
+extents. It is widened by noise, pose error, and the time over which the returns were measured.
 
 It is a set at the middle of that time, `age` before the scan's end. A cluster larger than a body can be is of several
 bodies, or breaks the assumption: then the set is of the middle of any body of which a point is in it.
@@ -119,13 +119,15 @@ def visible(
     narrow = one & jnp.all(narrow_low <= narrow_high, axis=1, keepdims=True)
     widened = (noise + 0.5 * sight.bounds.speed * (oldest - youngest))[:, None]
     place, spread = _estimated(a, b, (low, high), extent, across)
-    spread = jnp.where(jnp.concatenate([jnp.ones_like(front, bool), (before <= 2) & (after <= 2)], 1), spread, high - low)
+    spread = jnp.where(
+        jnp.concatenate([jnp.ones_like(front, bool), (before <= 2) & (after <= 2)], 1), spread, high - low
+    )
     variance = jnp.einsum("dij,dj->di", to_world**2, spread**2 + sight.lidar.range_noise**2)
     return Visible(
         used=clusters.used,
         low=jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened,
         high=jnp.where(narrow, narrow_high, jnp.maximum(box_low, box_high)) + widened,
-        half=0.5 * jnp.maximum(size, seen),
+        half=0.5 * jnp.where(large[:, None], jnp.maximum(size, seen), size),
         large=large & clusters.used,
         place=origin + jnp.einsum("dij,dj->di", to_world, place, precision="highest"),
         variance=variance + widened**2 / 16.0,
