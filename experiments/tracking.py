@@ -71,7 +71,7 @@ class Config:
     counts: tuple[int, ...] = (0, 10, 30)
     speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
     obstacles: tuple[int, ...] = (50, 100, 200)
-    seeds: int = 3
+    seeds: int = 2
     looks: int = 80
     channels: int = 64
     rays: int = 32768
@@ -429,8 +429,8 @@ def section(document: Document) -> str:
     return (
         f"### Seeing movers ({device(document)})\n\n"
         f"A vehicle at 5 m/s that turns and tilts, {config['rays']:,} rays ten times a second; flights of "
-        f"{config['looks']} looks, {config['seeds']} a row.\nCounted are movers with five returns or more within 25 m, a look each; "
-        "errors are medians and root mean squares.\nHeld: middle, velocity and body in the track's set; body: its box "
+        f"{config['looks']} looks, {config['seeds']} a row.\nCounted are movers with five returns or more within 25 m, "
+        "a look each; errors are medians and root mean squares.\nHeld: middle, velocity and body in the track's set; body: its box "
         "alone. First: distance of the first confirmed look.\n*field*: SANDO's obstacles, passed at 5 m/s.\n\n"
         + table(
             ["world", "movers", "m/s", "seen", "recall", "precision", "MOTA", "place [m]", "velocity [m/s]", "held [%]",

@@ -17,7 +17,7 @@ def assigned(cost: Float[Array, "s d"]) -> Int32[Array, " s"]:
     """Column of each row, or -1; a pair whose cost is infinite is none."""
     rows, columns = cost.shape
 
-    def turn(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+    def turn(_: Array | int, state: tuple[Array, Array]) -> tuple[Array, Array]:
         chosen, cost = state
         column, row = jnp.argmin(cost, axis=1), jnp.argmin(cost, axis=0)
         agree = (row[column] == jnp.arange(rows)) & (jnp.min(cost, axis=1) < jnp.inf)

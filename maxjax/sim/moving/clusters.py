@@ -112,7 +112,7 @@ def gathered(
     """Numbers of the nearest chosen rays, which of them are any, and whether some were left out."""
     chosen &= distance < jnp.inf
 
-    def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+    def halve(_: Array | int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
         middle = 0.5 * (low + high)
         fits = jnp.sum(chosen & (distance <= middle)) <= size
@@ -144,7 +144,7 @@ def _neighbours(
 
 
 def _labels(neighbour: Int32[Array, "p n"]) -> Int32[Array, " p"]:
-    def turn(_: int, label: Array) -> Array:
+    def turn(_: Array | int, label: Array) -> Array:
         least = jnp.min(label[neighbour], axis=1)
         passed = jnp.minimum(label, least).at[label].min(least)
         return passed[passed][passed]

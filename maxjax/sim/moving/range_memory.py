@@ -15,6 +15,7 @@ minimum might not enclose p.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +83,8 @@ def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: Sight) -> Bool
     Two images or more saw nothing there, and the two oldest ones did, or at most one saw something: a slow mover stands
     in the latest images where it is now.
     """
-    empty, taken = jax.vmap(_witness, (0, None, None))(memory, points, sight)
+    witness = jax.vmap(functools.partial(_witness, sight=sight), (0, 0, 0, None))
+    empty, taken = witness(memory.background, memory.position, memory.rotation, points)
     lately = (jnp.sum(empty, axis=0) >= 2) & (jnp.sum(taken, axis=0) <= 1)
     return lately | (empty[-1] & empty[-2])
 
@@ -92,16 +94,23 @@ def margin(distance: Array, sight: Sight) -> Array:
     return _MARGIN + sight.pose_error + _SIGMAS * sight.lidar.range_noise + _SLOPE * distance
 
 
-def _witness(image: Memory, points: Float[Array, "n 3"], sight: Sight) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+def _witness(
+    background: Float[Array, "channels columns"],
+    position: Float[Array, "3"],
+    rotation: Float[Array, "3 3"],
+    points: Float[Array, "n 3"],
+    sight: Sight,
+) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
+    """Whether an image saw nothing at each place, and whether it saw something."""
     lidar = sight.lidar
-    x, y, z = matmul(points - image.position, image.rotation).T
+    x, y, z = matmul(points - position, rotation).T
     level_squared = x * x + y * y
     distance = jnp.sqrt(level_squared + z * z)
     row, column = pixel(x, y, z, level_squared, lidar)
     inside = (row >= 0.0) & (row <= lidar.channels - 1)
     i = jnp.clip(jnp.floor(jnp.where(inside, row, 0.0) + 0.5), 0, lidar.channels - 1).astype(jnp.int32)
     j = jnp.floor(jnp.where(inside, column, 0.0) + 0.5).astype(jnp.int32) % lidar.columns
-    least = image.background.reshape(-1)[i * lidar.columns + j]
+    least = background.reshape(-1)[i * lidar.columns + j]
     known, allowed = inside & (least > 0.0), margin(distance, sight)
     return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
 
