@@ -430,8 +430,9 @@ def section(document: Document) -> str:
         f"### Seeing movers ({device(document)})\n\n"
         f"A vehicle at 5 m/s that turns and tilts, {config['rays']:,} rays ten times a second; flights of "
         f"{config['looks']} looks, {config['seeds']} a row.\nCounted are movers with five returns or more within 25 m, "
-        "a look each; errors are medians and root mean squares.\nHeld: middle, velocity and body in the track's set; body: its box "
-        "alone. First: distance of the first confirmed look.\n*field*: SANDO's obstacles, passed at 5 m/s.\n\n"
+        "a look each; errors are medians and root mean squares.\nHeld: middle, velocity and body in the track's set; "
+        "body: its box alone. First: distance of the first confirmed look.\n*field*: SANDO's obstacles, passed at 5 "
+        "m/s.\n\n"
         + table(
             ["world", "movers", "m/s", "seen", "recall", "precision", "MOTA", "place [m]", "velocity [m/s]", "held [%]",
              "body [%]", "first [m]", "false", "broken", "scan + look [ms]"],

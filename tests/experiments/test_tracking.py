@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
-from experiments.tracking import Config, main, section
+import numpy as np
+
+from experiments.tracking import Config, field, main, section
+from maxjax.worlds.movers import places
 
 
 def test_it_runs_and_writes_its_section(tmp_path: Path) -> None:
-    small = {"worlds": ("suburb", "field"), "counts": (3,), "speeds": (5.0,), "obstacles": (6,)}
-    rows = main(Config(**small, seeds=1, looks=8, channels=32, rays=4096, out=tmp_path))
-    assert [row["world"] for row in rows] == ["suburb", "field"]
-    assert all(row["looks"] == 3 for row in rows)
-    text = section(json.loads((tmp_path / "tracking.json").read_text()))
-    assert "| suburb | 3 | 5 |" in text
-    assert "| field | 6 |" in text
+    small = Config(
+        worlds=("suburb",), counts=(2,), speeds=(5.0,), seeds=1, looks=7, channels=16, rays=1024, out=tmp_path
+    )
+    (row,) = main(small)
+    assert (row["world"], row["looks"]) == ("suburb", 2)
+    assert "| suburb | 2 | 5 |" in section(json.loads((tmp_path / "tracking.json").read_text()))
+
+
+def test_its_truth_is_what_the_simulation_moves() -> None:
+    script = field(0, 40, 3)
+    given, velocity = places(script.movers(), np.float32(3.7))
+    expected = script.at(3.7)
+    np.testing.assert_allclose(given, expected[0], atol=1e-4)
+    np.testing.assert_allclose(velocity, expected[1], atol=1e-4)
+    assert np.abs(velocity).max() < 1.8

@@ -43,7 +43,8 @@ def pose(k: int, speed: float) -> tuple[jax.Array, jax.Array]:
     t = 0.1 * k
     angles = np.array([0.6 * np.sin(t), 0.12 * np.sin(2.0 * t), 0.15 * np.sin(3.0 * t)]) * min(speed, 1.0)
     rotation = Rotation.from_euler("ZYX", angles).as_matrix()
-    return jnp.asarray(AT + [0.0, speed * t, 0.0], jnp.float32), jnp.asarray(rotation, jnp.float32)
+    place = AT + np.array([0.0, speed * t, 0.0])
+    return jnp.asarray(place, jnp.float32), jnp.asarray(rotation, jnp.float32)
 
 
 @functools.partial(jax.jit, static_argnums=1)

@@ -91,6 +91,9 @@ def test_in_plain_view_a_track_fades_and_hidden_it_grows_until_it_says_nothing()
     for k in range(5):
         start, _ = jit_followed(start, measured(rng, place, np.zeros(1)), PLAIN, jnp.float32(0.1 * k), SIGHT)
     assert bool(start.tracks.confirmed[0])
+    given = (start, measured(rng, place, np.zeros(1)), PLAIN, jnp.float32(0.5), SIGHT)
+    for a, b in zip(jax.tree.leaves(jit_followed(*given)), jax.tree.leaves(followed(*given)), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-5)
     lives = {}
     for plain in (True, False):
         state, lives[plain] = start, 0

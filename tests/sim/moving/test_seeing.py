@@ -79,12 +79,11 @@ def test_movers_are_found_and_held_by_their_sets() -> None:
 
 
 def test_a_mover_that_is_confirmed_nearby_is_flagged_once() -> None:
-    far, near = (spheres(np.array([[x, -1.5, 4.0]]), np.array([[0.0, 1.5, 0.0]])) for x in (12.0, 6.0))
-    flagged = {
-        x: [bool(seeing.near.any()) for seeing, _ in watched(movers, 12)] for x, movers in enumerate((far, near))
-    }
-    assert sum(flagged[0]) == 0
-    assert sum(flagged[1]) == 1
+    for away, times in ((12.0, 0), (6.0, 1)):
+        movers = spheres(np.array([[away, -1.5, 4.0]]), np.array([[0.0, 1.5, 0.0]]))
+        shown = watched(movers, 12)
+        assert len(confirmed(shown[-1][0])) == 1
+        assert sum(bool(seeing.near.any()) for seeing, _ in shown) == times
 
 
 def test_what_has_stopped_is_left_to_the_map() -> None:
@@ -93,7 +92,7 @@ def test_what_has_stopped_is_left_to_the_map() -> None:
     stays = dataclasses.replace(moves, knots=moves.knots.at[..., 1].set(0.0), velocity=0.0 * moves.velocity)
     sight = dataclasses.replace(SIGHT, rest=0.5, misses=4)
     seeing, states = nothing_seen(sight), []
-    for k in range(34):
+    for k in range(30):
         now = jnp.float32(0.1 * (k + 1))
         movers = moves if k < 10 else stays
         result = fast_scan(CITY, LIDAR, pose(0, 0.0), jax.random.key(k), Moving(movers, now))
@@ -114,7 +113,7 @@ def test_more_movers_than_slots_are_flagged() -> None:
 
 
 def test_bad_scans_and_poses_do_no_harm() -> None:
-    """Bursts of false returns, lost scans, poses that are not numbers, time that stands still: finite, and it recovers."""
+    """False returns, lost scans, poses that are not numbers, time that stands still: all finite, and it recovers."""
     rng, movers, seeing = np.random.default_rng(0), spheres(PLACE, VELOCITY), nothing_seen(SIGHT)
     for k in range(24):
         now = jnp.float32(0.1 * (k + 1))
@@ -141,7 +140,7 @@ def test_bad_scans_and_poses_do_no_harm() -> None:
     assert all(np.linalg.norm(places - p, axis=1).min() < 0.5 for p in truth)
 
 
-def test_a_batch_is_each_of_its_flights_and_jit_changes_nothing() -> None:
+def test_a_batch_is_each_of_its_flights() -> None:
     movers = spheres(PLACE, VELOCITY)
     flights = [watched(None if i else movers, 6, 1.0) for i in range(2)]
     states = jax.tree.map(lambda *x: jnp.stack(x), *[flight[4][0] for flight in flights])
@@ -154,10 +153,6 @@ def test_a_batch_is_each_of_its_flights_and_jit_changes_nothing() -> None:
         one = flight[5][0]
         for a, b in zip(jax.tree.leaves(both), jax.tree.leaves(one), strict=True):
             np.testing.assert_allclose(np.asarray(a[i], float), np.asarray(b, float), atol=2e-3)
-    with jax.disable_jit():
-        eager = look(flights[0][4][0], flights[0][5][1], *pose(5, 1.0), jnp.float32(0.6), SIGHT)
-    np.testing.assert_array_equal(eager.moving, flights[0][5][0].moving)
-    np.testing.assert_allclose(eager.tracks.place, flights[0][5][0].tracks.place, atol=1e-3)
 
 
 def test_another_sensor_is_refused() -> None:
