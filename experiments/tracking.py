@@ -72,7 +72,7 @@ class Config:
     speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
     obstacles: tuple[int, ...] = (50, 100, 200)
     seeds: int = 2
-    looks: int = 80
+    looks: int = 60
     channels: int = 64
     rays: int = 32768
     name: str = "tracking"
@@ -397,8 +397,9 @@ def main(config: Config) -> list[Row]:
         if world != "field":
             kinds = [(n, v) for n in config.counts for v in (config.speeds if n else config.speeds[:1])]
         for count, speed in kinds:
-            bounds = Bounds(2.0, 1.5, 0.8) if world == "field" else Bounds(8.5, 4.0, 1.0)
-            sight, tally = Sight(lidar=lidar, bounds=bounds, slots=32), Tally()
+            dense = Sight(lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8), reach=30.0, slots=64, detections=96)
+            open_ = Sight(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0))
+            sight, tally = dense if world == "field" else open_, Tally()
             for seed in range(config.seeds):
                 script = (
                     field(seed, count, config.looks)

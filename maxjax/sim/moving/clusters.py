@@ -29,8 +29,9 @@ from maxjax.sim.range_image import rise
 _ROWS, _COLUMNS = 2, 3
 _GAP, _STEPS = 0.2, 1.3
 _TURNS = 6
-# Moving returns below which a cluster is none, unless a track expects it.
-_FEWEST = 2
+# Moving returns below which a cluster is none, unless a track expects it: of a body in the air, and of a part of
+# something larger, which may be a beam of a building that was missed before.
+_FEWEST, _FEWEST_ATTACHED = 2, 4
 # How much larger than a body its returns may seem [m].
 _SLACK = 0.2
 
@@ -97,7 +98,8 @@ def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: 
     moving = jnp.zeros(size, jnp.int32).at[label].add((belongs & moves).astype(jnp.int32))
     expected = jnp.zeros(size, bool).at[label].max(belongs & signs.expected[ray])
     nearest = jnp.full(size, jnp.inf).at[label].min(jnp.where(belongs, far, jnp.inf))
-    kept = (moving >= _FEWEST) | (expected & (count > 0))
+    loose = jnp.zeros(size, bool).at[label].max(belongs & free)
+    kept = (moving >= jnp.where(loose, _FEWEST, _FEWEST_ATTACHED)) | (expected & (count > 0))
     # Nearest first: the rank of each kept root.
     value, root = lax.top_k(-jnp.where(kept, nearest, jnp.inf), sight.detections)
     used = value > -jnp.inf
