@@ -76,19 +76,21 @@ def test_the_nearest_returns_are_gathered_and_more_are_flagged() -> None:
 
 
 def test_a_body_in_the_air_is_taken_whole_and_a_wall_is_not() -> None:
-    """One moving pair of pixels: of a small body all returns are its cluster's, of a wall these two alone."""
+    """Two moving pixels of a small body: all its returns are its cluster's. Of a wall six alone, and two are too few."""
     distance = np.full((32, 256), 20.0)
     distance[14:18, 100:105] = 8.0
-    moves = np.zeros((32, 256), bool)
-    moves[15, 100:102] = True
     sight = dataclasses.replace(SIGHT, points=2048)
-    for wall in (False, True):
+    for wall, pair, expected in ((False, 2, 20), (True, 2, 0), (True, 6, 6)):
         image = distance.copy()
         if wall:
             image[10:22, 80:125] = 8.0
+        moves = np.zeros((32, 256), bool)
+        moves[15, 97 : 97 + pair] = True
+        if not wall:
+            moves = np.roll(moves, 4, axis=1)
         points = jnp.asarray(image.reshape(-1, 1) * RAYS, jnp.float32)
         around = jnp.asarray((np.abs(image - 8.0) < 1.0).reshape(-1))
         signs = Signs(jnp.asarray(moves.reshape(-1)), jnp.zeros(8192, bool), around)
         found = jit_clustered(points, jnp.asarray(image.reshape(-1), jnp.float32), signs, sight)
-        assert int(found.used.sum()) == 1
-        assert int(found.count[0]) == (2 if wall else 20)
+        assert int(found.used.sum()) == (expected > 0)
+        assert int(found.count[0]) == expected
