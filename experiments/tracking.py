@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.sim.lidar import Lidar, scan
-from maxjax.sim.moving.seeing import Seeing, look, nothing_seen
+from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.moving.sets import Bounds, Tracks
 from maxjax.sim.moving.sight import Sight
 from maxjax.worlds.distance import distance
@@ -300,7 +300,7 @@ def watch(script: Script, sight: Sight, seed: int, tally: Tally) -> Iterator[tup
 
 
 _scan = jax.jit(scan, static_argnums=1)
-_look = jax.jit(look)
+_look = jax.jit(looked)
 
 
 def _returns(script: Script, points: np.ndarray, now: float, lidar: Lidar) -> Int[np.ndarray, " m"]:

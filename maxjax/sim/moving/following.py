@@ -136,7 +136,7 @@ def followed(
     return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
 
 
-def resting(state: Following, sight: Sight) -> Bool[Array, " s"]:
+def stopped(state: Following, sight: Sight) -> Bool[Array, " s"]:
     """Slots whose mover has stopped: the map may take it over."""
     return state.tracks.used & (state.rested >= sight.rest)
 

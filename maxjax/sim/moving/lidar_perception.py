@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool
 
 from maxjax.sim.disturbances import position_error
 from maxjax.sim.moving.among import Flag, Seen
-from maxjax.sim.moving.seeing import Seeing, look, nothing_seen
+from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.moving.sight import Sight
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class LidarPerception:
         """After the scan in `flight.scan`."""
         assert flight.among is not None
         position = flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
-        seeing = look(
+        seeing = looked(
             flight.among.seen.memory, flight.scan, position, flight.vehicle.rotation, flight.log.duration, self.sight
         )
         return _seen(seeing)

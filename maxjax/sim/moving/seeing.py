@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Scan, directions
 from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
-from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, resting
+from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, stopped
 from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, was_empty
 from maxjax.sim.moving.sets import Tracks
 from maxjax.sim.moving.sight import Sight
@@ -70,7 +70,7 @@ def nothing_seen(sight: Sight) -> Seeing:
     return Seeing(nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, jnp.zeros((), bool))
 
 
-def look(
+def looked(
     seeing: Seeing,
     scan: Scan,
     position: Float[Array, "3"],
@@ -92,7 +92,7 @@ def look(
         ValueError: for a scan of another sensor.
     """
     if scan.distance.shape != (sight.lidar.rays,):
-        raise ValueError(f"look: expected {sight.lidar.rays} rays as in `sight.lidar`, given {scan.distance.shape}")
+        raise ValueError(f"looked: expected {sight.lidar.rays} rays as in `sight.lidar`, given {scan.distance.shape}")
     known = jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(rotation))
     scan = dataclasses.replace(scan, distance=jnp.where(known, scan.distance, jnp.inf))
     position, rotation = jnp.where(known, position, 0.0), jnp.where(known, rotation, jnp.eye(3))
@@ -108,8 +108,8 @@ def look(
     plain = known & _plain(expected, scan, position, rotation, sight)
     following, matches = followed(seeing.following, bodies, plain, time, sight)
 
-    stopped = resting(following, sight)
-    moving = _moving(clusters, matches, following.tracks.confirmed & ~stopped, sight)
+    rests = stopped(following, sight)
+    moving = _moving(clusters, matches, following.tracks.confirmed & ~rests, sight)
     pose = (jnp.where(known, position, jnp.nan), rotation)
     distance = jnp.linalg.norm(following.tracks.place - position, axis=1)
     return Seeing(
@@ -118,7 +118,7 @@ def look(
         moving=moving,
         broken=matches.broken,
         near=matches.appeared & (distance < sight.near),
-        rests=stopped,
+        rests=rests,
         overflow=clusters.overflow | matches.left_out,
     )
 

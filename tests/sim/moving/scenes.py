@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim.lidar import Lidar, Scan, scan
-from maxjax.sim.moving.seeing import look
+from maxjax.sim.moving.seeing import looked
 from maxjax.sim.moving.sets import Bounds, Tracks
 from maxjax.sim.moving.sight import Sight
 from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
@@ -52,7 +52,7 @@ def fast_scan(geoms: Geoms, lidar: Lidar, where: tuple, key: jax.Array, moving: 
     return scan(geoms, lidar, *where, key, moving)
 
 
-fast_look = jax.jit(look)
+fast_look = jax.jit(looked)
 
 
 def arrays(tracks: Tracks) -> SimpleNamespace:

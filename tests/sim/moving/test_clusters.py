@@ -76,7 +76,7 @@ def test_the_nearest_returns_are_gathered_and_more_are_flagged() -> None:
 
 
 def test_a_body_in_the_air_is_taken_whole_and_a_wall_is_not() -> None:
-    """Two moving pixels of a small body: all its returns are its cluster's. Of a wall six alone, and two are too few."""
+    """Two moving pixels of a small body: all its returns are its cluster's. Of a wall six, and two are too few."""
     distance = np.full((32, 256), 20.0)
     distance[14:18, 100:105] = 8.0
     sight = dataclasses.replace(SIGHT, points=2048)

@@ -11,7 +11,7 @@ import pytest
 from scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 from maxjax.sim.lidar import Scan, directions
-from maxjax.sim.moving.seeing import Seeing, look, nothing_seen
+from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.worlds.movers import Movers, Moving
 
 
@@ -146,7 +146,7 @@ def test_a_batch_is_each_of_its_flights() -> None:
     states = jax.tree.map(lambda *x: jnp.stack(x), *[flight[4][0] for flight in flights])
     scans = jax.tree.map(lambda *x: jnp.stack(x), *[flight[5][1] for flight in flights])
     where = tuple(jnp.stack([x, x]) for x in pose(5, 1.0))
-    both = jax.jit(jax.vmap(look, (0, 0, 0, 0, None, None)), static_argnums=5)(
+    both = jax.jit(jax.vmap(looked, (0, 0, 0, 0, None, None)), static_argnums=5)(
         states, scans, *where, jnp.float32(0.6), SIGHT
     )
     for i, flight in enumerate(flights):
@@ -158,5 +158,5 @@ def test_a_batch_is_each_of_its_flights() -> None:
 def test_another_sensor_is_refused() -> None:
     result = Scan(jnp.zeros((64, 3)), jnp.ones(64), jnp.ones(64, bool))
     with pytest.raises(ValueError, match=r"expected 8192 rays as in `sight.lidar`, given \(64,\)"):
-        look(nothing_seen(SIGHT), result, *pose(0, 0.0), jnp.float32(0.1), SIGHT)
+        looked(nothing_seen(SIGHT), result, *pose(0, 0.0), jnp.float32(0.1), SIGHT)
     assert directions(LIDAR).shape == (8192, 3)
