@@ -61,6 +61,7 @@ class Config:
         counts: movers in a city.
         speeds: of these [m/s].
         obstacles: of the field.
+        first: seed of the first flight of each row; those below 20 served to choose margins.
         seeds: flights of each row.
         looks: of a flight.
         channels, rays: of the sensor.
@@ -72,6 +73,7 @@ class Config:
     counts: tuple[int, ...] = (0, 10, 30)
     speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
     obstacles: tuple[int, ...] = (50, 100, 200)
+    first: int = 20
     seeds: int = 2
     looks: int = 60
     channels: int = 64
@@ -401,7 +403,7 @@ def main(config: Config) -> list[Row]:
             dense = Sight(lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8), reach=30.0, slots=64, detections=96)
             open_ = Sight(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0))
             sight, tally = dense if world == "field" else open_, Tally()
-            for seed in range(config.seeds):
+            for seed in range(config.first, config.first + config.seeds):
                 script = (
                     field(seed, count, config.looks)
                     if world == "field"
