@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.planning.windowed_route import boxed, corner_around
@@ -107,7 +108,10 @@ def _guide(world: World, flight: Flight, config: FlightConfig, place: Float[Arra
     close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
     price = crowding(centres, place, how.choice.speed, among.seen.tracks, how.crowd).reshape(cells)
-    return local_value(free, origin, spacing, ends, price + how.crowd.wall * share, how.crowd.sweeps)
+    # Beside a wall there is hardly room, and none at its corners.
+    beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
+    walls = how.crowd.wall * share + how.crowd.beside * beside
+    return local_value(free, origin, spacing, ends, price + walls, how.crowd.sweeps)
 
 
 def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:

@@ -9,7 +9,8 @@ vehicle rests. If what is flown is not verified any more (a mover broke its boun
 is, the motion that stays out of the sets for longest is taken, and flagged.
 
 Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
-to be clear; boxes are those that hold a mover at any time of a step.
+to be clear; boxes are those that hold a mover at any time of a step. Who is nearer to a mover or a wall than that at the
+start may go along it, and come no nearer.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from maxjax.sim.moving.local_value import LocalValue, cost_to_go
 from maxjax.sim.moving.motions import Motion, MotionSet, at, motions
 from maxjax.sim.moving.sets import Bounds, Tracks, reachable
 
+# Distances are compared with so much room for rounding [m].
+_SLACK = 1e-3
 # Half the distance over which the slope of the cost-to-go is taken [voxels].
 _SLOPE = 1.0
 
@@ -138,15 +141,13 @@ def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keep
     least, greatest = reachable(around.tracks, edges, bounds)
     least, greatest = jnp.minimum(least[:-1], least[1:]), jnp.maximum(greatest[:-1], greatest[1:])
     apart = _distance(place, least, greatest)
-    # Whoever is nearer than that already can only get further away.
-    required = jnp.minimum(keeping.radius, apart[:, :1] - 1e-3)
-    clear = apart >= required + jnp.where(times > 0.0, sweep, 0.0)
+    # Who is that near already may stay as near, but come no nearer.
+    clear = apart >= jnp.minimum(keeping.radius + sweep, apart[:, :1] - _SLACK)
     free = jnp.where(jnp.all(clear, axis=1), choice.horizon + keeping.step, times[jnp.argmin(clear, axis=1)])
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
-    wall_required = jnp.minimum(keeping.wall, wall[:, :1] - 1e-3)
-    open_air = (wall >= jnp.minimum(wall_required + sweep, 0.999 * around.hard.spacing)) | (times == 0.0)
+    open_air = wall >= jnp.minimum(jnp.minimum(keeping.wall + sweep, around.hard.spacing), wall[:, :1]) - _SLACK
     own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
     known = seen_free(around.hard, flat).reshape(sweep.shape) | own
     allowed = jnp.all(open_air & known, axis=1)

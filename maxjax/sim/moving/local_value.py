@@ -40,6 +40,7 @@ class Crowding:
         shape: of the window, in cells of the dynamic programming.
         cell: edge of a cell, voxels of the map.
         wall: price of a cell that holds blocked voxels where cells are larger than voxels; else it is closed.
+        beside: price of a cell beside blocked ones.
         earlier, later: the time at which the vehicle may be at a voxel [s], before and after the soonest.
     """
 
@@ -49,6 +50,7 @@ class Crowding:
     shape: Index3 = (24, 24, 9)
     cell: int = 1
     wall: float = 8.0
+    beside: float = 4.0
     earlier: float = 0.2
     later: float = 1.0
 
@@ -131,14 +133,17 @@ def crowding(
 
 
 def cost_to_go(local: LocalValue, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """V between voxels, trilinear [m]; outside the window that of the nearest place in it."""
+    """V between voxels that can be reached, trilinear [m]; outside the window that of the nearest place in it."""
     last = np.asarray(local.value.shape) - 1
     whole = jnp.clip((points - local.origin) / local.spacing, 0.0, last - 1e-3)
     low = jnp.floor(whole).astype(jnp.int32)
     share = whole - low
-    total = jnp.zeros(len(points))
+    total, weights = jnp.zeros(len(points)), jnp.zeros(len(points))
     for corner in itertools.product((0, 1), repeat=3):
         weight = jnp.prod(jnp.where(np.array(corner) == 1, share, 1.0 - share), axis=1)
         i, j, k = (low + np.array(corner)).T
-        total += weight * local.value[i, j, k]
-    return total
+        value = local.value[i, j, k]
+        weight = jnp.where(value < _FAR, weight, 0.0)
+        total, weights = total + weight * value, weights + weight
+    reached = weights > 0.0
+    return jnp.where(reached, total / jnp.where(reached, weights, 1.0), _FAR)
