@@ -4,13 +4,13 @@
 
 A planning iteration is a tuple of pure stages, each (world, flight, config) ↦ flight (`FlightConfig.stages`):
 
-1. `sense`: a scan from the true position, degraded by the disturbances.
-2. `fuse`: the scan into the rolling map, at the estimated position.
+1. `sense` (`sim.sensing`): a scan from the true position, degraded by the disturbances.
+2. `fuse` (`sim.sensing`): the scan into the rolling map, at the estimated position.
 3. `plan` (`sim.replan`): a path from the estimated position to the goal, verified on the present map, and a reference
    along it that ends before the first voxel that was not seen free. Without a path the vehicle brakes and moves to
    another viewpoint.
-4. `follow`: one planning period of physics along the reference. The exact distance to every solid is computed at every
-   physics step.
+4. `follow` (`sim.follow`): one planning period of physics along the reference. With `FlightConfig.moving` the vehicle
+   looks for movers ten times a second and flies motions that are verified against their sets (`sim.moving`).
 
 Coordinates are float32, which resolves 1 mm up to 16 km from the origin: cities are centred before they are flown in.
 
@@ -25,8 +25,7 @@ from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
@@ -37,18 +36,17 @@ from maxjax.programs.threads import concurrently
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
-from maxjax.sim.disturbances import GUST_REFERENCE_WIND, degrade, mean_wind, outage, position_error
-from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, FlightLog, World, estimated_position
+from maxjax.sim.flight_state import Flight, FlightConfig, FlightLog, World
+from maxjax.sim.follow import clearance_of, follow
 from maxjax.sim.lidar import Scan
-from maxjax.sim.lidar import scan as scan_of
-from maxjax.sim.moving.among import Among, no_flags, raised
-from maxjax.sim.moving.avoid import resting, setpoint_of, steered
-from maxjax.sim.reactive import push
+from maxjax.sim.moving.among import Among, no_flags
+from maxjax.sim.moving.avoid import resting
 from maxjax.sim.replan import plan
-from maxjax.trajectories.online import profile, sample, setpoint_at
+from maxjax.sim.sensing import fuse, look, sense
+from maxjax.trajectories.online import profile, sample
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.movers import Movers, Moving, solids_at
+from maxjax.worlds.movers import Movers
 from maxjax.worlds.scenes import Scene
 
 __all__ = [
@@ -169,7 +167,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
     start, goal = (jnp.where(finite, x, 0.0) for x in (start, goal))
     reach = config.spacing * (jnp.asarray(config.shape) // 2)
-    clearance = _clearance(world, start, jnp.float32(0.0))
+    clearance = clearance_of(world, start, jnp.float32(0.0))
     status = jnp.select(
         [
             ~finite,
@@ -231,145 +229,6 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     return look(world, dataclasses.replace(flight, among=among), config)
 
 
-def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """One scan from the true pose, its points shifted to the estimated position; movers were looked for already."""
-    return flight if config.moving is not None else _scanned(world, flight, config, flight.log.planning_iterations)
-
-
-def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
-    """The flight with a scan, numbered for its noise."""
-    sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, number))
-    position, lidar = flight.vehicle.position, config.lidar
-    failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
-    moving = None if world.movers is None else Moving(world.movers, flight.log.duration)
-    measured = scan_of(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
-    measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
-    measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
-    returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
-    return dataclasses.replace(flight, scan=measured, returns=returns)
-
-
-def look(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A scan, and what it shows of movers."""
-    assert config.moving is not None
-    assert flight.among is not None
-    number = jnp.round(flight.log.duration / LOG_PERIOD).astype(jnp.int32)
-    flight = _scanned(world, flight, config, number)
-    seen = config.moving.perception.look(world, flight, config)
-    among = dataclasses.replace(flight.among, seen=seen)  # type: ignore[type-var]
-    return dataclasses.replace(flight, among=among)
-
-
-def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """The map recentred on the estimated position, with the scan in it."""
-    position = estimated_position(world, flight)
-    recentred = mapping.recentre(flight.rolling_map, position)
-    pose = position, flight.vehicle.rotation
-    scan = flight.scan
-    if flight.among is not None:  # what moves is no part of the map, but hides what is behind it
-        scan = dataclasses.replace(scan, hit=scan.hit & ~flight.among.seen.returns)
-    fused = mapping.fused(recentred, scan, config.lidar, *pose, config.snapshot)
-    return dataclasses.replace(flight, rolling_map=fused)
-
-
-def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """One planning period of physics; a flight that is done does not change."""
-    steps = round(LOG_PERIOD / config.vehicle.timestep)
-    key = stream(world.key, Stream.GUSTS, flight.log.planning_iterations)
-    noise = jax.random.normal(key, (config.log_samples, steps, 3))
-    wind = mean_wind(world.disturbances, world.key)
-
-    def step(flight: Flight, noise: Float[Array, "3"]) -> tuple[Flight, None]:
-        return _unless(flight.done, flight, _physics_step(world, flight, config, wind, noise)), None
-
-    def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
-        row, noise = inputs
-        was_done = flight.done
-        if config.moving is not None:
-            flight = _unless(was_done, flight, _steer(world, flight, config))
-        flight, _ = lax.scan(step, flight, noise)
-        if config.moving is not None:
-            flight = _unless(flight.done, flight, look(world, flight, config))
-        position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
-        log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
-        return dataclasses.replace(flight, log=log), None
-
-    rows = 1 + config.log_samples * (flight.log.planning_iterations - 1) + jnp.arange(config.log_samples)
-    flight, _ = lax.scan(log_sample, flight, (rows, noise))
-    last = ~flight.done & (flight.log.planning_iterations >= config.plans)
-    status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
-    return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
-
-
-def _steer(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A motion among movers, and the flags that are up with it."""
-    among, up = steered(world, flight, config)
-    assert flight.log.flags is not None
-    flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
-    return dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
-
-
-def _physics_step(
-    world: World, flight: Flight, config: FlightConfig, wind: Float[Array, "3"], noise: Float[Array, "3"]
-) -> Flight:
-    """One time step of controller, gusts and vehicle, and what it adds to the log.
-
-    Args:
-        world: that the flight is in.
-        flight: before the step.
-        config: how to fly.
-        wind: mean air velocity [m/s].
-        noise: standard normal numbers that drive the gusts.
-    """
-    log, before, vehicle = flight.log, flight.vehicle, config.vehicle
-    error = position_error(world.disturbances, world.key, log.duration)
-    lead, among = config.controller.lead, flight.among
-    if among is None:
-        setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, lead)
-    else:
-        setpoint = setpoint_of(among, lead)
-        among = dataclasses.replace(among, since=among.since + vehicle.timestep)
-    estimated = dataclasses.replace(before, position=before.position + error)
-    if config.reactive > 0:
-        extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
-        setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
-    observer, command = control.command(config.controller, vehicle, flight.observer, estimated, setpoint)
-    gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
-    strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
-    after = physics.advance(vehicle, before, command, wind + strength * gust)
-    if config.exact:
-        after = dataclasses.replace(physics.hover(vehicle, setpoint.position), velocity=setpoint.velocity)
-
-    clearance = _clearance(world, after.position, log.duration + vehicle.timestep)
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
-    touches = clearance <= config.radius
-    arrives = jnp.linalg.norm(world.goal - after.position) <= config.tolerance
-    status = jnp.select([~finite, touches], [Status.NONFINITE_STATE, Status.IN_CONTACT], Status.OK)
-    log = dataclasses.replace(
-        log,
-        status=jnp.where(log.status == Status.OK, status, log.status).astype(jnp.int32),
-        flown_length=log.flown_length + jnp.linalg.norm(after.position - before.position),
-        duration=log.duration + vehicle.timestep,
-        clearance=jnp.minimum(log.clearance, clearance),
-    )
-    return dataclasses.replace(
-        flight,
-        vehicle=after,
-        observer=observer,
-        gust=gust,
-        reference_time=flight.reference_time + vehicle.timestep,
-        done=~finite | touches | arrives,
-        log=log,
-        among=among,
-    )
-
-
-def _clearance(world: World, position: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, ""]:
-    """Distance to the nearest solid, moving or not [m]."""
-    still = distance(world.geoms, position)
-    return still if world.movers is None else jnp.minimum(still, distance(solids_at(world.movers, time), position))
-
-
 _TAKE_OFF = Stored("take-off", take_off)
 STAGES: tuple[Stage, ...] = (sense, fuse, plan, follow)
 """The stages of a planning iteration; a user's own go into `FlightConfig.stages`, in place of some or between them."""
@@ -379,9 +238,3 @@ STAGES: tuple[Stage, ...] = (sense, fuse, plan, follow)
 def _program_of(stage: Stage) -> Stored[..., Flight]:
     """A stage as a program of its own, which is compiled once."""
     return Stored(getattr(stage, "__name__", "stage"), stage)
-
-
-def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:
-    """`before` where the flight is over, leaf by leaf: what a step leaves alone costs nan."""
-    kept: Flight = jax.tree.map(lambda x, y: x if x is y else jnp.where(over, x, y), before, after)
-    return kept

@@ -9,8 +9,8 @@ vehicle rests. If what is flown is not verified any more (a mover broke its boun
 is, the motion that stays out of the sets for longest is taken, and flagged.
 
 Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
-to be clear; boxes are those that hold a mover at any time of a step. Who is nearer to a mover or a wall than that at the
-start may go along it, and come no nearer.
+to be clear; boxes are those that hold a mover at any time of a step. Who is that near to a mover or a wall at the start
+may go along it, and come no nearer.
 """
 
 from __future__ import annotations

@@ -1,0 +1,131 @@
+"""The stage of a flight that moves: a planning period of physics along the reference, or among movers, along motions.
+
+The exact distance to every solid, moving or not, is computed at every physics step. Frame: world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from maxjax.core.rng_streams import Stream, stream
+from maxjax.core.status import Status
+from maxjax.sim import controller as control
+from maxjax.sim import vehicle as physics
+from maxjax.sim.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
+from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
+from maxjax.sim.moving.among import raised
+from maxjax.sim.moving.avoid import setpoint_of, steered
+from maxjax.sim.reactive import push
+from maxjax.sim.sensing import look
+from maxjax.trajectories.online import setpoint_at
+from maxjax.worlds.distance import distance
+from maxjax.worlds.movers import solids_at
+
+
+def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """One planning period of physics; a flight that is done does not change."""
+    steps = round(LOG_PERIOD / config.vehicle.timestep)
+    key = stream(world.key, Stream.GUSTS, flight.log.planning_iterations)
+    noise = jax.random.normal(key, (config.log_samples, steps, 3))
+    wind = mean_wind(world.disturbances, world.key)
+
+    def step(flight: Flight, noise: Float[Array, "3"]) -> tuple[Flight, None]:
+        return _unless(flight.done, flight, _physics_step(world, flight, config, wind, noise)), None
+
+    def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
+        row, noise = inputs
+        was_done = flight.done
+        if config.moving is not None:
+            flight = _unless(was_done, flight, _steer(world, flight, config))
+        flight, _ = lax.scan(step, flight, noise)
+        if config.moving is not None:
+            flight = _unless(flight.done, flight, look(world, flight, config))
+        position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
+        log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
+        return dataclasses.replace(flight, log=log), None
+
+    rows = 1 + config.log_samples * (flight.log.planning_iterations - 1) + jnp.arange(config.log_samples)
+    flight, _ = lax.scan(log_sample, flight, (rows, noise))
+    last = ~flight.done & (flight.log.planning_iterations >= config.plans)
+    status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
+    return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
+
+
+def _steer(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A motion among movers, and the flags that are up with it."""
+    among, up = steered(world, flight, config)
+    assert flight.log.flags is not None
+    flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
+    return dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
+
+
+def _physics_step(
+    world: World, flight: Flight, config: FlightConfig, wind: Float[Array, "3"], noise: Float[Array, "3"]
+) -> Flight:
+    """One time step of controller, gusts and vehicle, and what it adds to the log.
+
+    Args:
+        world: that the flight is in.
+        flight: before the step.
+        config: how to fly.
+        wind: mean air velocity [m/s].
+        noise: standard normal numbers that drive the gusts.
+    """
+    log, before, vehicle = flight.log, flight.vehicle, config.vehicle
+    error = position_error(world.disturbances, world.key, log.duration)
+    lead, among = config.controller.lead, flight.among
+    if among is None:
+        setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, lead)
+    else:
+        setpoint = setpoint_of(among, lead)
+        among = dataclasses.replace(among, since=among.since + vehicle.timestep)
+    estimated = dataclasses.replace(before, position=before.position + error)
+    if config.reactive > 0:
+        extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
+        setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
+    observer, command = control.command(config.controller, vehicle, flight.observer, estimated, setpoint)
+    gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
+    strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
+    after = physics.advance(vehicle, before, command, wind + strength * gust)
+    if config.exact:
+        after = dataclasses.replace(physics.hover(vehicle, setpoint.position), velocity=setpoint.velocity)
+
+    clearance = clearance_of(world, after.position, log.duration + vehicle.timestep)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
+    touches = clearance <= config.radius
+    arrives = jnp.linalg.norm(world.goal - after.position) <= config.tolerance
+    status = jnp.select([~finite, touches], [Status.NONFINITE_STATE, Status.IN_CONTACT], Status.OK)
+    log = dataclasses.replace(
+        log,
+        status=jnp.where(log.status == Status.OK, status, log.status).astype(jnp.int32),
+        flown_length=log.flown_length + jnp.linalg.norm(after.position - before.position),
+        duration=log.duration + vehicle.timestep,
+        clearance=jnp.minimum(log.clearance, clearance),
+    )
+    return dataclasses.replace(
+        flight,
+        vehicle=after,
+        observer=observer,
+        gust=gust,
+        reference_time=flight.reference_time + vehicle.timestep,
+        done=~finite | touches | arrives,
+        log=log,
+        among=among,
+    )
+
+
+def clearance_of(world: World, position: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, ""]:
+    """Distance to the nearest solid, moving or not [m]."""
+    still = distance(world.geoms, position)
+    return still if world.movers is None else jnp.minimum(still, distance(solids_at(world.movers, time), position))
+
+
+def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:
+    """`before` where the flight is over, leaf by leaf: what a step leaves alone costs nan."""
+    kept: Flight = jax.tree.map(lambda x, y: x if x is y else jnp.where(over, x, y), before, after)
+    return kept
