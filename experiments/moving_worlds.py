@@ -30,8 +30,8 @@ _MOVING, _UPRIGHT = 0.65, 0.35
 _MOVES, _STANDS, _LIES = (0.4, 0.4, 0.4), (0.2, 0.2, 2.0), (0.2, 2.0, 0.2)  # half edges [m]
 
 
-def sando(count: int, seed: int) -> Movers:
-    """The obstacles of SANDO's benchmark, moving ones first; those that stand still are movers at rest.
+def sando(count: int, seed: int) -> tuple[Geoms, Movers]:
+    """The ground with the obstacles of SANDO's benchmark that stand still, and those that move.
 
     Args:
         count: 50, 100 and 200 there.
@@ -59,13 +59,15 @@ def sando(count: int, seed: int) -> Movers:
     turns = np.arange(1.0, 4.0)
     phase[:] = (offset[:, None] * turns)[..., None]
     phase[:, :, 1] += 0.5 * math.pi  # a cosine
-    still = straight(_boxes(half), jnp.asarray(place, jnp.float32), jnp.zeros((count, 3)))
-    return dataclasses.replace(
-        still,
-        amplitude=jnp.asarray(amplitude, jnp.float32),
-        frequency=jnp.asarray(turns / slowness[:, None], jnp.float32),
-        phase=jnp.asarray(phase, jnp.float32),
+    resting = straight(_boxes(half[:moving]), jnp.asarray(place[:moving], jnp.float32), jnp.zeros((moving, 3)))
+    movers = dataclasses.replace(
+        resting,
+        amplitude=jnp.asarray(amplitude[:moving], jnp.float32),
+        frequency=jnp.asarray(turns / slowness[:moving, None], jnp.float32),
+        phase=jnp.asarray(phase[:moving], jnp.float32),
     )
+    stands = dataclasses.replace(_boxes(half[moving:]), position=jnp.asarray(place[moving:], jnp.float32))
+    return concatenate([ground_plane(), stands]), movers
 
 
 P2M_START, P2M_GOAL = (0.0, -15.0, 2.0), (0.0, 15.0, 2.0)

@@ -1,6 +1,6 @@
 """Movers as they are: the perception that makes no mistake, for ceilings and for telling apart what limits a flight.
 
-What is within `reach` of the vehicle is in its slot with its place, its velocity and its shape, hidden or not. With
+What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not. With
 `past` it is that of so many seconds ago, as a network would tell it.
 """
 
@@ -16,6 +16,9 @@ from maxjax.sim.moving.among import Flag, Seen
 from maxjax.sim.moving.sets import Bounds, Tracks, nobody, propagated
 from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms
 from maxjax.worlds.movers import Movers, places, solids_at
+
+# Returns so near to a mover's box are its own [m], and how far it went during a turn of the sensor besides.
+_ROUND = 0.15
 
 
 @jax.tree_util.register_static
@@ -48,7 +51,13 @@ class TrueTracks:
         position = flight.vehicle.position  # type: ignore[attr-defined]
         bounds = config.moving.bounds  # type: ignore[attr-defined]
         then = tracks_of(movers, log.duration - self.past, position, bounds, self)
-        return self._seen(propagated(then, self.past, bounds) if self.past else then, config)
+        tracks = propagated(then, self.past, bounds) if self.past else then
+        seen, points = self._seen(tracks, config), flight.scan.points  # type: ignore[attr-defined]
+        room = tracks.half + _ROUND + config.lidar.turn * jnp.abs(tracks.velocity)  # type: ignore[attr-defined]
+        hit = jnp.zeros_like(seen.returns)
+        for k in range(self.slots):
+            hit |= tracks.used[k] & jnp.all(jnp.abs(points - tracks.place[k]) <= room[k], axis=1)
+        return dataclasses.replace(seen, returns=hit)
 
     def _seen(self, tracks: Tracks, config: object) -> Seen:
         rays = config.lidar.rays  # type: ignore[attr-defined]
