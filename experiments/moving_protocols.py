@@ -5,8 +5,8 @@
     python -m experiments.moving_protocols --protocols p2m --seeds 20 --sights true   # 3 minutes
 
 Worlds: `experiments.moving_worlds`. Vehicles are points with the protocols' limits, as theirs are, and are judged by
-the exact distance to every box at every physics step: contact within `radius`. SANDO: 5 m/s, arrived within 0.5 m, 100 s;
-obstacles touch at 0.1 m and 0.3 m (theirs: 0). P2M: 5 m/s, below 4 m, arrived within 1 m, 60 s, radius 0.3 m.
+the exact distance to every box at every physics step: contact within `radius`. SANDO: 5 m/s, arrived within 0.5 m,
+100 s, radius 0.1 m and 0.3 m (theirs: 0). P2M: 5 m/s, below 4 m, arrived within 1 m, 60 s, radius 0.3 m.
 
 Sights: `lidar`, ours, 32,768 rays; `theirs`, an emulation of the protocol's own sensor (SANDO: a depth camera of 10 m
 and 76 x 47 degrees, turned to where the vehicle flies; P2M: 108 x 18 rays of 10 m, -7 to 52 degrees); `true`: places,
@@ -160,7 +160,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
 
 
 def _p2m_flight(sees: Sees) -> FlightConfig:
-    bounds = Bounds(speed=3.6, acceleration=2.5, size=4.0)
+    bounds = Bounds(speed=3.6, acceleration=2.5, size=(0.55, 0.55, 4.1))
     lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0) if sees == "theirs" else Lidar()
     sight = Sight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)

@@ -88,7 +88,7 @@ def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: 
     whole = _labels(neighbour)
     low = jnp.full((size, 3), jnp.inf).at[whole].min(mine)
     high = jnp.full((size, 3), -jnp.inf).at[whole].max(mine)
-    free = jnp.all(high - low <= sight.bounds.size + _SLACK, axis=1)[whole]
+    free = jnp.all(high - low <= sight.bounds.edges + _SLACK, axis=1)[whole]
     # The moving ones alone: other returns are no one's neighbours.
     both = moves[:, None] & moves[neighbour]
     part = _labels(jnp.where(both, neighbour, jnp.arange(size, dtype=jnp.int32)[:, None]))

@@ -126,8 +126,9 @@ def looked(
 def _signs(
     seeing: Seeing, points: Float[Array, "r 3"], near: Bool[Array, " r"], position: Array, tracks: Tracks, sight: Sight
 ) -> Signs:
+    near &= points[:, 2] > sight.floor
     moves = near & was_empty(seeing.memory, points, sight)
-    size = sight.bounds.size
+    size = sight.bounds.edges
     awaited = tracks.confirmed & ~seeing.rests
     expected, around = jnp.zeros_like(near), jnp.zeros_like(near)
     low, high = tracks.low - tracks.half, tracks.high + tracks.half
@@ -139,18 +140,20 @@ def _signs(
 
 def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: Sight) -> Bool[Array, " r"]:
     """Returns that have a moving one at most a body's size away, and some up to twice that: by cells of that size."""
-    size, reach = sight.bounds.size, math.ceil(sight.reach / sight.bounds.size) + 1
+    size = sight.bounds.edges
+    reach = np.ceil(sight.reach / size).astype(np.int32) + 1
     edge = 2 * reach + 1
     cell = jnp.clip(jnp.floor(offset / size).astype(jnp.int32) + reach, 0, edge - 1)
     moving, some, _ = gathered(jnp.linalg.norm(offset, axis=1), moves, sight.points)
     around = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), -1).reshape(-1, 3)
     cells = jnp.clip(cell[moving][:, None] + around, 0, edge - 1)
-    marked = jnp.zeros(edge**3, bool).at[_flat(cells, edge)].max(some[:, None])
+    marked = jnp.zeros(math.prod(edge.tolist()), bool).at[_flat(cells, edge)].max(some[:, None])
     return marked[_flat(cell, edge)]
 
 
-def _flat(cell: Int32[Array, "*n 3"], edge: int) -> Int32[Array, "*n"]:
-    return (cell[..., 0] * edge + cell[..., 1]) * edge + cell[..., 2]
+def _flat(cell: Int32[Array, "*n 3"], edge: Int32[np.ndarray, "3"]) -> Int32[Array, "*n"]:
+    flat: Array = (cell[..., 0] * edge[1] + cell[..., 1]) * edge[2] + cell[..., 2]
+    return flat
 
 
 def _plain(

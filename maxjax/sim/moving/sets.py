@@ -20,6 +20,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 
@@ -31,7 +32,8 @@ class Bounds:
     Attributes:
         speed: V, on each axis [m/s].
         acceleration: A, on each axis [m/s²].
-        size: longest edge of the box around a mover [m], as far as less of it is seen.
+        size: longest edge of the box around a mover [m], or its longest edges along x, y and z, as far as less of it is
+            seen.
 
     Raises:
         ValueError: unless all are positive finite numbers.
@@ -39,12 +41,18 @@ class Bounds:
 
     speed: float = 8.0
     acceleration: float = 2.0
-    size: float = 1.0
+    size: float | tuple[float, float, float] = 1.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not 0.0 < value < math.inf:
+            values = value if isinstance(value, tuple) else (value,)
+            if len(values) not in (1, 3) or not all(0.0 < x < math.inf for x in values):
                 raise ValueError(f"Bounds.{name}: expected a positive finite number, given {value!r}")
+
+    @property
+    def edges(self) -> Float[np.ndarray, "3"]:
+        """`size` along x, y and z [m]."""
+        return np.broadcast_to(np.asarray(self.size, np.float32), (3,))
 
 
 @jax.tree_util.register_dataclass

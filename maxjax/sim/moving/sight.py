@@ -20,6 +20,7 @@ class Sight:
         lidar: the sensor's model.
         bounds: what movers are assumed to keep.
         reach: beyond this distance nothing is taken for a mover [m]: beams are too far apart.
+        floor: returns below this height are the ground's [m].
         near: a mover that is confirmed nearer than this is flagged [m].
         slots: tracks at most.
         detections: in a scan at most; nearest first.
@@ -39,6 +40,7 @@ class Sight:
     lidar: Lidar = Lidar()  # noqa: RUF009 (frozen)
     bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
     reach: float = 45.0
+    floor: float = 0.2
     near: float = 10.0
     slots: int = 32
     detections: int = 48

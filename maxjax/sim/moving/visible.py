@@ -90,9 +90,9 @@ def visible(
 
     from_middle = jnp.einsum("pij,pj->pi", axes[group.index], points - middle[group.index], precision="highest")
     a, b = group.least(from_middle), group.greatest(from_middle)
-    # A body's extent along a direction: that of the cube that may hold it.
+    # A body's extent along a direction: that of the box that may hold it.
     to_world = matmul(rotation, jnp.swapaxes(axes, 1, 2))
-    extent = jnp.maximum(sight.bounds.size * jnp.sum(jnp.abs(to_world), axis=1), b - a)
+    extent = jnp.maximum(jnp.sum(sight.bounds.edges[:, None] * jnp.abs(to_world), axis=1), b - a)
     before, after = _overlooked(clusters, group, scan, sight)
     across = _steps(middle, away, sight.lidar)
     beams = (1.0 + extent[:, :1] / away[:, None]) * across
@@ -107,7 +107,7 @@ def visible(
     origin = position + matmul(middle, rotation.T)
     world = position + matmul(points, rotation.T)
     seen_low, seen_high = group.least(world), group.greatest(world)
-    size = sight.bounds.size
+    size = sight.bounds.edges
     seen = seen_high - seen_low
     noise = _SIGMAS * sight.lidar.range_noise + sight.pose_error + _ROUNDING
     large = jnp.any(seen > size + 2.0 * noise, axis=1)

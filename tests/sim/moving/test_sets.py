@@ -84,3 +84,7 @@ def test_nobody_is_nowhere() -> None:
 def test_bounds_are_positive() -> None:
     with pytest.raises(ValueError, match=r"Bounds.acceleration: expected a positive finite number, given 0.0"):
         Bounds(acceleration=0.0)
+    with pytest.raises(ValueError, match=r"Bounds.size: expected a positive finite number, given \(1.0, 0.0, 2.0\)"):
+        Bounds(size=(1.0, 0.0, 2.0))
+    assert Bounds(size=0.5).edges.tolist() == [0.5, 0.5, 0.5]
+    assert Bounds(size=(1.0, 2.0, 4.0)).edges.tolist() == [1.0, 2.0, 4.0]
