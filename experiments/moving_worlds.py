@@ -119,16 +119,19 @@ def _p2m_movers(rng: np.random.Generator, count: int, hidden: bool) -> Movers:
     times = _KNOT * np.arange(round(P2M_SECONDS / _KNOT) + 1)
     knots, velocity = np.zeros((2, count, len(times), 3))
     knots[..., 2] = half[:, None, 2] - (100.0 if hidden else 0.0)
+    step = np.zeros((count, 2))
     for k, time in enumerate(times):
-        # Who leaves the area turns round, on both axes at once.
+        # Who leaves the area turns round, on both axes at once: in a knot at rest, half a step short of that.
         outward = np.sign(place) * amplitude * (np.sin(frequency * time) + _OFFSET) > 0.0
-        leaves = np.any((np.abs(place) > _AREA) & outward, axis=1)
-        amplitude[leaves] *= -1.0
+        leaves = np.any((np.abs(place) > _AREA) & outward, axis=1, keepdims=True)
+        amplitude = np.where(leaves, -amplitude, amplitude)
+        place = np.where(leaves, place - 0.5 * step, place)
         knots[:, k, :2] = place
-        velocity[:, k, :2] = amplitude * (np.sin(frequency * time) + _OFFSET)
+        velocity[:, k, :2] = np.where(leaves, 0.0, amplitude * (np.sin(frequency * time) + _OFFSET))
         # ∫ A (sin ωt + 1.1) dt over a step, exactly.
-        step = _KNOT * np.sinc(frequency * _KNOT / (2.0 * np.pi)) * np.sin(frequency * (time + 0.5 * _KNOT))
-        place = place + amplitude * (step + _OFFSET * _KNOT)
+        swing = _KNOT * np.sinc(frequency * _KNOT / (2.0 * np.pi)) * np.sin(frequency * (time + 0.5 * _KNOT))
+        step = amplitude * (swing + _OFFSET * _KNOT) * np.where(leaves, 0.5, 1.0)
+        place = place + step
     each = (jnp.asarray(x, jnp.float32) for x in (knots, velocity, np.full(count, _KNOT)))
     return through(_boxes(half), *each)
 

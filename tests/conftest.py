@@ -47,7 +47,10 @@ LARGE = (
     *(f"benchmarks/test_{name}" for name in ("benchmarks", "page_benchmark", "potential_benchmark")),
     "campaigns/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
-    *(f"experiments/test_{name}" for name in ("long", "network", "offline", "paper", "problem", "real")),
+    *(
+        f"experiments/test_{name}"
+        for name in ("long", "moving_protocols", "network", "offline", "paper", "problem", "real")
+    ),
     *(f"experiments/test_{name}" for name in ("trajectories", "warframe")),
     "maps/test_reference.py::test_texts",
     "missions/test_as_flown",
