@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
@@ -64,6 +64,8 @@ __all__ = [
     "watch",
 ]
 
+# Evidence that a map among movers loses by a scan that sees a voxel free: two scans clear what is gone.
+_FORGETS = 3
 # Flights of a batch that take an iteration at a time: of one that arrives, another takes the place.
 AT_ONCE = 512
 
@@ -163,28 +165,9 @@ def stages_of(config: FlightConfig) -> tuple[Stage, ...]:
 
 def take_off(world: World, config: FlightConfig) -> Flight:
     """The flight before its first iteration: hovering at the start, its map empty; already done for unusable ends."""
-    start, goal = world.start, world.goal
-    finite = jnp.all(jnp.isfinite(start)) & jnp.all(jnp.isfinite(goal))
-    start, goal = (jnp.where(finite, x, 0.0) for x in (start, goal))
-    reach = config.spacing * (jnp.asarray(config.shape) // 2)
+    start = jnp.where(jnp.all(jnp.isfinite(world.start)), world.start, 0.0)
     clearance = clearance_of(world, start, jnp.float32(0.0))
-    status = jnp.select(
-        [
-            ~finite,
-            (plan in stages_of(config)) & jnp.any(jnp.abs(goal - start) > reach),
-            jnp.linalg.norm(goal - start) <= config.tolerance,
-            clearance <= config.radius,
-            distance(world.geoms, goal) <= config.radius,
-        ],
-        [
-            Status.NONFINITE_INPUT,
-            Status.GOAL_OUTSIDE_MAP,
-            Status.START_EQUALS_GOAL,
-            Status.START_OCCUPIED,
-            Status.GOAL_OCCUPIED,
-        ],
-        Status.OK,
-    ).astype(jnp.int32)
+    status = _usable(world, clearance, config)
     vehicle = physics.hover(config.vehicle, start)
     path = jnp.broadcast_to(start, (Ascent().steps + 3, 3))  # exact ends, and the points of an ascent
     nan, zero = jnp.float32(jnp.nan), jnp.float32(0.0)
@@ -209,7 +192,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         gust=gust,
         scan=Scan(jnp.full((rays, 3), nan), jnp.full(rays, jnp.float32(jnp.inf)), jnp.zeros(rays, bool)),
         returns=none,
-        rolling_map=mapping.empty(start, config.shape, config.spacing),
+        rolling_map=mapping.empty(start, config.shape, config.spacing, 1 if config.moving is None else _FORGETS),
         path=path,
         pending_path=path,
         pending_valid=jnp.array(False),
@@ -227,6 +210,31 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     seen = config.moving.perception.start(world, flight, config)
     among = Among(seen, resting(start, config.moving), zero)
     return look(world, dataclasses.replace(flight, among=among), config)
+
+
+def _usable(world: World, clearance: Float[Array, ""], config: FlightConfig) -> Int32[Array, ""]:
+    """OK, or what is wrong with the ends; `clearance` is the start's [m]."""
+    finite = jnp.all(jnp.isfinite(world.start)) & jnp.all(jnp.isfinite(world.goal))
+    start, goal = (jnp.where(finite, x, 0.0) for x in (world.start, world.goal))
+    reach = config.spacing * (jnp.asarray(config.shape) // 2)
+    found: Array = jnp.select(
+        [
+            ~finite,
+            (plan in stages_of(config)) & jnp.any(jnp.abs(goal - start) > reach),
+            jnp.linalg.norm(goal - start) <= config.tolerance,
+            clearance <= config.radius,
+            distance(world.geoms, goal) <= config.radius,
+        ],
+        [
+            Status.NONFINITE_INPUT,
+            Status.GOAL_OUTSIDE_MAP,
+            Status.START_EQUALS_GOAL,
+            Status.START_OCCUPIED,
+            Status.GOAL_OCCUPIED,
+        ],
+        Status.OK,
+    )
+    return found.astype(jnp.int32)
 
 
 _TAKE_OFF = Stored("take-off", take_off)
