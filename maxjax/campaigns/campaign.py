@@ -25,7 +25,19 @@ from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, stages_of
+from maxjax.sim.moving.among import Avoidance, Flag
+from maxjax.sim.moving.lidar_perception import LidarPerception
+from maxjax.sim.moving.sets import Bounds
+from maxjax.sim.moving.sight import Sight
 from maxjax.worlds.layouts import MAPS
+from maxjax.worlds.mover_ways import ACCELERATION
+from maxjax.worlds.populations import Population
+
+# Bounds that movers are assumed to keep, over those that they keep: measured velocities have errors.
+_ALLOWANCE = 1.1
+# What configurations of earlier versions lack, and what it is where they lack it.
+_LATER: dict[str, Any] = {"exact": False, "moving": None, "movers": None}
+_LATER_LIDAR = {"turn": 0.1, "width": 360.0}
 
 # The command line that flies a trial of a campaign again, by itself.
 Command = Callable[["Campaign", int], str]
@@ -40,6 +52,7 @@ class Campaign:
         seed: of the first city.
         trials: their indices.
         config: how to fly, with the planner; its disturbances are numbers.
+        movers: in every city, by a key of their own; None: there are none.
         command: tells the command line of a trial. None: outcomes name none.
 
     Raises:
@@ -50,6 +63,7 @@ class Campaign:
     seed: int = 0
     trials: range = range(1)
     config: FlightConfig = dataclasses.field(kw_only=True)
+    movers: Population | None = dataclasses.field(default=None, kw_only=True)
     command: Command | None = dataclasses.field(default=None, kw_only=True, compare=False)
 
     def __post_init__(self) -> None:
@@ -73,28 +87,49 @@ class Campaign:
 
     @property
     def flight(self) -> FlightConfig:
-        """How to fly, with disturbances as a program takes them."""
-        return dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
+        """How to fly, with disturbances as a program takes them; among movers, by its own LiDAR if nothing is said."""
+        config = dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
+        if self.movers is None or config.moving is not None:
+            return config
+        bounds = Bounds(_ALLOWANCE * self.movers.fastest, _ALLOWANCE * ACCELERATION, self.movers.body)
+        perception = LidarPerception(Sight(config.lidar, bounds))
+        return dataclasses.replace(config, moving=Avoidance(perception, bounds))
 
     @property
     def key(self) -> PRNGKeyArray:
         """Key that the keys of all its flights are folded from."""
         return named(jax.random.key(self.seed), f"flights {self.map}")
 
+    @property
+    def movers_key(self) -> PRNGKeyArray:
+        """Key that the keys of the movers of all its trials are folded from."""
+        return named(jax.random.key(self.seed), f"movers {self.map}")
+
     def configuration(self) -> dict[str, Any]:
-        """All that the outcomes depend on, as JSON holds it."""
+        """All that the outcomes depend on, as JSON holds it.
+
+        What earlier versions did not know is left out where it is as it was then: their campaigns can be resumed.
+        """
         own = {"map": self.map, "seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
-        settings = {field.name: getattr(self.config, field.name) for field in dataclasses.fields(self.config)}
+        config = self.flight
+        settings = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+        settings |= {"disturbances": self.config.disturbances, "movers": self.movers}
         del settings["planner"]  # told by its name
         settings["stages"] = [getattr(stage, "__name__", str(stage)) for stage in stages_of(self.config)]
         plain: dict[str, Any] = json.loads(
             json.dumps({**own, "method": self.config.planner.name, **settings}, default=dataclasses.asdict)
         )
-        return plain
+        plain["lidar"] = _without(plain["lidar"], _LATER_LIDAR)
+        return _without(plain, _LATER)
 
     def ledger(self, folder: Path) -> Ledger:
         """The folder that keeps it, made if missing; raises as `Ledger.open`."""
         return Ledger.open(folder, self.configuration(), self.trials)
+
+
+def _without(settings: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:
+    """Settings but for those that are as usual."""
+    return {name: value for name, value in settings.items() if name not in usual or value != usual[name]}
 
 
 def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = None, place: int = 0) -> Outcome:
@@ -136,6 +171,7 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
     margins = Counter(log["margin"][np.isfinite(log["margin"])].tolist())
     return dataclasses.replace(
         unflown,
+        **_flags_of(campaign, log),
         status=Status(int(log["status"])).name,
         start=drawn["start"][row].tolist(),
         goal=drawn["goal"][row].tolist(),
@@ -148,3 +184,19 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
         margins={f"{margin:g}": count for margin, count in sorted(margins.items(), reverse=True)},
         certified=round(float(log["certified"]) / found, 4) if found else None,
     )
+
+
+def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
+    """What flags tell of one flight; nothing where no movers were expected."""
+    how = campaign.flight.moving
+    if how is None or "flags.seconds" not in log:
+        return {}
+    duration = float(log["duration"])
+    share = float(log["flags.any_seconds"]) / duration if duration > 0.0 else 0.0
+    recent = bool(np.max(log["flags.last"]) >= duration - how.choice.horizon)
+    return {
+        "flagged": {flag.name: round(float(log["flags.seconds"][flag]), 3) for flag in Flag},
+        "flagged_share": round(min(share, 1.0), 5),
+        "flagged_before": recent if int(log["status"]) == Status.IN_CONTACT else None,
+        "hidden_movers": int(log["hidden"]) if "hidden" in log else None,
+    }

@@ -33,6 +33,8 @@ from maxjax.programs.executable import stored
 from maxjax.programs.threads import concurrently, interruptible
 from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
 from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.movers import Movers
+from maxjax.worlds.populations import placed, population
 from maxjax.worlds.scenes import make_scene
 
 
@@ -160,16 +162,37 @@ def fly_batch(
     each = [_city(campaign.map, int(city)) for city in cities]
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
+    movers = None if campaign.movers is None else _movers(campaign, drawn, filled)
     batch = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
-    logs = _fly_split(batch, campaign.flight, devices)
+    logs = _fly_split(batch, campaign.flight, devices, movers)
+    if movers is not None:
+        logs["hidden"] = np.sum(~np.asarray(placed(movers)), axis=1)
     return {name: values[: len(rows)] for name, values in logs.items()}
+
+
+def _movers(campaign: Campaign, drawn: Table, rows: Sequence[int] | np.ndarray) -> Movers:
+    """The movers of some trials; of each the same, bit for bit, in any selection."""
+    each = [_movers_of(campaign, drawn, int(row)) for row in rows]
+    stacked: Movers = jax.tree.map(lambda *x: jnp.stack(x), *each)
+    return stacked
+
+
+def _movers_of(campaign: Campaign, drawn: Table, row: int) -> Movers:
+    """The movers of one trial."""
+    assert campaign.movers is not None
+    geoms = _city(campaign.map, int(drawn["city"][row]))
+    key = jax.random.fold_in(campaign.movers_key, campaign.trials[row])
+    start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
+    return population(geoms, start, goal, key, how=campaign.movers)
 
 
 # Geoms, start, goal and key of each flight.
 _Batch = tuple[Geoms, Float[Array, "b 3"], Float[Array, "b 3"], Key[Array, " b"]]
 
 
-def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device]) -> Table:
+def _fly_split(
+    batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device], movers: Movers | None = None
+) -> Table:
     """Fly a batch, an equal part on each device: the same program everywhere, without synchronisation between devices.
 
     A program that spans the devices would do the same work, but XLA crashes when it compiles this one for several GPUs.
@@ -177,10 +200,10 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
     share = len(batch[1]) // len(devices)
 
     def part(place: int) -> Table:
-        own = jax.tree.map(lambda x: x[place * share : (place + 1) * share], batch)
-        geoms, start, goal, key = jax.device_put(own, devices[place])
+        own = jax.tree.map(lambda x: x[place * share : (place + 1) * share], (batch, movers))
+        (geoms, start, goal, key), moving = jax.device_put(own, devices[place])
         flown = _one_by_one if devices[place].platform == "cpu" else _fly_part
-        return on_host(flown(geoms, start, goal, key, config))
+        return on_host(flown(geoms, start, goal, key, config, moving))
 
     # In threads, so that the devices' programs are compiled at a time as well.
     parts = list(concurrently(part, range(len(devices)), len(devices)))
@@ -189,25 +212,37 @@ def _fly_split(batch: _Batch, config: FlightConfig, devices: Sequence[jax.Device
 
 @stored("flights")
 def _fly_part(
-    geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
+    geoms: Geoms,
+    start: Float[Array, "b 3"],
+    goal: Float[Array, "b 3"],
+    key: Key[Array, " b"],
+    config: FlightConfig,
+    movers: Movers | None = None,
 ) -> FlightLog:
     """The logs of a part of a batch, in one program."""
     if len(start) == 1:
         # A batch would be twice as much to compile.
         only = jax.tree.map(lambda x: x[0], geoms), start[0], goal[0], key[0]
-        logs: FlightLog = jax.tree.map(lambda x: x[None], fly_closed_loop(*only, config))
+        given = () if movers is None else (jax.tree.map(lambda x: x[0], movers),)
+        logs: FlightLog = jax.tree.map(lambda x: x[None], fly_closed_loop(*only, config, *given))
         return logs
     air = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x), len(start)), config.disturbances)
-    return fly_all_closed_loop(World(geoms, start, goal, key, air), config)
+    return fly_all_closed_loop(World(geoms, start, goal, key, air, movers), config)
 
 
 def _one_by_one(
-    geoms: Geoms, start: Float[Array, "b 3"], goal: Float[Array, "b 3"], key: Key[Array, " b"], config: FlightConfig
+    geoms: Geoms,
+    start: Float[Array, "b 3"],
+    goal: Float[Array, "b 3"],
+    key: Key[Array, " b"],
+    config: FlightConfig,
+    movers: Movers | None = None,
 ) -> FlightLog:
     """The logs of a part of a batch, flight by flight."""
     logs = []
     for k in range(len(start)):
-        world = World(jax.tree.map(lambda x, k=k: x[k], geoms), start[k], goal[k], key[k], config.disturbances)
+        own, moving = jax.tree.map(lambda x, k=k: x[k], (geoms, movers))
+        world = World(own, start[k], goal[k], key[k], config.disturbances, moving)
         for flight in watch(world, config):
             last = flight.log
         logs.append(last)
@@ -229,4 +264,6 @@ def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
     """The world of one trial, as its flight in a batch has it."""
     key = jax.random.fold_in(campaign.key, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
-    return World(_city(campaign.map, int(drawn["city"][row])), start, goal, key, campaign.flight.disturbances)
+    movers = None if campaign.movers is None else _movers_of(campaign, drawn, row)
+    geoms = _city(campaign.map, int(drawn["city"][row]))
+    return World(geoms, start, goal, key, campaign.flight.disturbances, movers)

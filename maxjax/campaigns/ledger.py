@@ -12,7 +12,6 @@ stands what the lines were flown by: the sources of maxjax, versions, devices.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import io
 import json
 import os
@@ -202,7 +201,7 @@ class Ledger:
 
 def _lines(outcomes: Iterable[Outcome]) -> bytes:
     """An outcome a line."""
-    return "".join(json.dumps(dataclasses.asdict(one), allow_nan=False) + "\n" for one in outcomes).encode()
+    return "".join(json.dumps(one.line, allow_nan=False) + "\n" for one in outcomes).encode()
 
 
 def _whole(path: Path) -> int:

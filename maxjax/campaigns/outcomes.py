@@ -42,6 +42,10 @@ class Outcome:
         margins: number of plans by margin [m].
         certified: share of the paths found that climb a certified field; None without any path.
         command: command line that flies the trial again.
+        flagged: among movers, the seconds that each assumption did not hold, by its name; None without movers.
+        flagged_share: of the duration, that some assumption did not hold.
+        flagged_before: of a contact, whether one did not within the horizon of motions before it.
+        hidden_movers: those without a way in the city.
     """
 
     trial: int
@@ -59,6 +63,10 @@ class Outcome:
     margins: dict[str, int]
     certified: float | None
     command: str
+    flagged: dict[str, float] | None = None
+    flagged_share: float | None = None
+    flagged_before: bool | None = None
+    hidden_movers: int | None = None
 
     @property
     def arrived(self) -> bool:
@@ -70,10 +78,30 @@ class Outcome:
         """Whether the trial was flown."""
         return self.status != INVALID_DRAW
 
+    @property
+    def line(self) -> dict[str, Any]:
+        """As JSON holds it: without what only flights among movers have, where there were none."""
+        told = dataclasses.asdict(self)
+        return {name: value for name, value in told.items() if name not in AMONG_MOVERS or value is not None}
+
+
+# Fields of an outcome that flights without movers lack.
+AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "hidden_movers")
+
 
 def on_host(batch: Any) -> Table:
-    """The arrays of a registered dataclass by name, fetched from the device."""
-    return {field.name: np.asarray(getattr(batch, field.name)) for field in dataclasses.fields(batch)}
+    """The arrays of a registered dataclass by name, fetched from the device.
+
+    Those of a dataclass in it are named after both, as in `flags.seconds`; what is None is left out.
+    """
+    found: Table = {}
+    for field in dataclasses.fields(batch):
+        value = getattr(batch, field.name)
+        if dataclasses.is_dataclass(value):
+            found |= {f"{field.name}.{name}": array for name, array in on_host(value).items()}
+        elif value is not None:
+            found[field.name] = np.asarray(value)
+    return found
 
 
 def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -88,6 +116,7 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     arrived = [outcome for outcome in flown if outcome.arrived]
     detour = [float(o.flown_length) / float(o.distance) for o in arrived if o.flown_length and o.distance]
     clearances = [o.clearance for o in flown if o.clearance is not None]
+    among = [outcome for outcome in flown if outcome.flagged is not None]
     return {
         "trials": len(ordered),
         "flown": len(flown),
@@ -106,6 +135,24 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             for outcome in flown
             if not outcome.arrived
         ],
+        **({"movers": _among_movers(among)} if among else {}),
+    }
+
+
+def _among_movers(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What flags tell of flights among movers; times are summed over all flights."""
+    seconds: Counter[str] = Counter()
+    for outcome in outcomes:
+        seconds.update(outcome.flagged or {})
+    contacts = [outcome for outcome in outcomes if outcome.status == Status.IN_CONTACT.name]
+    duration = sum(outcome.duration or 0.0 for outcome in outcomes)
+    flagged = sum((outcome.flagged_share or 0.0) * (outcome.duration or 0.0) for outcome in outcomes)
+    return {
+        "contacts": len(contacts),
+        "contacts_without_a_flag": sum(not outcome.flagged_before for outcome in contacts),
+        "flagged_seconds": {cause: round(total, 3) for cause, total in seconds.items()},
+        "flagged_share": round(flagged / duration, 5) if duration else None,
+        "hidden": sum(outcome.hidden_movers or 0 for outcome in outcomes),
     }
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.execution import draw_trials, world_of
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, on_host
 from maxjax.sim.flight import Flight, watch
+from maxjax.worlds.populations import placed
 
 
 def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
@@ -23,8 +26,11 @@ def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
         drawn = draw_trials(campaign)
         flights: list[Flight] = []
         if drawn["valid"][0]:
-            flights = list(watch(world_of(campaign, drawn, 0), campaign.flight))
+            world = world_of(campaign, drawn, 0)
+            flights = list(watch(world, campaign.flight))
             logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
+            if world.movers is not None:
+                logs["hidden"] = np.sum(~np.asarray(placed(world.movers)))[None]
             outcome = outcome_of(campaign, drawn, 0, logs)
             ledger.record_positions([outcome.trial], logs["position"])
         else:

@@ -3,6 +3,7 @@
     city                  named(key(seed), MAP)
     trial i               fold_in(named(key(seed), "trials MAP"), i)
     flight of trial i     fold_in(named(key(seed), "flights MAP"), i)
+    its movers            fold_in(named(key(seed), "movers MAP"), i)
     inside a flight       stream(key of the flight, Stream.X, planning iteration)
 
 The numbers are part of the definition of every recorded result: a changed number is another flight.

@@ -75,6 +75,11 @@ class Population:
         return min(max(1.4 * self.speed, 3.0), 15.0) if flies else self.speed
 
     @property
+    def body(self) -> float:
+        """Edge of a box around any of them [m]; around what is seen of a jib at a time, which is longer."""
+        return 5.0 if self.kind in ("cars", "mixed") else 1.0
+
+    @property
     def counts(self) -> dict[str, int]:
         """How many of each kind, in the order of the movers."""
         if self.kind != "mixed":

@@ -10,6 +10,11 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig
+from maxjax.sim.lidar import Lidar
+from maxjax.sim.moving.among import Avoidance
+from maxjax.sim.moving.lidar_perception import LidarPerception
+from maxjax.sim.moving.true_tracks import TrueTracks
+from maxjax.worlds.populations import Population
 
 PLANNER = planner_named("field")
 
@@ -29,3 +34,33 @@ PLANNER = planner_named("field")
 def test_what_cannot_be_flown_is_refused(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         Campaign(**{"map": "suburb", "config": FlightConfig(planner=PLANNER), **changes})
+
+
+def test_campaigns_of_versions_without_movers_can_be_resumed() -> None:
+    """Names in the configurations of recorded campaigns."""
+    found = Campaign("suburb", config=FlightConfig(planner=PLANNER)).configuration()
+    assert " ".join(found) == (
+        "map seed first trials method disturbances lidar vehicle controller limits sampling gusts shape spacing "
+        "distances period plans tolerance radius snapshot reactive stages"
+    )
+    assert " ".join(found["lidar"]) == "channels rays elevation_min elevation_max max_range range_noise dropout"
+    other = Campaign("suburb", config=FlightConfig(planner=PLANNER, lidar=Lidar(width=90.0), exact=True))
+    assert other.configuration()["lidar"]["width"] == 90.0
+    assert other.configuration()["exact"] is True
+
+
+def test_who_flies_among_movers_looks_by_the_flights_own_lidar() -> None:
+    lidar = Lidar(rays=4096, channels=32)
+    campaign = Campaign("suburb", config=FlightConfig(planner=PLANNER, lidar=lidar), movers=Population(5, 4.0, "birds"))
+    how = campaign.flight.moving
+    assert how is not None
+    assert isinstance(how.perception, LidarPerception)
+    assert how.perception.sight.lidar == lidar
+    assert how.perception.sight.bounds == how.bounds
+    assert how.bounds.speed >= 1.4 * 4.0  # what birds keep
+    assert how.bounds.acceleration >= 2.0
+    assert campaign.configuration()["movers"] == {"count": 5, "speed": 4.0, "kind": "birds"}
+    assert campaign.configuration()["moving"]["bounds"]["speed"] == how.bounds.speed
+    own = Avoidance(TrueTracks())
+    told = Campaign("suburb", config=FlightConfig(planner=PLANNER, moving=own), movers=Population(5))
+    assert told.flight.moving == own

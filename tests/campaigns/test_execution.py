@@ -38,8 +38,11 @@ from maxjax.sim import flight, replan
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import FlightConfig, FlightLog, World, watch
 from maxjax.sim.lidar import Lidar
+from maxjax.sim.moving.among import Flag, Flags
 from maxjax.sim.vehicle import Vehicle
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.movers import Movers
+from maxjax.worlds.populations import Population
 from maxjax.worlds.solids import upright_boxes
 
 # --- The bookkeeping, on flights along the straight line; some of them end badly. ---
@@ -140,8 +143,9 @@ def test_on_a_cpu_each_flight_is_watched_by_itself(monkeypatch: pytest.MonkeyPat
     config = windy(2.0)
     found = module._fly_split((geoms, *points, keys), config, jax.devices()[:1])
     expected = jax.vmap(fake_fly, in_axes=(0, 0, 0, 0, None))(geoms, *points, keys, config)
-    for field in dataclasses.fields(FlightLog):
-        np.testing.assert_allclose(found[field.name], getattr(expected, field.name), rtol=1e-5)
+    assert set(found) == {field.name for field in dataclasses.fields(FlightLog)} - {"flags"}
+    for name, values in found.items():
+        np.testing.assert_allclose(values, getattr(expected, name), rtol=1e-5)
     assert [world.disturbances for world in watched] == [config.disturbances] * 3
 
 
@@ -274,6 +278,75 @@ def test_memory_holds_many_flights_of_which_some_are_computed_at_a_time(free: fl
     assert batch_size._fitting(free - 1e9 + 1, 101**3) == flights
 
 
+# --- Movers. ---
+
+HORIZON = 2.2  # of motions by default [s]
+
+
+def fake_fly_among(
+    geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig, movers: Movers
+) -> FlightLog:
+    """As above, with a figure of its movers, and a flag one or four seconds before the end."""
+    log = fake_fly(geoms, start, goal, key, config)
+    assert config.moving is not None
+    last = jnp.full(len(Flag), -jnp.inf)
+    ago = jnp.where(jax.random.uniform(jax.random.fold_in(key, 2)) < 0.5, 1.0, 4.0)
+    flags = Flags(jnp.arange(len(Flag)) / 10.0, 0.25 * log.duration, last.at[Flag.NEAR].set(log.duration - ago))
+    touches = jnp.where(jax.random.uniform(key) < 0.6, Status.IN_CONTACT, Status.OK).astype(jnp.int32)
+    return dataclasses.replace(log, status=touches, clearance=jnp.sum(movers.knots), flags=flags)
+
+
+@pytest.fixture
+def among(monkeypatch: pytest.MonkeyPatch, quick: None) -> None:
+    def one_by_one(geoms: Any, start: Any, goal: Any, key: Any, config: FlightConfig, movers: Any) -> Any:
+        return jax.vmap(lambda *each: fake_fly_among(*each[:4], config, each[4]))(geoms, start, goal, key, movers)
+
+    monkeypatch.setattr(module, "_one_by_one", one_by_one)
+
+
+@pytest.mark.usefixtures("among")
+def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_path: Path) -> None:
+    campaign = Campaign("suburb", 0, range(10), config=CALM, movers=Population(3, 5.0, "encounters"))
+    together = {outcome.trial: outcome for outcome in flown(campaign, batch=4, folder=tmp_path)}
+    (alone,) = flown(dataclasses.replace(campaign, trials=range(7, 8)))
+    assert alone == together[7]
+    assert alone.clearance is not None
+    world = module.world_of(campaign, module.draw_trials(campaign), 7)
+    assert world.movers is not None
+    np.testing.assert_allclose(alone.clearance, float(jnp.sum(world.movers.knots)), atol=2e-3)
+    assert len({outcome.clearance for outcome in together.values()}) > 7
+
+    kept = campaign.ledger(tmp_path).outcomes
+    assert kept == together
+    flown_ones = [outcome for outcome in kept.values() if outcome.flown]
+    for outcome in flown_ones:
+        assert outcome.flagged == {"BOUND": 0.0, "NEAR": 0.1, "DRIFTED": 0.2, "TRAPPED": 0.3, "CROWDED": 0.4}
+        assert outcome.flagged_share == 0.25
+        # Where both ends are too near to one another, no mover meets the way without being near an end.
+        assert (outcome.hidden_movers == 3) == (outcome.clearance == -3000.0)
+        assert (outcome.flagged_before is None) == (outcome.status != "IN_CONTACT")
+    contacts = [outcome for outcome in flown_ones if outcome.status == "IN_CONTACT"]
+    unexplained = [outcome for outcome in contacts if not outcome.flagged_before]
+    assert 0 < len(unexplained) < len(contacts)
+    found = summarise(list(kept.values()))["movers"]
+    assert (found["contacts"], found["contacts_without_a_flag"]) == (len(contacts), len(unexplained))
+    assert found["flagged_share"] == pytest.approx(0.25, abs=1e-4)
+    assert found["flagged_seconds"]["NEAR"] == pytest.approx(0.1 * len(flown_ones))
+    with pytest.raises(ValueError, match="another campaign: moving was"):
+        dataclasses.replace(campaign, movers=Population(3, 6.0, "encounters")).ledger(tmp_path)
+    with pytest.raises(ValueError, match="another campaign: movers was"):
+        dataclasses.replace(campaign, movers=Population(4, 5.0, "encounters")).ledger(tmp_path)
+
+
+@pytest.mark.usefixtures("quick")
+def test_lines_without_movers_are_as_before(tmp_path: Path) -> None:
+    campaign = Campaign("suburb", 0, range(3), config=CALM)
+    outcomes = flown(campaign, folder=tmp_path)
+    (first, *_) = (tmp_path / bookkeeping.ROWS).read_text().splitlines()
+    assert list(json.loads(first))[-1] == "command"
+    assert "movers" not in summarise(outcomes)
+
+
 def test_no_batch_is_refused() -> None:
     with pytest.raises(ValueError, match="batch"):
         next(fly_trials(Campaign("suburb", config=CALM), batch=0))
@@ -365,11 +438,7 @@ def _real_flights(out: Path) -> None:
         campaigns_agree=sorted(map(str, two)) == sorted(map(str, one)),
         alone=watched[-1].log.position,
         alone_status=watched[-1].log.status,
-        **{
-            f"{name}_{field.name}": log[field.name]
-            for name, log in logs.items()
-            for field in dataclasses.fields(FlightLog)
-        },
+        **{f"{name}_{field}": values for name, log in logs.items() for field, values in log.items()},
     )
 
 
@@ -408,6 +477,8 @@ def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
     odd = CASES.index("maybe NaN")
     others = [place for place in range(len(CASES)) if place != odd]
     for field in dataclasses.fields(FlightLog):
+        if field.name == "flags":  # of flights among movers
+            continue
         with_nan, without = found[f"nan_{field.name}"], found[f"fine_{field.name}"]
         np.testing.assert_array_equal(with_nan[others], without[others])
     assert found["fine_planning_iterations"][odd] > 1
