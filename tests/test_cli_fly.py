@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import inspect
 import json
 import os
@@ -30,10 +29,13 @@ from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.lidar import Scan
+from maxjax.sim.moving.among import Flag, Flags
 from maxjax.sim.rolling_map import empty
 from maxjax.view.trials import open_folder
 from maxjax.viz import campaign as pictures
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.movers import Movers
+from maxjax.worlds.populations import Population
 from maxjax.worlds.solids import upright_boxes
 
 pytest.importorskip("matplotlib")
@@ -43,8 +45,17 @@ def town() -> Geoms:
     return concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
 
 
-def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
-    """Every fourth trial, about, ends in contact half-way."""
+def fake_fly(
+    geoms: Geoms,
+    start: jax.Array,
+    goal: jax.Array,
+    key: jax.Array,
+    config: FlightConfig,
+    movers: Movers | None = None,
+) -> FlightLog:
+    """Every fourth trial, about, ends in contact half-way; a flag was up long before."""
+    never = jnp.full(len(Flag), -jnp.inf)
+    flags = Flags(0.1 * (jnp.arange(len(Flag)) == Flag.NEAR), jnp.float32(0.1), never.at[Flag.NEAR].set(0.5))
     touches = jax.random.uniform(key) < 0.25
     row = jnp.arange(41)
     position = start + (row / 40.0)[:, None] * (goal - start)
@@ -58,13 +69,15 @@ def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, co
         clearance=jnp.float32(3.0),
         margin=jnp.full(4, 8.0),
         certified=jnp.int32(4),
+        flags=None if movers is None else flags,
     )
 
 
 def fake_fly_all(worlds: World, config: FlightConfig) -> FlightLog:
     """The flights above, a batch of them."""
-    one = functools.partial(fake_fly, config=config)
-    logs: FlightLog = jax.vmap(one)(worlds.geoms, worlds.start, worlds.goal, worlds.key)
+    logs: FlightLog = jax.vmap(lambda *each: fake_fly(*each[:4], config, each[4]))(
+        worlds.geoms, worlds.start, worlds.goal, worlds.key, worlds.movers
+    )
     return logs
 
 
@@ -185,6 +198,23 @@ def test_out_holds_lines_summary_and_picture_and_goes_on_where_it_was(fly: Termi
     assert "another campaign" in err
 
 
+def test_flags_of_movers_are_told(fly: Terminal) -> None:
+    arguments = ("suburb", "--trials", 8, "--batch", 4, "--movers", 2, "--mover-speed", 4, "--mover-kind", "encounters")
+    code, out, _ = fly(*arguments, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["configuration"]["movers"] == {"count": 2, "speed": 4.0, "kind": "encounters"}
+    assert found["movers"]["contacts"] == found["movers"]["contacts_without_a_flag"] == found["collisions"] > 0
+    assert found["movers"]["flagged_share"] == 0.025
+    for failure in found["failures"]:
+        assert failure["command"].endswith("--movers 2 --mover-speed 4 --mover-kind encounters")
+    _, text, _ = fly(*arguments)
+    assert f"{found['collisions']} of {found['collisions']}" in text
+    assert "2.50 %" in text
+    assert "NEAR 0.8 s" in text
+    assert "flagged" not in fly("suburb", "--trials", 2)[1]
+
+
 @pytest.mark.large
 def test_one_trial_is_filmed(fly: Terminal, tmp_path: Path) -> None:
     _, batch, _ = fly("suburb", "--trials", 8, "--json")
@@ -239,6 +269,11 @@ def test_the_time_left_is_that_of_batches_after_the_compiled_one(
         (["suburb", "--dead-sector", 400], "dead"),
         (["suburb", "--reactive", -2], "reactive"),
         (["suburb", "--method", "magic"], "magic"),
+        (["suburb", "--movers", 0], "movers: expected 1 to 256, given 0"),
+        (["suburb", "--movers", 3, "--mover-speed", 0], "speed of movers: expected above 0"),
+        (["suburb", "--movers", 3, "--mover-kind", "bats"], "kind of movers: expected one of drones, birds, cars"),
+        (["suburb", "--mover-speed", 3], "--mover-speed: needs --movers"),
+        (["suburb", "--start", 0, 0, 5, "--goal", 9, 9, 5, "--movers", 3], "--movers: goes with trials"),
         (["suburb", "--shard", "0/2"], "--shard: expected --out"),
         (["suburb", "--shard", "2/2", "--out", "none"], "shard: expected K/N with K from 0 to N - 1, given 2/2"),
         (["suburb", "--shard", "0/2", "--merge", "--out", "none"], "--shard and --merge: expected one of them"),
@@ -297,6 +332,7 @@ def test_a_replay_command_flies_the_same_campaign(fly: Terminal, monkeypatch: py
     for campaign in (
         Campaign("downtown", 7, range(37, 38), config=config, command=command_of),
         Campaign("suburb", 0, range(5, 6), config=FlightConfig(planner=planner_named("field")), command=command_of),
+        Campaign("midtown", 1, range(2, 3), config=config, movers=Population(30, 7.5, "mixed"), command=command_of),
     ):
         assert fly(*shlex.split(command_of(campaign, campaign.trials[0]))[2:], "--json")[0] == 0
         assert given[-1].configuration() == campaign.configuration()

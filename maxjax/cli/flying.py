@@ -27,6 +27,7 @@ from maxjax.core.provenance import device, versions
 from maxjax.methods import planner_named
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig
+from maxjax.worlds.populations import Population
 
 
 def run_fly(options: FlyOptions) -> int:
@@ -180,7 +181,13 @@ def campaign_of(options: FlyOptions) -> Campaign:
     )
     planner = planner_named(options.method)
     config = FlightConfig(disturbances, planner=planner, snapshot=options.snapshot, reactive=options.reactive)
-    return Campaign(options.map, options.seed, range(first, first + count), config=config, command=command_of)
+    if options.movers is None:
+        tracking.refuse(options, ("mover_speed", "mover_kind"), "needs --movers")
+        movers = None
+    else:
+        movers = Population(options.movers, options.mover_speed, options.mover_kind)
+    trials_flown = range(first, first + count)
+    return Campaign(options.map, options.seed, trials_flown, config=config, movers=movers, command=command_of)
 
 
 # Options for disturbances with a strength, in order; latency is a switch.
@@ -205,6 +212,8 @@ def command_of(campaign: Campaign, trial: int) -> str:
             words += [option, f"{strengths[name]:.12g}"]
     words += ["--latency"] * bool(strengths["latency"]) + ["--snapshot"] * config.snapshot
     words += ["--reactive", f"{config.reactive:.12g}"] if config.reactive else []
+    if (movers := campaign.movers) is not None:
+        words += ["--movers", str(movers.count), "--mover-speed", f"{movers.speed:.12g}", "--mover-kind", movers.kind]
     return shlex.join(words)
 
 
@@ -247,6 +256,15 @@ def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str
         "plans without a path": str(content["failed_plans"]),
         "least clearance": "" if least is None else f"{least:.2f} m",
     }
+    if among := content.get("movers"):
+        causes = {cause: seconds for cause, seconds in among["flagged_seconds"].items() if seconds}
+        told = ", ".join(f"{cause} {seconds:.1f} s" for cause, seconds in causes.items())
+        rows |= {
+            "contacts without a flag before": f"{among['contacts_without_a_flag']} of {among['contacts']}",
+            "flagged time": "" if among["flagged_share"] is None else f"{100 * among['flagged_share']:.2f} %",
+            "flagged, by cause": told,
+            "movers without a way": str(among["hidden"] or ""),
+        }
     if len(outcomes) == 1:
         (one,) = outcomes
         rows |= {

@@ -236,6 +236,9 @@ class FlyOptions:
         latency: Fly each plan one planning period late.
         snapshot: Plan from the latest scan alone.
         reactive: Gain of the reactive layer [m/s^2]; 0 leaves it out.
+        movers: Number of movers around the way, 1 to 256, which the vehicle's own LiDAR has to find; by default none.
+        mover_speed: Their greatest speed [m/s].
+        mover_kind: drones, birds, cars, cranes, mixed, or encounters, which meet the vehicle's nominal way.
         trial: Fly this trial only; with --out, film it.
         shard: Fly the share K of N of the trials, K from 0 to N - 1, into a folder of its own below --out.
         merge: Fly nothing: make the folder --out from those of all its shares.
@@ -268,6 +271,9 @@ class FlyOptions:
     latency: _Flag = False
     snapshot: _Flag = False
     reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0
+    movers: _Count = None
+    mover_speed: Annotated[float, tyro.conf.arg(metavar="V")] = 5.0
+    mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
     trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
     shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
     merge: _Flag = False
