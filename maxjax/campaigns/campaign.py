@@ -100,11 +100,6 @@ class Campaign:
         """Key that the keys of all its flights are folded from."""
         return named(jax.random.key(self.seed), f"flights {self.map}")
 
-    @property
-    def movers_key(self) -> PRNGKeyArray:
-        """Key that the keys of the movers of all its trials are folded from."""
-        return named(jax.random.key(self.seed), f"movers {self.map}")
-
     def configuration(self) -> dict[str, Any]:
         """All that the outcomes depend on, as JSON holds it.
 
@@ -125,6 +120,11 @@ class Campaign:
     def ledger(self, folder: Path) -> Ledger:
         """The folder that keeps it, made if missing; raises as `Ledger.open`."""
         return Ledger.open(folder, self.configuration(), self.trials)
+
+
+def movers_key(name: str, seed: int) -> PRNGKeyArray:
+    """Key that the keys of the movers of all trials of a map and seed are folded from."""
+    return named(jax.random.key(seed), f"movers {name}")
 
 
 def _without(settings: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:

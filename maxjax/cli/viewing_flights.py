@@ -16,6 +16,7 @@ from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
 from maxjax.sim.flight import Flight, watch
 from maxjax.view.flight_page import FlightPage
+from maxjax.view.moving import movers_of
 from maxjax.view.server import serve
 from maxjax.view.share import playing_page
 from maxjax.view.trials import city_of, film_of, open_folder
@@ -45,7 +46,8 @@ def view_flights(options: ViewOptions) -> int:
         flights = again(outcome)
     with progress("Writing the page"):
         city = city_of(name, outcome.city)
-        film = film_of(outcome, ledger.positions()[trial], city, flights)
+        movers = movers_of(ledger.configuration, outcome)
+        film = film_of(outcome, ledger.positions()[trial], city, flights, movers)
         page_text = playing_page(city, film, caption(name, outcome), dark=options.dark)
     write_page(options, page_text)
     return 0
@@ -55,7 +57,8 @@ def caption(name: str, outcome: Outcome) -> str:
     """What a shared page says of a flight."""
     head = f"{name}:{outcome.city}, trial {outcome.trial}: {outcome.status}"
     figures = f"{outcome.flown_length:.1f} m in {outcome.duration:.1f} s, {outcome.clearance:.1f} m clear at the least"
-    return f"{head}\n{figures}\nBlue line: flown; green: plan; pink: reference; blue boxes: the map so far; dots: scan"
+    legend = "Blue line: flown; green: plan; pink: reference; blue boxes: the map so far; dots: scan; violet: movers"
+    return f"{head}\n{figures}\n{legend}"
 
 
 def again(outcome: Outcome) -> Sequence[Flight]:

@@ -18,6 +18,7 @@ from maxjax.campaigns.outcomes import Outcome
 from maxjax.core.status import Status
 from maxjax.sim.flight import Flight
 from maxjax.view.film import VEHICLE_NODE, Film
+from maxjax.view.moving import movers_of
 from maxjax.view.nodes import Scene
 from maxjax.view.server import look, look_at
 from maxjax.view.stage import Stage
@@ -33,7 +34,7 @@ LEGEND = (
     '<div style="font-size:0.8em;padding:0 0.9em 0.4em"><b style="color:#0072B2">━━</b> flown '
     '<b style="color:#D55E00">━━</b> failed <b style="color:#009E73">━━</b> plan '
     '<b style="color:#CC79A7">━━</b> reference<br><b style="color:#56B4E9">■</b> map so far '
-    "<b>·</b> scan</div>"
+    '<b>·</b> scan <b style="color:#7A1EA0">■</b> mover</div>'
 )
 Again = Callable[[Outcome], Sequence[Flight]]
 """Flies a trial again: the flight before its first period and after each."""
@@ -129,7 +130,8 @@ class FlightPage:
                 self._stage.show("/", {})
                 return
             city = city_of(self._name, outcome.city)
-            self.film, self._shown = film_of(outcome, line, city, self._flights.get(trial, ())), {}
+            flights, movers = self._flights.get(trial, ()), movers_of(self._ledger.configuration, outcome)
+            self.film, self._shown = film_of(outcome, line, city, flights, movers), {}
             look_at(self._server, city, self.film.positions)
             for client in self._server.get_clients().values():
                 client.camera.position = self._server.initial_camera.position

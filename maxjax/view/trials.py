@@ -26,8 +26,10 @@ from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together
 from maxjax.view.film import Cue, Film
+from maxjax.view.moving import moving_cues
 from maxjax.view.nodes import Dots, Frame, Node, Scene, point3
 from maxjax.view.surface import surface
+from maxjax.worlds.movers import Movers
 from maxjax.worlds.scenes import make_scene
 
 # The cities of all maps, above their ground.
@@ -81,7 +83,13 @@ def trial_in_words(outcome: Outcome) -> str:
     return "\n\n".join(rows)
 
 
-def film_of(outcome: Outcome, line: Float[np.ndarray, "t 3"], city: City, flights: Sequence[Flight] = ()) -> Film:
+def film_of(
+    outcome: Outcome,
+    line: Float[np.ndarray, "t 3"],
+    city: City,
+    flights: Sequence[Flight] = (),
+    movers: Movers | None = None,
+) -> Film:
     """A trial as a film.
 
     Args:
@@ -89,6 +97,7 @@ def film_of(outcome: Outcome, line: Float[np.ndarray, "t 3"], city: City, flight
         line: positions every 0.1 s [m].
         city: of the trial.
         flights: from flying it again, before its first period and after each; empty: its line is all there is.
+        movers: in the city besides.
     """
     frame = city.frame
     if flights:
@@ -97,9 +106,10 @@ def film_of(outcome: Outcome, line: Float[np.ndarray, "t 3"], city: City, flight
     shown: dict[str, Node] = {"/flown/line": plain_line(frame.page(line), FLOWN if arrived else FAILED, _LINE)}
     ends = ends_scene((point3(np.asarray(outcome.start)), point3(np.asarray(outcome.goal))), frame)
     times = np.minimum(LOG_PERIOD * np.arange(len(line)), outcome.duration or np.inf)
+    moving = () if movers is None else moving_cues(movers, times, frame)
     return Film(
         together(city_scene(city, THROUGH if flights else 1.0), ends, shown),
-        _cues(flights, frame),
+        tuple(sorted([*_cues(flights, frame), *moving], key=lambda cue: cue.time)),
         times,
         frame.page(line),
     )

@@ -1,0 +1,80 @@
+"""Movers of a flight as a page shows them: boxes, in turns of a tenth of a second.
+
+What moves in a trial is a function of its campaign and its ends, so it is shown without flying it again. A box stands
+for each solid, at least 0.8 m wide: a drone of 0.3 m could not be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.campaigns.campaign import movers_key
+from maxjax.campaigns.outcomes import Outcome
+from maxjax.view.colors import MOVER
+from maxjax.view.film import Cue
+from maxjax.view.nodes import Frame, Surface
+from maxjax.worlds.geoms import BOX, CAPSULE, Geoms
+from maxjax.worlds.movers import Movers, solids_at
+from maxjax.worlds.populations import Population, placed, population
+from maxjax.worlds.scenes import make_scene
+
+MOVERS_NODE = "/movers"
+_LEAST = 0.4  # half edge that is shown [m]
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+# Two triangles a side of the box, counter-clockwise as seen from outside, and how bright the sides are.
+_SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+_BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
+
+
+def movers_of(configuration: Mapping[str, Any], outcome: Outcome) -> Movers | None:
+    """The movers of a trial that was flown, as its flight had them; None where there were none.
+
+    Args:
+        configuration: of its campaign, as its folder holds it.
+        outcome: of the trial.
+    """
+    if configuration.get("movers") is None or not outcome.flown:
+        return None
+    key = jax.random.fold_in(movers_key(configuration["map"], configuration["seed"]), outcome.trial)
+    start, goal = (jnp.asarray(end, jnp.float32) for end in (outcome.start, outcome.goal))
+    geoms = make_scene(configuration["map"], outcome.city).geoms
+    return population(geoms, start, goal, key, how=Population(**configuration["movers"]))
+
+
+def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) -> tuple[Cue, ...]:
+    """Where movers are at some times [s], from each on; those without a way are left out."""
+    there = np.asarray(placed(movers))
+    if not there.any():
+        return ()
+    at = jax.vmap(solids_at, (None, 0))(movers, jnp.asarray(times, jnp.float32))
+    rotation = np.asarray(at.rotation, np.float64)[:, there]
+    half = np.maximum(_half_edges(movers.solids)[there], _LEAST)
+    middle = frame.page(np.asarray(at.position, np.float64)[:, there])
+    corners = middle[..., None, :] + np.einsum("tmij,cj,mj->tmci", rotation, _CORNERS, half)
+    return tuple(
+        Cue(float(time), MOVERS_NODE, {MOVERS_NODE: _boxes(one)}) for time, one in zip(times, corners, strict=True)
+    )
+
+
+def _half_edges(solids: Geoms) -> Float[np.ndarray, "m 3"]:
+    """Of the box around each solid, along its own axes [m]."""
+    size = np.asarray(solids.size, np.float64)
+    kinds = np.array(solids.type)[:, None]
+    lengthened = np.stack([size[:, 0], size[:, 0], size[:, 0] + size[:, 1]], axis=1)
+    return np.where(kinds == BOX, size, np.where(kinds == CAPSULE, lengthened, size[:, :1]))
+
+
+def _boxes(corners: Float[np.ndarray, "m 8 3"]) -> Surface:
+    """Boxes by their corners, each side with its own light."""
+    points = corners[:, _SIDES].reshape(-1, 3)
+    first = 4 * np.arange(len(points) // 4, dtype=np.uint32)[:, None, None]
+    faces = (first + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)).reshape(-1, 3)
+    bright = np.tile(np.repeat(_BRIGHT, 4), len(corners))
+    colors = np.round(np.array(MOVER) * bright[:, None]).astype(np.uint8)
+    return Surface(points.astype(np.float32), faces, colors)

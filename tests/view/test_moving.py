@@ -1,0 +1,73 @@
+"""Movers on the page: those of the trial, where they are, as boxes that Trimesh finds closed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import trimesh
+from flown import GOAL, START, line, outcome
+
+from maxjax.campaigns import execution
+from maxjax.campaigns.campaign import Campaign
+from maxjax.core.rng_streams import named
+from maxjax.methods import planner_named
+from maxjax.sim.flight import FlightConfig
+from maxjax.view.moving import MOVERS_NODE, movers_of, moving_cues
+from maxjax.view.nodes import Surface
+from maxjax.view.trials import city_of, film_of
+from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, rotation_z
+from maxjax.worlds.movers import Movers, places, straight
+from maxjax.worlds.populations import Population, population
+from maxjax.worlds.scenes import make_scene
+
+
+def bodies() -> Movers:
+    """A car's box, a jib's capsule, a ball, at constant velocities."""
+    size = jnp.array([[2.25, 0.9, 0.75], [0.4, 7.0, 0.0], [0.6, 0.0, 0.0]])
+    rotation = rotation_z(jnp.array([0.3, -1.0, 0.0]))
+    solids = Geoms(jnp.zeros((3, 3)), rotation, size, (BOX, CAPSULE, SPHERE))
+    return straight(solids, jnp.array([[0.0, 5.0, 0.8], [20.0, 0.0, 20.0], [-9.0, -9.0, 9.0]]), 2.0 * jnp.eye(3))
+
+
+def test_movers_are_those_that_the_trial_was_flown_among() -> None:
+    how = Population(2, 6.0, "cars")
+    config = FlightConfig(planner=planner_named("field"))
+    campaign = Campaign("suburb", 3, range(4, 6), config=config, movers=how)
+    ends = {"start": np.array([START] * 2, np.float32), "goal": np.array([GOAL] * 2, np.float32)}
+    flown_among = execution.world_of(campaign, {**ends, "city": np.array([3, 3])}, 1).movers
+    shown = movers_of(campaign.configuration(), dataclasses.replace(outcome(5, "OK"), city=3))
+    assert shown is not None
+    for given, expected in zip(jax.tree.leaves(shown), jax.tree.leaves(flown_among), strict=True):
+        np.testing.assert_array_equal(given, expected)
+    key = jax.random.fold_in(named(jax.random.key(3), "movers suburb"), 5)
+    by_hand = population(make_scene("suburb", 3).geoms, jnp.array(START), jnp.array(GOAL), key, how=how)
+    np.testing.assert_array_equal(shown.knots, by_hand.knots)
+    assert movers_of({"map": "suburb", "seed": 3}, outcome(5, "OK")) is None
+
+
+def test_boxes_are_closed_and_move_with_their_movers() -> None:
+    city, movers = city_of("suburb", 0), bodies()
+    film = film_of(outcome(0, "OK"), line(1.0), city, (), movers)
+    for time in (0.0, 3.0):
+        node = film.showing(time)[MOVERS_NODE][MOVERS_NODE]
+        assert isinstance(node, Surface)
+        faces = node.faces.reshape(3, 12, 3)
+        place = city.frame.page(np.asarray(places(movers, jnp.float32(time))[0]))
+        for k, volume in enumerate((4.5 * 1.8 * 1.5, 0.8 * 0.8 * 14.8, 1.2**3)):
+            mesh = trimesh.Trimesh(node.points, faces[k]).process()
+            assert mesh.is_watertight
+            np.testing.assert_allclose(mesh.volume, volume, rtol=1e-3)  # positive: counter-clockwise from outside
+            np.testing.assert_allclose(mesh.center_mass, place[k], atol=1e-3)
+    assert [cue.time for cue in film.cues] == sorted(cue.time for cue in film.cues)
+
+
+def test_who_is_hidden_is_not_shown() -> None:
+    frame, movers = city_of("suburb", 0).frame, bodies()
+    (cue,) = moving_cues(dataclasses.replace(movers, knots=movers.knots.at[1, :, 2].set(-1000.0)), np.zeros(1), frame)
+    node = cue.nodes[MOVERS_NODE]
+    assert isinstance(node, Surface)
+    assert len(node.faces) == 2 * 12
+    assert moving_cues(dataclasses.replace(movers, knots=0.0 * movers.knots - 1000.0), np.zeros(1), frame) == ()
