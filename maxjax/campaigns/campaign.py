@@ -35,6 +35,8 @@ from maxjax.worlds.populations import Population
 
 # Bounds that movers are assumed to keep, over those that they keep: measured velocities have errors.
 _ALLOWANCE = 1.1
+# Distances to walls in a contact are compared with so much room [m].
+_ROUNDING = 1e-3
 # What configurations of earlier versions lack, and what it is where they lack it.
 _LATER: dict[str, Any] = {"exact": False, "moving": None, "movers": None}
 _LATER_LIDAR = {"turn": 0.1, "width": 360.0}
@@ -193,10 +195,13 @@ def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
         return {}
     duration = float(log["duration"])
     share = float(log["flags.any_seconds"]) / duration if duration > 0.0 else 0.0
+    touched = int(log["status"]) == Status.IN_CONTACT
     recent = bool(np.max(log["flags.last"]) >= duration - how.choice.horizon)
+    wall = "to_walls" in log and float(log["to_walls"]) <= campaign.config.radius + _ROUNDING
     return {
         "flagged": {flag.name: round(float(log["flags.seconds"][flag]), 3) for flag in Flag},
         "flagged_share": round(min(share, 1.0), 5),
-        "flagged_before": recent if int(log["status"]) == Status.IN_CONTACT else None,
+        "flagged_before": recent if touched else None,
+        "touched": ("wall" if wall else "mover") if touched else None,
         "hidden_movers": int(log["hidden"]) if "hidden" in log else None,
     }

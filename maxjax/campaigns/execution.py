@@ -32,6 +32,7 @@ from maxjax.campaigns.trials import draw_many
 from maxjax.programs.executable import stored
 from maxjax.programs.threads import concurrently, interruptible
 from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
+from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.movers import Movers
 from maxjax.worlds.populations import placed, population
@@ -166,8 +167,28 @@ def fly_batch(
     batch = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
     logs = _fly_split(batch, campaign.flight, devices, movers)
     if movers is not None:
-        logs["hidden"] = np.sum(~np.asarray(placed(movers)), axis=1)
+        logs |= beside_movers(logs, geoms, movers)
     return {name: values[: len(rows)] for name, values in logs.items()}
+
+
+def beside_movers(logs: Table, geoms: Geoms, movers: Movers) -> Table:
+    """Of flights among movers, how many of these have no way, and the distance to walls in the last place [m].
+
+    Args:
+        logs: of some flights.
+        geoms, movers: of their cities; the batch axis leads.
+    """
+    ends = np.sum(np.isfinite(logs["position"]).all(axis=-1), axis=1) - 1
+    last = jnp.asarray(logs["position"][np.arange(len(ends)), ends])
+    return {
+        "hidden": np.sum(~np.asarray(placed(movers)), axis=1),
+        "to_walls": np.asarray(_to_walls(geoms, last)),
+    }
+
+
+@stored("distance to walls")
+def _to_walls(geoms: Geoms, points: Float[Array, "b 3"]) -> Float[Array, " b"]:
+    return jax.vmap(distance)(geoms, points)
 
 
 def _movers(campaign: Campaign, drawn: Table, rows: Sequence[int] | np.ndarray) -> Movers:

@@ -45,6 +45,7 @@ class Outcome:
         flagged: among movers, the seconds that each assumption did not hold, by its name; None without movers.
         flagged_share: of the duration, that some assumption did not hold.
         flagged_before: of a contact, whether one did not within the horizon of motions before it.
+        touched: of a contact, "wall" or "mover".
         hidden_movers: those without a way in the city.
     """
 
@@ -66,6 +67,7 @@ class Outcome:
     flagged: dict[str, float] | None = None
     flagged_share: float | None = None
     flagged_before: bool | None = None
+    touched: str | None = None
     hidden_movers: int | None = None
 
     @property
@@ -86,7 +88,7 @@ class Outcome:
 
 
 # Fields of an outcome that flights without movers lack.
-AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "hidden_movers")
+AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "touched", "hidden_movers")
 
 
 def on_host(batch: Any) -> Table:
@@ -140,15 +142,16 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _among_movers(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What flags tell of flights among movers; times are summed over all flights."""
+    """What flags tell of flights among movers; contacts are those with movers, times are summed over all flights."""
     seconds: Counter[str] = Counter()
     for outcome in outcomes:
         seconds.update(outcome.flagged or {})
-    contacts = [outcome for outcome in outcomes if outcome.status == Status.IN_CONTACT.name]
+    contacts = [outcome for outcome in outcomes if outcome.touched == "mover"]
     duration = sum(outcome.duration or 0.0 for outcome in outcomes)
     flagged = sum((outcome.flagged_share or 0.0) * (outcome.duration or 0.0) for outcome in outcomes)
     return {
         "contacts": len(contacts),
+        "contacts_with_walls": sum(outcome.touched == "wall" for outcome in outcomes),
         "contacts_without_a_flag": sum(not outcome.flagged_before for outcome in contacts),
         "flagged_seconds": {cause: round(total, 3) for cause, total in seconds.items()},
         "flagged_share": round(flagged / duration, 5) if duration else None,

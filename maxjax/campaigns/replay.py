@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+import jax
 
 from maxjax.campaigns.campaign import Campaign, outcome_of
-from maxjax.campaigns.execution import draw_trials, world_of
+from maxjax.campaigns.execution import beside_movers, draw_trials, world_of
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, on_host
 from maxjax.sim.flight import Flight, watch
-from maxjax.worlds.populations import placed
 
 
 def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
@@ -30,7 +29,7 @@ def replay(campaign: Campaign, ledger: Ledger) -> tuple[Outcome, list[Flight]]:
             flights = list(watch(world, campaign.flight))
             logs = {name: values[None] for name, values in on_host(flights[-1].log).items()}
             if world.movers is not None:
-                logs["hidden"] = np.sum(~np.asarray(placed(world.movers)))[None]
+                logs |= beside_movers(logs, *jax.tree.map(lambda x: x[None], (world.geoms, world.movers)))
             outcome = outcome_of(campaign, drawn, 0, logs)
             ledger.record_positions([outcome.trial], logs["position"])
         else:

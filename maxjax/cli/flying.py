@@ -260,7 +260,8 @@ def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str
         causes = {cause: seconds for cause, seconds in among["flagged_seconds"].items() if seconds}
         told = ", ".join(f"{cause} {seconds:.1f} s" for cause, seconds in causes.items())
         rows |= {
-            "contacts without a flag before": f"{among['contacts_without_a_flag']} of {among['contacts']}",
+            "contacts with movers": str(among["contacts"]),
+            "without a flag before": str(among["contacts_without_a_flag"]),
             "flagged time": "" if among["flagged_share"] is None else f"{100 * among['flagged_share']:.2f} %",
             "flagged, by cause": told,
             "movers without a way": str(among["hidden"] or ""),

@@ -41,7 +41,7 @@ from maxjax.sim.lidar import Lidar
 from maxjax.sim.moving.among import Flag, Flags
 from maxjax.sim.vehicle import Vehicle
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.worlds.movers import Movers
+from maxjax.worlds.movers import Movers, straight
 from maxjax.worlds.populations import Population
 from maxjax.worlds.solids import upright_boxes
 
@@ -325,7 +325,10 @@ def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_pat
         # Where both ends are too near to one another, no mover meets the way without being near an end.
         assert (outcome.hidden_movers == 3) == (outcome.clearance == -3000.0)
         assert (outcome.flagged_before is None) == (outcome.status != "IN_CONTACT")
-    contacts = [outcome for outcome in flown_ones if outcome.status == "IN_CONTACT"]
+    touched = {outcome.trial: outcome.touched for outcome in flown_ones if outcome.status == "IN_CONTACT"}
+    ends = {trial: line[-1, 2] for trial, line in campaign.ledger(tmp_path).positions().items() if trial in touched}
+    assert touched == {trial: "wall" if height <= CALM.radius else "mover" for trial, height in ends.items()}
+    contacts = [outcome for outcome in flown_ones if outcome.touched == "mover"]
     unexplained = [outcome for outcome in contacts if not outcome.flagged_before]
     assert 0 < len(unexplained) < len(contacts)
     found = summarise(list(kept.values()))["movers"]
@@ -336,6 +339,33 @@ def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_pat
         dataclasses.replace(campaign, movers=Population(3, 6.0, "encounters")).ledger(tmp_path)
     with pytest.raises(ValueError, match="another campaign: movers was"):
         dataclasses.replace(campaign, movers=Population(4, 5.0, "encounters")).ledger(tmp_path)
+
+
+def test_walls_that_are_touched_are_no_movers() -> None:
+    """Three flights that ended over a plain: on the ground, in the air, before their first step."""
+    position = np.full((3, 4, 3), np.nan, np.float32)
+    position[0, :3], position[1, :4], position[2, :1] = [0.0, 0.0, 9.0], [1.0, 2.0, 7.0], [3.0, 0.0, 5.0]
+    position[0, 2] = 0.0, 0.0, 0.5
+    geoms = jax.tree.map(lambda x: jnp.stack([x] * 3), ground_plane())
+    still = straight(ground_plane(), jnp.array([[0.0, 0.0, -1000.0]]), jnp.zeros((1, 3)))
+    found = module.beside_movers({"position": position}, geoms, jax.tree.map(lambda x: jnp.stack([x] * 3), still))
+    np.testing.assert_allclose(found["to_walls"], [0.5, 7.0, 5.0])
+    np.testing.assert_array_equal(found["hidden"], [1, 1, 1])
+    campaign = Campaign("suburb", 0, range(3), config=CALM, movers=Population(1))
+    never = np.full((3, len(Flag)), -np.inf)
+    logs = {
+        **found, "position": position, "status": np.full(3, Status.IN_CONTACT), "duration": np.array([0.2, 0.3, 0.0]),
+        "flags.seconds": 0.0 * np.isfinite(never), "flags.any_seconds": np.zeros(3), "flags.last": never,
+        **{name: np.zeros(3, int) for name in ("planning_iterations", "failed_plans", "certified")},
+        **{name: np.ones(3) for name in ("flown_length", "clearance")}, "margin": np.full((3, 1), np.nan),
+    }  # fmt: skip
+    drawn = {
+        "start": position[:, 0], "goal": position[:, 0], "city": np.zeros(3, int), "excluded": np.zeros(3, int)
+    }  # fmt: skip
+    outcomes = [module.outcome_of(campaign, drawn, row, logs, row) for row in range(3)]
+    assert [outcome.touched for outcome in outcomes] == ["wall", "mover", "mover"]
+    told = summarise(outcomes)["movers"]
+    assert (told["contacts"], told["contacts_without_a_flag"], told["contacts_with_walls"]) == (2, 2, 1)
 
 
 @pytest.mark.usefixtures("quick")
