@@ -124,11 +124,6 @@ class Campaign:
         return Ledger.open(folder, self.configuration(), self.trials)
 
 
-def movers_key(name: str, seed: int) -> PRNGKeyArray:
-    """Key that the keys of the movers of all trials of a map and seed are folded from."""
-    return named(jax.random.key(seed), f"movers {name}")
-
-
 def _without(settings: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:
     """Settings but for those that are as usual."""
     return {name: value for name, value in settings.items() if name not in usual or value != usual[name]}

@@ -25,9 +25,10 @@ from jax.errors import JaxRuntimeError
 from jaxtyping import Array, Float, Key
 
 from maxjax.campaigns.batch_size import first_size, halved, round_up
-from maxjax.campaigns.campaign import Campaign, movers_key, outcome_of
+from maxjax.campaigns.campaign import Campaign, outcome_of
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, Table, on_host
+from maxjax.campaigns.trial_movers import movers_key
 from maxjax.campaigns.trials import draw_many
 from maxjax.programs.executable import stored
 from maxjax.programs.threads import concurrently, interruptible
@@ -202,7 +203,7 @@ def _movers_of(campaign: Campaign, drawn: Table, row: int) -> Movers:
     """The movers of one trial."""
     assert campaign.movers is not None
     geoms = _city(campaign.map, int(drawn["city"][row]))
-    key = jax.random.fold_in(movers_key(campaign.map, campaign.seed), campaign.trials[row])
+    key = movers_key(campaign.map, campaign.seed, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
     return population(geoms, start, goal, key, how=campaign.movers)
 

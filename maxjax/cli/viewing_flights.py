@@ -10,13 +10,13 @@ import tyro
 
 from maxjax.campaigns.execution import draw_trials, world_of
 from maxjax.campaigns.outcomes import Outcome
+from maxjax.campaigns.trial_movers import movers_of
 from maxjax.cli.flying import campaign_of
 from maxjax.cli.options import FlyOptions, ViewOptions
 from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
 from maxjax.sim.flight import Flight, watch
 from maxjax.view.flight_page import FlightPage
-from maxjax.view.moving import movers_of
 from maxjax.view.server import serve
 from maxjax.view.share import playing_page
 from maxjax.view.trials import city_of, film_of, open_folder

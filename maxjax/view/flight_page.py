@@ -15,10 +15,10 @@ from jaxtyping import Float
 
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
+from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.status import Status
 from maxjax.sim.flight import Flight
 from maxjax.view.film import VEHICLE_NODE, Film
-from maxjax.view.moving import movers_of
 from maxjax.view.nodes import Scene
 from maxjax.view.server import look, look_at
 from maxjax.view.stage import Stage

@@ -1,28 +1,22 @@
 """Movers of a flight as a page shows them: boxes, in turns of a tenth of a second.
 
-What moves in a trial is a function of its campaign and its ends, so it is shown without flying it again. A box stands
-for each solid, at least 0.8 m wide: a drone of 0.3 m could not be seen.
+What moves in a trial is known without flying it again (`campaigns.trial_movers`). A box stands for each solid, at least
+0.8 m wide: a drone of 0.3 m could not be seen.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.campaigns.campaign import movers_key
-from maxjax.campaigns.outcomes import Outcome
 from maxjax.view.colors import MOVER
 from maxjax.view.film import Cue
 from maxjax.view.nodes import Frame, Surface
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms
 from maxjax.worlds.movers import Movers, solids_at
-from maxjax.worlds.populations import Population, placed, population
-from maxjax.worlds.scenes import make_scene
+from maxjax.worlds.populations import placed
 
 MOVERS_NODE = "/movers"
 _LEAST = 0.4  # half edge that is shown [m]
@@ -30,21 +24,6 @@ _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z i
 # Two triangles a side of the box, counter-clockwise as seen from outside, and how bright the sides are.
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 _BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
-
-
-def movers_of(configuration: Mapping[str, Any], outcome: Outcome) -> Movers | None:
-    """The movers of a trial that was flown, as its flight had them; None where there were none.
-
-    Args:
-        configuration: of its campaign, as its folder holds it.
-        outcome: of the trial.
-    """
-    if configuration.get("movers") is None or not outcome.flown:
-        return None
-    key = jax.random.fold_in(movers_key(configuration["map"], configuration["seed"]), outcome.trial)
-    start, goal = (jnp.asarray(end, jnp.float32) for end in (outcome.start, outcome.goal))
-    geoms = make_scene(configuration["map"], outcome.city).geoms
-    return population(geoms, start, goal, key, how=Population(**configuration["movers"]))
 
 
 def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) -> tuple[Cue, ...]:

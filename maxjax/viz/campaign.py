@@ -6,19 +6,23 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Array, Bool, Float
 
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
+from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.grid import Grid
 from maxjax.sim import rolling_map
 from maxjax.sim.flight import Flight
+from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.viz.film import Filmed, Look, film_flight
 from maxjax.viz.flights import Flown, figure_flights
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
+from maxjax.worlds.movers import Movers, solids_at
 from maxjax.worlds.scenes import make_scene, occupancy
 
 if TYPE_CHECKING:
@@ -55,9 +59,17 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
     clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(geoms, where))
+    if (movers := movers_of(campaign.configuration(), outcome)) is not None:
+        times = jnp.minimum(LOG_PERIOD * jnp.arange(len(where)), outcome.duration or jnp.inf)
+        clearance = np.minimum(clearance, _to_movers(movers, times, jnp.asarray(where)))
     filmed = Filmed(looks, np.asarray(outcome.goal), clearance, campaign.config.radius)
     title = f"{_title(campaign, outcome.city)}, trial {outcome.trial}: {outcome.status}"
     return film_flight(filmed, _obstacle(geoms), _CITY, title=title)
+
+
+def _to_movers(movers: Movers, times: Float[Array, " n"], points: Float[Array, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Distances of points to movers at some times [m]."""
+    return np.asarray(jax.jit(jax.vmap(lambda t, x: distance(solids_at(movers, t), x)))(times, points))
 
 
 def _flown(ledger: Ledger) -> list[Outcome]:
@@ -71,8 +83,10 @@ def _obstacle(geoms: Geoms) -> Bool[np.ndarray, "nx ny nz"]:
 
 
 def _title(campaign: Campaign, city: int) -> str:
-    """The city, the method, and the disturbances."""
+    """The city, the method, the disturbances, and what moves."""
     strengths = [f"{name.replace('_', ' ')} {value:g}" for name, value in campaign.strengths.items() if value]
+    if (how := campaign.movers) is not None:
+        strengths.append(f"movers {how.count}, {how.kind}, {how.speed:g} m/s")
     return ", ".join([f"{campaign.map}:{city}", f"method {campaign.config.planner.name}", *strengths])
 
 

@@ -12,10 +12,11 @@ from flown import GOAL, START, line, outcome
 
 from maxjax.campaigns import execution
 from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.rng_streams import named
 from maxjax.methods import planner_named
 from maxjax.sim.flight import FlightConfig
-from maxjax.view.moving import MOVERS_NODE, movers_of, moving_cues
+from maxjax.view.moving import MOVERS_NODE, moving_cues
 from maxjax.view.nodes import Surface
 from maxjax.view.trials import city_of, film_of
 from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, rotation_z
