@@ -75,9 +75,9 @@ class Population:
         return min(max(1.4 * self.speed, 3.0), 15.0) if flies else self.speed
 
     @property
-    def body(self) -> float:
-        """Edge of a box around any of them [m]; around what is seen of a jib at a time, which is longer."""
-        return 5.0 if self.kind in ("cars", "mixed") else 1.0
+    def body(self) -> tuple[float, float, float]:
+        """Edges along x, y and z of a box around any of them, however it is turned [m]; of a jib, around a part."""
+        return (5.0, 5.0, 1.6) if self.kind in ("cars", "mixed") else (1.0, 1.0, 1.0)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -107,7 +107,7 @@ def population(
     keys = jax.vmap(functools.partial(jax.random.fold_in, key))(jnp.arange(how.count))
     rows, kinds, used = [], [], 0
     for kind, count in how.counts.items():
-        draw = functools.partial(_first, DRAWS[kind], kind in ("drones", "birds", "encounters"), place, how.speed)
+        draw = functools.partial(_first, DRAWS[kind], kind in ("drones", "birds", "encounters"), place, how)
         numbers = jnp.arange(count)
         rows.append(lax.map(lambda given, draw=draw: draw(*given), (keys[used : used + count], numbers)))
         kinds += [TYPES[kind][number % len(TYPES[kind])] for number in range(count)]
@@ -144,25 +144,25 @@ def _movers(drawn: Drawn, kinds: tuple[int, ...], faces: Bool[np.ndarray, " m"])
     )
 
 
-def _first(draw: Draw, floor: bool, place: Place, speed: float, key: PRNGKeyArray, number: Array) -> Drawn:
+def _first(draw: Draw, floor: bool, place: Place, how: Population, key: PRNGKeyArray, number: Array) -> Drawn:
     """The first of many that is free, or one that is hidden; `floor`: whether the ground counts as a wall."""
     walls = place.geoms if floor else place.walls
     u = jax.random.uniform(key, (_WAYS, 12))
     late = jnp.arange(_WAYS) / _WAYS
-    drawn = jax.vmap(lambda u, late: draw(u, late, place, speed, number))(u, late)
-    fits = jax.vmap(functools.partial(_fits, place, walls, speed))(drawn)
+    drawn = jax.vmap(lambda u, late: draw(u, late, place, how.speed, number))(u, late)
+    fits = jax.vmap(functools.partial(_fits, place, walls, how.fastest))(drawn)
     chosen: Drawn = jax.tree.map(lambda x: x[jnp.argmax(fits)], drawn)
     there = jnp.any(fits)
     still = {name: jnp.where(there, getattr(chosen, name), 0.0) for name in ("velocity", "sine", "cosine", "lift")}
     return dataclasses.replace(chosen, knot=jnp.where(there, chosen.knot, jnp.asarray(_HIDDEN)), **still)
 
 
-def _fits(place: Place, walls: Geoms, speed: float, drawn: Drawn) -> Bool[Array, ""]:
+def _fits(place: Place, walls: Geoms, fastest: float, drawn: Drawn) -> Bool[Array, ""]:
     assert drawn.points is not None
     clear = jax.vmap(functools.partial(distance, walls))(drawn.points) if walls.type else jnp.full(1, jnp.inf)
     times = jnp.linspace(0.0, _SECONDS, 17)
     early = jax.vmap(drawn.at)(times)
     ends = jnp.stack([place.start, place.goal])
     apart = jnp.linalg.norm(early[:, None] - ends, axis=-1) - drawn.reach
-    slack = 0.5 * 1.4 * speed * times[1]  # no mover goes further between a sample and the nearest time
+    slack = 0.5 * fastest * times[1]  # no mover goes further between a sample and the nearest time
     return jnp.all(clear >= drawn.need) & jnp.all(apart >= _ALONE + slack)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import trimesh
 from flown import GOAL, START, line, outcome
 
-from maxjax.campaigns import execution
+from maxjax.campaigns import execution, trial_movers
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.rng_streams import named
@@ -19,10 +21,10 @@ from maxjax.sim.flight import FlightConfig
 from maxjax.view.moving import MOVERS_NODE, moving_cues
 from maxjax.view.nodes import Surface
 from maxjax.view.trials import city_of, film_of
-from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, rotation_z
+from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, concatenate, ground_plane, rotation_z
 from maxjax.worlds.movers import Movers, places, straight
 from maxjax.worlds.populations import Population, population
-from maxjax.worlds.scenes import make_scene
+from maxjax.worlds.solids import upright_boxes
 
 
 def bodies() -> Movers:
@@ -33,7 +35,10 @@ def bodies() -> Movers:
     return straight(solids, jnp.array([[0.0, 5.0, 0.8], [20.0, 0.0, 20.0], [-9.0, -9.0, 9.0]]), 2.0 * jnp.eye(3))
 
 
-def test_movers_are_those_that_the_trial_was_flown_among() -> None:
+def test_movers_are_those_that_the_trial_was_flown_among(monkeypatch: pytest.MonkeyPatch) -> None:
+    town = concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
+    monkeypatch.setattr(execution, "_city", lambda name, seed: town)
+    monkeypatch.setattr(trial_movers, "make_scene", lambda name, seed: SimpleNamespace(geoms=town))
     how = Population(2, 6.0, "cars")
     config = FlightConfig(planner=planner_named("field"))
     campaign = Campaign("suburb", 3, range(4, 6), config=config, movers=how)
@@ -44,7 +49,7 @@ def test_movers_are_those_that_the_trial_was_flown_among() -> None:
     for given, expected in zip(jax.tree.leaves(shown), jax.tree.leaves(flown_among), strict=True):
         np.testing.assert_array_equal(given, expected)
     key = jax.random.fold_in(named(jax.random.key(3), "movers suburb"), 5)
-    by_hand = population(make_scene("suburb", 3).geoms, jnp.array(START), jnp.array(GOAL), key, how=how)
+    by_hand = population(town, jnp.array(START), jnp.array(GOAL), key, how=how)
     np.testing.assert_array_equal(shown.knots, by_hand.knots)
     assert movers_of({"map": "suburb", "seed": 3}, outcome(5, "OK")) is None
 

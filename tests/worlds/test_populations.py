@@ -87,6 +87,13 @@ def test_all_find_a_way_and_keep_the_bounds_that_they_claim(kind: str) -> None:
         np.testing.assert_allclose(now, places64(movers, np.array([time]))[:, 0], atol=2e-3)
 
 
+@pytest.mark.parametrize("kind", ["drones", "birds", "cars", "encounters"])
+def test_the_box_that_is_assumed_holds_them(kind: str) -> None:
+    movers, box = drawn(kind), Population(6, 5.0, kind).body
+    for time in (0.0, 3.0, 9.0):
+        assert (np.ptp(surface(movers, time), axis=1) <= box).all()
+
+
 @pytest.mark.parametrize(("kind", "walls"), [("drones", 2.0), ("birds", 2.0), ("cars", 0.5), ("cranes", 1.0)])
 def test_solids_keep_away_from_walls_ground_and_both_ends(kind: str, walls: float) -> None:
     movers = drawn(kind)
@@ -149,6 +156,19 @@ def test_kinds_are_mixed_evenly_and_equal_counts_are_one_program() -> None:
     again = drawn.__wrapped__("mixed", 10)
     for leaf, same in zip(jax.tree.leaves(movers), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(leaf, same)
+
+
+def test_a_batch_of_cities_and_keys_is_its_populations_one_by_one() -> None:
+    how, keys = Population(2, 5.0, "cars"), jax.vmap(jax.random.key)(jnp.arange(2))
+    ends = jnp.asarray(START, jnp.float32), jnp.asarray(GOAL, jnp.float32)
+    moved = town(), Geoms(town().position + jnp.array([3.0, 0.0, 0.0]), town().rotation, town().size, town().type)
+    cities = jax.tree.map(lambda *x: jnp.stack(x), *moved)
+    both = jax.jit(jax.vmap(lambda city, key: population(city, *ends, key, how=how)))(cities, keys)
+    for k in range(2):
+        alone = population(moved[k], *ends, keys[k], how=how)
+        np.testing.assert_allclose(both.knots[k], alone.knots, atol=1e-4)
+        np.testing.assert_allclose(both.amplitude[k], alone.amplitude, atol=1e-4)
+        np.testing.assert_allclose(both.frequency[k], alone.frequency, rtol=1e-5)
 
 
 def test_who_finds_no_way_is_hidden_and_told() -> None:
