@@ -114,7 +114,7 @@ class Campaign:
         del settings["planner"]  # told by its name
         settings["stages"] = [getattr(stage, "__name__", str(stage)) for stage in stages_of(self.config)]
         plain: dict[str, Any] = json.loads(
-            json.dumps({**own, "method": self.config.planner.name, **settings}, default=dataclasses.asdict)
+            json.dumps({**own, "method": self.config.planner.name, **settings}, default=_plain)
         )
         plain["lidar"] = _without(plain["lidar"], _LATER_LIDAR)
         return _without(plain, _LATER)
@@ -122,6 +122,11 @@ class Campaign:
     def ledger(self, folder: Path) -> Ledger:
         """The folder that keeps it, made if missing; raises as `Ledger.open`."""
         return Ledger.open(folder, self.configuration(), self.trials)
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know: dataclasses by their fields, functions by their names."""
+    return value.__name__ if callable(value) and not dataclasses.is_dataclass(value) else dataclasses.asdict(value)
 
 
 def _without(settings: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:

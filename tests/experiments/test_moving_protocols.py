@@ -9,7 +9,17 @@ from experiments.moving_protocols import Config, main, section
 
 
 def test_a_row_says_who_arrived_and_how_to_fly_a_contact_again(tmp_path: Path) -> None:
-    rows = main(Config(protocols=("sando",), obstacles=(20,), radii=(0.1,), sights=("true",), seeds=1, out=tmp_path))
+    rows = main(
+        Config(
+            protocols=("sando",),
+            obstacles=(20,),
+            radii=(0.1,),
+            sights=("true",),
+            methods=("ours",),
+            seeds=1,
+            out=tmp_path,
+        )
+    )
     assert len(rows) == 1
     row = rows[0]
     assert row["arrived"] == row["flights"] == 1
@@ -17,7 +27,7 @@ def test_a_row_says_who_arrived_and_how_to_fly_a_contact_again(tmp_path: Path) -
     assert row["unflagged"] == 0
     assert 105.0 / 5.0 < float(row["seconds"] or 0.0) < 40.0
     text = section(json.loads((tmp_path / "moving_protocols.json").read_text()))
-    assert "| SANDO 20 | true positions | 0.1 | 1 of 1 |" in text
+    assert "| SANDO 20 | verified motions | true positions | 0.1 | 1 of 1 |" in text
     contact = {**row, "arrived": 0, "contacts": 1, "seconds": None, "again": "python -m x --first 3"}
     document = json.loads((tmp_path / "moving_protocols.json").read_text()) | {"rows": [contact]}
     assert "- `python -m x --first 3`" in section(document)

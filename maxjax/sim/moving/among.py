@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.moving.choice import Commitment, Keeping
+from maxjax.sim.moving.choice import Chooser, Commitment, Keeping, chosen
 from maxjax.sim.moving.local_value import Crowding
 from maxjax.sim.moving.motions import MotionSet
 from maxjax.sim.moving.sets import Bounds, Tracks
@@ -116,6 +116,7 @@ class Avoidance:
         crowd: what nearness costs on the way.
         drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
         within: least and greatest coordinates of the air that may be flown in [m]; None: any.
+        chooser: of motions; another one may take its place, as rivals do.
     """
 
     perception: Perception
@@ -125,6 +126,7 @@ class Avoidance:
     crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
     drift: float = 0.4
     within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    chooser: Chooser = chosen
 
 
 @jax.tree_util.register_dataclass

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.planning.windowed_route import boxed, corner_around
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.moving.among import Among, Avoidance, Flag
-from maxjax.sim.moving.choice import Around, Commitment, chosen
+from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import Motion, at, later
@@ -61,7 +61,7 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     guide = _guide(world, flight, config, left.place)
     around = Around(among.seen.tracks, hard, guide, how.within)
     verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
-    flown, holds = chosen(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
+    flown, holds = how.chooser(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
     up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds)
     return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
 

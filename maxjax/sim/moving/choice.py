@@ -16,6 +16,7 @@ may go along it, and come no nearer.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -115,7 +116,7 @@ def chosen(
         keeping: distances. Static.
     """
     present = flown.motion
-    tried = motions(choice, present.place, present.velocity, _towards(around.guide, present, choice))
+    tried = motions(choice, present.place, present.velocity, downhill(around.guide, present, choice))
     every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, bounds, keeping)
     some = jnp.any(scored.verified)
@@ -128,6 +129,10 @@ def chosen(
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
     motion: Motion = jax.tree.map(lambda x: x[taken], every)
     return Commitment(motion, verified), some | keeps
+
+
+# (around, flown, choice, bounds, keeping) ↦ (the motion to fly, whether its promise holds)
+Chooser = Callable[[Around, Commitment, MotionSet, Bounds, Keeping], tuple[Commitment, Bool[Array, ""]]]
 
 
 def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:
@@ -177,7 +182,7 @@ def _distance(place: Float[Array, "n t 3"], least: Array, greatest: Array) -> Fl
     return jnp.sqrt(squared)
 
 
-def _towards(guide: LocalValue, flown: Motion, choice: MotionSet) -> Float[Array, "3"]:
+def downhill(guide: LocalValue, flown: Motion, choice: MotionSet) -> Float[Array, "3"]:
     """The greatest velocity down the cost-to-go [m/s]."""
     apart = _SLOPE * guide.spacing * jnp.eye(3)
     values = cost_to_go(guide, jnp.concatenate([flown.place - apart, flown.place + apart]))
