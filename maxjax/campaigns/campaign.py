@@ -197,7 +197,8 @@ def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
     share = float(log["flags.any_seconds"]) / duration if duration > 0.0 else 0.0
     touched = int(log["status"]) == Status.IN_CONTACT
     recent = bool(np.max(log["flags.last"]) >= duration - how.choice.horizon)
-    wall = "to_walls" in log and float(log["to_walls"]) <= campaign.config.radius + _ROUNDING
+    # Without movers only walls are there to be touched.
+    wall = float(log.get("to_walls", 0.0)) <= campaign.config.radius + _ROUNDING
     return {
         "flagged": {flag.name: round(float(log["flags.seconds"][flag]), 3) for flag in Flag},
         "flagged_share": round(min(share, 1.0), 5),

@@ -19,6 +19,10 @@ from maxjax.core.status import Status
 INVALID_DRAW = "INVALID_DRAW"
 
 
+# Fields of an outcome that flights without movers lack.
+AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "touched", "hidden_movers")
+
+
 # The arrays of a batched dataclass by field name, on the host.
 Table = dict[str, np.ndarray]
 
@@ -85,10 +89,6 @@ class Outcome:
         """As JSON holds it: without what only flights among movers have, where there were none."""
         told = dataclasses.asdict(self)
         return {name: value for name, value in told.items() if name not in AMONG_MOVERS or value is not None}
-
-
-# Fields of an outcome that flights without movers lack.
-AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "touched", "hidden_movers")
 
 
 def on_host(batch: Any) -> Table:
