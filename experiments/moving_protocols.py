@@ -53,7 +53,7 @@ from maxjax.sim.moving.lidar_perception import LidarPerception
 from maxjax.sim.moving.local_value import Crowding
 from maxjax.sim.moving.motions import MotionSet
 from maxjax.sim.moving.sets import Bounds
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.moving.true_tracks import TrueTracks
 from maxjax.sim.sensing import fuse
 from maxjax.trajectories.limits import FlightLimits
@@ -96,7 +96,7 @@ class Config:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class Contest:
     """A row of the table: what is flown in, and how."""
 
     what: dict[str, str | float]
@@ -107,16 +107,16 @@ class Scene:
 def main(config: Config) -> list[Row]:
     """Fly every row; save and return them."""
     rows: list[Row] = []
-    for scene in _scenes(config):
-        logs = _flown(scene, config)
-        rows.append({**scene.what, **_figures(logs, scene, config)})
+    for contest in _scenes(config):
+        logs = _flown(contest, config)
+        rows.append({**contest.what, **_figures(logs, contest, config)})
         print(rows[-1], file=sys.stderr, flush=True)
         keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
     return rows
 
 
-def _scenes(config: Config) -> Iterator[Scene]:
+def _scenes(config: Config) -> Iterator[Contest]:
     for sees, method in itertools.product(config.sights, config.methods):
         if method == "static" and sees == "true":
             continue  # nothing that it could be told
@@ -124,12 +124,12 @@ def _scenes(config: Config) -> Iterator[Scene]:
         if "sando" in config.protocols:
             for count, radius in itertools.product(config.obstacles, config.radii):
                 what = {"protocol": "sando", "scenario": f"{count}", **by, "radius": radius}
-                yield Scene(what, _by(method, _sando_flight(sees, radius)), functools.partial(_sando_world, count))
+                yield Contest(what, _by(method, _sando_flight(sees, radius)), functools.partial(_sando_world, count))
         if "p2m" in config.protocols:
             for scenario in config.scenarios:
                 moving, still = map(int, scenario.split("+"))
                 what = {"protocol": "p2m", "scenario": scenario, **by, "radius": 0.3}
-                yield Scene(what, _by(method, _p2m_flight(sees)), functools.partial(_p2m_world, moving, still))
+                yield Contest(what, _by(method, _p2m_flight(sees)), functools.partial(_p2m_world, moving, still))
 
 
 def _by(method: Method, flight: FlightConfig) -> FlightConfig:
@@ -162,7 +162,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
     camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0)
     lidar = {"theirs": camera}.get(sees, Lidar())
     reach = 10.0 if sees == "theirs" else 14.0
-    sight = Sight(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
+    sight = MoverSight(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
     perception: Perception = TrueTracks(reach=15.0, slots=64) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,
@@ -178,7 +178,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
 def _p2m_flight(sees: Sees) -> FlightConfig:
     bounds = Bounds(speed=3.6, acceleration=2.5, size=(0.55, 0.55, 4.1))
     lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0) if sees == "theirs" else Lidar()
-    sight = Sight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
+    sight = MoverSight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,
@@ -209,14 +209,14 @@ def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, se
     )
 
 
-def _flown(scene: Scene, config: Config) -> FlightLog:
+def _flown(contest: Contest, config: Config) -> FlightLog:
     """All flights of a row."""
     seeds = range(config.first, config.first + config.seeds)
-    one = jax.jit(lambda w: fly_closed_loop(w.geoms, w.start, w.goal, w.key, scene.config, w.movers))
-    many = jax.jit(functools.partial(fly_all_closed_loop, config=scene.config))
+    one = jax.jit(lambda w: fly_closed_loop(w.geoms, w.start, w.goal, w.key, contest.config, w.movers))
+    many = jax.jit(functools.partial(fly_all_closed_loop, config=contest.config))
     logs: list[FlightLog] = []
     for begin in range(0, len(seeds), config.batch):
-        worlds = [scene.worlds(seed) for seed in seeds[begin : begin + config.batch]]
+        worlds = [contest.worlds(seed) for seed in seeds[begin : begin + config.batch]]
         if config.batch == 1:
             logs.append(jax.device_get(jax.tree.map(lambda x: x[None], one(worlds[0]))))
         else:
@@ -225,14 +225,14 @@ def _flown(scene: Scene, config: Config) -> FlightLog:
     return joined
 
 
-def _figures(logs: FlightLog, scene: Scene, config: Config) -> Row:
+def _figures(logs: FlightLog, contest: Contest, config: Config) -> Row:
     status, seconds = np.asarray(logs.status), np.asarray(logs.duration)
     assert logs.flags is not None
-    assert scene.config.moving is not None
+    assert contest.config.moving is not None
     ok, hit = status == Status.OK, status == Status.IN_CONTACT
-    flagged = np.asarray(logs.flags.last).max(axis=1) >= seconds - scene.config.moving.choice.horizon
+    flagged = np.asarray(logs.flags.last).max(axis=1) >= seconds - contest.config.moving.choice.horizon
     count, arrived = len(status), int(ok.sum())
-    again = [f"{_command(scene)} --first {config.first + k}" for k in np.flatnonzero(hit)]
+    again = [f"{_command(contest)} --first {config.first + k}" for k in np.flatnonzero(hit)]
     return {
         "flights": count,
         "arrived": arrived,
@@ -248,8 +248,8 @@ def _figures(logs: FlightLog, scene: Scene, config: Config) -> Row:
     }
 
 
-def _command(scene: Scene) -> str:
-    what = scene.what
+def _command(contest: Contest) -> str:
+    what = contest.what
     chosen = (
         f"--obstacles {what['scenario']} --radii {what['radius']}"
         if what["protocol"] == "sando"

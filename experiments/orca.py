@@ -19,7 +19,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.sim.moving.choice import Around, Commitment, Keeping, downhill
-from maxjax.sim.moving.motions import Motion, MotionSet
+from maxjax.sim.moving.motions import MotionPrimitive, MotionSet
 from maxjax.sim.moving.sets import Bounds, Tracks
 
 _SECONDS = 2.0  # τ
@@ -103,7 +103,7 @@ def solved(
     return found
 
 
-def _checked(motion: Motion) -> Motion:
+def _checked(motion: MotionPrimitive) -> MotionPrimitive:
     """The motion, to rest if its target is not finite."""
     known = jnp.all(jnp.isfinite(motion.target))
     return dataclasses.replace(motion, target=jnp.where(known, motion.target, 0.0))

@@ -35,7 +35,7 @@ from benchmarks.common.markdown import Document, device, table
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.moving.sets import Bounds, Tracks
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.worlds.movers import Movers, Moving
@@ -262,7 +262,9 @@ class Tally:
     look: list[float] = dataclasses.field(default_factory=list)
 
 
-def watch(script: Script, sight: Sight, seed: int, tally: Tally) -> Iterator[tuple[int, Seeing, list[tuple[int, int]]]]:
+def watch(
+    script: Script, sight: MoverSight, seed: int, tally: Tally
+) -> Iterator[tuple[int, Seeing, list[tuple[int, int]]]]:
     """Fly a script; count into the tally; yield look, state, and pairs of slot and mover."""
     movers = script.movers() if len(script.base) else None
     seeing, owner = nothing_seen(sight), np.full(sight.slots, -1)
@@ -400,8 +402,8 @@ def main(config: Config) -> list[Row]:
         if world != "field":
             kinds = [(n, v) for n in config.counts for v in (config.speeds if n else config.speeds[:1])]
         for count, speed in kinds:
-            dense = Sight(lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8), reach=30.0, slots=64, detections=96)
-            open_ = Sight(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0))
+            dense = MoverSight(lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8), reach=30.0, slots=64, detections=96)
+            open_ = MoverSight(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0))
             sight, tally = dense if world == "field" else open_, Tally()
             for seed in range(config.first, config.first + config.seeds):
                 script = (

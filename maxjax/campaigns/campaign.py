@@ -28,7 +28,7 @@ from maxjax.sim.flight import FlightConfig, stages_of
 from maxjax.sim.moving.among import Avoidance, Flag
 from maxjax.sim.moving.lidar_perception import LidarPerception
 from maxjax.sim.moving.sets import Bounds
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.worlds.layouts import MAPS
 from maxjax.worlds.mover_ways import ACCELERATION
 from maxjax.worlds.populations import Population
@@ -94,7 +94,7 @@ class Campaign:
         if self.movers is None or config.moving is not None:
             return config
         bounds = Bounds(_ALLOWANCE * self.movers.fastest, _ALLOWANCE * ACCELERATION, self.movers.body)
-        perception = LidarPerception(Sight(config.lidar, bounds))
+        perception = LidarPerception(MoverSight(config.lidar, bounds))
         return dataclasses.replace(config, moving=Avoidance(perception, bounds))
 
     @property

@@ -21,7 +21,7 @@ from maxjax.sim.moving.among import Among, Avoidance, Flag
 from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
-from maxjax.sim.moving.motions import Motion, at, later
+from maxjax.sim.moving.motions import MotionPrimitive, at, later
 from maxjax.trajectories.online import Setpoint, profile, sample
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def resting(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     """To stay where one is."""
     zero = jnp.zeros(3)
     return Commitment(
-        Motion(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration)), jnp.float32(0.0)
+        MotionPrimitive(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration)), jnp.float32(0.0)
     )
 
 
@@ -55,7 +55,9 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     left = later(among.flown.motion, among.since)
     drifted = jnp.linalg.norm(left.place - flight.vehicle.position) > how.drift
     # Far from its motion the vehicle begins another one from where it is.
-    here = Motion(flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
+    here = MotionPrimitive(
+        flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration
+    )
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
     hard = _hard(flight, config, left.place)
     guide = _guide(world, flight, config, left.place)

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.sim.moving.hard_set import HardSet, gaps, seen_free
 from maxjax.sim.moving.local_value import LocalValue, cost_to_go
-from maxjax.sim.moving.motions import Motion, MotionSet, at, motions
+from maxjax.sim.moving.motions import MotionPrimitive, MotionSet, at, motions
 from maxjax.sim.moving.sets import Bounds, Tracks, reachable
 
 # Distances are compared with so much room for rounding [m].
@@ -66,7 +66,7 @@ class Keeping:
 class Commitment:
     """The motion that is flown, and for how long from its start it was verified [s]; batch axes lead."""
 
-    motion: Motion
+    motion: MotionPrimitive
     verified: Float[Array, "*batch"]
 
 
@@ -127,7 +127,7 @@ def chosen(
     last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 100.0))
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
-    motion: Motion = jax.tree.map(lambda x: x[taken], every)
+    motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
     return Commitment(motion, verified), some | keeps
 
 
@@ -135,7 +135,7 @@ def chosen(
 Chooser = Callable[[Around, Commitment, MotionSet, Bounds, Keeping], tuple[Commitment, Bool[Array, ""]]]
 
 
-def score(around: Around, tried: Motion, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:
+def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:
     """Judge motions that all start now."""
     steps = round(choice.horizon / keeping.step)
     times = keeping.step * jnp.arange(steps + 1)
@@ -182,7 +182,7 @@ def _distance(place: Float[Array, "n t 3"], least: Array, greatest: Array) -> Fl
     return jnp.sqrt(squared)
 
 
-def downhill(guide: LocalValue, flown: Motion, choice: MotionSet) -> Float[Array, "3"]:
+def downhill(guide: LocalValue, flown: MotionPrimitive, choice: MotionSet) -> Float[Array, "3"]:
     """The greatest velocity down the cost-to-go [m/s]."""
     apart = _SLOPE * guide.spacing * jnp.eye(3)
     values = cost_to_go(guide, jnp.concatenate([flown.place - apart, flown.place + apart]))

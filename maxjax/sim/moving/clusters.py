@@ -23,7 +23,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.sim.lidar import Lidar
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.range_image import rise
 
 _ROWS, _COLUMNS = 2, 3
@@ -72,7 +72,7 @@ class Clusters:
     overflow: Bool[Array, "*batch"]
 
 
-def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: Signs, sight: Sight) -> Clusters:
+def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: Signs, sight: MoverSight) -> Clusters:
     """Clusters of returns that belong to bodies.
 
     Args:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.sim.moving.assignment import assigned
 from maxjax.sim.moving.estimate import Estimate, corrected, predicted
 from maxjax.sim.moving.sets import Tracks, nobody, propagated
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.moving.visible import Visible
 
 # Earlier sets that velocities are taken from; a look each.
@@ -74,7 +74,7 @@ class Matches:
     left_out: Bool[Array, "*batch"]
 
 
-def nobody_followed(sight: Sight) -> Following:
+def nobody_followed(sight: MoverSight) -> Following:
     """No tracks."""
     s = sight.slots
     zero, never = jnp.zeros((s, 3)), jnp.full((_EARLIER, s, 3), jnp.inf)
@@ -83,7 +83,7 @@ def nobody_followed(sight: Sight) -> Following:
     return Following(nobody(s), estimate, -never, never, times, jnp.zeros(s), jnp.asarray(-jnp.inf))
 
 
-def awaited(state: Following, time: Float[Array, ""], sight: Sight) -> Following:
+def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Following:
     """The tracks at a later time, without measurements."""
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
     tracks = propagated(state.tracks, passed, sight.bounds)
@@ -93,7 +93,7 @@ def awaited(state: Following, time: Float[Array, ""], sight: Sight) -> Following
 
 
 def followed(
-    state: Following, seen: Visible, plain: Bool[Array, " s"], time: Float[Array, ""], sight: Sight
+    state: Following, seen: Visible, plain: Bool[Array, " s"], time: Float[Array, ""], sight: MoverSight
 ) -> tuple[Following, Matches]:
     """The tracks after a look.
 
@@ -136,12 +136,12 @@ def followed(
     return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
 
 
-def stopped(state: Following, sight: Sight) -> Bool[Array, " s"]:
+def stopped(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
     """Slots whose mover has stopped: the map may take it over."""
     return state.tracks.used & (state.rested >= sight.rest)
 
 
-def _cost(later: Following, seen: Visible, sight: Sight) -> Float[Array, "s d"]:
+def _cost(later: Following, seen: Visible, sight: MoverSight) -> Float[Array, "s d"]:
     """Distance from where a track was expected when a body was measured [m]; infinite where it cannot be the same."""
     tracks, age = later.tracks, seen.age[None, :, None]
     expected = tracks.place[:, None] - age * tracks.velocity[:, None]
@@ -155,7 +155,7 @@ def _cost(later: Following, seen: Visible, sight: Sight) -> Float[Array, "s d"]:
 
 
 def _measured(
-    state: Following, later: Following, seen: Visible, chosen: Int32[Array, " s"], sight: Sight
+    state: Following, later: Following, seen: Visible, chosen: Int32[Array, " s"], sight: MoverSight
 ) -> tuple[Tracks, Estimate, Bool[Array, " s"]]:
     """Sets and estimates with the measurements that belong to them, at the time of the look."""
     matched, index = (chosen >= 0)[:, None], jnp.maximum(chosen, 0)
@@ -192,7 +192,7 @@ def _measured(
 
 
 def _between(
-    state: Following, low: Float[Array, "s 3"], high: Float[Array, "s 3"], time: Float[Array, "s 1"], sight: Sight
+    state: Following, low: Float[Array, "s 3"], high: Float[Array, "s 3"], time: Float[Array, "s 1"], sight: MoverSight
 ) -> tuple[Float[Array, "s 3"], Float[Array, "s 3"]]:
     """Set of the velocity at a time from the sets of places then and before."""
     since = time[None] - state.times[:, None, None]
@@ -212,7 +212,7 @@ def _covered(tracks: Tracks, seen: Visible) -> Bool[Array, " s"]:
 
 
 def _born(
-    state: Following, seen: Visible, chosen: Int32[Array, " s"], sight: Sight
+    state: Following, seen: Visible, chosen: Int32[Array, " s"], sight: MoverSight
 ) -> tuple[Following, Int32[Array, " s"], Bool[Array, ""]]:
     """New tracks from measurements that belong to none, nearest first, in free slots."""
     tracks, count = state.tracks, seen.used.shape[0]

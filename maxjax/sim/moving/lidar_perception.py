@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 from maxjax.sim.disturbances import position_error
 from maxjax.sim.moving.among import Flag, Seen
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 
 if TYPE_CHECKING:
     from maxjax.sim.flight_state import Flight, FlightConfig, World
@@ -27,7 +27,7 @@ class LidarPerception:
         sight: settings; its sensor is the flight's, its bounds are those that motions are verified with.
     """
 
-    sight: Sight = Sight()  # noqa: RUF009 (frozen)
+    sight: MoverSight = MoverSight()  # noqa: RUF009 (frozen)
 
     def start(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
         """Nobody.
@@ -38,7 +38,7 @@ class LidarPerception:
         assert config.moving is not None
         if self.sight.lidar != config.lidar or self.sight.bounds != config.moving.bounds:
             raise ValueError(
-                "Sight: expected the lidar of the flight and the bounds of its avoidance, given "
+                "MoverSight: expected the lidar of the flight and the bounds of its avoidance, given "
                 f"{self.sight.lidar} and {self.sight.bounds}"
             )
         return _seen(nothing_seen(self.sight))

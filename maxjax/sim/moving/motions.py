@@ -22,7 +22,7 @@ _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class MotionPrimitive:
     """A motion, or some of them; batch axes lead.
 
     Attributes:
@@ -40,7 +40,7 @@ class Motion:
     acceleration: Float[Array, "*batch"]
 
 
-def at(motion: Motion, time: Float[Array, "*batch"]) -> tuple[Array, Array, Array]:
+def at(motion: MotionPrimitive, time: Float[Array, "*batch"]) -> tuple[Array, Array, Array]:
     """Place [m], velocity [m/s] and acceleration [m/s²] at a time since the start [s]; shapes are broadcast."""
     a = motion.acceleration[..., None]
     time = jnp.maximum(time, 0.0)[..., None]
@@ -64,21 +64,21 @@ def at(motion: Motion, time: Float[Array, "*batch"]) -> tuple[Array, Array, Arra
     return place, velocity + since * against, acceleration
 
 
-def duration(motion: Motion) -> Float[Array, "*batch"]:
+def duration(motion: MotionPrimitive) -> Float[Array, "*batch"]:
     """Time until it rests [s]."""
     end = at(motion, motion.brakes)[1]
     lasts: Array = motion.brakes + jnp.linalg.norm(end, axis=-1) / motion.acceleration
     return lasts
 
 
-def later(motion: Motion, time: Float[Array, ""]) -> Motion:
+def later(motion: MotionPrimitive, time: Float[Array, ""]) -> MotionPrimitive:
     """What is left of a motion after a time [s]; the same curve."""
     place, velocity, _ = at(motion, time)
     # Where it brakes already, the rest of its braking is a motion towards rest.
     over = time >= motion.brakes
     target = jnp.where(over[..., None], 0.0, motion.target)
     left = jnp.where(over, 0.0, motion.brakes - time)
-    return Motion(place, velocity, target, left, motion.acceleration)
+    return MotionPrimitive(place, velocity, target, left, motion.acceleration)
 
 
 @jax.tree_util.register_static
@@ -122,7 +122,7 @@ class MotionSet:
 
 def motions(
     choice: MotionSet, place: Float[Array, "3"], velocity: Float[Array, "3"], towards: Float[Array, "3"]
-) -> Motion:
+) -> MotionPrimitive:
     """All motions that are tried from a state.
 
     Args:
@@ -139,7 +139,7 @@ def motions(
     def same(x: Array) -> Array:
         return jnp.broadcast_to(x, (count, *x.shape))
 
-    return Motion(same(place), same(velocity), targets, brakes, same(jnp.float32(choice.acceleration)))
+    return MotionPrimitive(same(place), same(velocity), targets, brakes, same(jnp.float32(choice.acceleration)))
 
 
 def _norm(x: Array) -> Array:

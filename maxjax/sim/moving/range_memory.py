@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Scan
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.range_image import clear_range, pixel
 
 # Largest error of a minimum over beams as the range of a surface: so much [m], and so much of the range.
@@ -48,7 +48,7 @@ class Memory:
     time: Float[Array, "*batch k"]
 
 
-def nothing_remembered(sight: Sight) -> Memory:
+def nothing_remembered(sight: MoverSight) -> Memory:
     """No images."""
     k, lidar = sight.images, sight.lidar
     rotation = jnp.broadcast_to(jnp.eye(3), (k, 3, 3))
@@ -56,7 +56,7 @@ def nothing_remembered(sight: Sight) -> Memory:
 
 
 def remembered(
-    memory: Memory, scan: Scan, moving: Bool[Array, " r"], pose: tuple[Array, Array], time: Array, sight: Sight
+    memory: Memory, scan: Scan, moving: Bool[Array, " r"], pose: tuple[Array, Array], time: Array, sight: MoverSight
 ) -> Memory:
     """The memory with a scan in place of its oldest image, if the newest is old enough.
 
@@ -77,7 +77,7 @@ def remembered(
     return shifted
 
 
-def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: Sight) -> Bool[Array, " n"]:
+def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: MoverSight) -> Bool[Array, " n"]:
     """Places, world frame [m], where the last images saw nothing until something came.
 
     Two images or more saw nothing there, and the two oldest ones did, or at most one saw something: a slow mover stands
@@ -89,7 +89,7 @@ def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: Sight) -> Bool
     return lately | (empty[-1] & empty[-2])
 
 
-def margin(distance: Array, sight: Sight) -> Array:
+def margin(distance: Array, sight: MoverSight) -> Array:
     """How far a measured surface may be from the least range around it [m]."""
     return _MARGIN + sight.pose_error + _SIGMAS * sight.lidar.range_noise + _SLOPE * distance
 
@@ -99,7 +99,7 @@ def _witness(
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     points: Float[Array, "n 3"],
-    sight: Sight,
+    sight: MoverSight,
 ) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     """Whether an image saw nothing at each place, and whether it saw something."""
     lidar = sight.lidar
@@ -115,7 +115,7 @@ def _witness(
     return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
 
 
-def _background(scan: Scan, moving: Bool[Array, " r"], sight: Sight) -> Float[Array, "channels columns"]:
+def _background(scan: Scan, moving: Bool[Array, " r"], sight: MoverSight) -> Float[Array, "channels columns"]:
     image = jnp.where(moving.reshape(sight.lidar.channels, -1), 0.0, clear_range(scan, sight.lidar))
     image = jnp.minimum(image, jnp.minimum(jnp.roll(image, 1, axis=1), jnp.roll(image, -1, axis=1)))
     # Azimuths are periodic; above and below the field of view there are no beams.

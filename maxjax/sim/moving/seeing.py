@@ -26,7 +26,7 @@ from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
 from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, stopped
 from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, was_empty
 from maxjax.sim.moving.sets import Tracks
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.moving.visible import visible
 from maxjax.sim.range_image import clear_range, pixel
 
@@ -44,7 +44,7 @@ class Seeing:
         memory: range images of the last looks.
         moving: rays of the last scan that ended at a confirmed mover: no part of a map.
         broken: slots whose set did not hold what was measured: the mover broke a bound, or two were confused.
-        near: slots that were confirmed just now, nearer than `Sight.near`.
+        near: slots that were confirmed just now, nearer than `MoverSight.near`.
         rests: slots whose mover has stopped: the map takes it over.
         overflow: whether returns, bodies or tracks were left out for want of room.
     """
@@ -63,7 +63,7 @@ class Seeing:
         return self.following.tracks
 
 
-def nothing_seen(sight: Sight) -> Seeing:
+def nothing_seen(sight: MoverSight) -> Seeing:
     """The state before the first look."""
     flags = jnp.zeros(sight.slots, bool)
     moving = jnp.zeros(sight.lidar.rays, bool)
@@ -76,7 +76,7 @@ def looked(
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     time: Float[Array, ""],
-    sight: Sight,
+    sight: MoverSight,
 ) -> Seeing:
     """What is known after a scan; safe under `jit` and `vmap`.
 
@@ -124,7 +124,12 @@ def looked(
 
 
 def _signs(
-    seeing: Seeing, points: Float[Array, "r 3"], near: Bool[Array, " r"], position: Array, tracks: Tracks, sight: Sight
+    seeing: Seeing,
+    points: Float[Array, "r 3"],
+    near: Bool[Array, " r"],
+    position: Array,
+    tracks: Tracks,
+    sight: MoverSight,
 ) -> Signs:
     near &= points[:, 2] > sight.floor
     moves = near & was_empty(seeing.memory, points, sight)
@@ -138,7 +143,7 @@ def _signs(
     return Signs(moves, near & expected, near & (around | _beside(points - position, moves, sight)))
 
 
-def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: Sight) -> Bool[Array, " r"]:
+def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: MoverSight) -> Bool[Array, " r"]:
     """Returns that have a moving one at most a body's size away, and some up to twice that: by cells of that size."""
     size = sight.bounds.edges
     reach = np.ceil(sight.reach / size).astype(np.int32) + 1
@@ -157,7 +162,7 @@ def _flat(cell: Int32[Array, "*n 3"], edge: Int32[np.ndarray, "3"]) -> Int32[Arr
 
 
 def _plain(
-    tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: Sight
+    tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: MoverSight
 ) -> Bool[Array, " s"]:
     """Tracks whose mover, where it is expected, lies in the field of view, within reach, and not behind something."""
     lidar = sight.lidar
@@ -173,7 +178,7 @@ def _plain(
     return inside & (clear > 0.0) & (clear > distance - body)
 
 
-def _moving(clusters: Clusters, matches: Matches, movers: Bool[Array, " s"], sight: Sight) -> Bool[Array, " r"]:
+def _moving(clusters: Clusters, matches: Matches, movers: Bool[Array, " s"], sight: MoverSight) -> Bool[Array, " r"]:
     """Rays that ended at one of the movers."""
     d = sight.detections
     chosen = jnp.where(movers & (matches.of_track >= 0), matches.of_track, d)

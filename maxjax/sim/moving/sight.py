@@ -13,7 +13,7 @@ from maxjax.sim.moving.sets import Bounds
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
-class Sight:
+class MoverSight:
     """Settings of perception among movers; static.
 
     Attributes:
@@ -58,4 +58,4 @@ class Sight:
             least = 0.0 if name == "pose_error" else math.ulp(0.0)
             if not isinstance(value, (Lidar, Bounds)) and not least <= value < math.inf:
                 expected = "at least 0" if name == "pose_error" else "above 0"
-                raise ValueError(f"Sight.{name}: expected a finite number, {expected}, given {value!r}")
+                raise ValueError(f"MoverSight.{name}: expected a finite number, {expected}, given {value!r}")

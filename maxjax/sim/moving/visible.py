@@ -27,7 +27,7 @@ from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Lidar, Scan, cast_at, directions
 from maxjax.sim.moving.clusters import Clusters
 from maxjax.sim.moving.range_memory import margin
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.range_image import clear_range, rise
 
 _SIGMAS = 4.0
@@ -68,7 +68,7 @@ class Visible:
 
 
 def visible(
-    clusters: Clusters, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: Sight
+    clusters: Clusters, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: MoverSight
 ) -> Visible:
     """The body behind each cluster.
 
@@ -173,7 +173,7 @@ def _steps(middle: Float[Array, "d 3"], away: Float[Array, " d"], lidar: Lidar) 
 
 
 def _overlooked(
-    clusters: Clusters, group: _Group, scan: Scan, sight: Sight
+    clusters: Clusters, group: _Group, scan: Scan, sight: MoverSight
 ) -> tuple[Float[Array, "d 2"], Float[Array, "d 2"]]:
     """Steps between beams that a body may reach beyond what is seen: right and below, left and above; or infinity."""
     lidar = sight.lidar

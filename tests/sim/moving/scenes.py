@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from maxjax.sim.lidar import Lidar, Scan, scan
 from maxjax.sim.moving.seeing import looked
 from maxjax.sim.moving.sets import Bounds, Tracks
-from maxjax.sim.moving.sight import Sight
+from maxjax.sim.moving.sight import MoverSight
 from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.worlds.movers import Movers, Moving, straight
 
 LIDAR = Lidar(channels=32, rays=8192, elevation_min=-30.0, elevation_max=30.0)
-SIGHT = Sight(lidar=LIDAR, bounds=Bounds(8.0, 2.0, 1.0), slots=6, detections=8, points=1024)
+SIGHT = MoverSight(lidar=LIDAR, bounds=Bounds(8.0, 2.0, 1.0), slots=6, detections=8, points=1024)
 AT = np.array([0.0, 0.0, 4.0])
 
 

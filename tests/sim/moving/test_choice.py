@@ -13,7 +13,7 @@ import pytest
 from maxjax.sim.moving.choice import Around, Commitment, Keeping, chosen, score
 from maxjax.sim.moving.hard_set import hard_set
 from maxjax.sim.moving.local_value import LocalValue
-from maxjax.sim.moving.motions import Motion, MotionSet, at, motions
+from maxjax.sim.moving.motions import MotionPrimitive, MotionSet, at, motions
 from maxjax.sim.moving.sets import Bounds, Tracks, nobody
 
 BOUNDS = Bounds(speed=4.0, acceleration=2.0, size=1.0)
@@ -35,7 +35,9 @@ def around(tracks: Tracks, blocked: np.ndarray | None = None, seen: np.ndarray |
 
 def at_rest(place: np.ndarray, verified: float = 0.0) -> Commitment:
     zero = jnp.zeros(3)
-    motion = Motion(jnp.asarray(place, jnp.float32), zero, zero, jnp.float32(0.0), jnp.float32(CHOICE.acceleration))
+    motion = MotionPrimitive(
+        jnp.asarray(place, jnp.float32), zero, zero, jnp.float32(0.0), jnp.float32(CHOICE.acceleration)
+    )
     return Commitment(motion, jnp.float32(verified))
 
 
@@ -54,7 +56,7 @@ def crowd(rng: np.random.Generator, count: int) -> Tracks:
 choose = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
 
 
-def nearest_approach(rng: np.random.Generator, motion: Motion, tracks: Tracks) -> float:
+def nearest_approach(rng: np.random.Generator, motion: MotionPrimitive, tracks: Tracks) -> float:
     """Least distance from the vehicle to bodies that start anywhere in their sets and chase it within the bounds."""
     step = 0.01
     low, high, half = (np.asarray(x, float) for x in (tracks.low, tracks.high, tracks.half))

@@ -7,18 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.moving.motions import Motion, MotionSet, at, duration, later, motions
+from maxjax.sim.moving.motions import MotionPrimitive, MotionSet, at, duration, later, motions
 
 CHOICE = MotionSet(speed=5.0, acceleration=3.0)
 
 
-def drawn(seed: int) -> Motion:
+def drawn(seed: int) -> MotionPrimitive:
     rng = np.random.default_rng(seed)
     place, velocity, towards = (jnp.asarray(rng.normal(size=3) * 2.0, jnp.float32) for _ in range(3))
     return motions(CHOICE, place, velocity, towards)
 
 
-def integrated(motion: Motion, row: int, end: float, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+def integrated(motion: MotionPrimitive, row: int, end: float, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
     """Place and velocity of one motion at a time, by small steps of the law in the module's first lines."""
     place, velocity, target = (np.asarray(x[row], float) for x in (motion.place, motion.velocity, motion.target))
     a, brakes = float(motion.acceleration[row]), float(motion.brakes[row])
