@@ -56,6 +56,9 @@ def crowd(rng: np.random.Generator, count: int) -> Tracks:
 choose = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
 
 
+places_at = jax.jit(jax.vmap(lambda motion, time: at(motion, time)[0], (None, 0)))
+
+
 def nearest_approach(rng: np.random.Generator, motion: MotionPrimitive, tracks: Tracks) -> float:
     """Least distance from the vehicle to bodies that start anywhere in their sets and chase it within the bounds."""
     step = 0.01
@@ -63,8 +66,8 @@ def nearest_approach(rng: np.random.Generator, motion: MotionPrimitive, tracks: 
     place = rng.uniform(low, high)
     velocity = rng.uniform(np.asarray(tracks.slowest, float), np.asarray(tracks.fastest, float))
     least = np.inf
-    for k in range(round(CHOICE.horizon / step) + 1):
-        vehicle = np.asarray(at(motion, jnp.float32(k * step))[0], float)
+    times = step * jnp.arange(round(CHOICE.horizon / step) + 1)
+    for vehicle in np.asarray(places_at(motion, times), float):
         outside = np.maximum(np.abs(vehicle - place) - half, 0.0)
         least = min(least, np.linalg.norm(outside, axis=1).min())
         push = np.sign(vehicle - place) * BOUNDS.acceleration
