@@ -7,9 +7,9 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scenes import LIDAR, SIGHT
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from sim.moving.scenes import LIDAR, SIGHT
 
 from maxjax.sim.lidar import directions
 from maxjax.sim.moving.clusters import Signs, clustered, gathered

@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scenes import SIGHT, arrays
 from scipy.optimize import linear_sum_assignment
+from sim.moving.scenes import SIGHT, arrays
 
 from maxjax.sim.moving.assignment import assigned
 from maxjax.sim.moving.following import followed, nobody_followed

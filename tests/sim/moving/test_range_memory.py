@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scenes import CITY, LIDAR, SIGHT, fast_scan, pose
+from sim.moving.scenes import CITY, LIDAR, SIGHT, fast_scan, pose
 
 from maxjax.sim.moving.range_memory import margin, nothing_remembered, remembered, was_empty
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
+from sim.moving.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 from maxjax.sim.lidar import Scan, directions
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
