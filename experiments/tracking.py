@@ -48,6 +48,8 @@ _PERIOD = 0.1  # of looks [s]
 _SPEED = 5.0  # of the vehicle [m/s]
 _WITHIN, _RETURNS = 25.0, 5
 _PAIR = 1.0  # [m]
+# Looks after the one that confirmed a track, at which velocities are looked at: 0.3, 0.6 and 1 s.
+_SINCE = (3, 6, 10)
 # The first looks have nothing to compare with.
 _FIRST = 5
 
@@ -257,6 +259,7 @@ class Tally:
     velocity: list[float] = dataclasses.field(default_factory=list)
     width: list[float] = dataclasses.field(default_factory=list)
     spread: list[float] = dataclasses.field(default_factory=list)
+    since: dict[int, list[float]] = dataclasses.field(default_factory=lambda: {k: [] for k in _SINCE})
     first: list[float] = dataclasses.field(default_factory=list)
     scan: list[float] = dataclasses.field(default_factory=list)
     look: list[float] = dataclasses.field(default_factory=list)
@@ -267,7 +270,7 @@ def watch(
 ) -> Iterator[tuple[int, Seeing, list[tuple[int, int]]]]:
     """Fly a script; count into the tally; yield look, state, and pairs of slot and mover."""
     movers = script.movers() if len(script.base) else None
-    seeing, owner = nothing_seen(sight), np.full(sight.slots, -1)
+    seeing, owner, age = nothing_seen(sight), np.full(sight.slots, -1), np.zeros(sight.slots, int)
     first = np.full(len(script.base), np.nan)
     for k in range(len(script.position)):
         now = _PERIOD * (k + 1)
@@ -285,6 +288,10 @@ def watch(
         tracks = seeing.tracks
         confirmed = np.flatnonzero(np.asarray(tracks.confirmed & tracks.used))
         pairs = _paired(tracks, confirmed, places)
+        age = np.where(np.isin(np.arange(sight.slots), confirmed), age + 1, 0)
+        spread = np.asarray(tracks.fastest - tracks.slowest, float).max(axis=1)
+        for looks, values in tally.since.items():
+            values += [spread[s] for s, _ in pairs if age[s] == looks + 1]
         first[[j for _, j in pairs if np.isnan(first[j])]] = away[[j for _, j in pairs if np.isnan(first[j])]]
         counts = (returns >= _RETURNS) & (away <= _WITHIN)
         if k >= _FIRST:
@@ -383,6 +390,7 @@ def _row(what: Row, tally: Tally) -> Row:
         "bodies": share(tally.bodies, tally.pairs),
         "width": quantile(tally.width, 0.5),
         "spread": quantile(tally.spread, 0.5),
+        "spread_since": {f"{_PERIOD * k:.1f}": quantile(values, 0.5) for k, values in tally.since.items()},
         "first_seen": quantile(tally.first, 0.5),
         "false_tracks": tally.tracks - tally.true,
         "swapped": tally.swapped,

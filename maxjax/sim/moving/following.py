@@ -1,9 +1,9 @@
 """Following movers from scan to scan: guaranteed estimation of place and velocity.
 
     place      ←  (place, propagated to the time of the measurement) ∩ measured
-    velocity   ←  velocity ∩ [ (p⁻ − P⁺)/T − A T/2,  (p⁺ − P⁻)/T + A T/2 ]       for earlier sets [P⁻, P⁺], T before
+    velocity   ←  velocity ∩ those that follow from earlier looks at its middle and its faces (`marks`)
 
-The mean velocity between two times lies within A T / 2 of the one at the later time. Where an intersection is empty,
+Where an intersection is empty,
 the mover broke its bound, or the measurement is another one's: the slot is flagged, and its set begins again.
 
 A track of a mover that was not seen is propagated. In plain view it is given up after some looks; hidden, beyond reach
@@ -21,12 +21,11 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.sim.moving.assignment import assigned
 from maxjax.sim.moving.estimate import Estimate, corrected, predicted
-from maxjax.sim.moving.sets import Tracks, nobody, propagated
+from maxjax.sim.moving.marks import History, Marks, carried, forgotten, lengthened, no_history, velocities
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody, propagated
 from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.moving.visible import Visible
 
-# Earlier sets that velocities are taken from; a look each.
-_EARLIER = 10
 # A measurement that no set expects, but this near to where a track was expected, is its [m].
 _BROKE = 1.5
 # Looks in which a new track has to be seen again.
@@ -41,17 +40,16 @@ class Following:
     Attributes:
         tracks: at `time`.
         estimate: of their places and velocities.
-        low, high: sets of places after earlier looks, newest first [m]; infinite where there were none.
-        times: of these [s].
+        marks: sets of the middles, those of `tracks`, and of the faces, at `time`.
+        history: of these, each when it was measured.
         rested: how long each has not moved [s].
         time: of the last look [s]; -infinity before the first.
     """
 
     tracks: Tracks
     estimate: Estimate
-    low: Float[Array, "*batch j s 3"]
-    high: Float[Array, "*batch j s 3"]
-    times: Float[Array, "*batch j"]
+    marks: Marks
+    history: History
     rested: Float[Array, "*batch s"]
     time: Float[Array, "*batch"]
 
@@ -77,19 +75,19 @@ class Matches:
 def nobody_followed(sight: MoverSight) -> Following:
     """No tracks."""
     s = sight.slots
-    zero, never = jnp.zeros((s, 3)), jnp.full((_EARLIER, s, 3), jnp.inf)
+    zero, marks = jnp.zeros((s, 3)), jnp.zeros((3, s, 3))
     estimate = Estimate(zero, zero, zero, zero, zero)
-    times = jnp.full(_EARLIER, -jnp.inf)
-    return Following(nobody(s), estimate, -never, never, times, jnp.zeros(s), jnp.asarray(-jnp.inf))
+    return Following(
+        nobody(s), estimate, Marks(marks, marks), no_history(s), jnp.zeros(s), jnp.asarray(-jnp.inf)
+    )
 
 
 def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Following:
     """The tracks at a later time, without measurements."""
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
-    tracks = propagated(state.tracks, passed, sight.bounds)
-    return dataclasses.replace(
-        state, tracks=tracks, estimate=predicted(state.estimate, jnp.reshape(passed, (1, 1))), time=time
-    )
+    tracks, marks = _propagated(state.tracks, state.marks, passed, sight.bounds)
+    estimate = predicted(state.estimate, jnp.reshape(passed, (1, 1)))
+    return dataclasses.replace(state, tracks=tracks, marks=marks, estimate=estimate, time=time)
 
 
 def followed(
@@ -107,7 +105,8 @@ def followed(
     later = awaited(state, time, sight)
     chosen = assigned(_cost(later, seen, sight))
     matched = chosen >= 0
-    tracks, estimate, broken = _measured(state, later, seen, chosen, sight)
+    after, broken = _measured(state, later, seen, chosen, sight)
+    tracks, estimate = after.tracks, after.estimate
     missed = jnp.where(matched, 0, tracks.missed + (plain & ~_covered(tracks, seen)))
     tracks = dataclasses.replace(tracks, seen=tracks.seen + matched, missed=missed)
     confirmed = tracks.used & (tracks.confirmed | (tracks.seen >= 2))
@@ -120,18 +119,8 @@ def followed(
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
     still = used & (jnp.linalg.norm(estimate.velocity, axis=1) < sight.still)
     rested = jnp.where(still, later.rested + jnp.where(matched, passed, 0.0), 0.0)
-    never = broken[:, None]
-    low = jnp.where(never, -jnp.inf, state.low)
-    high = jnp.where(never, jnp.inf, state.high)
-    after = Following(tracks, estimate, low, high, state.times, rested, time)
+    after = dataclasses.replace(after, tracks=tracks, rested=rested)
     after, chosen, left_out = _born(after, seen, chosen, sight)
-    sets = (after.tracks.low[None], after.tracks.high[None])
-    after = dataclasses.replace(
-        after,
-        low=jnp.concatenate([sets[0], after.low[:-1]]),
-        high=jnp.concatenate([sets[1], after.high[:-1]]),
-        times=jnp.concatenate([jnp.reshape(time, (1,)), after.times[:-1]]),
-    )
     grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
     return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
 
@@ -156,52 +145,48 @@ def _cost(later: Following, seen: Visible, sight: MoverSight) -> Float[Array, "s
 
 def _measured(
     state: Following, later: Following, seen: Visible, chosen: Int32[Array, " s"], sight: MoverSight
-) -> tuple[Tracks, Estimate, Bool[Array, " s"]]:
-    """Sets and estimates with the measurements that belong to them, at the time of the look."""
+) -> tuple[Following, Bool[Array, " s"]]:
+    """Sets and estimates with the measurements that belong to them, at the time of the look; whether one was empty."""
     matched, index = (chosen >= 0)[:, None], jnp.maximum(chosen, 0)
     age = jnp.where(matched, seen.age[index][:, None], 0.0)
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(later.time - state.time, 0.0), 0.0)
     age = jnp.minimum(age, passed)
-    bounds, measured = sight.bounds, (seen.low[index], seen.high[index])
+    when, bounds = later.time - age, sight.bounds
+    measured = Marks(seen.marks.low[:, index], seen.marks.high[:, index])
     # At the time of the measurement.
-    then = propagated(state.tracks, passed - age, bounds)
-    low, high = jnp.maximum(then.low, measured[0]), jnp.minimum(then.high, measured[1])
-    slowest, fastest = _between(state, low, high, later.time - age, sight)
+    then, marks = _propagated(state.tracks, state.marks, passed - age, bounds)
+    marks = Marks(jnp.maximum(marks.low, measured.low), jnp.minimum(marks.high, measured.high))
+    slowest, fastest = velocities(state.history, marks, when, bounds)
     slowest, fastest = jnp.maximum(then.slowest, slowest), jnp.minimum(then.fastest, fastest)
-    empty = jnp.any((low > high) | (slowest > fastest + 1e-3), axis=1, keepdims=True) & matched
-    low, high = jnp.where(empty, measured[0], low), jnp.where(empty, measured[1], high)
-    slowest = jnp.where(empty, -bounds.speed, jnp.minimum(slowest, fastest))
-    fastest = jnp.where(empty, bounds.speed, fastest)
+    empty = jnp.any(jnp.any(marks.low > marks.high, axis=0) | (slowest > fastest + 1e-3), axis=1) & matched[:, 0]
+    again = empty[:, None]
+    marks = Marks(jnp.where(again, measured.low, marks.low), jnp.where(again, measured.high, marks.high))
+    slowest = jnp.where(again, -bounds.speed, jnp.minimum(slowest, fastest))
+    fastest = jnp.where(again, bounds.speed, fastest)
     estimate = corrected(predicted(state.estimate, passed - age), seen.place[index], seen.variance[index])
     estimate = dataclasses.replace(
         estimate,
-        place=jnp.clip(estimate.place, low, high),
+        place=jnp.clip(estimate.place, marks.low[0], marks.high[0]),
         velocity=jnp.clip(estimate.velocity, slowest, fastest),
     )
     known = dataclasses.replace(
-        then, low=low, high=high, slowest=slowest, fastest=fastest, half=seen.half[index],
+        then, low=marks.low[0], high=marks.high[0], slowest=slowest, fastest=fastest, half=seen.half[index],
         place=estimate.place, velocity=estimate.velocity,
     )  # fmt: skip
-    known, estimate = propagated(known, age, bounds), predicted(estimate, age)
-    tracks, estimate = jax.tree.map(
-        lambda a, b: jnp.where(matched if a.ndim == 2 else matched[:, 0], a, b),
-        (known, estimate),
-        (later.tracks, later.estimate),
+    history = lengthened(forgotten(state.history, empty), marks, when[:, 0], matched[:, 0])
+    known, marks = _propagated(known, marks, age, bounds)
+    tracks, marks, estimate = jax.tree.map(
+        lambda a, b: jnp.where(matched if a.ndim > 1 else matched[:, 0], a, b),
+        (known, marks, predicted(estimate, age)),
+        (later.tracks, later.marks, later.estimate),
     )
-    return tracks, estimate, empty[:, 0]
+    return dataclasses.replace(later, tracks=tracks, estimate=estimate, marks=marks, history=history), empty
 
 
-def _between(
-    state: Following, low: Float[Array, "s 3"], high: Float[Array, "s 3"], time: Float[Array, "s 1"], sight: MoverSight
-) -> tuple[Float[Array, "s 3"], Float[Array, "s 3"]]:
-    """Set of the velocity at a time from the sets of places then and before."""
-    since = time[None] - state.times[:, None, None]
-    apart = jnp.isfinite(since) & (since > 1e-3)
-    since = jnp.where(apart, since, 1.0)
-    turned = 0.5 * sight.bounds.acceleration * since
-    slowest = jnp.where(apart, (low[None] - state.high) / since - turned, -jnp.inf)
-    fastest = jnp.where(apart, (high[None] - state.low) / since + turned, jnp.inf)
-    return jnp.max(slowest, axis=0), jnp.min(fastest, axis=0)
+def _propagated(tracks: Tracks, marks: Marks, time: Array, bounds: Bounds) -> tuple[Tracks, Marks]:
+    """Tracks and marks a time later [s], without a measurement."""
+    after = propagated(tracks, time, bounds)
+    return after, carried(marks, (tracks.low - after.low, after.high - tracks.high), time, bounds)
 
 
 def _covered(tracks: Tracks, seen: Visible) -> Bool[Array, " s"]:
@@ -240,19 +225,21 @@ def _born(
         rests=jnp.zeros_like(tracks.used),
         seen=jnp.ones_like(tracks.seen), missed=jnp.zeros_like(tracks.missed),
     )  # fmt: skip
-    fresh = propagated(fresh, seen.age[index][:, None], sight.bounds)
+    marks, age = Marks(seen.marks.low[:, index], seen.marks.high[:, index]), seen.age[index][:, None]
+    history = lengthened(forgotten(state.history, born[:, 0]), marks, (state.time - age)[:, 0], born[:, 0])
+    fresh, marks = _propagated(fresh, marks, age, sight.bounds)
     guess = Estimate(seen.place[index], zero, seen.variance[index], zero, zero + top**2 / 3.0)
-    guess = predicted(guess, seen.age[index][:, None])
+    guess = predicted(guess, age)
 
     def either(a: Array, b: Array) -> Array:
-        return jnp.where(born if a.ndim == 2 else born[:, 0], a, b)
+        return jnp.where(born if a.ndim > 1 else born[:, 0], a, b)
 
     after = dataclasses.replace(
         state,
         tracks=jax.tree.map(either, fresh, tracks),
         estimate=jax.tree.map(either, guess, state.estimate),
-        low=jnp.where(born, -jnp.inf, state.low),
-        high=jnp.where(born, jnp.inf, state.high),
+        marks=jax.tree.map(either, marks, state.marks),
+        history=history,
         rested=jnp.where(born[:, 0], 0.0, state.rested),
     )
     return after, jnp.where(born[:, 0], source, chosen).astype(jnp.int32), jnp.sum(new) > jnp.sum(free)

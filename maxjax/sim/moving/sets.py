@@ -34,17 +34,24 @@ class Bounds:
         acceleration: A, on each axis [m/s²].
         size: longest edge of the box around a mover [m], or its longest edges along x, y and z, as far as less of it is
             seen.
+        turn: how fast a mover turns about its middle at most [rad/s]; 0 for movers that keep their orientation, and for
+            spheres. Velocities that are taken from faces are the less certain the faster a mover may turn.
 
     Raises:
-        ValueError: unless all are positive finite numbers.
+        ValueError: unless all are positive finite numbers (`turn`: at least 0).
     """
 
     speed: float = 8.0
     acceleration: float = 2.0
     size: float | tuple[float, float, float] = 1.0
+    turn: float = 0.5
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.turn < math.inf:
+            raise ValueError(f"Bounds.turn: expected a finite number, at least 0, given {self.turn!r}")
         for name, value in vars(self).items():
+            if name == "turn":
+                continue
             values = value if isinstance(value, tuple) else (value,)
             if len(values) not in (1, 3) or not all(0.0 < x < math.inf for x in values):
                 raise ValueError(f"Bounds.{name}: expected a positive finite number, given {value!r}")

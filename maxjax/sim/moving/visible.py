@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.programs.lowering import matmul
 from maxjax.sim.lidar import Lidar, Scan, cast_at, directions
 from maxjax.sim.moving.clusters import Clusters
+from maxjax.sim.moving.marks import Marks
 from maxjax.sim.moving.range_memory import margin
 from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.range_image import clear_range, rise
@@ -33,6 +34,8 @@ from maxjax.sim.range_image import clear_range, rise
 _SIGMAS = 4.0
 # Standard deviation of the middle estimated from the front [m], in addition to what follows from beams.
 _DEPTH = 0.05
+# Where beams say nothing of how far a body reaches [m].
+_FAR = 1e3
 # Rounding of coordinates [m].
 _ROUNDING = 2e-3
 
@@ -44,7 +47,7 @@ class Visible:
 
     Attributes:
         used: whether there is one.
-        low, high: set of the middle, `age` before the scan's end [m].
+        marks: sets of the middle and the faces, `age` before the scan's end [m].
         half: half edges of a box around the middle that holds the body [m].
         large: whether more is seen than a body can be.
         place: best estimate of the middle [m].
@@ -55,8 +58,7 @@ class Visible:
     """
 
     used: Bool[Array, "*batch d"]
-    low: Float[Array, "*batch d 3"]
-    high: Float[Array, "*batch d 3"]
+    marks: Marks
     half: Float[Array, "*batch d 3"]
     large: Bool[Array, "*batch d"]
     place: Float[Array, "*batch d 3"]
@@ -65,6 +67,16 @@ class Visible:
     seen_high: Float[Array, "*batch d 3"]
     age: Float[Array, "*batch d"]
     count: Float[Array, "*batch d"]
+
+    @property
+    def low(self) -> Float[Array, "*batch d 3"]:
+        """Least coordinates of the middle [m]."""
+        return self.marks.low[..., 0, :, :]
+
+    @property
+    def high(self) -> Float[Array, "*batch d 3"]:
+        """Greatest coordinates of the middle [m]."""
+        return self.marks.high[..., 0, :, :]
 
 
 def visible(
@@ -123,10 +135,25 @@ def visible(
         jnp.concatenate([jnp.ones_like(front, bool), (before <= 2) & (after <= 2)], 1), spread, high - low
     )
     variance = jnp.einsum("dij,dj->di", to_world**2, spread**2 + sight.lidar.range_noise**2)
+    sides = 0.5 * beams[:, ::-1]
+    sight_lines = _SightLines(
+        to_world,
+        extent[:, :1],
+        jnp.minimum(before * beams + sides, _FAR),
+        jnp.minimum(after * beams + sides, _FAR),
+        0.5 * front,
+        jnp.maximum(b, -a)[:, 1:] / away[:, None],
+        away[:, None],
+    )
+    fuzzy = 0.5 * sight.bounds.speed * (oldest - youngest) + sight.pose_error + _ROUNDING
+    lowest, highest = _faces(sight_lines, (seen_low, seen_high), fuzzy[:, None], sight)
+    whole = one[None]
+    low = jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened
+    high = jnp.where(narrow, narrow_high, jnp.maximum(box_low, box_high)) + widened
+    faces = jnp.where(whole, jnp.stack([lowest, highest], axis=1), jnp.array([-jnp.inf, jnp.inf])[:, None, None, None])
     return Visible(
         used=clusters.used,
-        low=jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened,
-        high=jnp.where(narrow, narrow_high, jnp.maximum(box_low, box_high)) + widened,
+        marks=Marks(jnp.concatenate([low[None], faces[0]]), jnp.concatenate([high[None], faces[1]])),
         half=0.5 * jnp.where(large[:, None], jnp.maximum(size, seen), size),
         large=large & clusters.used,
         place=origin + jnp.einsum("dij,dj->di", to_world, place, precision="highest"),
@@ -203,6 +230,56 @@ def _box(
     middle = origin + jnp.einsum("dij,dj->di", to_world, 0.5 * (low + high), precision="highest")
     half = jnp.einsum("dij,dj->di", jnp.abs(to_world), 0.5 * (high - low), precision="highest")
     return middle - half, middle + half
+
+
+@dataclasses.dataclass(frozen=True)
+class _SightLines:
+    """How a body is seen from where the sensor stands.
+
+    Attributes:
+        to_world: from along the line of sight, left and up.
+        depth: extent along the line of sight at most [m].
+        before, after: how far the body may reach beyond what is seen: right and below, left and above [m].
+        front: how much nearer than seen it may reach [m].
+        angle: of what is seen, to each side of the line of sight [rad].
+        away: distance [m].
+    """
+
+    to_world: Float[Array, "d 3 3"]
+    depth: Float[Array, "d 1"]
+    before: Float[Array, "d 2"]
+    after: Float[Array, "d 2"]
+    front: Float[Array, "d 1"]
+    angle: Float[Array, "d 2"]
+    away: Float[Array, "d 1"]
+
+
+def _faces(
+    lines: _SightLines, seen: tuple[Array, Array], fuzzy: Float[Array, "d 1"], sight: MoverSight
+) -> tuple[Float[Array, "2 d 3"], Float[Array, "2 d 3"]]:
+    """Intervals of the lowest and of the highest coordinate along each world axis [m].
+
+    A point of the body is seen, up to beams, or hidden behind one that is, by the body's depth at most along a ray u:
+    beyond what is seen along a direction n lies at most depth · max(0, n · u). So nothing is hidden of a face that looks
+    at the sensor.
+    """
+    along, aside = lines.to_world[..., 0], lines.to_world[..., 1:]
+    angle = jnp.sum(jnp.abs(aside) * lines.angle[:, None], axis=-1)
+    further = jnp.sum(jnp.abs(aside) * (jnp.maximum(lines.before, lines.after) / lines.away)[:, None], axis=-1)
+    noise = _SIGMAS * sight.lidar.range_noise * jnp.minimum(jnp.abs(along) + angle, 1.0) + fuzzy
+
+    def beyond(sign: float) -> Array:
+        left_up, right_down = jnp.maximum(sign * aside, 0.0), jnp.maximum(-sign * aside, 0.0)
+        lateral = jnp.sum(left_up * lines.after[:, None] + right_down * lines.before[:, None], axis=-1)
+        return lateral + jnp.abs(along) * lines.front + lines.depth * jnp.maximum(sign * along + angle + further, 0.0)
+
+    size, (low, high) = sight.bounds.edges, seen
+    lowest = jnp.maximum(low - beyond(-1.0), high - size)
+    highest = jnp.minimum(high + beyond(1.0), low + size)
+    return (
+        jnp.stack([jnp.minimum(lowest, low) - noise, low + noise]),
+        jnp.stack([high - noise, jnp.maximum(highest, high) + noise]),
+    )
 
 
 def _estimated(
