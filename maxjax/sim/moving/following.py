@@ -77,9 +77,7 @@ def nobody_followed(sight: MoverSight) -> Following:
     s = sight.slots
     zero, marks = jnp.zeros((s, 3)), jnp.zeros((3, s, 3))
     estimate = Estimate(zero, zero, zero, zero, zero)
-    return Following(
-        nobody(s), estimate, Marks(marks, marks), no_history(s), jnp.zeros(s), jnp.asarray(-jnp.inf)
-    )
+    return Following(nobody(s), estimate, Marks(marks, marks), no_history(s), jnp.zeros(s), jnp.asarray(-jnp.inf))
 
 
 def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Following:

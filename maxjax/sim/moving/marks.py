@@ -1,4 +1,4 @@
-"""Marks of a body: its middle, and its lowest and highest coordinate along each axis; velocities from two looks at them.
+"""Marks of a body, its middle and its lowest and highest coordinate along each axis, and velocities from two looks.
 
     x(t₂) − x(t₁) = ∫ v dt ± ρ,     ρ = (|E⊥| θ + E θ²/2) / 2,   θ = turn · T
 
@@ -79,7 +79,7 @@ def forgotten(history: History, slots: Bool[Array, " s"]) -> History:
     )
 
 
-def carried(marks: Marks, moved: tuple[Array, Array], time: Array, bounds: Bounds) -> Marks:
+def carried(marks: Marks, moved: tuple[Array, Array], time: Array | float, bounds: Bounds) -> Marks:
     """The marks a time later [s], where middles may have moved by so much down and up [m]."""
     turned = _turned(marks, time, bounds)
     return Marks(marks.low - moved[0] - turned, marks.high + moved[1] + turned)
@@ -98,7 +98,7 @@ def velocities(
     return jnp.max(slowest, axis=(0, 1)), jnp.min(fastest, axis=(0, 1))
 
 
-def _turned(marks: Marks, time: Array, bounds: Bounds) -> Array:
+def _turned(marks: Marks, time: Array | float, bounds: Bounds) -> Array:
     """How far a turn over a time may move each mark besides the middle [m]."""
     edges = jnp.clip(marks.high[2] - marks.low[1], 0.0, bounds.edges)
     across = jnp.hypot(jnp.roll(edges, 1, axis=-1), jnp.roll(edges, 2, axis=-1))

@@ -5,6 +5,8 @@ A body with a middle (its mirror image in it is itself) reaches from l⁻ to l�
 
     l⁻ ∈ [max(a − δ⁻, b − E), a],   l⁺ ∈ [b, min(b + δ⁺, a + E)]
 
+So are both faces of each world axis known (`_marked`), those that look at the sensor better than the middle.
+
 Across the line of sight δ is a step between beams where the beams beside the body passed it, two where one was lost,
 and unbounded where something nearer, or as near, may hide the rest. Along it δ⁻ is small, for what is seen is the
 front, and δ⁺ is unbounded. The set is the box around that in world axes, within the one of the axes' own points and
@@ -135,25 +137,27 @@ def visible(
         jnp.concatenate([jnp.ones_like(front, bool), (before <= 2) & (after <= 2)], 1), spread, high - low
     )
     variance = jnp.einsum("dij,dj->di", to_world**2, spread**2 + sight.lidar.range_noise**2)
-    sides = 0.5 * beams[:, ::-1]
-    sight_lines = _SightLines(
-        to_world,
-        extent[:, :1],
-        jnp.minimum(before * beams + sides, _FAR),
-        jnp.minimum(after * beams + sides, _FAR),
-        0.5 * front,
-        jnp.maximum(b, -a)[:, 1:] / away[:, None],
-        away[:, None],
+    marks = _marked(
+        (
+            jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened,
+            jnp.where(narrow, narrow_high, jnp.maximum(box_low, box_high)) + widened,
+        ),
+        _SightLines(
+            to_world,
+            away[:, None],
+            extent[:, :1],
+            jnp.minimum(before * beams + 0.5 * beams[:, ::-1], _FAR),
+            jnp.minimum(after * beams + 0.5 * beams[:, ::-1], _FAR),
+            0.5 * front,
+            jnp.maximum(b, -a)[:, 1:] / away[:, None],
+        ),
+        jnp.where(large[:, None], jnp.inf, widened),
+        (seen_low, seen_high),
+        sight,
     )
-    fuzzy = 0.5 * sight.bounds.speed * (oldest - youngest) + sight.pose_error + _ROUNDING
-    lowest, highest = _faces(sight_lines, (seen_low, seen_high), fuzzy[:, None], sight)
-    whole = one[None]
-    low = jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened
-    high = jnp.where(narrow, narrow_high, jnp.maximum(box_low, box_high)) + widened
-    faces = jnp.where(whole, jnp.stack([lowest, highest], axis=1), jnp.array([-jnp.inf, jnp.inf])[:, None, None, None])
     return Visible(
         used=clusters.used,
-        marks=Marks(jnp.concatenate([low[None], faces[0]]), jnp.concatenate([high[None], faces[1]])),
+        marks=marks,
         half=0.5 * jnp.where(large[:, None], jnp.maximum(size, seen), size),
         large=large & clusters.used,
         place=origin + jnp.einsum("dij,dj->di", to_world, place, precision="highest"),
@@ -238,35 +242,39 @@ class _SightLines:
 
     Attributes:
         to_world: from along the line of sight, left and up.
+        away: distance [m].
         depth: extent along the line of sight at most [m].
         before, after: how far the body may reach beyond what is seen: right and below, left and above [m].
         front: how much nearer than seen it may reach [m].
         angle: of what is seen, to each side of the line of sight [rad].
-        away: distance [m].
     """
 
     to_world: Float[Array, "d 3 3"]
+    away: Float[Array, "d 1"]
     depth: Float[Array, "d 1"]
     before: Float[Array, "d 2"]
     after: Float[Array, "d 2"]
     front: Float[Array, "d 1"]
     angle: Float[Array, "d 2"]
-    away: Float[Array, "d 1"]
 
 
-def _faces(
-    lines: _SightLines, seen: tuple[Array, Array], fuzzy: Float[Array, "d 1"], sight: MoverSight
-) -> tuple[Float[Array, "2 d 3"], Float[Array, "2 d 3"]]:
-    """Intervals of the lowest and of the highest coordinate along each world axis [m].
+def _marked(
+    middle: tuple[Array, Array],
+    lines: _SightLines,
+    widened: Float[Array, "d 1"],
+    seen: tuple[Array, Array],
+    sight: MoverSight,
+) -> Marks:
+    """Sets of the middle, the lowest and the highest coordinate along each world axis [m].
 
     A point of the body is seen, up to beams, or hidden behind one that is, by the body's depth at most along a ray u:
-    beyond what is seen along a direction n lies at most depth · max(0, n · u). So nothing is hidden of a face that looks
-    at the sensor.
+    beyond what is seen along a direction n lies at most depth · max(0, n · u). So nothing is hidden of a face that
+    looks at the sensor. Noise is along rays, so that of a face across them is none.
     """
     along, aside = lines.to_world[..., 0], lines.to_world[..., 1:]
     angle = jnp.sum(jnp.abs(aside) * lines.angle[:, None], axis=-1)
     further = jnp.sum(jnp.abs(aside) * (jnp.maximum(lines.before, lines.after) / lines.away)[:, None], axis=-1)
-    noise = _SIGMAS * sight.lidar.range_noise * jnp.minimum(jnp.abs(along) + angle, 1.0) + fuzzy
+    noise = widened - _SIGMAS * sight.lidar.range_noise * (1.0 - jnp.minimum(jnp.abs(along) + angle, 1.0))
 
     def beyond(sign: float) -> Array:
         left_up, right_down = jnp.maximum(sign * aside, 0.0), jnp.maximum(-sign * aside, 0.0)
@@ -274,11 +282,10 @@ def _faces(
         return lateral + jnp.abs(along) * lines.front + lines.depth * jnp.maximum(sign * along + angle + further, 0.0)
 
     size, (low, high) = sight.bounds.edges, seen
-    lowest = jnp.maximum(low - beyond(-1.0), high - size)
-    highest = jnp.minimum(high + beyond(1.0), low + size)
-    return (
-        jnp.stack([jnp.minimum(lowest, low) - noise, low + noise]),
-        jnp.stack([high - noise, jnp.maximum(highest, high) + noise]),
+    lowest = jnp.minimum(jnp.maximum(low - beyond(-1.0), high - size), low)
+    highest = jnp.maximum(jnp.minimum(high + beyond(1.0), low + size), high)
+    return Marks(
+        jnp.stack([middle[0], lowest - noise, high - noise]), jnp.stack([middle[1], low + noise, highest + noise])
     )
 
 

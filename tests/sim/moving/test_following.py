@@ -10,6 +10,7 @@ from sim.moving.scenes import SIGHT, arrays
 
 from maxjax.sim.moving.assignment import assigned
 from maxjax.sim.moving.following import followed, nobody_followed
+from maxjax.sim.moving.marks import Marks
 from maxjax.sim.moving.visible import Visible
 
 jit_followed = jax.jit(followed)
@@ -25,9 +26,14 @@ def measured(rng: np.random.Generator, place: np.ndarray, age: np.ndarray) -> Vi
     def filled(values: np.ndarray) -> jax.Array:
         return jnp.asarray(np.concatenate([values, np.zeros((rest, *values.shape[1:]))]), jnp.float32)
 
+    # Of cubes with edges of 0.4 m, their faces are known to 0.1 m, on one side or the other.
+    side = rng.uniform(size=(count, 3)) < 0.5
+    lowest, highest = place - 0.2, place + 0.2
+    lows = (low, np.where(side, lowest - 0.05, lowest - 0.6), np.where(side, highest - 0.3, highest - 0.05))
+    highs = (high, np.where(side, lowest + 0.05, lowest + 0.3), np.where(side, highest + 0.6, highest + 0.05))
+    marks = Marks(*(jnp.stack([filled(x) for x in values]) for values in (lows, highs)))
     return Visible(
-        used=jnp.arange(SIGHT.detections) < count,
-        low=filled(low), high=filled(high), half=filled(np.full((count, 3), 0.5)),
+        used=jnp.arange(SIGHT.detections) < count, marks=marks, half=filled(np.full((count, 3), 0.5)),
         large=jnp.zeros(SIGHT.detections, bool), place=filled(0.5 * (low + high)),
         variance=filled(np.full((count, 3), 0.02)), seen_low=filled(place - 0.2), seen_high=filled(place + 0.2),
         age=filled(age), count=filled(np.full(count, 9.0)),

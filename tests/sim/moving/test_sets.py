@@ -86,5 +86,7 @@ def test_bounds_are_positive() -> None:
         Bounds(acceleration=0.0)
     with pytest.raises(ValueError, match=r"Bounds.size: expected a positive finite number, given \(1.0, 0.0, 2.0\)"):
         Bounds(size=(1.0, 0.0, 2.0))
+    with pytest.raises(ValueError, match=r"Bounds.turn: expected a finite number, at least 0, given -0.1"):
+        Bounds(turn=-0.1)
     assert Bounds(size=0.5).edges.tolist() == [0.5, 0.5, 0.5]
     assert Bounds(size=(1.0, 2.0, 4.0)).edges.tolist() == [1.0, 2.0, 4.0]

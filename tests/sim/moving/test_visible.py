@@ -1,0 +1,78 @@
+"""What a scan shows of one body: its middle and its faces lie in their sets, whatever its shape, turn and place."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import box
+from scipy.spatial.transform import Rotation
+
+from maxjax.sim.lidar import Lidar, scan
+from maxjax.sim.moving.clusters import Clusters
+from maxjax.sim.moving.sets import Bounds
+from maxjax.sim.moving.sight import MoverSight
+from maxjax.sim.moving.visible import Visible, visible
+from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
+
+SIGHT = MoverSight(lidar=Lidar(), bounds=Bounds(8.0, 2.0, 1.0), detections=1, points=1024)
+AT = np.array([0.0, 0.0, 12.0])
+# It hides parts of what is behind.
+STANDS = concatenate([ground_plane(), box([4.0, 0.0, 12.0], [0.1, 0.1, 12.0])])
+
+
+@jax.jit
+def fast_shown(body: Geoms, rotation: jax.Array, key: jax.Array) -> Visible:
+    """A body as its own returns show it."""
+    lidar, at = SIGHT.lidar, jnp.asarray(AT, jnp.float32)
+    result, without = (scan(geoms, lidar, at, rotation, key) for geoms in (concatenate([STANDS, body]), STANDS))
+    own = result.hit & (result.distance < without.distance - 1e-3)
+    ray = jnp.nonzero(own, size=SIGHT.points, fill_value=0)[0].astype(jnp.int32)
+    count = jnp.sum(own)
+    cluster = jnp.where(jnp.arange(SIGHT.points) < count, 0, 1)
+    clusters = Clusters(ray, cluster, count[None] > 0, count[None], jnp.zeros((), bool))
+    return visible(clusters, result, at, rotation, SIGHT)
+
+
+def drawn(rng: np.random.Generator, shape: str) -> tuple[Geoms, np.ndarray, np.ndarray]:
+    """A body no larger than assumed, its middle, and half the edges of the box around it."""
+    away, azimuth, elevation = rng.uniform(3.0, 22.0), rng.uniform(-0.6, 0.6), rng.uniform(-0.5, 0.6)
+    azimuth = azimuth if rng.uniform() < 0.3 else rng.uniform(-np.pi, np.pi)
+    level = away * np.cos(elevation)
+    middle = AT + np.array([level * np.cos(azimuth), level * np.sin(azimuth), away * np.sin(elevation)])
+    middle[2] = max(middle[2], 1.0)
+    if shape == "sphere":
+        half = np.full(3, rng.uniform(0.15, 0.5))
+        size, turned, kind = half * [1.0, 0.0, 0.0], np.eye(3), SPHERE
+    else:
+        size = rng.uniform(0.15, 0.5, 3)
+        turned = {
+            "box": np.eye(3),
+            "yawed": Rotation.from_euler("z", rng.uniform(0.0, np.pi)).as_matrix(),
+            "turned": Rotation.random(random_state=rng).as_matrix(),
+        }[shape]
+        size *= min(1.0, 0.5 / (np.abs(turned) @ size).max())
+        half, kind = np.abs(turned) @ size, BOX
+    values = (jnp.asarray(x[None], jnp.float32) for x in (middle, turned, size))
+    return Geoms(*values, (kind,)), middle, half
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box", "yawed", "turned"])
+def test_middle_and_faces_lie_in_their_sets(shape: str) -> None:
+    rng, faces = np.random.default_rng(0), []
+    for k in range(150):
+        body, middle, half = drawn(rng, shape)
+        angles = [rng.uniform(-np.pi, np.pi), *rng.uniform(-0.2, 0.2, 2)]
+        rotation = jnp.asarray(Rotation.from_euler("ZYX", angles).as_matrix(), jnp.float32)
+        seen = fast_shown(body, rotation, jax.random.key(k))
+        if float(seen.count[0]) < 2:
+            continue
+        low, high = np.asarray(seen.marks.low)[:, 0], np.asarray(seen.marks.high)[:, 0]
+        truth = np.stack([middle, middle - half, middle + half])
+        assert (low - 2e-3 <= truth).all(), (k, low, truth)
+        assert (truth <= high + 2e-3).all(), (k, high, truth)
+        faces.append((high - low)[1:].min(axis=0))
+    assert len(faces) > 100
+    # One of two faces is seen: it is known better than the depth of a body.
+    assert np.median(faces) < 0.6
