@@ -158,7 +158,7 @@ def _p2m_world(moving: int, still: int, seed: int) -> World:
 
 
 def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
-    bounds = Bounds(speed=2.0, acceleration=1.2, size=1.0)
+    bounds = Bounds(speed=2.0, acceleration=1.2, size=1.0, turn=0.0)
     camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0)
     lidar = {"theirs": camera}.get(sees, Lidar())
     reach = 10.0 if sees == "theirs" else 14.0

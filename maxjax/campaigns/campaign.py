@@ -93,7 +93,8 @@ class Campaign:
         config = dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
         if self.movers is None or config.moving is not None:
             return config
-        bounds = Bounds(_ALLOWANCE * self.movers.fastest, _ALLOWANCE * ACCELERATION, self.movers.body)
+        how = self.movers
+        bounds = Bounds(_ALLOWANCE * how.fastest, _ALLOWANCE * ACCELERATION, how.body, how.turn)
         perception = LidarPerception(MoverSight(config.lidar, bounds))
         return dataclasses.replace(config, moving=Avoidance(perception, bounds))
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -78,6 +79,14 @@ class Population:
     def body(self) -> tuple[float, float, float]:
         """Edges along x, y and z of a box around any of them, however it is turned [m]; of a jib, around a part."""
         return (5.0, 5.0, 1.6) if self.kind in ("cars", "mixed") else (1.0, 1.0, 1.0)
+
+    @property
+    def turn(self) -> float:
+        """How fast any of them turns about itself at most [rad/s].
+
+        What faces its way turns the faster the slower it is: half a turn between two looks is allowed for.
+        """
+        return 10.0 * math.pi if not {"birds", "cranes"}.isdisjoint(self.counts) else 0.0
 
     @property
     def counts(self) -> dict[str, int]:

@@ -193,3 +193,11 @@ def test_who_finds_no_way_is_hidden_and_told() -> None:
 def test_other_populations_are_refused(changes: dict[str, object], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         Population(**changes)  # type: ignore[arg-type]
+
+
+def test_what_faces_its_way_may_turn_and_what_does_not_keeps_its_orientation() -> None:
+    turn = {
+        kind: Population(4, 5.0, kind).turn for kind in ("drones", "cars", "encounters", "birds", "cranes", "mixed")
+    }
+    assert [kind for kind, rate in turn.items() if rate > 0.0] == ["birds", "cranes", "mixed"]
+    assert turn["birds"] * 0.1 >= np.pi - 1e-6
