@@ -1,16 +1,15 @@
-"""What a cluster of returns says of the body that it is seen of: a set for its middle.
+"""What a cluster of returns says of the body that it is seen of: sets for its middle and its faces.
 
 A body with a middle (its mirror image in it is itself) reaches from l⁻ to l⁺ along any direction; its middle is
 (l⁻ + l⁺) / 2. Seen are points from a to b, so with the body's greatest extent E (`Bounds.size` on each axis)
 
     l⁻ ∈ [max(a − δ⁻, b − E), a],   l⁺ ∈ [b, min(b + δ⁺, a + E)]
 
-So are both faces of each world axis known (`_marked`), those that look at the sensor better than the middle.
-
 Across the line of sight δ is a step between beams where the beams beside the body passed it, two where one was lost,
 and unbounded where something nearer, or as near, may hide the rest. Along it δ⁻ is small, for what is seen is the
 front, and δ⁺ is unbounded. The set is the box around that in world axes, within the one of the axes' own points and
-extents. It is widened by noise, pose error, and the time over which the returns were measured.
+extents. It is widened by noise, pose error, and the time over which the returns were measured. The lowest and the
+highest coordinate along each world axis have sets of their own (`_marked`).
 
 It is a set at the middle of that time, `age` before the scan's end. A cluster larger than a body can be is of several
 bodies, or breaks the assumption: then the set is of the middle of any body of which a point is in it.
