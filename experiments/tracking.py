@@ -391,7 +391,7 @@ def _row(what: Row, tally: Tally) -> Row:
         "bodies": share(tally.bodies, tally.pairs),
         "width": quantile(tally.width, 0.5),
         "spread": quantile(tally.spread, 0.5),
-        "spread_since": {f"{_PERIOD * k:.1f}": quantile(values, 0.5) for k, values in tally.since.items()},
+        **{f"spread_{_PERIOD * k:.1f}_s": quantile(values, 0.5) for k, values in tally.since.items()},
         "first_seen": quantile(tally.first, 0.5),
         "false_tracks": tally.tracks - tally.true,
         "swapped": tally.swapped,
