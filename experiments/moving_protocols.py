@@ -38,7 +38,7 @@ from scipy.stats import beta
 
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
-from experiments.moving_worlds import P2M_GOAL, P2M_START, SANDO_GOAL, SANDO_START, p2m, sando
+from experiments.moving_worlds import P2M_GOAL, P2M_START, SANDO_GOAL, SANDO_HEIGHT, SANDO_START, p2m, sando
 from experiments.orca import orca
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -170,7 +170,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
         MotionSet(4.9, 12.0, directions=64, shares=(1.0, 0.6, 0.25), brakes=(0.2, 0.6), horizon=1.2),
         Keeping(radius=radius + 0.2, wall=0.25, comfort=1.5),
         Crowding(reach=1.8, sweeps=45, shape=(28, 28, 6), cell=3, later=0.8),
-        within=((-50.0, -50.0, 0.5), (150.0, 50.0, 6.0)),
+        within=((-50.0, -50.0, SANDO_HEIGHT[0]), (150.0, 50.0, SANDO_HEIGHT[1])),
     )
     return _flight(moving, lidar, radius, 0.5, 100)
 

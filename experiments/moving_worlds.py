@@ -19,13 +19,13 @@ import random
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float64
 
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
 from maxjax.worlds.movers import Movers, straight, through
 
 SANDO_START, SANDO_GOAL = (0.0, 0.0, 2.0), (105.0, 0.0, 2.0)
 SANDO_HEIGHT = (0.5, 6.0)  # permitted [m]
-SANDO_LIMITS = {"speed": 5.0, "acceleration": 20.0, "jerk": 100.0}
 _MOVING, _UPRIGHT = 0.65, 0.35
 _MOVES, _STANDS, _LIES = (0.4, 0.4, 0.4), (0.2, 0.2, 2.0), (0.2, 2.0, 0.2)  # half edges [m]
 
@@ -52,26 +52,39 @@ def sando(count: int, seed: int) -> tuple[Geoms, Movers]:
             half[k], place[k, 2] = _STANDS, 2.0
         else:
             half[k] = _LIES
-    amplitude, phase = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    amplitude, frequency, phase = trefoils(size[:moving], offset[:moving], slowness[:moving])
+    resting = straight(_boxes(half[:moving]), jnp.asarray(place[:moving], jnp.float32), jnp.zeros((moving, 3)))
+    movers = dataclasses.replace(
+        resting,
+        amplitude=jnp.asarray(amplitude, jnp.float32),
+        frequency=jnp.asarray(frequency, jnp.float32),
+        phase=jnp.asarray(phase, jnp.float32),
+    )
+    stands = dataclasses.replace(_boxes(half[moving:]), position=jnp.asarray(place[moving:], jnp.float32))
+    return concatenate([ground_plane(), stands]), movers
+
+
+def trefoils(
+    size: Float64[np.ndarray, "m 3"], offset: Float64[np.ndarray, " m"], slowness: Float64[np.ndarray, " m"]
+) -> tuple[Float64[np.ndarray, "m 3 3"], Float64[np.ndarray, "m 3"], Float64[np.ndarray, "m 3 3"]]:
+    """Amplitude, frequency and phase of SANDO's motions, as `Movers` have them: three oscillations each.
+
+    Args:
+        size: S [m].
+        offset: o [rad].
+        slowness: s [s/rad].
+    """
+    amplitude, phase = np.zeros((len(size), 3, 3)), np.zeros((len(size), 3, 3))
     amplitude[:, 0, 0], amplitude[:, 1, 0] = size[:, 0] / 6.0, size[:, 0] / 3.0
     amplitude[:, 0, 1], amplitude[:, 1, 1] = size[:, 1] / 5.0, -2.0 * size[:, 1] / 5.0
     amplitude[:, 2, 2] = -size[:, 2] / 2.0
     turns = np.arange(1.0, 4.0)
     phase[:] = (offset[:, None] * turns)[..., None]
     phase[:, :, 1] += 0.5 * math.pi  # a cosine
-    resting = straight(_boxes(half[:moving]), jnp.asarray(place[:moving], jnp.float32), jnp.zeros((moving, 3)))
-    movers = dataclasses.replace(
-        resting,
-        amplitude=jnp.asarray(amplitude[:moving], jnp.float32),
-        frequency=jnp.asarray(turns / slowness[:moving, None], jnp.float32),
-        phase=jnp.asarray(phase[:moving], jnp.float32),
-    )
-    stands = dataclasses.replace(_boxes(half[moving:]), position=jnp.asarray(place[moving:], jnp.float32))
-    return concatenate([ground_plane(), stands]), movers
+    return amplitude, turns / slowness[:, None], phase
 
 
 P2M_START, P2M_GOAL = (0.0, -15.0, 2.0), (0.0, 15.0, 2.0)
-P2M_HEIGHT = (0.3, 4.0)  # permitted [m]: above the walls' feet, below what is forbidden
 P2M_SECONDS = 60.0
 _AREA = (5.0, 12.5)  # half extents of what is drawn in [m]
 _WALLS = (6.5, 17.5)

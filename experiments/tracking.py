@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
+from experiments.moving_worlds import trefoils
 from maxjax.sim.lidar import Lidar, scan
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.moving.sets import Bounds, Tracks
@@ -226,18 +227,12 @@ def field(seed: int, obstacles: int, looks: int) -> Script:
     still = Geoms(_float(middle[moving:]), eyes, _float(half[moving:]), (BOX,) * count)
     size, scale = rng.uniform(2.0, 4.0, (moving, 3)), rng.uniform(4.0, 6.0, moving)
     offset = rng.uniform(0.0, 3.0, moving)
-    amplitude, phase = np.zeros((moving, 3, 3)), np.zeros((moving, 3, 3))
-    amplitude[:, 0, 0], amplitude[:, 1, 0] = size[:, 0] / 6.0, size[:, 0] / 3.0
-    amplitude[:, 0, 1], amplitude[:, 1, 1] = size[:, 1] / 5.0, -2.0 * size[:, 1] / 5.0
-    amplitude[:, 2, 2] = -size[:, 2] / 2.0
-    phase[:] = (offset[:, None] * [1.0, 2.0, 3.0])[..., None]
-    phase[:, :, 1] += np.pi / 2.0
     times = _PERIOD * np.arange(looks)
     position = np.stack([5.0 + _SPEED * times, np.full(looks, -9.0), 2.5 + 0.5 * np.sin(0.7 * times)], axis=1)
     angles = np.deg2rad(np.stack([20 * np.sin(0.9 * times), 8 * np.sin(1.1 * times), 10 * np.sin(1.7 * times)], axis=1))
     rotation = Rotation.from_euler("ZYX", angles).as_matrix()
-    geoms, frequency = concatenate([ground_plane(), still]), np.array([1.0, 2.0, 3.0]) / scale[:, None]
-    motion = (amplitude, frequency, phase, half[:moving], np.zeros(moving, bool))
+    geoms = concatenate([ground_plane(), still])
+    motion = (*trefoils(size, offset, scale), half[:moving], np.zeros(moving, bool))
     return Script(geoms, middle[:moving], np.zeros((moving, 3)), *motion, position, rotation)
 
 

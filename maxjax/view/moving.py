@@ -6,6 +6,8 @@ What moves in a trial is known without flying it again (`campaigns.trial_movers`
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +16,7 @@ from jaxtyping import Float
 from maxjax.view.colors import MOVER
 from maxjax.view.film import Cue
 from maxjax.view.nodes import Frame, Surface
-from maxjax.worlds.geoms import BOX, CAPSULE, Geoms
+from maxjax.worlds.geoms import half_edges
 from maxjax.worlds.movers import Movers, solids_at
 from maxjax.worlds.populations import placed
 
@@ -32,21 +34,15 @@ def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) ->
     if not there.any():
         return ()
     at = jax.vmap(solids_at, (None, 0))(movers, jnp.asarray(times, jnp.float32))
+    # Turned by `rotation` below: here along its own axes.
+    along = dataclasses.replace(movers.solids, rotation=jnp.broadcast_to(jnp.eye(3), movers.solids.rotation.shape))
     rotation = np.asarray(at.rotation, np.float64)[:, there]
-    half = np.maximum(_half_edges(movers.solids)[there], _LEAST)
+    half = np.maximum(np.asarray(half_edges(along), np.float64)[there], _LEAST)
     middle = frame.page(np.asarray(at.position, np.float64)[:, there])
     corners = middle[..., None, :] + np.einsum("tmij,cj,mj->tmci", rotation, _CORNERS, half)
     return tuple(
         Cue(float(time), MOVERS_NODE, {MOVERS_NODE: _boxes(one)}) for time, one in zip(times, corners, strict=True)
     )
-
-
-def _half_edges(solids: Geoms) -> Float[np.ndarray, "m 3"]:
-    """Of the box around each solid, along its own axes [m]."""
-    size = np.asarray(solids.size, np.float64)
-    kinds = np.array(solids.type)[:, None]
-    lengthened = np.stack([size[:, 0], size[:, 0], size[:, 0] + size[:, 1]], axis=1)
-    return np.where(kinds == BOX, size, np.where(kinds == CAPSULE, lengthened, size[:, :1]))
 
 
 def _boxes(corners: Float[np.ndarray, "m 8 3"]) -> Surface:

@@ -112,3 +112,14 @@ def quaternion(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]
 def ground_plane() -> Geoms:
     """The ground z = 0."""
     return Geoms(jnp.zeros((1, 3)), jnp.eye(3)[None], jnp.array([[0.0, 0.0, 1.0]]), (PLANE,))
+
+
+def half_edges(solids: Geoms) -> Float[Array, "g 3"]:
+    """Half edges of the box, along the world's axes, around each solid [m]."""
+    size, rotation = solids.size, jnp.abs(solids.rotation)
+    kinds = jnp.asarray(solids.type)[:, None]
+    box = jnp.einsum("gij,gj->gi", rotation, size, precision="highest")
+    capsule = size[:, :1] + rotation[:, :, 2] * size[:, 1:2]
+    sphere = jnp.broadcast_to(size[:, :1], size.shape)
+    known = [(BOX, box), (CAPSULE, capsule), (SPHERE, sphere)]
+    return jnp.select([kinds == kind for kind, _ in known], [half for _, half in known], box)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from maxjax.sim.disturbances import position_error
+from maxjax.sim.flight_state import Flight, FlightConfig, World, estimated_position
 from maxjax.sim.moving.among import Flag, Seen
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.moving.sight import MoverSight
-
-if TYPE_CHECKING:
-    from maxjax.sim.flight_state import Flight, FlightConfig, World
 
 
 @jax.tree_util.register_static
@@ -46,11 +42,8 @@ class LidarPerception:
     def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
         """After the scan in `flight.scan`."""
         assert flight.among is not None
-        position = flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
-        seeing = looked(
-            flight.among.seen.memory, flight.scan, position, flight.vehicle.rotation, flight.log.duration, self.sight
-        )
-        return _seen(seeing)
+        pose = estimated_position(world, flight), flight.vehicle.rotation
+        return _seen(looked(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
 
 
 def _seen(seeing: Seeing) -> Seen:

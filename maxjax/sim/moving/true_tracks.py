@@ -1,7 +1,6 @@
 """Movers as they are: the perception that makes no mistake, for ceilings and for telling apart what limits a flight.
 
-What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not. With
-`past` it is that of so many seconds ago, as a network would tell it.
+What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maxjax.sim.moving.among import Flag, Seen
-from maxjax.sim.moving.sets import Bounds, Tracks, nobody, propagated
-from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody
+from maxjax.worlds.geoms import half_edges
 from maxjax.worlds.movers import Movers, places, solids_at
 
 # Returns so near to a mover's box are its own [m], and how far it went during a turn of the sensor besides.
@@ -30,14 +29,12 @@ class TrueTracks:
         reach: of sight [m].
         slots: movers that are followed, the nearest ones.
         place, velocity: half widths of their sets [m], [m/s].
-        past: age of what is known [s].
     """
 
     reach: float = 45.0
     slots: int = 32
     place: float = 0.02
     velocity: float = 0.1
-    past: float = 0.0
 
     def start(self, world: object, flight: object, config: object) -> Seen:
         """Nobody."""
@@ -50,8 +47,7 @@ class TrueTracks:
             return self._seen(nobody(self.slots), config)
         position = flight.vehicle.position  # type: ignore[attr-defined]
         bounds = config.moving.bounds  # type: ignore[attr-defined]
-        then = tracks_of(movers, log.duration - self.past, position, bounds, self)
-        tracks = propagated(then, self.past, bounds) if self.past else then
+        tracks = tracks_of(movers, log.duration, position, bounds, self)
         seen, points = self._seen(tracks, config), flight.scan.points  # type: ignore[attr-defined]
         room = tracks.half + _ROUND + config.lidar.turn * jnp.abs(tracks.velocity)  # type: ignore[attr-defined]
         hit = jnp.zeros_like(seen.returns)
@@ -91,14 +87,3 @@ def tracks_of(
     )
     filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, nobody(how.slots))
     return filled
-
-
-def half_edges(solids: Geoms) -> Float[Array, "g 3"]:
-    """Half edges of the box, along the world's axes, around each solid [m]."""
-    size, rotation = solids.size, jnp.abs(solids.rotation)
-    kinds = jnp.asarray(solids.type)[:, None]
-    box = jnp.einsum("gij,gj->gi", rotation, size, precision="highest")
-    capsule = size[:, :1] + rotation[:, :, 2] * size[:, 1:2]
-    sphere = jnp.broadcast_to(size[:, :1], size.shape)
-    known = [(BOX, box), (CAPSULE, capsule), (SPHERE, sphere)]
-    return jnp.select([kinds == kind for kind, _ in known], [half for _, half in known], box)
