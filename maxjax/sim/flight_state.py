@@ -22,6 +22,7 @@ from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
+from maxjax.sim.fleet.member import Member
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.moving.among import Among, Avoidance, Flags
 from maxjax.trajectories.limits import FlightLimits
@@ -164,6 +165,7 @@ class Flight:
         done: whether the flight is over.
         log: so far.
         among: what is known of movers, and the motion that is flown; None where none are expected.
+        member: what is said to the other vehicles of a fleet, and how near they were; None for a vehicle by itself.
     """
 
     vehicle: physics.State
@@ -184,6 +186,7 @@ class Flight:
     done: Bool[Array, ""]
     log: FlightLog
     among: Among | None = None
+    member: Member | None = None
 
 
 def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:

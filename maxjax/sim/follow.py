@@ -6,6 +6,7 @@ The exact distance to every solid, moving or not, is computed at every physics s
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -26,26 +27,39 @@ from maxjax.trajectories.online import setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.movers import solids_at
 
+# (world, flight, config) ↦ flight with the motion to fly; (world, flight, config, noise) ↦ flight a time step later.
+Steer = Callable[[World, Flight, FlightConfig], Flight]
+Step = Callable[[World, Flight, FlightConfig, Float[Array, "3"]], Flight]
+
 
 def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """One planning period of physics; a flight that is done does not change."""
+    return flown_period(world, flight, config, steer_alone, step_alone)
+
+
+def flown_period(world: World, flight: Flight, config: FlightConfig, steer: Steer, step: Step) -> Flight:
+    """One planning period: ten times a second steer, step by the physics, look, and log where the vehicle is.
+
+    Args:
+        world: that the flight is in.
+        flight: before the period.
+        config: how to fly.
+        steer: (world, flight, config) ↦ flight with the motion to fly; leaves what is done.
+        step: (world, flight, config, noise) ↦ flight a time step later, by standard normal numbers that drive the
+            gusts; leaves what is done.
+    """
     steps = round(LOG_PERIOD / config.vehicle.timestep)
     key = stream(world.key, Stream.GUSTS, flight.log.planning_iterations)
     noise = jax.random.normal(key, (config.log_samples, steps, 3))
-    wind = mean_wind(world.disturbances, world.key)
-
-    def step(flight: Flight, noise: Float[Array, "3"]) -> tuple[Flight, None]:
-        return _unless(flight.done, flight, _physics_step(world, flight, config, wind, noise)), None
 
     def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
         row, noise = inputs
         was_done = flight.done
+        flight = steer(world, flight, config)
+        flight, _ = lax.scan(lambda flight, noise: (step(world, flight, config, noise), None), flight, noise)
         if config.moving is not None:
-            flight = _unless(was_done, flight, _steer(world, flight, config))
-        flight, _ = lax.scan(step, flight, noise)
-        if config.moving is not None:
-            flight = _unless(flight.done, flight, look(world, flight, config))
-        position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
+            flight = unless(flight.done, flight, look(world, flight, config))
+        position = jnp.where(was_done, flight.log.position[row], flight.vehicle.position)
         log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
         return dataclasses.replace(flight, log=log), None
 
@@ -56,26 +70,24 @@ def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
 
 
-def _steer(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A motion among movers, and the flags that are up with it."""
+def steer_alone(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A motion among movers, and the flags that are up with it; without movers none."""
+    if config.moving is None:
+        return flight
     among, up = steered(world, flight, config)
     assert flight.log.flags is not None
     flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
-    return dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
+    after = dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
+    return unless(flight.done, flight, after)
 
 
-def _physics_step(
-    world: World, flight: Flight, config: FlightConfig, wind: Float[Array, "3"], noise: Float[Array, "3"]
-) -> Flight:
-    """One time step of controller, gusts and vehicle, and what it adds to the log.
+def step_alone(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
+    """One time step of a flight that is not done."""
+    return unless(flight.done, flight, _physics_step(world, flight, config, noise))
 
-    Args:
-        world: that the flight is in.
-        flight: before the step.
-        config: how to fly.
-        wind: mean air velocity [m/s].
-        noise: standard normal numbers that drive the gusts.
-    """
+
+def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
+    """One time step of controller, gusts and vehicle, and what it adds to the log."""
     log, before, vehicle = flight.log, flight.vehicle, config.vehicle
     error = position_error(world.disturbances, world.key, log.duration)
     lead, among = config.controller.lead, flight.among
@@ -91,6 +103,7 @@ def _physics_step(
     observer, command = control.command(config.controller, vehicle, flight.observer, estimated, setpoint)
     gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
     strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
+    wind = mean_wind(world.disturbances, world.key)
     after = physics.advance(vehicle, before, command, wind + strength * gust)
     if config.exact:
         after = dataclasses.replace(physics.hover(vehicle, setpoint.position), velocity=setpoint.velocity)
@@ -125,7 +138,7 @@ def clearance_of(world: World, position: Float[Array, "3"], time: Float[Array, "
     return still if world.movers is None else jnp.minimum(still, distance(solids_at(world.movers, time), position))
 
 
-def _unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:
+def unless(over: Bool[Array, ""], before: Flight, after: Flight) -> Flight:
     """`before` where the flight is over, leaf by leaf: what a step leaves alone costs nan."""
     kept: Flight = jax.tree.map(lambda x, y: x if x is y else jnp.where(over, x, y), before, after)
     return kept

@@ -25,7 +25,8 @@ from maxjax.worlds.movers import Moving
 
 def sense(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """One scan from the true pose, its points shifted to the estimated position; movers were looked for already."""
-    return flight if config.moving is not None else _scanned(world, flight, config, flight.log.planning_iterations)
+    looked = config.moving is not None and config.moving.perception is not None
+    return flight if looked else _scanned(world, flight, config, flight.log.planning_iterations)
 
 
 def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
@@ -42,9 +43,11 @@ def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[A
 
 
 def look(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A scan, and what it shows of movers."""
+    """A scan, and what it shows of movers; nothing where nobody looks for any."""
     assert config.moving is not None
     assert flight.among is not None
+    if config.moving.perception is None:
+        return flight
     number = jnp.round(flight.log.duration / LOG_PERIOD).astype(jnp.int32)
     flight = _scanned(world, flight, config, number)
     seen = config.moving.perception.look(world, flight, config)

@@ -137,4 +137,5 @@ def rank(index: Int32[Array, "*n"], look: Int32[Array, ""]) -> Array:
     x = index.astype(jnp.uint32) * jnp.uint32(0x9E3779B1) ^ (look.astype(jnp.uint32) * jnp.uint32(0x85EBCA6B))
     x = (x ^ (x >> 16)) * jnp.uint32(0x7FEB352D)
     x = (x ^ (x >> 15)) * jnp.uint32(0x846CA68B)
-    return x ^ (x >> 16)
+    mixed: Array = x ^ (x >> 16)
+    return mixed

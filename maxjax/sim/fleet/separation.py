@@ -2,9 +2,9 @@
 
     |Δ(t)| ≥ |Δ̂(t)| − (a₁ + a₂) h² / 8         Δ = x₁ − x₂,  Δ̂: linear between its samples, h apart
 
-The velocity of a motion is continuous and its acceleration bounded by a, which bounds how far a chord is from the curve;
-how near a chord comes is exact. Motions end at rest, so that samples until then are samples for ever. Frame: world;
-times are whole numbers of looks.
+The velocity of a motion is continuous and its acceleration bounded by a, which bounds how far a chord is from the
+curve; how near a chord comes is exact. Motions end at rest, so that samples until then are samples for ever. Frame:
+world; times are whole numbers of looks.
 """
 
 from __future__ import annotations

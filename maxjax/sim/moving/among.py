@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.sim.moving.choice import Chooser, Commitment, Keeping, chosen
 from maxjax.sim.moving.local_value import Crowding
 from maxjax.sim.moving.motions import MotionSet
-from maxjax.sim.moving.sets import Bounds, Tracks
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody
 
 
 class Flag(enum.IntEnum):
@@ -90,6 +90,11 @@ class Seen:
     memory: Any
 
 
+def nothing_seen(rays: int) -> Seen:
+    """What is known where nobody looks."""
+    return Seen(nobody(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+
+
 @runtime_checkable
 class Perception(Protocol):
     """Who finds movers; static, hashable."""
@@ -109,7 +114,7 @@ class Avoidance:
     """How to fly among movers; static.
 
     Attributes:
-        perception: who finds them.
+        perception: who finds them, ten times a second; None: nobody looks for any.
         bounds: that they are assumed to keep.
         choice: motions that are tried.
         keeping: distances that motions keep.
@@ -119,7 +124,7 @@ class Avoidance:
         chooser: of motions; another one may take its place, as rivals do.
     """
 
-    perception: Perception
+    perception: Perception | None
     bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
     choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
     keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)

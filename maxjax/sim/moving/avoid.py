@@ -22,6 +22,7 @@ from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import MotionPrimitive, at, later
+from maxjax.sim.moving.sets import Tracks
 from maxjax.trajectories.online import Setpoint, profile, sample
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
         flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration
     )
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
-    hard = _hard(flight, config, left.place)
-    guide = _guide(world, flight, config, left.place)
+    hard = hard_around(flight, config, left.place)
+    guide = guide_around(flight, config, left.place, among.seen.tracks)
     around = Around(among.seen.tracks, hard, guide, how.within)
     verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
     flown, holds = how.chooser(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
@@ -68,7 +69,7 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
 
 
-def _hard(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> HardSet:
+def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> HardSet:
     """The map as far as motions lead."""
     how, rolling_map = config.moving, flight.rolling_map
     assert how is not None
@@ -84,11 +85,10 @@ def _hard(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> Har
     )  # fmt: skip
 
 
-def _guide(world: World, flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> LocalValue:
-    """Cost-to-go around the vehicle: where the window ends, along the static way."""
-    how, among, rolling_map = config.moving, flight.among, flight.rolling_map
+def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
+    """Cost-to-go around a place, dearer near those who move: where the window ends, along the static way."""
+    how, rolling_map = config.moving, flight.rolling_map
     assert how is not None
-    assert among is not None
     cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
     base = mapping.origin(rolling_map)
     corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
@@ -109,7 +109,7 @@ def _guide(world: World, flight: Flight, config: FlightConfig, place: Float[Arra
     # The end of the way: where it lies in the window, a way may end.
     close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
-    price = crowding(centres, place, how.choice.speed, among.seen.tracks, how.crowd).reshape(cells)
+    price = crowding(centres, place, how.choice.speed, tracks, how.crowd).reshape(cells)
     # Beside a wall there is hardly room, and none at its corners.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
     walls = how.crowd.wall * share + how.crowd.beside * beside
