@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.sim.fleet.agreement import NEVER, Agreement, Message
-from maxjax.sim.fleet.separation import courses, separation
+from maxjax.sim.fleet.separation import Scheduled, courses, separation
 from maxjax.sim.moving.among import Avoidance
 from maxjax.sim.moving.choice import Around, downhill, score
 from maxjax.sim.moving.motions import MotionPrimitive, motions
@@ -102,8 +102,6 @@ def _separations(
 ) -> Float[Array, "m n"]:
     """Of each vehicle, how near the nearer of its committed motion and its proposal comes to each motion [m]."""
     sampled = agreement.sampled
-    from maxjax.sim.fleet.separation import Scheduled
-
     mine = courses(Scheduled(tried, jnp.broadcast_to(at_look, tried.brakes.shape)), at_look, sampled)
     proposed = told.proposed != NEVER
 

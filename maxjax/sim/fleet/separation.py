@@ -69,9 +69,10 @@ def courses(scheduled: Scheduled, look: Int32[Array, ""], sampled: Sampled) -> F
 
 def separation(one: Float[Array, "*a t 3"], other: Float[Array, "*b t 3"], sampled: Sampled) -> Float[Array, "*c"]:
     """No more than the least distance of two motions from the first sample on [m]; batch axes are broadcast."""
-    apart = one - other
-    begin, along = apart[..., :-1, :], apart[..., 1:, :] - apart[..., :-1, :]
-    squared = jnp.sum(along * along, axis=-1)
-    share = -jnp.sum(begin * along, axis=-1) / jnp.where(squared > 0.0, squared, 1.0)
-    nearest = begin + jnp.clip(share, 0.0, 1.0)[..., None] * along
-    return jnp.sqrt(jnp.min(jnp.sum(nearest * nearest, axis=-1), axis=-1)) - sampled.between
+    axes = [one[..., k] - other[..., k] for k in range(3)]
+    begin, along = [x[..., :-1] for x in axes], [x[..., 1:] - x[..., :-1] for x in axes]
+    length = sum(x * x for x in along)
+    share = -sum(x * y for x, y in zip(begin, along, strict=True)) / jnp.where(length > 0.0, length, 1.0)
+    share = jnp.clip(share, 0.0, 1.0)
+    squared = sum(jnp.square(x + share * y) for x, y in zip(begin, along, strict=True))
+    return jnp.sqrt(jnp.min(squared, axis=-1)) - sampled.between
