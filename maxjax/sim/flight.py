@@ -137,7 +137,7 @@ def watch(world: World, config: FlightConfig) -> Iterator[Flight]:
     yield flight
     if not flight.done:
         given = world, flight, config
-        programs = list(map(_program_of, stages_of(config)))
+        programs = list(map(program_of, stages_of(config)))
         for _ in concurrently(lambda stage: stage.executable(given, {}), programs, len(programs)):
             pass
     while not flight.done:
@@ -244,6 +244,6 @@ STAGES: tuple[Stage, ...] = (sense, fuse, plan, follow)
 
 
 @functools.cache
-def _program_of(stage: Stage) -> Stored[..., Flight]:
+def program_of(stage: Stage) -> Stored[..., Flight]:
     """A stage as a program of its own, which is compiled once."""
     return Stored(getattr(stage, "__name__", "stage"), stage)

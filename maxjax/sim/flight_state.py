@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int32, Key, UInt32
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.planning.distances import Distances
@@ -131,12 +131,15 @@ class FlightLog:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """What a flight cannot change: solids, start and goal [m], random key, disturbances, movers if there are any."""
+    """What a flight cannot change: solids, start and goal [m], random key, disturbances, movers if there are any.
+
+    Batch axes lead.
+    """
 
     geoms: Geoms
-    start: Float[Array, "3"]
-    goal: Float[Array, "3"]
-    key: PRNGKeyArray
+    start: Float[Array, "*batch 3"]
+    goal: Float[Array, "*batch 3"]
+    key: Key[Array, "*batch"] | UInt32[Array, "*batch 2"]
     disturbances: Disturbances
     movers: Movers | None = None
 
@@ -144,7 +147,7 @@ class World:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """What evolves during a flight.
+    """What evolves during a flight; batch axes lead.
 
     Attributes:
         vehicle: its true state.
@@ -170,20 +173,20 @@ class Flight:
 
     vehicle: physics.State
     observer: control.Observer
-    gust: Float[Array, "3"]
+    gust: Float[Array, "*batch 3"]
     scan: Scan
-    returns: Int32[Array, ""]
+    returns: Int32[Array, "*batch"]
     rolling_map: mapping.RollingMap
-    path: Path
-    pending_path: Path
-    pending_valid: Bool[Array, ""]
+    path: Float[Array, "*batch n 3"]
+    pending_path: Float[Array, "*batch n 3"]
+    pending_valid: Bool[Array, "*batch"]
     reference: Reference
-    reference_time: Float[Array, ""]
-    yaw: Float[Array, ""]
-    viewpoints: Int32[Array, ""]
-    viewpoint_periods: Int32[Array, ""]
-    failures: Int32[Array, ""]
-    done: Bool[Array, ""]
+    reference_time: Float[Array, "*batch"]
+    yaw: Float[Array, "*batch"]
+    viewpoints: Int32[Array, "*batch"]
+    viewpoint_periods: Int32[Array, "*batch"]
+    failures: Int32[Array, "*batch"]
+    done: Bool[Array, "*batch"]
     log: FlightLog
     among: Among | None = None
     member: Member | None = None

@@ -1,6 +1,7 @@
 """A fleet in closed loop: flights in lockstep, one axis of one program, that gather what they say to each other.
 
-    fly_fleet(worlds, config, together) -> FleetLog
+    fly_fleet(worlds, config, together) -> FleetLog              one program, for batches
+    watch_fleet(worlds, config, together) -> flights             on the host, a vehicle's own stages one after the other
 
 Each vehicle senses, maps and plans for itself (`sim.flight`); `sim.fleet.together` takes the place of the stage that
 moves. The vehicles are no part of each other's scans, as if returns from where others are told to be were left out.
@@ -10,16 +11,19 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.programs.batching import settle
+from maxjax.programs.executable import Stored
 from maxjax.sim.fleet.member import Member, hovering
 from maxjax.sim.fleet.together import FLEET, Together
-from maxjax.sim.flight import stages_of, take_off
+from maxjax.sim.flight import program_of, stages_of, take_off
 from maxjax.sim.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.follow import follow, unless
 
@@ -62,9 +66,8 @@ def fly_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetL
     Raises:
         ValueError: for fewer than two vehicles, or a `config.moving` of None.
     """
-    if config.moving is None or len(worlds.start) < 2:
-        raise ValueError(f"fly_fleet: expected two vehicles or more and config.moving, given {len(worlds.start)}")
-    first = jax.vmap(functools.partial(_take_off, config=config, together=together), axis_name=FLEET)(worlds)
+    _check(worlds, config)
+    first = fleet_take_off(worlds, config, together)
     flown = settle(_flies, functools.partial(fleet_iteration, config=config, together=together), worlds, first,
                    at_once=_AT_ONCE)  # fmt: skip
     return log_of(flown)
@@ -75,6 +78,40 @@ def log_of(flown: Flight) -> FleetLog:
     member = flown.member
     assert member is not None
     return FleetLog(flown.log, member.gap, member.touched, member.swaps, member.dropped)
+
+
+def watch_fleet(worlds: World, config: FlightConfig, together: Together) -> Iterator[Flight]:
+    """`fly_fleet` with its loop on the host: the flights before their first planning period, and after each.
+
+    The stages in which vehicles know nothing of each other are programs of one flight, as those of `sim.flight.watch`
+    are, and are not run for who is done. Up to rounding the flights are the same.
+    """
+    _check(worlds, config)
+    own = [stage for stage in stages_of(config) if stage is not follow]
+    flights = _TAKE_OFF(worlds, config, together)
+    yield flights
+    while np.any(~np.asarray(flights.done)):
+        each = []
+        for k in range(len(worlds.start)):
+            world, flight = jax.tree.map(lambda x, k=k: x[k], (worlds, flights))
+            for stage in own if not flight.done else ():
+                flight = program_of(stage)(world, flight, config)
+            each.append(flight)
+        flights = _FOLLOW(worlds, jax.tree.map(lambda *x: jnp.stack(x), *each), config, together)
+        yield flights
+
+
+def _check(worlds: World, config: FlightConfig) -> None:
+    if len(worlds.start) < 2:
+        raise ValueError(f"fleet: expected 2 vehicles or more, given {len(worlds.start)}")
+    if config.moving is None or follow not in stages_of(config):
+        raise ValueError("fleet: expected config.moving and the stage `follow`, given a config without")
+
+
+def fleet_take_off(worlds: World, config: FlightConfig, together: Together) -> Flight:
+    """All flights before their first planning period."""
+    flights: Flight = jax.vmap(functools.partial(_take_off, config=config, together=together), axis_name=FLEET)(worlds)
+    return flights
 
 
 def fleet_iteration(worlds: World, flights: Flight, config: FlightConfig, together: Together) -> Flight:
@@ -88,7 +125,14 @@ def fleet_iteration(worlds: World, flights: Flight, config: FlightConfig, togeth
                 flight = unless(flight.done, flight, stage(world, flight, config))
         return flight
 
-    return jax.vmap(iterate, axis_name=FLEET)(worlds, flights)
+    flown: Flight = jax.vmap(iterate, axis_name=FLEET)(worlds, flights)
+    return flown
+
+
+def _follow_together(worlds: World, flights: Flight, config: FlightConfig, together: Together) -> Flight:
+    """The stage that moves, of all vehicles."""
+    stages = dataclasses.replace(config, stages=(follow,))
+    return fleet_iteration(worlds, flights, stages, together)
 
 
 def _flies(_: World, flights: Flight) -> Bool[Array, ""]:
@@ -108,3 +152,7 @@ def _take_off(world: World, config: FlightConfig, together: Together) -> Flight:
     status = jnp.where(crowded, Status.START_OCCUPIED, flight.log.status).astype(jnp.int32)
     log = dataclasses.replace(flight.log, status=status)
     return dataclasses.replace(flight, member=member, done=flight.done | crowded, log=log)
+
+
+_TAKE_OFF = Stored("take-off of a fleet", fleet_take_off)
+_FOLLOW = Stored("fleet", _follow_together)

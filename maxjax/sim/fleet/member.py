@@ -41,12 +41,14 @@ class Member:
     @property
     def latest(self) -> Message:
         """The latest message."""
-        return jax.tree.map(lambda x: x[0], self.sent)
+        found: Message = jax.tree.map(lambda x: x[0], self.sent)
+        return found
 
     @property
     def oldest(self) -> Message:
         """The message that arrives now."""
-        return jax.tree.map(lambda x: x[-1], self.sent)
+        found: Message = jax.tree.map(lambda x: x[-1], self.sent)
+        return found
 
 
 def hovering(motion: MotionPrimitive, wait: int) -> Member:

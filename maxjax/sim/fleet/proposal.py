@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.sim.fleet.agreement import NEVER, Agreement, Message
 from maxjax.sim.fleet.separation import Scheduled, courses, separation
 from maxjax.sim.moving.among import Avoidance
-from maxjax.sim.moving.choice import Around, downhill, score
-from maxjax.sim.moving.motions import MotionPrimitive, motions
+from maxjax.sim.moving.choice import Around, Commitment, downhill, score
+from maxjax.sim.moving.motions import MotionPrimitive, at, motions
 from maxjax.sim.moving.sets import Tracks, nobody
 
 # A motion that leads no further than the present one by more than this is not worth a swap [m].
@@ -43,11 +43,28 @@ class Wish:
     verified: Float[Array, ""]
 
 
-def nearest_of(told: Message, index: Int32[Array, ""], place: Float[Array, "3"], count: int) -> Message:
-    """The messages of those whose committed motions begin nearest to a place; the own one comes last, if at all."""
-    apart = jnp.linalg.norm(told.committed.motion.place - place, axis=-1)
-    apart = jnp.where(jnp.arange(len(apart)) == index, jnp.inf, apart)
-    _, nearest = jax.lax.top_k(-apart, min(count, len(apart) - 1))
+def others_told(told: Message, index: Int32[Array, ""]) -> Message:
+    """The messages of all but one vehicle: one less along the leading axis."""
+    rest = jnp.arange(len(told.sent) - 1)
+    found: Message = jax.tree.map(lambda x: x[rest + (rest >= index)], told)
+    return found
+
+
+def nearest_of(
+    told: Message, place: Float[Array, "3"], look: Int32[Array, ""], count: int, agreement: Agreement
+) -> Message:
+    """The messages of those who are committed to be nearest to a place at a look.
+
+    Args:
+        told: of others.
+        place: [m].
+        look: at which.
+        count: how many at most. Static.
+        agreement: static.
+    """
+    since = agreement.sampled.period * (look - told.committed.start).astype(jnp.float32)
+    apart = jnp.linalg.norm(at(told.committed.motion, since)[0] - place, axis=-1)
+    _, nearest = jax.lax.top_k(-apart, min(count, len(apart)))
     found: Message = jax.tree.map(lambda x: x[nearest], told)
     return found
 
@@ -61,21 +78,19 @@ def as_tracks(told: Message, look: Int32[Array, ""], agreement: Agreement, radiu
 
 
 def wished(
-    around: Around, present: MotionPrimitive, left: Float[Array, ""], told: Message, at_look: Int32[Array, ""],
-    how: Avoidance, agreement: Agreement,
-) -> Wish:  # fmt: skip
+    around: Around, left: Commitment, told: Message, at_look: Int32[Array, ""], how: Avoidance, agreement: Agreement
+) -> Wish:
     """The best motion from where the present one leads by a later look, for which everything is given.
 
     Args:
         around: what is around, apart from the fleet.
-        present: what is left of the committed motion.
-        left: how long that is still promised to be clear of movers and walls [s].
+        left: the rest of the present motion, and for how long that is promised to be clear of movers and walls.
         told: of the vehicles that are looked at.
         at_look: the look.
         how: motions, bounds, distances. Static.
         agreement: static.
     """
-    choice, keeping, sampled = how.choice, how.keeping, agreement.sampled
+    choice, keeping, present = how.choice, how.keeping, left.motion
     tried = motions(choice, present.place, present.velocity, downhill(around.guide, present, choice))
     every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, how.bounds, keeping)
@@ -84,7 +99,7 @@ def wished(
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - (apart - agreement.apart) / keeping.comfort, 0.0))
     cost = scored.cost + price
 
-    verified = jnp.where(scored.verified[0], choice.horizon, left)
+    verified = jnp.where(scored.verified[0], choice.horizon, left.verified)
     holds = (verified >= keeping.step) & (scored.free[0] >= jnp.minimum(verified, choice.horizon)) & scored.allowed[0]
     fit = clear & scored.verified
     best = jnp.argmin(jnp.where(fit, cost, jnp.inf))

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from maxjax.core.status import Status
 from maxjax.sim.fleet.agreement import Agreement, proposing, swapped
 from maxjax.sim.fleet.member import NOBODY, committed_place, saying
-from maxjax.sim.fleet.proposal import Wish, as_tracks, nearest_of, wished
+from maxjax.sim.fleet.proposal import Wish, as_tracks, nearest_of, others_told, wished
 from maxjax.sim.fleet.separation import Sampled, Scheduled
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.follow import flown_period, step_alone, unless
@@ -93,22 +93,22 @@ class Together:
         verified = jnp.where(swaps, how.choice.horizon, among.flown.verified - among.since)
         start = look + self.wait
         present = later(own.committed.motion, since + LOG_PERIOD * self.wait)
-        near = nearest_of(told, index, present.place, self.neighbours)
+        near = nearest_of(others_told(told, index), present.place, start, self.neighbours, agreement)
         ahead = LOG_PERIOD * self.wait
         around = _around(flight, config, present.place, as_tracks(near, start, agreement, config.radius), ahead)
-        wish = wished(around, present, verified - ahead, near, start, how, agreement)
+        wish = wished(around, Commitment(present, verified - ahead), near, start, how, agreement)
         own = proposing(own, Scheduled(wish.motion, start), wish.wanted & ~flight.done, look)
 
         flown = Commitment(own.committed.motion, wish.verified + ahead + since)
         counted = dataclasses.replace(member, swaps=member.swaps + swaps, dropped=member.dropped + (due & ~swaps))
-        after = dataclasses.replace(_flagged(flight, config, wish), among=dataclasses.replace(among, flown=flown, since=since))
+        after = dataclasses.replace(
+            _flagged(flight, config, wish), among=dataclasses.replace(among, flown=flown, since=since)
+        )
         after = unless(flight.done, flight, after)
         return dataclasses.replace(after, member=saying(counted, own))
 
 
-def _around(
-    flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float
-) -> Around:
+def _around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float) -> Around:
     """What is around a place that the vehicle is at some time ahead [s]; the way is dear where others may be."""
     how, among = config.moving, flight.among
     assert how is not None

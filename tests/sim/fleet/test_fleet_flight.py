@@ -1,0 +1,119 @@
+"""Fleets that swap places in open sky, judged in float64 by where they were; and what they are told."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maxjax.core.status import Status
+from maxjax.planners import Field
+from maxjax.sim import rolling_map as mapping
+from maxjax.sim.disturbances import Disturbances
+from maxjax.sim.fleet.fleet_flight import FleetLog, fly_fleet, watch_fleet
+from maxjax.sim.fleet.together import Together
+from maxjax.sim.flight import FlightConfig, World
+from maxjax.sim.flight_state import Flight
+from maxjax.sim.follow import follow
+from maxjax.sim.moving.among import Avoidance, Flag
+from maxjax.sim.moving.avoid import straight_way
+from maxjax.trajectories.online import Sampling
+from maxjax.worlds.geoms import ground_plane
+
+pytestmark = pytest.mark.large
+
+TOGETHER = Together(delay=0.2, neighbours=4)
+SMALL = dataclasses.replace(TOGETHER.motions(), directions=16, shares=(1.0,))
+RADIUS = 14.0
+COUNT = 4
+
+
+def open_sky(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A stage in place of scans: all was seen free."""
+    known = mapping.recentre(flight.rolling_map, flight.vehicle.position)
+    known = dataclasses.replace(known, cells=jnp.full_like(known.cells, 128))
+    return dataclasses.replace(flight, rolling_map=known)
+
+
+CONFIG = FlightConfig(
+    planner=Field(),
+    moving=Avoidance(None, choice=SMALL),
+    shape=(31, 31, 31),
+    plans=12,
+    sampling=Sampling(0.5, 128),
+    stages=(open_sky, straight_way, follow),
+)
+
+
+def worlds(start: np.ndarray, goal: np.ndarray) -> World:
+    keys = jax.random.split(jax.random.key(0), len(start))
+    ends = jnp.asarray(start, jnp.float32), jnp.asarray(goal, jnp.float32)
+    calm = jax.tree.map(jnp.float32, Disturbances())
+    each = [World(ground_plane(), *pair, key, calm) for *pair, key in zip(*ends, keys, strict=True)]
+    return jax.tree.map(lambda *x: jnp.stack(x), *each)
+
+
+def swaps(wide: float = 0.0) -> World:
+    """Four vehicles at the corners of a square that fly to the opposite corners, all through one point."""
+    turn = 0.5 * np.pi * np.arange(COUNT)
+    corner = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], -1)
+    middle = np.array([0.0, 0.0, 20.0])
+    return worlds(middle + RADIUS * corner, middle - (RADIUS + wide) * corner)
+
+
+fly = jax.jit(functools.partial(fly_fleet, config=CONFIG, together=TOGETHER))
+
+
+@functools.cache
+def flown() -> FleetLog:
+    return fly(swaps())
+
+
+def test_all_arrive_and_nobody_touches_anybody() -> None:
+    log = flown()
+    assert (np.asarray(log.flights.status) == Status.OK).all()
+    assert (np.asarray(log.touched) == -1).all()
+    position = np.asarray(log.flights.position, float)
+    apart = np.linalg.norm(position[:, None] - position[None], axis=-1)[np.triu_indices(COUNT, 1)]
+    least = np.nanmin(apart) - 2.0 * CONFIG.radius
+    # The least over physics steps is below that over logged samples, and not by more than they go in between.
+    assert least - 2.0 * 0.1 * SMALL.speed <= np.asarray(log.gap).min() <= least + 1e-3
+    # Nobody was further from its motion than allowed for: what the motions keep, bodies keep.
+    assert np.asarray(log.flights.flags.seconds)[:, Flag.DRIFTED].max() == 0.0
+    keeping = CONFIG.moving.keeping.radius
+    assert np.asarray(log.gap).min() >= 2.0 * (keeping - CONFIG.moving.drift - CONFIG.radius)
+    assert (np.asarray(log.swaps) >= 5).all()
+
+
+def test_on_the_host_the_flights_are_the_same() -> None:
+    *_, last = watch_fleet(swaps(), CONFIG, TOGETHER)
+    log = flown()
+    np.testing.assert_array_equal(last.log.status, log.flights.status)
+    np.testing.assert_allclose(last.log.position, log.flights.position, atol=1e-2)
+
+
+def test_a_fleet_in_a_batch_flies_as_by_itself() -> None:
+    both = jax.tree.map(lambda *x: jnp.stack(x), swaps(), swaps(wide=2.0))
+    logs = jax.jit(jax.vmap(functools.partial(fly_fleet, config=CONFIG, together=TOGETHER)))(both)
+    np.testing.assert_allclose(logs.flights.position[0], flown().flights.position, atol=1e-2)
+    assert not np.allclose(logs.flights.duration[0], logs.flights.duration[1])
+
+
+def test_who_starts_too_near_to_another_does_not_start() -> None:
+    start = np.array([[0.0, 0.0, 20.0], [0.5, 0.0, 20.0], [20.0, 0.0, 20.0], [30.0, 0.0, 20.0]])
+    log = fly(worlds(start, start + np.array([0.0, 12.0, 0.0])))
+    occupied, ok = int(Status.START_OCCUPIED), int(Status.OK)
+    assert np.asarray(log.flights.status).tolist() == [occupied, occupied, ok, ok]
+
+
+def test_impossible_fleets_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected a finite number of seconds"):
+        Together(delay=-0.1)
+    with pytest.raises(ValueError, match="expected 2 vehicles or more, given 1"):
+        fly_fleet(jax.tree.map(lambda x: x[:1], swaps()), CONFIG, TOGETHER)
+    with pytest.raises(ValueError, match="given a config without"):
+        fly_fleet(swaps(), dataclasses.replace(CONFIG, moving=None), TOGETHER)
