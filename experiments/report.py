@@ -53,7 +53,12 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trajectories_many", "trajectories"),
         ("onboard_loop", "onboard_loop"),
     ),
-    "A world that moves": (("tracking", "tracking"), ("moving_protocols", "moving_protocols")),
+    "A world that moves": (
+        ("tracking", "tracking"),
+        ("moving_protocols", "moving_protocols"),
+        ("fleets", "fleets"),
+        ("fleets_many", "fleets"),
+    ),
     "What can be differentiated": (
         ("differentiable_inverse", "differentiable.inverse"),
         ("differentiable_design", "differentiable.design"),
