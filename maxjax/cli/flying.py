@@ -19,7 +19,7 @@ from maxjax.campaigns.outcomes import Outcome, summarise
 from maxjax.campaigns.processes import own_shard
 from maxjax.campaigns.replay import replay
 from maxjax.campaigns.shards import Shard, merge
-from maxjax.cli import report, tracking
+from maxjax.cli import fleets, report, tracking
 from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress, tally
 from maxjax.core.files import atomic_write
@@ -43,6 +43,9 @@ def run_fly(options: FlyOptions) -> int:
     if options.start is not None or options.goal is not None:
         return tracking.fly_given(options)
     tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
+    if options.fleet is not None:
+        return fleets.fly_together(options, *flight_of(options))
+    tracking.refuse(options, ("delay",), "needs --fleet")
     whole = _folder_of_shares(options)
     if whole is not None and options.distributed:
         with own_shard() as shard:
@@ -170,6 +173,17 @@ def campaign_of(options: FlyOptions) -> Campaign:
     if batch is not None and batch < 1:
         raise ValueError(f"--batch: expected at least 1, given {batch}")
     first, count = (trial, 1) if trial is not None else (0, trials or 1)
+    config, movers = flight_of(options)
+    trials_flown = range(first, first + count)
+    return Campaign(options.map, options.seed, trials_flown, config=config, movers=movers, command=command_of)
+
+
+def flight_of(options: FlyOptions) -> tuple[FlightConfig, Population | None]:
+    """How a vehicle flies, and what moves besides.
+
+    Raises:
+        ValueError: for what cannot be flown.
+    """
     disturbances = Disturbances(
         wind=options.wind,
         range_noise=options.noise,
@@ -183,11 +197,8 @@ def campaign_of(options: FlyOptions) -> Campaign:
     config = FlightConfig(disturbances, planner=planner, snapshot=options.snapshot, reactive=options.reactive)
     if options.movers is None:
         tracking.refuse(options, ("mover_speed", "mover_kind"), "needs --movers")
-        movers = None
-    else:
-        movers = Population(options.movers, options.mover_speed, options.mover_kind)
-    trials_flown = range(first, first + count)
-    return Campaign(options.map, options.seed, trials_flown, config=config, movers=movers, command=command_of)
+        return config, None
+    return config, Population(options.movers, options.mover_speed, options.mover_kind)
 
 
 # Options for disturbances with a strength, in order; latency is a switch.

@@ -41,12 +41,10 @@ class ReadOptions:
     Attributes:
         spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
         bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
-        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; of a simulated city by default half-way
-            between start and goal.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; in simulated cities by default between ends.
         ground: Height of flat ground [m], for maps that do not tell ground apart.
         below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
-        unknown: What space is that a file tells nothing of (an OctoMap, a surface model, a survey); by default
-            occupied.
+        unknown: What space is that a file tells nothing of (OctoMap, surface model, survey); by default occupied.
         crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
         unit: Unit of the map's coordinates: m, ft, us-ft, or a number of metres; by default the file's own.
         vertical_unit: Unit of its heights; by default the file's own.
@@ -209,9 +207,8 @@ class FlyOptions:
     With --start and --goal, in any map that plan reads: plan, give times, and follow that with a simulated quadrotor
     that sees nothing; reported are tracking error and clearance. The exit code is 0 if it touched nothing.
 
-    Without, in a simulated map (midtown, downtown, suburb): sense, map, plan, follow, until the goal, contact, or no
-    plan is left. Start and goal are 50 to 80 m apart, 3 to 15 m high; 50 trials share a city. Killed and started again
-    with the same --out, a campaign goes on where it was.
+    Without, in a simulated city: sense, map, plan, follow, until the goal, contact, or no plan is left. Ends are 50 to
+    80 m apart, 3 to 15 m high; 50 trials share a city. Started again with the same --out, a campaign goes on.
 
     Attributes:
         map: A map as for plan, with --start and --goal; a mission's TOML file; else midtown, downtown or suburb.
@@ -239,13 +236,14 @@ class FlyOptions:
         movers: Number of movers around the way, 1 to 256, which the vehicle's own LiDAR has to find; by default none.
         mover_speed: Their greatest speed [m/s].
         mover_kind: drones, birds, cars, cranes, mixed, or encounters, which meet the vehicle's nominal way.
+        fleet: Number of vehicles that swap their places in one city, in pairs, each told the others' motions.
+        delay: Greatest delay of what the vehicles of a fleet tell each other [s].
         trial: Fly this trial only; with --out, film it.
         shard: Fly the share K of N of the trials, K from 0 to N - 1, into a folder of its own below --out.
         merge: Fly nothing: make the folder --out from those of all its shares.
-        distributed: Fly the share of this process among those of jax.distributed (Slurm, Kubernetes, Open MPI, or
-            JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID), and merge when all are done.
+        distributed: Fly the share of this process of jax.distributed (docs/flight.md), and merge when all are done.
         out: Folder for flight.json, flight.csv and flight.png; of trials for trials.jsonl, summary.json, flights.png
-            and, of one trial, flight.gif.
+            and, of one trial, flight.gif; of a fleet for fleet.json and flights.png.
         json: Print the content of flight.json or summary.json, and nothing else, on stdout.
     """
 
@@ -274,6 +272,8 @@ class FlyOptions:
     movers: _Count = None
     mover_speed: Annotated[float, tyro.conf.arg(metavar="V")] = 5.0
     mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
+    fleet: _Count = None
+    delay: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
     trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
     shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
     merge: _Flag = False

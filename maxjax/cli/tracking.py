@@ -37,7 +37,7 @@ Flight = tuple[Trajectory, Tracking]
 GIVEN = ("start", "goal", "spacing", "bounds", "ground", "radius", "margin", "speed")
 _TRIALS = (
     "trials", "trial", "batch", "noise", "dropout", "dead_sector", "blackout", "drift", "latency", "snapshot",
-    "reactive", "movers", "mover_speed", "mover_kind", "shard", "merge", "distributed",
+    "reactive", "movers", "mover_speed", "mover_kind", "fleet", "delay", "shard", "merge", "distributed",
 )  # fmt: skip
 _FLOWN = "The vehicle followed the trajectory and touched nothing."
 _COLUMNS = "t_s x_m y_m z_m vx_m_s vy_m_s vz_m_s asked_x_m asked_y_m asked_z_m error_m clearance_m"

@@ -1,4 +1,4 @@
-"""Pictures of a campaign (extra `viz`): the flights of its first city, and the film of a single flight."""
+"""Pictures (extra `viz`): the flights of a campaign's first city, those of a fleet, the film of a flight."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.fleets import Fleet
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.grid import Grid
+from maxjax.core.status import Status
 from maxjax.sim import rolling_map
+from maxjax.sim.fleet.fleet_flight import FleetLog
 from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.viz.film import Filmed, Look, film_flight
@@ -45,6 +48,25 @@ def figure_campaign(campaign: Campaign, ledger: Ledger) -> Figure:
     lines = [Flown(one.trial, positions[one.trial], np.asarray(one.goal), one.arrived) for one in shown]
     obstacle = _obstacle(make_scene(campaign.map, city).geoms)
     return figure_flights(obstacle, _CITY, lines, title=_title(campaign, city), caption=_caption(flown, shown))
+
+
+def figure_fleet(fleet: Fleet, log: FleetLog) -> Figure:
+    """The ways of all vehicles of a fleet over their city, seen from above.
+
+    Args:
+        fleet: what was flown.
+        log: of one fleet.
+    """
+    arrived, position = np.asarray(log.flights.status) == Status.OK, np.asarray(log.flights.position)
+    lines = [
+        Flown(k, position[k][np.isfinite(position[k]).all(axis=1)], fleet.swaps.goal[k], bool(arrived[k]))
+        for k in range(fleet.count)
+    ]
+    title = f"{fleet.map}:{fleet.seed}, {fleet.count} vehicles, delay {fleet.together.delay:g} s"
+    caption = f"{int(arrived.sum())} of {fleet.count} arrived without contact."
+    return figure_flights(
+        _obstacle(make_scene(fleet.map, fleet.seed).geoms), _CITY, lines, title=title, caption=caption
+    )
 
 
 def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) -> bytes:
