@@ -30,7 +30,7 @@ from scipy.stats import beta
 
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
-from maxjax.campaigns.fleets import Fleet, flown_fleet, stuck
+from maxjax.campaigns.fleets import FleetTrial, flown_fleet, stuck
 from maxjax.campaigns.swaps import Swaps, antipodal
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -114,7 +114,7 @@ def _flown(world: str, size: int, together: Together, config: Config) -> FleetLo
 def _flight(world: str, size: int, together: Together, plans: int) -> FlightConfig:
     """How each vehicle flies."""
     if world not in OPEN:
-        return Fleet(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
+        return FleetTrial(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
     return FlightConfig(
         planner=Field(),
         moving=Avoidance(None, choice=together.motions()),
@@ -127,7 +127,7 @@ def _flight(world: str, size: int, together: Together, plans: int) -> FlightConf
 
 def _worlds(world: str, size: int, together: Together, flight: FlightConfig, seed: int) -> World:
     if world not in OPEN:
-        return Fleet(world, seed, size, together, flight).worlds()
+        return FleetTrial(world, seed, size, together, flight).worlds()
     swaps, key = open_swaps(world, size, seed), jax.random.key(seed)
     calm = jax.tree.map(jnp.float32, Disturbances())
     ends = jnp.asarray(swaps.start, jnp.float32), jnp.asarray(swaps.goal, jnp.float32)

@@ -38,7 +38,7 @@ _STUCK, _WATCHED = 2.0, 20.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Fleet:
+class FleetTrial:
     """What to fly.
 
     Attributes:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from maxjax.campaigns.fleets import Fleet, flown_fleet, stuck
+from maxjax.campaigns.fleets import FleetTrial, flown_fleet, stuck
 from maxjax.cli import report, tracking
 from maxjax.cli.options import FlyOptions
 from maxjax.cli.progress import progress
@@ -41,13 +41,13 @@ def fly_together(options: FlyOptions, config: FlightConfig, movers: Population |
     """
     tracking.refuse(options, _ALONE, "goes with trials of one vehicle, not with --fleet")
     assert options.fleet is not None
-    fleet = Fleet(options.map, options.seed, options.fleet, Together(options.delay), config, movers)
+    fleet = FleetTrial(options.map, options.seed, options.fleet, Together(options.delay), config, movers)
     report.check_output(options.out)
     with progress(f"Drawing the swaps of {fleet.count} vehicles"):
         worlds = fleet.worlds()
     with progress(f"Flying {fleet.count} vehicles"):
         log = flown_fleet(worlds, fleet.flight, fleet.together)
-    content = report.plain({**figures(fleet, log), "versions": versions(), "device": device()})
+    content = report.plain({**fleet_figures(fleet, log), "versions": versions(), "device": device()})
     files = _written(options.out, content, fleet, log) if options.out is not None else []
     if options.json:
         sys.stdout.write(report.dumps(content))
@@ -63,7 +63,7 @@ def fly_together(options: FlyOptions, config: FlightConfig, movers: Population |
     return 0
 
 
-def figures(fleet: Fleet, log: FleetLog) -> dict[str, Any]:
+def fleet_figures(fleet: FleetTrial, log: FleetLog) -> dict[str, Any]:
     """What fleet.json says; lengths [m], times [s]."""
     flights, touched = log.flights, np.asarray(log.touched)
     assert flights.flags is not None
@@ -121,7 +121,7 @@ def _rows(content: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _written(out: Path, content: dict[str, Any], fleet: Fleet, log: FleetLog) -> list[Path]:
+def _written(out: Path, content: dict[str, Any], fleet: FleetTrial, log: FleetLog) -> list[Path]:
     """flights.png and fleet.json, each whole or not at all; those of an earlier one go."""
     from maxjax.viz.campaign import figure_fleet
     from maxjax.viz.style import save_figure

@@ -4,6 +4,8 @@
     trial i               fold_in(named(key(seed), "trials MAP"), i)
     flight of trial i     fold_in(named(key(seed), "flights MAP"), i)
     its movers            fold_in(named(key(seed), "movers MAP"), i)
+    swaps of a fleet      named(key(seed), "swaps MAP")
+    flight of vehicle k   fold_in(named(key(seed), "fleet MAP"), k)
     inside a flight       stream(key of the flight, Stream.X, planning iteration)
 
 The numbers are part of the definition of every recorded result: a changed number is another flight.

@@ -39,7 +39,7 @@ from maxjax.sim import vehicle as physics
 from maxjax.sim.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.follow import clearance_of, follow
 from maxjax.sim.lidar import Scan
-from maxjax.sim.moving.among import Among, no_flags, nothing_seen
+from maxjax.sim.moving.among import Among, no_flags, nobody_seen
 from maxjax.sim.moving.avoid import resting
 from maxjax.sim.replan import plan
 from maxjax.sim.sensing import fuse, look, sense
@@ -208,7 +208,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     if config.moving is None:
         return flight
     perception = config.moving.perception
-    seen = nothing_seen(rays) if perception is None else perception.start(world, flight, config)
+    seen = nobody_seen(rays) if perception is None else perception.start(world, flight, config)
     among = Among(seen, resting(start, config.moving), zero)
     return look(world, dataclasses.replace(flight, among=among), config)
 

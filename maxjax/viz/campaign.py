@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.fleets import Fleet
+from maxjax.campaigns.fleets import FleetTrial
 from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.campaigns.trial_movers import movers_of
@@ -50,7 +50,7 @@ def figure_campaign(campaign: Campaign, ledger: Ledger) -> Figure:
     return figure_flights(obstacle, _CITY, lines, title=_title(campaign, city), caption=_caption(flown, shown))
 
 
-def figure_fleet(fleet: Fleet, log: FleetLog) -> Figure:
+def figure_fleet(fleet: FleetTrial, log: FleetLog) -> Figure:
     """The ways of all vehicles of a fleet over their city, seen from above.
 
     Args:

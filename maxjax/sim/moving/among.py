@@ -90,7 +90,7 @@ class Seen:
     memory: Any
 
 
-def nothing_seen(rays: int) -> Seen:
+def nobody_seen(rays: int) -> Seen:
     """What is known where nobody looks."""
     return Seen(nobody(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
 
