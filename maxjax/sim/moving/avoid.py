@@ -128,7 +128,7 @@ def straight_way(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """A stage in place of the plan, for worlds whose goal no map reaches: the way is the straight line to the goal."""
     start, log = flight.vehicle.position, flight.log
     path = start + jnp.linspace(0.0, 1.0, len(flight.path))[:, None] * (world.goal - start)
-    course = sample(path, config.limits, config.sampling)
+    course = sample(jnp.stack([start, world.goal]), config.limits, config.sampling)
     reference = profile(course, jnp.full(len(course.arclength), config.limits.speed), jnp.float32(0.0), config.limits)
     number = log.planning_iterations + 1
     log = dataclasses.replace(log, planning_iterations=number)
