@@ -177,7 +177,7 @@ def _p2m_worlds(moving: int, still: int, most: tuple[int, int], seeds: Sequence[
 
 def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
     bounds = Bounds(speed=2.0, acceleration=1.2, size=1.0, turn=0.0)
-    camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0)
+    camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0, reports_misses=True)
     lidar = {"theirs": camera}.get(sees, Lidar())
     reach = 10.0 if sees == "theirs" else 14.0
     sight = MoverSight(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
@@ -186,31 +186,33 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
         perception,
         bounds,
         MotionSet(4.9, 12.0, directions=64, shares=(1.0, 0.6, 0.25), brakes=(0.2, 0.6), horizon=1.2),
-        Keeping(radius=radius + 0.2, wall=0.25, comfort=1.5),
+        Keeping(radius=radius + 0.2, wall=radius + 0.1, comfort=1.5),
         Crowding(reach=1.8, sweeps=45, shape=(28, 28, 6), cell=3, later=0.8),
         within=((-50.0, -50.0, SANDO_HEIGHT[0]), (150.0, 50.0, SANDO_HEIGHT[1])),
     )
-    return _flight(moving, lidar, radius, 0.5, 100)
+    return _flight(moving, lidar, radius, 0.5, seconds=100, spacing=0.3)
 
 
 def _p2m_flight(sees: Sees) -> FlightConfig:
     bounds = Bounds(speed=3.6, acceleration=2.5, size=(0.55, 0.55, 4.1))
-    lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0) if sees == "theirs" else Lidar()
+    lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0, reports_misses=True) if sees == "theirs" else Lidar()
     sight = MoverSight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,
         bounds,
         MotionSet(4.9, 10.0, directions=64, shares=(1.0, 0.6, 0.25), brakes=(0.1, 0.3), horizon=0.9),
-        Keeping(radius=0.4, wall=0.25, comfort=1.5),
+        Keeping(radius=0.4, wall=0.35, comfort=1.5),
         Crowding(price=20.0, reach=1.8, sweeps=45, shape=(28, 28, 6), cell=3, later=0.8),
         within=((-5.9, -16.9, 0.6), (5.9, 16.9, 3.9)),
     )
-    return _flight(moving, lidar, 0.3, 1.0, 60)
+    return _flight(moving, lidar, 0.3, 1.0, seconds=60, spacing=0.2)
 
 
-def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, seconds: int) -> FlightConfig:
-    """A point that flies motions, the straight line for a guide, the map in voxels of 0.3 m."""
+def _flight(
+    moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, *, seconds: int, spacing: float
+) -> FlightConfig:
+    """A point that flies motions, the straight line for a guide."""
     return FlightConfig(
         planner=Field(),
         moving=moving,
@@ -219,7 +221,7 @@ def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, se
         radius=radius,
         tolerance=tolerance,
         shape=(85, 85, 25),
-        spacing=0.3,
+        spacing=spacing,
         plans=seconds,
         limits=FlightLimits(speed=5.0, acceleration=8.0),
         sampling=Sampling(0.5, 256),
