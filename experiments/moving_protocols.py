@@ -25,8 +25,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import operator
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,7 +40,17 @@ from scipy.stats import beta
 
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
-from experiments.moving_worlds import P2M_GOAL, P2M_START, SANDO_GOAL, SANDO_HEIGHT, SANDO_START, p2m, sando
+from experiments.moving_worlds import (
+    P2M_GOAL,
+    P2M_START,
+    SANDO_GOAL,
+    SANDO_HEIGHT,
+    SANDO_MOVING,
+    SANDO_START,
+    filled,
+    p2m,
+    sando,
+)
 from experiments.orca import orca
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -101,16 +113,19 @@ class Contest:
 
     what: dict[str, str | float]
     config: FlightConfig
-    worlds: Any  # seed ↦ World
+    worlds: Callable[[Sequence[int]], list[World]]  # of seeds
 
 
 def main(config: Config) -> list[Row]:
-    """Fly every row; save and return them."""
+    """Fly every row; save and return them. Rows that differ by their worlds alone are flown by one program."""
     rows: list[Row] = []
-    for contest in _scenes(config):
-        logs = _flown(contest, config)
-        rows.append({**contest.what, **_figures(logs, contest, config)})
-        print(rows[-1], file=sys.stderr, flush=True)
+    for _, same in itertools.groupby(_scenes(config), lambda contest: contest.config):
+        contests, began = list(same), time.perf_counter()
+        flown = list(_flown(contests, config))
+        took = (time.perf_counter() - began) / len(contests)
+        for contest, logs in zip(contests, flown, strict=True):
+            rows.append({**contest.what, **_figures(logs, contest, config), "took_s": round(took, 1)})
+            print(rows[-1], file=sys.stderr, flush=True)
         keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
     return rows
@@ -122,14 +137,16 @@ def _scenes(config: Config) -> Iterator[Contest]:
             continue  # nothing that it could be told
         by: dict[str, str | float] = {"method": method, "sees": sees}
         if "sando" in config.protocols:
-            for count, radius in itertools.product(config.obstacles, config.radii):
+            for radius, count in itertools.product(config.radii, config.obstacles):
                 what = {"protocol": "sando", "scenario": f"{count}", **by, "radius": radius}
-                yield Contest(what, _by(method, _sando_flight(sees, radius)), functools.partial(_sando_world, count))
+                worlds = functools.partial(_sando_worlds, count, max(config.obstacles))
+                yield Contest(what, _by(method, _sando_flight(sees, radius)), worlds)
         if "p2m" in config.protocols:
-            for scenario in config.scenarios:
-                moving, still = map(int, scenario.split("+"))
+            numbers = [tuple(map(int, scenario.split("+"))) for scenario in config.scenarios]
+            for scenario, (moving, still) in zip(config.scenarios, numbers, strict=True):
                 what = {"protocol": "p2m", "scenario": scenario, **by, "radius": 0.3}
-                yield Contest(what, _by(method, _p2m_flight(sees)), functools.partial(_p2m_world, moving, still))
+                worlds = functools.partial(_p2m_worlds, moving, still, tuple(map(max, zip(*numbers, strict=True))))
+                yield Contest(what, _by(method, _p2m_flight(sees)), worlds)
 
 
 def _by(method: Method, flight: FlightConfig) -> FlightConfig:
@@ -147,19 +164,20 @@ def _world(geoms: Any, movers: Any, start: Any, goal: Any, seed: int) -> World:
     return World(geoms, jnp.array(start), jnp.array(goal), jax.random.key(seed), Disturbances(), movers)
 
 
-def _sando_world(count: int, seed: int) -> World:
-    geoms, movers = sando(count, seed)
-    return _world(geoms, movers, SANDO_START, SANDO_GOAL, seed)
+def _sando_worlds(count: int, most: int, seeds: Sequence[int]) -> list[World]:
+    moving = int(SANDO_MOVING * most)
+    every = (filled(*sando(count, seed), 1 + most - moving, moving) for seed in seeds)
+    return [_world(*world, SANDO_START, SANDO_GOAL, seed) for world, seed in zip(every, seeds, strict=True)]
 
 
-def _p2m_world(moving: int, still: int, seed: int) -> World:
-    geoms, movers = p2m(moving, still, seed)
-    return _world(geoms, movers, P2M_START, P2M_GOAL, seed)
+def _p2m_worlds(moving: int, still: int, most: tuple[int, int], seeds: Sequence[int]) -> list[World]:
+    every = (filled(*world, 5 + most[1], most[0]) for world in p2m(moving, still, seeds))
+    return [_world(*world, P2M_START, P2M_GOAL, seed) for world, seed in zip(every, seeds, strict=True)]
 
 
 def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
     bounds = Bounds(speed=2.0, acceleration=1.2, size=1.0, turn=0.0)
-    camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0)
+    camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0, reports_misses=True)
     lidar = {"theirs": camera}.get(sees, Lidar())
     reach = 10.0 if sees == "theirs" else 14.0
     sight = MoverSight(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
@@ -168,31 +186,33 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
         perception,
         bounds,
         MotionSet(4.9, 12.0, directions=64, shares=(1.0, 0.6, 0.25), brakes=(0.2, 0.6), horizon=1.2),
-        Keeping(radius=radius + 0.2, wall=0.25, comfort=1.5),
+        Keeping(radius=radius + 0.2, wall=radius + 0.1, comfort=1.5),
         Crowding(reach=1.8, sweeps=45, shape=(28, 28, 6), cell=3, later=0.8),
         within=((-50.0, -50.0, SANDO_HEIGHT[0]), (150.0, 50.0, SANDO_HEIGHT[1])),
     )
-    return _flight(moving, lidar, radius, 0.5, 100)
+    return _flight(moving, lidar, radius, 0.5, seconds=100, spacing=0.3)
 
 
 def _p2m_flight(sees: Sees) -> FlightConfig:
     bounds = Bounds(speed=3.6, acceleration=2.5, size=(0.55, 0.55, 4.1))
-    lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0) if sees == "theirs" else Lidar()
+    lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0, reports_misses=True) if sees == "theirs" else Lidar()
     sight = MoverSight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,
         bounds,
         MotionSet(4.9, 10.0, directions=64, shares=(1.0, 0.6, 0.25), brakes=(0.1, 0.3), horizon=0.9),
-        Keeping(radius=0.4, wall=0.25, comfort=1.5),
+        Keeping(radius=0.4, wall=0.35, comfort=1.5),
         Crowding(price=20.0, reach=1.8, sweeps=45, shape=(28, 28, 6), cell=3, later=0.8),
         within=((-5.9, -16.9, 0.6), (5.9, 16.9, 3.9)),
     )
-    return _flight(moving, lidar, 0.3, 1.0, 60)
+    return _flight(moving, lidar, 0.3, 1.0, seconds=60, spacing=0.2)
 
 
-def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, seconds: int) -> FlightConfig:
-    """A point that flies motions, the straight line for a guide, the map in voxels of 0.3 m."""
+def _flight(
+    moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, *, seconds: int, spacing: float
+) -> FlightConfig:
+    """A point that flies motions, the straight line for a guide."""
     return FlightConfig(
         planner=Field(),
         moving=moving,
@@ -201,7 +221,7 @@ def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, se
         radius=radius,
         tolerance=tolerance,
         shape=(85, 85, 25),
-        spacing=0.3,
+        spacing=spacing,
         plans=seconds,
         limits=FlightLimits(speed=5.0, acceleration=8.0),
         sampling=Sampling(0.5, 256),
@@ -209,20 +229,25 @@ def _flight(moving: Avoidance, lidar: Lidar, radius: float, tolerance: float, se
     )
 
 
-def _flown(contest: Contest, config: Config) -> FlightLog:
-    """All flights of a row."""
+def _flown(contests: list[Contest], config: Config) -> Iterator[FlightLog]:
+    """All flights of each row."""
     seeds = range(config.first, config.first + config.seeds)
-    one = jax.jit(lambda w: fly_closed_loop(w.geoms, w.start, w.goal, w.key, contest.config, w.movers))
-    many = jax.jit(functools.partial(fly_all_closed_loop, config=contest.config))
+    worlds = [world for contest in contests for world in contest.worlds(seeds)]
+    flight = contests[0].config
+    one = jax.jit(lambda w: fly_closed_loop(w.geoms, w.start, w.goal, w.key, flight, w.movers))
+    many = jax.jit(functools.partial(fly_all_closed_loop, config=flight))
     logs: list[FlightLog] = []
-    for begin in range(0, len(seeds), config.batch):
-        worlds = [contest.worlds(seed) for seed in seeds[begin : begin + config.batch]]
+    for begin in range(0, len(worlds), config.batch):
+        batch = worlds[begin : begin + config.batch]
         if config.batch == 1:
-            logs.append(jax.device_get(jax.tree.map(lambda x: x[None], one(worlds[0]))))
+            logs.append(jax.device_get(jax.tree.map(lambda x: x[None], one(batch[0]))))
         else:
-            logs.append(jax.device_get(many(jax.tree.map(lambda *x: jnp.stack(x), *worlds))))
-    joined: FlightLog = jax.tree.map(lambda *x: np.concatenate(x), *logs)
-    return joined
+            logs.append(jax.device_get(many(jax.tree.map(lambda *x: jnp.stack(x), *batch))))
+    every: FlightLog = jax.tree.map(lambda *x: np.concatenate(x), *logs)
+    rows = range(0, len(worlds), config.seeds)
+    for row in rows:
+        part: FlightLog = jax.tree.map(operator.itemgetter(slice(row, row + config.seeds)), every)
+        yield part
 
 
 def _figures(logs: FlightLog, contest: Contest, config: Config) -> Row:

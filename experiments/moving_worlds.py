@@ -16,17 +16,19 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64
 
 from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
-from maxjax.worlds.movers import Movers, straight, through
+from maxjax.worlds.movers import Movers, joined, straight, through
 
 SANDO_START, SANDO_GOAL = (0.0, 0.0, 2.0), (105.0, 0.0, 2.0)
 SANDO_HEIGHT = (0.5, 6.0)  # permitted [m]
-_MOVING, _UPRIGHT = 0.65, 0.35
+SANDO_MOVING = 0.65  # share of the obstacles
+_UPRIGHT = 0.35
 _MOVES, _STANDS, _LIES = (0.4, 0.4, 0.4), (0.2, 0.2, 2.0), (0.2, 2.0, 0.2)  # half edges [m]
 
 
@@ -38,7 +40,7 @@ def sando(count: int, seed: int) -> tuple[Geoms, Movers]:
         seed: of Python's generator.
     """
     draw = random.Random(seed)
-    moving = int(_MOVING * count)
+    moving = int(SANDO_MOVING * count)
     upright = _UPRIGHT * (count - moving)
     place, half, size = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     offset, slowness = np.zeros(count), np.ones(count)
@@ -92,16 +94,37 @@ _AMPLITUDE, _FREQUENCY, _OFFSET = (0.34, 1.68), (0.0, 2.0), 1.1
 _WIDTH, _TALL = (0.4, 0.5), (3.5, 4.0)
 _DIAMETER, _FACTOR, _APART = (0.5, 0.7), (0.5, 1.5), 0.8
 _KNOT = 0.02  # between the knots of a mover [s]
+# Where solids are that no world has, and nobody sees [m].
+_BURIED = -1000.0
 
 
-def p2m(moving: int, still: int, seed: int) -> tuple[Geoms, Movers]:
-    """The walls and cylinders of P2M's world, and its movers, over `P2M_SECONDS`.
+def filled(geoms: Geoms, movers: Movers, still: int, moving: int) -> tuple[Geoms, Movers]:
+    """The same world with so many solids and movers, the rest far below the ground: equal shapes fly in one batch."""
+    more = still - len(geoms.type)
+    if more:
+        place = jnp.tile(jnp.array([0.0, 0.0, _BURIED]), (more, 1))
+        rotation, size = (jnp.repeat(x[-1:], more, axis=0) for x in (geoms.rotation, geoms.size))
+        geoms = concatenate([geoms, Geoms(place, rotation, size, geoms.type[-1:] * more)])
+    more = moving - movers.count
+    if more:
+        place = jnp.tile(jnp.array([0.0, 0.0, _BURIED]), (more, 1))
+        movers = joined([movers, straight(_boxes(np.full((more, 3), 0.1)), place, jnp.zeros((more, 3)))])
+    return geoms, movers
+
+
+def p2m(moving: int, still: int, seeds: Sequence[int]) -> list[tuple[Geoms, Movers]]:
+    """The walls and cylinders of P2M's world, and its movers, over `P2M_SECONDS`, for each seed.
 
     Args:
         moving, still: 7 + 7, 13 + 13, 25 + 19, 25 + 0 and 0 + 44 there.
-        seed: of NumPy's generator.
+        seeds: of NumPy's generator; worlds of many take hardly longer than one.
     """
-    rng = np.random.default_rng(seed)
+    generators = [np.random.default_rng(seed) for seed in seeds]
+    still_ones = [_p2m_still(rng, still) for rng in generators]
+    return list(zip(still_ones, _p2m_movers(generators, max(moving, 1), moving == 0), strict=True))
+
+
+def _p2m_still(rng: np.random.Generator, still: int) -> Geoms:
     places: list[np.ndarray] = []
     while len(places) < still:
         place = rng.uniform(-1.0, 1.0, 2) * _AREA
@@ -113,7 +136,7 @@ def p2m(moving: int, still: int, seed: int) -> tuple[Geoms, Movers]:
     middle = np.concatenate([np.array(places).reshape(still, 2), np.full((still, 1), 2.0)], 1)
     upright = jnp.broadcast_to(jnp.eye(3), (still, 3, 3))
     cylinders = Geoms(jnp.asarray(middle, jnp.float32), upright, jnp.asarray(sizes, jnp.float32), (CAPSULE,) * still)
-    return concatenate([ground_plane(), _walls(), cylinders]), _p2m_movers(rng, max(moving, 1), moving == 0)
+    return concatenate([ground_plane(), _walls(), cylinders])
 
 
 def _walls() -> Geoms:
@@ -123,30 +146,36 @@ def _walls() -> Geoms:
     return dataclasses.replace(_boxes(half), position=places)
 
 
-def _p2m_movers(rng: np.random.Generator, count: int, hidden: bool) -> Movers:
+def _p2m_movers(generators: list[np.random.Generator], count: int, hidden: bool) -> list[Movers]:
     """Columns whose velocities turn round at the border of the area; `hidden`: below the ground."""
-    place = rng.uniform(-1.0, 1.0, (count, 2)) * _AREA
-    amplitude = rng.uniform(*_AMPLITUDE, (count, 2))
-    frequency = rng.uniform(*_FREQUENCY, (count, 2))
-    half = 0.5 * np.stack([rng.uniform(*_WIDTH, count)] * 2 + [rng.uniform(*_TALL, count)], -1)
+
+    def drawn(low: float, high: float, *shape: int) -> np.ndarray:
+        return np.stack([rng.uniform(low, high, (count, *shape)) for rng in generators])
+
+    place = drawn(-1.0, 1.0, 2) * _AREA
+    amplitude, frequency = drawn(*_AMPLITUDE, 2), drawn(*_FREQUENCY, 2)
+    half = 0.5 * np.stack([drawn(*_WIDTH)] * 2 + [drawn(*_TALL)], -1)
     times = _KNOT * np.arange(round(P2M_SECONDS / _KNOT) + 1)
-    knots, velocity = np.zeros((2, count, len(times), 3))
-    knots[..., 2] = half[:, None, 2] - (100.0 if hidden else 0.0)
-    step = np.zeros((count, 2))
+    knots, velocity = np.zeros((2, len(generators), count, len(times), 3), np.float32)
+    knots[..., 2] = half[..., None, 2] + (_BURIED if hidden else 0.0)
+    step = np.zeros_like(place)
     for k, time in enumerate(times):
         # Who leaves the area turns round, on both axes at once: in a knot at rest, half a step short of that.
         outward = np.sign(place) * amplitude * (np.sin(frequency * time) + _OFFSET) > 0.0
-        leaves = np.any((np.abs(place) > _AREA) & outward, axis=1, keepdims=True)
+        leaves = np.any((np.abs(place) > _AREA) & outward, axis=-1, keepdims=True)
         amplitude = np.where(leaves, -amplitude, amplitude)
         place = np.where(leaves, place - 0.5 * step, place)
-        knots[:, k, :2] = place
-        velocity[:, k, :2] = np.where(leaves, 0.0, amplitude * (np.sin(frequency * time) + _OFFSET))
+        knots[..., k, :2] = place
+        velocity[..., k, :2] = np.where(leaves, 0.0, amplitude * (np.sin(frequency * time) + _OFFSET))
         # ∫ A (sin ωt + 1.1) dt over a step, exactly.
         swing = _KNOT * np.sinc(frequency * _KNOT / (2.0 * np.pi)) * np.sin(frequency * (time + 0.5 * _KNOT))
         step = amplitude * (swing + _OFFSET * _KNOT) * np.where(leaves, 0.5, 1.0)
         place = place + step
-    each = (jnp.asarray(x, jnp.float32) for x in (knots, velocity, np.full(count, _KNOT)))
-    return through(_boxes(half), *each)
+    pace = jnp.full(count, _KNOT)
+    return [
+        through(_boxes(size), jnp.asarray(way), jnp.asarray(fast), pace)
+        for size, way, fast in zip(half, knots, velocity, strict=True)
+    ]
 
 
 def _boxes(half: np.ndarray) -> Geoms:

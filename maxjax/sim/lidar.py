@@ -45,6 +45,8 @@ class Lidar:
         turn: duration of a scan [s]; its columns are measured one after the other, the first one a turn before the
             last.
         width: of the field of view [deg], around the sensor's x; rays outside of it return nothing.
+        reports_misses: whether the sensor tells a beam that met nothing from one that failed. Then a column without
+            returns is clear; else it says nothing, for it may be blind.
 
     Raises:
         ValueError: for values outside these ranges.
@@ -59,6 +61,7 @@ class Lidar:
     dropout: float = 0.01
     turn: float = 0.1
     width: float = 360.0
+    reports_misses: bool = False
 
     def __post_init__(self) -> None:
         if not 2 <= self.channels <= 128:
@@ -150,7 +153,7 @@ def scan(
         nearer = cast_rays_moving(moving.movers, position, columns, cast_at(lidar, moving.time))
         distance = jnp.minimum(distance, nearer.T.reshape(-1))
     if lidar.width < 360.0:
-        distance = jnp.where(_within_width(lidar), distance, jnp.inf)
+        distance = jnp.where(np.tile(within_width(lidar), lidar.channels), distance, jnp.inf)
     key_noise, key_dropout = jax.random.split(key)
     lost = jax.random.bernoulli(key_dropout, lidar.dropout, distance.shape)
     hit = (distance <= lidar.max_range) & ~lost
@@ -165,7 +168,8 @@ def cast_at(lidar: Lidar, end: Float[Array, ""]) -> Float[Array, " columns"]:
     return end + lidar.turn * (np.arange(1, lidar.columns + 1) / lidar.columns - 1.0)
 
 
-def _within_width(lidar: Lidar) -> Bool[np.ndarray, " r"]:
+def within_width(lidar: Lidar) -> Bool[np.ndarray, " columns"]:
+    """Columns in the field of view."""
     azimuth = np.arange(lidar.columns) * 360.0 / lidar.columns
-    within = np.minimum(azimuth, 360.0 - azimuth) <= 0.5 * lidar.width
-    return np.tile(within, lidar.channels)
+    within: Bool[np.ndarray, " columns"] = np.minimum(azimuth, 360.0 - azimuth) <= 0.5 * lidar.width
+    return within

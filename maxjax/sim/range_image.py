@@ -5,7 +5,8 @@
 
 A lost beam measures nothing: it may have met no surface, or dropped out. It counts as clear up to the lidar's range
 only in columns where other beams returned; over a city the lower ones always meet the ground. A column without returns
-carries no information and is clear nowhere: neither is an empty scan or a dead sector.
+carries no information and is clear nowhere: neither is an empty scan or a dead sector. A sensor that reports misses
+(`Lidar.reports_misses`) is clear where it reports them. Columns outside the field of view say nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.lidar import Lidar, Scan
+from maxjax.sim.lidar import Lidar, Scan, within_width
 
 # Returns in a column and its two neighbours below which the column counts as without returns.
 _FEWEST_RETURNS = 3
@@ -31,9 +32,12 @@ def rise(lidar: Lidar) -> float:
 
 def informative(scan: Scan, lidar: Lidar) -> Bool[Array, " columns"]:
     """Columns in which a beam without a return says something."""
+    viewed = within_width(lidar)
+    if lidar.reports_misses:
+        return jnp.asarray(viewed)
     returns = jnp.sum(_returned(scan, lidar), axis=0)
     around: Array = returns + jnp.roll(returns, 1) + jnp.roll(returns, -1)
-    return around >= _FEWEST_RETURNS
+    return jnp.asarray(viewed) & (around >= _FEWEST_RETURNS)
 
 
 def clear_range(scan: Scan, lidar: Lidar) -> Float[Array, "channels columns"]:

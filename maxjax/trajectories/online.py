@@ -173,6 +173,15 @@ def sample(path: Float[Array, "n 3"], limits: FlightLimits, sampling: Sampling =
     return Course(points, unit[edge] + matmul(slope - mirrored, turn), s, bend)
 
 
+def straight_course(start: Float[Array, "3"], end: Float[Array, "3"], sampling: Sampling = Sampling()) -> Course:
+    """The course from one point straight to another: what `sample` makes of the two, without its corners."""
+    way = end - start
+    total = _norm(way)
+    unit = way / jnp.maximum(total, _SHORTEST)
+    s = jnp.minimum(sampling.spacing * jnp.arange(sampling.samples, dtype=way.dtype), total)
+    return Course(start + s[:, None] * unit, jnp.broadcast_to(unit, (s.size, 3)), s, jnp.zeros_like(s))
+
+
 def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, ""], limits: FlightLimits) -> Reference:
     """The fastest speeds within caps and limits, and the times that follow.
 

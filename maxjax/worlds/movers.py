@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from maxjax.programs.lowering import rotated
 from maxjax.worlds.geoms import Geoms, concatenate, rotation_z
 
 # Horizontal speed below which a mover has no direction to face [m/s].
@@ -143,9 +144,9 @@ def solids_at(movers: Movers, time: Float[Array, ""]) -> Geoms:
     turns = movers.faces & (x * x + y * y > _SLOW**2)
     heading = rotation_z(jnp.where(turns, jnp.arctan2(jnp.where(turns, y, 0.0), jnp.where(turns, x, 1.0)), 0.0))
     solids = movers.solids
-    rotation = jnp.einsum("mij,mjk->mik", heading, solids.rotation, precision="highest")
-    offset = jnp.einsum("mij,mj->mi", heading, solids.position, precision="highest")
-    return Geoms(place + offset, rotation, solids.size, solids.type)
+    columns = rotated(heading[:, None], jnp.swapaxes(solids.rotation, 1, 2))
+    offset = rotated(heading, solids.position)
+    return Geoms(place + offset, jnp.swapaxes(columns, 1, 2), solids.size, solids.type)
 
 
 def joined(groups: list[Movers]) -> Movers:

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from maxjax.programs.lowering import rotated
 from maxjax.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 from maxjax.worlds.movers import Movers, solids_at
 
@@ -95,8 +96,9 @@ def cast_rays_moving(
             best: Array, geom: tuple[Array, Array, Array], meet: Callable[..., Interval] = meet
         ) -> tuple[Array, None]:
             place, rotation, size = geom
-            local = jnp.einsum("cji,cj->ci", rotation, origin - place, precision="highest")
-            rays = jnp.einsum("cji,crj->icr", rotation, directions, precision="highest")
+            inward = jnp.swapaxes(rotation, 1, 2)
+            local = rotated(inward, origin - place)
+            rays = jnp.moveaxis(rotated(inward[:, None], directions), -1, 0)
             near, far = meet(local, (rays[0], rays[1], rays[2]), size[0])
             first = jnp.where(near >= 0.0, near, far)
             return jnp.where((near <= far) & (far >= 0.0), jnp.minimum(best, first), best), None

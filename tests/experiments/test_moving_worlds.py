@@ -59,7 +59,7 @@ def test_most_of_sandos_obstacles_are_as_fast_as_is_told() -> None:
 
 
 def test_p2m_turns_round_at_its_border_and_keeps_its_laws() -> None:
-    movers = p2m(25, 19, 3)[1]
+    movers = p2m(25, 19, [3])[0][1]
     step = 0.005
     times = np.arange(0.0, P2M_SECONDS, step)
     place, velocity = jax.jit(jax.vmap(lambda t: places(movers, t)))(jnp.asarray(times, jnp.float32))
@@ -80,7 +80,7 @@ def test_p2m_turns_round_at_its_border_and_keeps_its_laws() -> None:
 
 
 def test_p2ms_cylinders_stand_apart_and_are_cylinders_as_high_as_may_be_flown() -> None:
-    geoms, movers = p2m(7, 7, 0)
+    geoms, movers = p2m(7, 7, [0])[0]
     cylinders = geoms.of_type(CAPSULE)
     middle, radius = np.asarray(cylinders.position, float), np.asarray(cylinders.size, float)[:, 0]
     apart = np.linalg.norm(middle[:, None, :2] - middle[None, :, :2], axis=-1)
@@ -92,5 +92,5 @@ def test_p2ms_cylinders_stand_apart_and_are_cylinders_as_high_as_may_be_flown() 
     alone = geoms.of_type(CAPSULE)
     assert float(distance(alone, jnp.array([100.0, 0.0, 2.0]))) > 80.0
     assert solids_at(movers, jnp.float32(1.0)).position.shape == (7, 3)
-    assert len(p2m(25, 0, 1)[0].of_type(CAPSULE).type) == 0
-    assert (np.asarray(p2m(0, 7, 1)[1].knots)[..., 2] < -50.0).all()
+    assert len(p2m(25, 0, [1])[0][0].of_type(CAPSULE).type) == 0
+    assert (np.asarray(p2m(0, 7, [1])[0][1].knots)[..., 2] < -50.0).all()

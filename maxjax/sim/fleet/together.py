@@ -15,12 +15,12 @@ import math
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from maxjax.core.status import Status
 from maxjax.sim.fleet.agreement import Agreement, proposing, swapped
 from maxjax.sim.fleet.member import NOBODY, committed_place, saying
-from maxjax.sim.fleet.proposal import Wish, as_tracks, nearest_of, others_told, wished
+from maxjax.sim.fleet.proposal import as_tracks, nearest_of, others_told, wished
 from maxjax.sim.fleet.separation import Sampled, Scheduled
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.follow import flown_period, step_alone, unless
@@ -95,31 +95,38 @@ class Together:
         present = later(own.committed.motion, since + LOG_PERIOD * self.wait)
         near = nearest_of(others_told(told, index), present.place, start, self.neighbours, agreement)
         ahead = LOG_PERIOD * self.wait
-        around = _around(flight, config, present.place, as_tracks(near, start, agreement, config.radius), ahead)
+        around, appeared = _around(
+            flight, config, present.place, as_tracks(near, start, agreement, config.radius), ahead
+        )
         wish = wished(around, Commitment(present, verified - ahead), near, start, how, agreement)
         own = proposing(own, Scheduled(wish.motion, start), wish.wanted & ~flight.done, look)
 
         flown = Commitment(own.committed.motion, wish.verified + ahead + since)
         counted = dataclasses.replace(member, swaps=member.swaps + swaps, dropped=member.dropped + (due & ~swaps))
-        after = dataclasses.replace(
-            _flagged(flight, config, wish), among=dataclasses.replace(among, flown=flown, since=since)
-        )
+        after = _flagged(flight, config, appeared, ~wish.holds)
+        after = dataclasses.replace(after, among=dataclasses.replace(among, flown=flown, since=since))
         after = unless(flight.done, flight, after)
         return dataclasses.replace(after, member=saying(counted, own))
 
 
-def _around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float) -> Around:
-    """What is around a place that the vehicle is at some time ahead [s]; the way is dear where others may be."""
+def _around(
+    flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float
+) -> tuple[Around, Bool[Array, ""]]:
+    """What is around a place that the vehicle is at some time ahead [s], and whether something appeared near it.
+
+    The way is dear where others may be.
+    """
     how, among = config.moving, flight.among
     assert how is not None
     assert among is not None
     tracks = propagated(among.seen.tracks, ahead, how.bounds)
     priced = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), tracks, others)
     guide = guide_around(flight, config, place, priced)
-    return Around(tracks, hard_around(flight, config, place), guide, how.within)
+    hard, appeared = hard_around(flight, config, place)
+    return Around(tracks, hard, guide, how.within), appeared
 
 
-def _flagged(flight: Flight, config: FlightConfig, wish: Wish) -> Flight:
+def _flagged(flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]) -> Flight:
     """The flight with the flags that are up."""
     how, among, member, log = config.moving, flight.among, flight.member, flight.log
     assert how is not None
@@ -127,7 +134,7 @@ def _flagged(flight: Flight, config: FlightConfig, wish: Wish) -> Flight:
     assert member is not None
     assert log.flags is not None
     drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - flight.vehicle.position) > how.drift
-    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~wish.holds)
+    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
     flags = raised(log.flags, up, log.duration, LOG_PERIOD)
     return dataclasses.replace(flight, log=dataclasses.replace(log, flags=flags))
 

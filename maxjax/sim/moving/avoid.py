@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from maxjax.core.grid import Index3
 from maxjax.planning.windowed_route import boxed, corner_around
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.moving.among import Among, Avoidance, Flag
@@ -23,13 +25,15 @@ from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import MotionPrimitive, at, later
 from maxjax.sim.moving.sets import Tracks
-from maxjax.trajectories.online import Setpoint, profile, sample
+from maxjax.trajectories.online import Setpoint, profile, straight_course
 
 if TYPE_CHECKING:
     from maxjax.sim.flight_state import Flight, FlightConfig, World
 
 # Cost of a metre beside the static way, in metres of it.
 _ASIDE = 1.5
+# Time that it takes to confirm a mover [s]: two looks, and the time of a scan.
+_CONFIRMING = 0.3
 
 
 def resting(position: Float[Array, "3"], how: Avoidance) -> Commitment:
@@ -60,17 +64,20 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
         flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration
     )
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
-    hard = hard_around(flight, config, left.place)
+    hard, appeared = hard_around(flight, config, left.place)
     guide = guide_around(flight, config, left.place, among.seen.tracks)
     around = Around(among.seen.tracks, hard, guide, how.within)
     verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
     flown, holds = how.chooser(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
-    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds)
+    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds).at[Flag.NEAR].max(appeared)
     return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
 
 
-def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> HardSet:
-    """The map as far as motions lead."""
+def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> tuple[HardSet, Bool[Array, ""]]:
+    """The map as far as motions lead, with what the last scan met; and whether that is new, and near.
+
+    The map learns of a scan once a second. Until then, and until it is confirmed as a mover, what was met is blocked.
+    """
     how, rolling_map = config.moving, flight.rolling_map
     assert how is not None
     furthest = how.choice.speed * how.choice.horizon
@@ -79,10 +86,29 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
     corner = corner_around((place - mapping.origin(rolling_map)) / config.spacing, half)
     blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
     origin = mapping.origin(rolling_map) + config.spacing * corner
-    return hard_set(
-        boxed(blocked, corner, shape, beyond=True), boxed(mapping.seen(rolling_map), corner, shape), origin,
-        config.spacing,
-    )  # fmt: skip
+    blocked, seen = boxed(blocked, corner, shape, beyond=True), boxed(mapping.seen(rolling_map), corner, shape)
+    if how.perception is None:  # each scan is fused at once
+        return hard_set(blocked, seen, origin, config.spacing), jnp.array(False)
+    met = _met(flight, config, origin, shape)
+    # Air that was free, with nothing beside it that the map knows.
+    beside = lax.reduce_window(blocked, False, lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
+    centres = jnp.stack(jnp.meshgrid(*(jnp.arange(n) - n // 2 for n in shape), indexing="ij"), -1)
+    near = config.spacing * jnp.max(jnp.abs(centres), axis=-1) < how.keeping.radius + _CONFIRMING * how.bounds.speed
+    return hard_set(blocked | met, seen, origin, config.spacing), jnp.any(met & seen & ~beside & near)
+
+
+def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape: Index3) -> Bool[Array, "bx by bz"]:
+    """Voxels of a box in which the last scan met something, but movers."""
+    assert flight.among is not None
+    still = flight.scan.hit & ~flight.among.seen.returns
+    points = jnp.where(still[:, None], flight.scan.points, jnp.inf)
+    index = jnp.floor((points - origin) / config.spacing + 0.5)
+    inside = jnp.all((index >= 0) & (index < np.asarray(shape)), axis=1)
+    voxel = jnp.where(inside[:, None], index, -1.0).astype(jnp.int32)
+    flat = (voxel[:, 0] * shape[1] + voxel[:, 1]) * shape[2] + voxel[:, 2]
+    size = math.prod(shape)
+    met = jnp.zeros(size, bool).at[jnp.where(inside, flat, size)].set(True, mode="drop")
+    return met.reshape(shape)
 
 
 def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
@@ -128,7 +154,7 @@ def straight_way(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """A stage in place of the plan, for worlds whose goal no map reaches: the way is the straight line to the goal."""
     start, log = flight.vehicle.position, flight.log
     path = start + jnp.linspace(0.0, 1.0, len(flight.path))[:, None] * (world.goal - start)
-    course = sample(path, config.limits, config.sampling)
+    course = straight_course(start, world.goal, config.sampling)
     reference = profile(course, jnp.full(len(course.arclength), config.limits.speed), jnp.float32(0.0), config.limits)
     number = log.planning_iterations + 1
     log = dataclasses.replace(log, planning_iterations=number)

@@ -152,7 +152,7 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
-    open_air = wall >= jnp.minimum(jnp.minimum(keeping.wall + sweep, around.hard.spacing), wall[:, :1]) - _SLACK
+    open_air = wall >= jnp.minimum(jnp.minimum(keeping.wall + sweep, 2.0 * around.hard.spacing), wall[:, :1]) - _SLACK
     own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
     known = seen_free(around.hard, flat).reshape(sweep.shape) | own
     allowed = jnp.all(open_air & known, axis=1)

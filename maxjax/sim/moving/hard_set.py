@@ -2,8 +2,9 @@
 
     gap(x) = min over blocked voxels of the distance from x to their cubes
 
-computed exactly as far as `reach`, the edge of a voxel: from 27 bits a voxel, which tell what of it and its neighbours
-is blocked. A radius of more than that is taken off first, by closing as many layers of voxels as it holds.
+computed exactly as far as h, the edge of a voxel: from 27 bits a voxel, which tell what of it and its neighbours is
+blocked. From h to 2 h it is h more than the same of what is blocked and one layer of voxels around it: a lower bound,
+and the distance itself but beside edges and corners.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ class HardSet:
 
     Attributes:
         bits: of each voxel, which of the 27 voxels around it are blocked, itself included.
+        wide: the same, with a layer of voxels around those that are blocked.
         seen: voxels seen free; what lies outside the box was not.
         origin: centre of voxel (0, 0, 0) [m].
         spacing: of the voxels [m]; static.
     """
 
     bits: Int32[Array, "*batch nx ny nz"]
+    wide: Int32[Array, "*batch nx ny nz"]
     seen: Bool[Array, "*batch nx ny nz"]
     origin: Float[Array, "*batch 3"]
     spacing: float = dataclasses.field(metadata={"static": True})
@@ -48,26 +51,39 @@ def hard_set(
         origin: centre of voxel (0, 0, 0) [m].
         spacing: [m]. Static.
     """
-    wide = jnp.pad(blocked, 1)
+    bits = _bits(blocked)
+    return HardSet(bits, _bits(bits != 0), seen, origin, spacing)
+
+
+def _bits(blocked: Bool[Array, "nx ny nz"]) -> Int32[Array, "nx ny nz"]:
+    """Which of the 27 voxels around each are blocked."""
+    padded = jnp.pad(blocked, 1)
     nx, ny, nz = blocked.shape
     bits = jnp.zeros(blocked.shape, jnp.int32)
     for bit, (i, j, k) in enumerate(_AROUND):
-        bits |= wide[1 + i : 1 + i + nx, 1 + j : 1 + j + ny, 1 + k : 1 + k + nz].astype(jnp.int32) << bit
-    return HardSet(bits, seen, origin, spacing)
+        bits |= padded[1 + i : 1 + i + nx, 1 + j : 1 + j + ny, 1 + k : 1 + k + nz].astype(jnp.int32) << bit
+    return bits
 
 
 def gaps(hard: HardSet, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """Distance to the nearest blocked cube [m], at most the edge of a voxel; 0 inside one."""
+    """Distance to the nearest blocked cube [m], at most two edges of a voxel; 0 inside one."""
     index, inside, at = _voxels(hard, points)
-    bits = jnp.where(inside, hard.bits[index[:, 0], index[:, 1], index[:, 2]], 0)
+    near, far = (
+        _least(jnp.where(inside, bits[index[:, 0], index[:, 1], index[:, 2]], 0), at) for bits in (hard.bits, hard.wide)
+    )
+    return hard.spacing * jnp.where(far > 0.0, 1.0 + far, near)
+
+
+def _least(bits: Int32[Array, " n"], at: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    """Distance to the nearest blocked cube of those around [edges of a voxel], at most one."""
     # Per axis the distance to the slab of the lower neighbour, of the own voxel (none), and of the upper one.
     to = jnp.stack([0.5 + at, jnp.zeros_like(at), 0.5 - at], -1)
     squared = to * to
-    least = jnp.ones(len(points), points.dtype)
+    least = jnp.ones(len(at), at.dtype)
     for bit, (i, j, k) in enumerate(_AROUND):
         here = squared[:, 0, i + 1] + squared[:, 1, j + 1] + squared[:, 2, k + 1]
         least = jnp.where((bits >> bit) & 1 == 1, jnp.minimum(least, here), least)
-    return hard.spacing * jnp.sqrt(least)
+    return jnp.sqrt(least)
 
 
 def seen_free(hard: HardSet, points: Float[Array, "n 3"]) -> Bool[Array, " n"]:

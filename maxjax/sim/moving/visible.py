@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from maxjax.programs.lowering import matmul
+from maxjax.programs.lowering import matmul, rotated
 from maxjax.sim.lidar import Lidar, Scan, cast_at, directions
 from maxjax.sim.moving.clusters import Clusters
 from maxjax.sim.moving.marks import Marks
@@ -101,10 +101,10 @@ def visible(
     ages = (-cast_at(sight.lidar, jnp.zeros(())))[clusters.ray % sight.lidar.columns]
     youngest, oldest = group.least(ages), group.greatest(ages)
 
-    from_middle = jnp.einsum("pij,pj->pi", axes[group.index], points - middle[group.index], precision="highest")
+    from_middle = rotated(axes[group.index], points - middle[group.index])
     a, b = group.least(from_middle), group.greatest(from_middle)
     # A body's extent along a direction: that of the box that may hold it.
-    to_world = matmul(rotation, jnp.swapaxes(axes, 1, 2))
+    to_world = jnp.swapaxes(matmul(axes, rotation.T), 1, 2)
     extent = jnp.maximum(jnp.sum(sight.bounds.edges[:, None] * jnp.abs(to_world), axis=1), b - a)
     before, after = _overlooked(clusters, group, scan, sight)
     across = _steps(middle, away, sight.lidar)
@@ -135,7 +135,7 @@ def visible(
     spread = jnp.where(
         jnp.concatenate([jnp.ones_like(front, bool), (before <= 2) & (after <= 2)], 1), spread, high - low
     )
-    variance = jnp.einsum("dij,dj->di", to_world**2, spread**2 + sight.lidar.range_noise**2)
+    variance = rotated(to_world**2, spread**2 + sight.lidar.range_noise**2)
     marks = _marked(
         (
             jnp.where(narrow, narrow_low, jnp.minimum(box_low, box_high)) - widened,
@@ -159,7 +159,7 @@ def visible(
         marks=marks,
         half=0.5 * jnp.where(large[:, None], jnp.maximum(size, seen), size),
         large=large & clusters.used,
-        place=origin + jnp.einsum("dij,dj->di", to_world, place, precision="highest"),
+        place=origin + rotated(to_world, place),
         variance=variance + widened**2 / 16.0,
         seen_low=seen_low,
         seen_high=seen_high,
@@ -230,8 +230,8 @@ def _box(
     origin: Float[Array, "d 3"], to_world: Float[Array, "d 3 3"], low: Float[Array, "d 3"], high: Float[Array, "d 3"]
 ) -> tuple[Float[Array, "d 3"], Float[Array, "d 3"]]:
     """The box in world axes around one in others."""
-    middle = origin + jnp.einsum("dij,dj->di", to_world, 0.5 * (low + high), precision="highest")
-    half = jnp.einsum("dij,dj->di", jnp.abs(to_world), 0.5 * (high - low), precision="highest")
+    middle = origin + rotated(to_world, 0.5 * (low + high))
+    half = rotated(jnp.abs(to_world), 0.5 * (high - low))
     return middle - half, middle + half
 
 
