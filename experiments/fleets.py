@@ -1,10 +1,10 @@
 """Fleets that swap places in one air, each vehicle told the others' committed motions late.
 
-    python -m experiments.fleets --sizes 10 --seeds 2 --worlds circle sphere --delays 0.1      # two cores: 5 minutes
+    python -m experiments.fleets --sizes 10 --worlds circle level sphere --delays 0.1      # two cores: 5 minutes
     python -m experiments.fleets --sizes 32 --seeds 1000 --batch 16                             # one GPU
 
-Worlds: `circle` and `sphere`, opposite points in open sky, as all vehicles' straight ways meet in one point, each start
-moved by up to half a metre; `downtown`, `midtown` and `suburb`, pairs 50 to 80 m apart that swap, by their own LiDAR
+Worlds: `circle` and `sphere`, opposite points in open sky: all straight ways meet in one point, but for half a metre by
+which starts are moved; `level`, the circle in a layer of air of 1 m, where nobody can give way upwards; `downtown`, `midtown` and `suburb`, pairs 50 to 80 m apart that swap, by their own LiDAR
 and rolling map (`maxjax.campaigns.swaps`). Vehicles: 5 m/s, 3 m/s², radius 0.5 m; motions keep 2 m apart.
 
 A contact is counted by the exact distance of bodies at every physics step. Deadlocks: vehicles that did not arrive by
@@ -46,10 +46,13 @@ from maxjax.trajectories.online import Sampling
 from maxjax.worlds.geoms import ground_plane
 
 RESULTS = Path(__file__).parent / "results"
-OPEN = ("circle", "sphere")
+OPEN = ("circle", "level", "sphere")
 # Radius of the circle or sphere: starts are this far apart [m], and it has at least so much [m].
 _APART, _LEAST = 5.0, 20.0
 _JITTER = 0.5
+# Height of the middle, and the air of `level` [m].
+_HEIGHT = 60.0
+_LAYER = ((-1e3, -1e3, _HEIGHT - 0.5), (1e3, 1e3, _HEIGHT + 0.5))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +71,7 @@ class Config:
         out: where the JSON goes.
     """
 
-    worlds: tuple[str, ...] = ("circle", "sphere", "downtown")
+    worlds: tuple[str, ...] = ("circle", "level", "sphere", "downtown")
     sizes: tuple[int, ...] = (10, 32, 128)
     delays: tuple[float, ...] = (0.0, 0.1, 0.5)
     first: int = 0
@@ -117,7 +120,7 @@ def _flight(world: str, size: int, together: Together, plans: int) -> FlightConf
         return FleetTrial(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
     return FlightConfig(
         planner=Field(),
-        moving=Avoidance(None, choice=together.motions()),
+        moving=Avoidance(None, choice=together.motions(), within=_LAYER if world == "level" else None),
         shape=(33, 33, 33),
         plans=plans,
         sampling=Sampling(0.5, 512),
@@ -141,8 +144,9 @@ def open_swaps(world: str, size: int, seed: int) -> Swaps:
     sphere = world == "sphere"
     around = _APART * (math.sqrt(size / (4.0 * math.pi)) if sphere else size / (2.0 * math.pi))
     radius = max(around, _LEAST)
-    swaps, middle = antipodal(size, radius, sphere=sphere), np.array([0.0, 0.0, radius + 20.0])
+    swaps, middle = antipodal(size, radius, sphere=sphere), np.array([0.0, 0.0, _HEIGHT])
     moved = np.random.default_rng(seed).uniform(-_JITTER, _JITTER, swaps.start.shape)
+    moved[:, 2] *= world != "level"
     return Swaps(middle + swaps.start + moved, middle + swaps.goal)
 
 
@@ -200,7 +204,7 @@ def section(document: Document) -> str:
         "physics step; walls: with anything else. Deadlocked: not there after "
         f"{document['config']['plans']} s, and not 2 m from where it was\n"
         "20 s before; late: not there, but on its way. Bounds of Clopper and Pearson, 95 %, of flights. Dropped:\n"
-        "share of the proposals. Circle and sphere: all straight ways meet in one point.\n\n"
+        "share of the proposals. In all but cities straight ways meet in one point; `level` is 1 m high.\n\n"
         + table(heads, lines, left=1)
         + ("\nNot all arrived, and the command that flies them again:\n\n" + "".join(failures) if failures else "")
     )  # fmt: skip

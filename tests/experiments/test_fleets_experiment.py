@@ -24,7 +24,7 @@ def test_a_row_says_who_arrived_and_how_to_fly_a_failure_again(tmp_path: Path) -
 
 
 def test_all_ways_in_open_sky_meet_and_starts_are_apart() -> None:
-    for world, size in (("circle", 10), ("circle", 128), ("sphere", 10), ("sphere", 128)):
+    for world, size in (("circle", 10), ("level", 128), ("sphere", 10), ("sphere", 128)):
         swaps = open_swaps(world, size, 3)
         middle = 0.5 * (swaps.start + swaps.goal)
         assert np.linalg.norm(middle - middle.mean(axis=0), axis=1).max() < 1.0
