@@ -19,10 +19,14 @@ from maxjax.sim.fleet.together import Together
 from maxjax.sim.flight import FlightConfig, World
 from maxjax.sim.flight_state import Flight
 from maxjax.sim.follow import follow
+from maxjax.sim.lidar import Lidar
 from maxjax.sim.moving.among import Avoidance, Flag
 from maxjax.sim.moving.avoid import straight_way
+from maxjax.sim.moving.sets import Bounds
+from maxjax.sim.moving.true_tracks import TrueTracks
 from maxjax.trajectories.online import Sampling
-from maxjax.worlds.geoms import ground_plane
+from maxjax.worlds.geoms import SPHERE, Geoms, ground_plane
+from maxjax.worlds.movers import Movers, straight
 
 pytestmark = pytest.mark.large
 
@@ -49,11 +53,11 @@ CONFIG = FlightConfig(
 )
 
 
-def worlds(start: np.ndarray, goal: np.ndarray) -> World:
+def worlds(start: np.ndarray, goal: np.ndarray, movers: Movers | None = None) -> World:
     keys = jax.random.split(jax.random.key(0), len(start))
     ends = jnp.asarray(start, jnp.float32), jnp.asarray(goal, jnp.float32)
     calm = jax.tree.map(jnp.float32, Disturbances())
-    each = [World(ground_plane(), *pair, key, calm) for *pair, key in zip(*ends, keys, strict=True)]
+    each = [World(ground_plane(), *pair, key, calm, movers) for *pair, key in zip(*ends, keys, strict=True)]
     return jax.tree.map(lambda *x: jnp.stack(x), *each)
 
 
@@ -94,6 +98,27 @@ def test_on_the_host_a_fleet_flies_as_in_a_batch() -> None:
     np.testing.assert_array_equal(last.log.status, flights.status[0])
     np.testing.assert_allclose(last.log.position, flights.position[0], atol=1e-2)
     assert not np.allclose(flights.duration[0], flights.duration[1])
+
+
+def test_a_fleet_keeps_away_from_movers_too() -> None:
+    """One comes across the middle when both vehicles are there."""
+    size, place = 0.6, np.array([[0.0, -9.0, 20.0]])
+    solid = Geoms(jnp.zeros((1, 3)), jnp.eye(3)[None], jnp.full((1, 3), size), (SPHERE,))
+    velocity = np.array([[0.0, 2.5, 0.0]])
+    mover = straight(solid, jnp.asarray(place, jnp.float32), jnp.asarray(velocity, jnp.float32))
+    ends = np.array([[-RADIUS, 0.0, 20.0], [RADIUS, 0.0, 20.0]])
+    bounds = Bounds(speed=3.0, acceleration=0.5)
+    looking = dataclasses.replace(CONFIG.moving, perception=TrueTracks(slots=1), bounds=bounds)
+    config = dataclasses.replace(CONFIG, moving=looking, lidar=Lidar(rays=1024, channels=16))
+    *_, last = watch_fleet(worlds(ends, ends[::-1], mover), config, TOGETHER)
+    assert np.asarray(last.log.status).tolist() == [Status.OK, Status.OK]
+    position = np.asarray(last.log.position, float)
+    times = 0.1 * np.arange(position.shape[1])[:, None]
+    apart = np.linalg.norm(position - (place + times * velocity), axis=-1)
+    assert np.nanmin(apart) > size + CONFIG.radius
+    assert np.nanmin(apart) < 12.0  # it was there
+    # The others count for clearance as solids do not: the mover is the nearest one.
+    assert np.nanmin(apart) - size - 0.5 <= np.asarray(last.log.clearance).min() <= np.nanmin(apart) - size + 1e-3
 
 
 def test_who_starts_too_near_to_another_does_not_start() -> None:
