@@ -53,7 +53,7 @@ class Flags:
 
 def no_flags() -> Flags:
     """None was up."""
-    return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf))
+    return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf, jnp.float32))
 
 
 def raised(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: float) -> Flags:
