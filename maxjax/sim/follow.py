@@ -10,7 +10,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
@@ -18,7 +18,7 @@ from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
-from maxjax.sim.moving.among import raised
+from maxjax.sim.moving.among import raised, record_of
 from maxjax.sim.moving.avoid import setpoint_of, steered
 from maxjax.sim.reactive import push
 from maxjax.sim.sensing import look
@@ -38,28 +38,32 @@ def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
         return _unless(flight.done, flight, _physics_step(world, flight, config, wind, noise)), None
 
     def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
-        row, noise = inputs
+        number, noise = inputs
         was_done = flight.done
         if config.moving is not None:
-            flight = _unless(was_done, flight, _steer(world, flight, config))
+            flight = _unless(was_done, flight, _steer(world, flight, config, number))
         flight, _ = lax.scan(step, flight, noise)
         if config.moving is not None:
             flight = _unless(flight.done, flight, look(world, flight, config))
         position = jnp.where(was_done, jnp.nan, flight.vehicle.position)
-        log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
+        log = dataclasses.replace(flight.log, position=flight.log.position.at[first + number].set(position))
         return dataclasses.replace(flight, log=log), None
 
-    rows = 1 + config.log_samples * (flight.log.planning_iterations - 1) + jnp.arange(config.log_samples)
-    flight, _ = lax.scan(log_sample, flight, (rows, noise))
+    first = 1 + config.log_samples * (flight.log.planning_iterations - 1)
+    flight, _ = lax.scan(log_sample, flight, (jnp.arange(config.log_samples), noise))
     last = ~flight.done & (flight.log.planning_iterations >= config.plans)
     status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
     return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
 
 
-def _steer(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A motion among movers, and the flags that are up with it."""
+def _steer(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+    """A motion among movers, and the flags that are up with it; `number`: of the look in its period."""
     among, up = steered(world, flight, config)
+    assert config.moving is not None
     assert flight.log.flags is not None
+    one = record_of(among.seen, among.flown, up, config.moving)
+    record = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, one)
+    among = dataclasses.replace(among, record=record)
     flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
     return dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
 

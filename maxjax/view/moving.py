@@ -6,9 +6,6 @@ What moves in a trial is known without flying it again (`campaigns.trial_movers`
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -16,13 +13,11 @@ from jaxtyping import Float
 from maxjax.view.colors import MOVER
 from maxjax.view.film import Cue
 from maxjax.view.nodes import Frame, Surface
-from maxjax.worlds.geoms import half_edges
-from maxjax.worlds.movers import Movers, solids_at
+from maxjax.worlds.movers import Movers, boxes_at
 from maxjax.worlds.populations import placed
 
 MOVERS_NODE = "/movers"
 _LEAST = 0.4  # half edge that is shown [m]
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 # Two triangles a side of the box, counter-clockwise as seen from outside, and how bright the sides are.
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 _BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
@@ -33,13 +28,7 @@ def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) ->
     there = np.asarray(placed(movers))
     if not there.any():
         return ()
-    at = jax.vmap(solids_at, (None, 0))(movers, jnp.asarray(times, jnp.float32))
-    # Turned by `rotation` below: here along its own axes.
-    along = dataclasses.replace(movers.solids, rotation=jnp.broadcast_to(jnp.eye(3), movers.solids.rotation.shape))
-    rotation = np.asarray(at.rotation, np.float64)[:, there]
-    half = np.maximum(np.asarray(half_edges(along), np.float64)[there], _LEAST)
-    middle = frame.page(np.asarray(at.position, np.float64)[:, there])
-    corners = middle[..., None, :] + np.einsum("tmij,cj,mj->tmci", rotation, _CORNERS, half)
+    corners = frame.page(np.asarray(boxes_at(movers, jnp.asarray(times, jnp.float32), _LEAST), np.float64)[:, there])
     return tuple(
         Cue(float(time), MOVERS_NODE, {MOVERS_NODE: _boxes(one)}) for time, one in zip(times, corners, strict=True)
     )

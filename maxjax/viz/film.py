@@ -1,7 +1,7 @@
 """One flight as a film (extra `viz`).
 
-left:  the city, what the vehicle knows of it, its plan and its line
-right: height over distance flown, speed and clearance over time
+left:  the city, what the vehicle knows of it, its plan and its line; movers, if there are any
+right: height over distance flown, speed and clearance over time, with the time that something assumed did not hold
 """
 
 from __future__ import annotations
@@ -17,8 +17,22 @@ from maxjax.core.grid import Grid
 from maxjax.viz.flights import AROUND
 from maxjax.viz.gif import animation
 from maxjax.viz.marks import Mark, draw_mark
+from maxjax.viz.moving import Moving, MovingLayer, moving_labels
 from maxjax.viz.plan_view import draw_plan, square_around
-from maxjax.viz.style import ARRIVED, FAILED, GOAL, HEIGHTS, KNOWN, PLANNED, RETURN, STYLE, load_matplotlib
+from maxjax.viz.style import (
+    ARRIVED,
+    FAILED,
+    FLAGGED,
+    GOAL,
+    HEIGHTS,
+    KNOWN,
+    MOTION,
+    MOVER,
+    PLANNED,
+    RETURN,
+    STYLE,
+    load_matplotlib,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,12 +74,14 @@ class Filmed:
         goal: [m].
         clearance: to the nearest solid at each position of all looks [m].
         radius: that the clearance must exceed [m].
+        moving: movers at each position of all looks; empty where there were none.
     """
 
     looks: Sequence[Look]
     goal: Float[np.ndarray, "3"]
     clearance: Float[np.ndarray, " t"]
     radius: float
+    moving: Sequence[Moving] = ()
 
 
 def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str) -> bytes:
@@ -85,12 +101,14 @@ def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Gr
     count = sum(len(look.flown) for look in flight.looks)
     if count == 0 or len(flight.clearance) != count:
         raise ValueError(f"looks: expected positions, each with a clearance, given {count} and {len(flight.clearance)}")
+    if len(flight.moving) not in (0, count):
+        raise ValueError(f"moving: expected none or one for each of {count} positions, given {len(flight.moving)}")
     stride = max(2, -(-count // _FRAMES))
     shown = [*range(0, count - 1, stride), count - 1]
     with rc_context(STYLE):
         film = _Film(flight, obstacle, grid, f"{title}, shown {stride} times as fast")
         frames = [film.frame(last) for last in shown]
-    return animation(frames, (ARRIVED, FAILED, PLANNED, GOAL))
+    return animation(frames, (ARRIVED, FAILED, PLANNED, GOAL, MOVER, MOTION, FLAGGED))
 
 
 class _Film:
@@ -113,8 +131,13 @@ class _Film:
 
         bar, self.plan = figure.add_axes((0.505, 0.2, 0.01, 0.36)), figure.add_axes((0.065, 0.2, 0.4275, 0.76))
         self._draw_map(bar, obstacle, grid)
+        self.moving, self.layer = flight.moving, MovingLayer(self.plan)
         figure.legend(
-            handles=[*_labels(), *self.plan.get_legend_handles_labels()[0]],
+            handles=[
+                *_labels(),
+                *self.plan.get_legend_handles_labels()[0],
+                *(moving_labels() if flight.moving else ()),
+            ],
             loc="upper left",
             bbox_to_anchor=(0.03, 0.115),
             ncols=4,
@@ -137,6 +160,10 @@ class _Film:
                 (room, self.time, clearance),
             )
         ]
+        if flight.moving:
+            flagged = np.array([0.0 if one.moment.flags else np.nan for one in flight.moving])
+            bars = (axes.plot([], [], color=FLAGGED, linewidth=4.0, solid_capstyle="butt")[0] for axes in (rate, room))
+            self.curves += [(bar, self.time, flagged) for bar in bars]
         figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=9)
         self.clock = figure.text(0.985, 0.02, "", ha="right", va="bottom", fontsize=8)
 
@@ -212,7 +239,12 @@ class _Film:
         self.planned.set_data(self.distance[min(self.first[number], last)] + along, look.path[:, 2])
         for curve, x, y in self.curves:
             curve.set_data(x[: last + 1], y[: last + 1])
-        self.clock.set_text(f"t = {self.time[last]:.1f} s, plan {number + 1}")
+        told = f"t = {self.time[last]:.1f} s, plan {number + 1}"
+        if self.moving:
+            moving = self.moving[last]
+            self.layer.show(moving)
+            told = ", ".join([flag.name for flag in moving.moment.flags] + [told])
+        self.clock.set_text(told)
         self.canvas.draw()
         return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
 

@@ -22,7 +22,10 @@ from jaxtyping import Array, Bool, Float
 from maxjax.sim.moving.choice import Chooser, Commitment, Keeping, chosen
 from maxjax.sim.moving.local_value import Crowding
 from maxjax.sim.moving.motions import MotionSet
-from maxjax.sim.moving.sets import Bounds, Tracks
+from maxjax.sim.moving.sets import Bounds, Tracks, reachable
+
+AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Shares of the horizon at which a record says where movers may be."""
 
 
 class Flag(enum.IntEnum):
@@ -131,6 +134,28 @@ class Avoidance:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Record:
+    """What was known and chosen at each look of a planning period, for drawings; batch axes lead, then that of looks.
+
+    Attributes:
+        least, greatest: coordinates of the boxes that may hold the movers, at `AHEAD` of the horizon [m]; NaN: nobody.
+        flown: the motion, from the look on.
+        up: flags that were up with it.
+    """
+
+    least: Float[Array, "*batch t h s 3"]
+    greatest: Float[Array, "*batch t h s 3"]
+    flown: Commitment
+    up: Bool[Array, "*batch t f"]
+
+
+def record_of(seen: Seen, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> Record:
+    """That of one look, without the axis of looks."""
+    return Record(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Among:
     """What evolves in a flight among movers; batch axes lead.
 
@@ -138,8 +163,10 @@ class Among:
         seen: by the latest look.
         flown: the motion that is flown.
         since: time since its start [s].
+        record: of the present planning period.
     """
 
     seen: Seen
     flown: Commitment
     since: Float[Array, "*batch"]
+    record: Record
