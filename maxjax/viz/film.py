@@ -134,7 +134,7 @@ class _Film:
         self.moving, self.layer = flight.moving, MovingLayer(self.plan)
         figure.legend(
             handles=[
-                *_labels(),
+                *_labels(bool(flight.moving)),
                 *self.plan.get_legend_handles_labels()[0],
                 *(moving_labels() if flight.moving else ()),
             ],
@@ -162,8 +162,8 @@ class _Film:
         ]
         if flight.moving:
             flagged = np.array([0.0 if one.moment.flags else np.nan for one in flight.moving])
-            bars = (axes.plot([], [], color=FLAGGED, linewidth=4.0, solid_capstyle="butt")[0] for axes in (rate, room))
-            self.curves += [(bar, self.time, flagged) for bar in bars]
+            (bar,) = rate.plot([], [], "s", color=FLAGGED, markersize=2.5)
+            self.curves.append((bar, self.time, flagged))
         figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=9)
         self.clock = figure.text(0.985, 0.02, "", ha="right", va="bottom", fontsize=8)
 
@@ -231,7 +231,8 @@ class _Film:
         self.known.set_extent((low[0], high[0], low[1], high[1]))
         # An image sets the limits of its axes to itself.
         self.plan.set(xlim=self.limits[0], ylim=self.limits[1])
-        self.scan.set_data(*look.scan[:, :2].T)
+        if not self.moving:  # which the rings on the ground would hide
+            self.scan.set_data(*look.scan[:, :2].T)
         self.path.set_data(*look.path[:, :2].T)
         self.line.set_data(*self.flown[: last + 1, :2].T)
         self.vehicle.set_data(*self.flown[[last], :2].T)
@@ -256,14 +257,15 @@ def _draw_least(axes: Axes, radius: float) -> None:
     axes.text(axes.get_xlim()[1], radius, f"vehicle, {radius:g} m ", **style)
 
 
-def _labels() -> list[Any]:
-    """What the legend says of the lines and areas that change."""
+def _labels(moving: bool) -> list[Any]:
+    """What the legend says of the lines and areas that change; `moving`: whether movers are shown."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    scan = Line2D([], [], color=RETURN, marker=".", markersize=3.0, linestyle="", label="scan return")
     return [
         Line2D([], [], color=ARRIVED, linewidth=2.0, label="flown"),
         Line2D([], [], **_PLAN_LINE, linewidth=1.6, label="planned"),
-        Line2D([], [], color=RETURN, marker=".", markersize=3.0, linestyle="", label="scan return"),
+        *([] if moving else [scan]),
         Patch(facecolor=KNOWN, alpha=0.45, label="known as occupied"),
     ]

@@ -83,7 +83,7 @@ def moving_labels() -> list[Any]:
         Patch(facecolor="none", edgecolor=MOVER, linewidth=0.8, label="may hold a mover now"),
         Patch(facecolor=MOVER, alpha=3.0 * _FAINT, label="within the horizon"),
         Line2D([], [], color=MOTION, linewidth=2.2, label="committed motion"),
-        Line2D([], [], color=FLAGGED, linewidth=4.0, label="flagged"),
+        Line2D([], [], color=FLAGGED, marker="s", markersize=3.0, linestyle="", label="flagged"),
     ]
 
 

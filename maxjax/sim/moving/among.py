@@ -135,7 +135,7 @@ class Avoidance:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """What was known and chosen at each look of a planning period, for drawings; batch axes lead, then that of looks.
+    """What was known and chosen at a look, for drawings; batch axes lead, the last of them that of looks.
 
     Attributes:
         least, greatest: coordinates of the boxes that may hold the movers, at `AHEAD` of the horizon [m]; NaN: nobody.
@@ -143,14 +143,14 @@ class Record:
         up: flags that were up with it.
     """
 
-    least: Float[Array, "*batch t h s 3"]
-    greatest: Float[Array, "*batch t h s 3"]
+    least: Float[Array, "*batch h s 3"]
+    greatest: Float[Array, "*batch h s 3"]
     flown: Commitment
-    up: Bool[Array, "*batch t f"]
+    up: Bool[Array, "*batch f"]
 
 
 def record_of(seen: Seen, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> Record:
-    """That of one look, without the axis of looks."""
+    """That of one look."""
     return Record(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
 
 
@@ -163,7 +163,7 @@ class Among:
         seen: by the latest look.
         flown: the motion that is flown.
         since: time since its start [s].
-        record: of the present planning period.
+        record: of each look of the present planning period.
     """
 
     seen: Seen

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -46,15 +47,16 @@ def moments_of(flights: Sequence[Flight]) -> list[Moment]:
     records = [flight.among.record for flight in flights[1:] if flight.among is not None]
     if not records:
         return []
-    record = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
-    corners = np.stack([record.least, record.greatest], axis=-2)
+    record = jax.tree.map(lambda *parts: jnp.concatenate(parts), *records)
+    corners = np.stack([np.asarray(record.least), np.asarray(record.greatest)], axis=-2)
+    up = np.asarray(record.up)
     lasts = duration(record.flown.motion)
     motions = np.stack([np.asarray(at(record.flown.motion, share * lasts)[0]) for share in _POINTS], axis=1)
     looks = int(np.isfinite(np.asarray(flights[-1].log.position)).all(axis=1).sum()) - 1
     found = []
     for k in range(looks):
         used = np.isfinite(corners[k]).all(axis=(0, 2, 3))
-        flags = tuple(flag for flag in Flag if record.up[k, flag])
+        flags = tuple(flag for flag in Flag if up[k, flag])
         found.append(Moment(corners[k][:, used], motions[k], flags))
     # Nothing is chosen at the last position.
     return [*found, *found[-1:]]
