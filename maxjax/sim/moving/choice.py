@@ -7,7 +7,7 @@
 A motion that is flown is replaced only by a verified one; where there is none it is flown to its end, at which the
 vehicle rests. If what is flown is not verified any more (a mover broke its bound, or appeared from nowhere) and nothing
 is, that is flagged, and the same is asked of boxes that are likely to hold movers; if nothing stays out of these
-either, the motion that does for longest is taken.
+either, the motion that does for longest is taken; if walls allow none, the one that comes least near to them.
 
 Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
 to be clear; boxes are those that hold a mover at any time of a step. Who is that near to a mover or a wall at the start
@@ -83,6 +83,7 @@ class Scored:
         free: time up to which it stays out of the sets [s].
         hopeful: time up to which it stays out of where movers are likely to be [s].
         allowed: whether walls and unseen space allow it.
+        nearer: how much nearer to walls than it may it comes, in the mean over the horizon [m].
         cost: the less, the better [m].
         margin: least distance to where movers are likely to be [m].
     """
@@ -91,6 +92,7 @@ class Scored:
     free: Float[Array, "*batch n"]
     hopeful: Float[Array, "*batch n"]
     allowed: Bool[Array, "*batch n"]
+    nearer: Float[Array, "*batch n"]
     cost: Float[Array, "*batch n"]
     margin: Float[Array, "*batch n"]
 
@@ -131,7 +133,7 @@ def chosen(
     clear = scored.hopeful > choice.horizon
     hope = scored.hopeful + 0.5 * jnp.minimum(scored.margin, 1.0) + 0.2 * scored.free
     hope = jnp.where(clear, 100.0 - scored.cost, hope - 0.02 * scored.cost)
-    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 1e4))
+    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 1e4 * (1.0 + scored.nearer)))
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
     motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
@@ -155,10 +157,11 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
-    open_air = wall >= jnp.minimum(jnp.minimum(keeping.wall + sweep, 2.0 * around.hard.spacing), wall[:, :1]) - _SLACK
+    needed = jnp.minimum(jnp.minimum(keeping.wall + sweep, 2.0 * around.hard.spacing), wall[:, :1]) - _SLACK
+    nearer = jnp.mean(jnp.maximum(needed - wall, 0.0), axis=1)
     own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
     known = seen_free(around.hard, flat).reshape(sweep.shape) | own
-    allowed = jnp.all(open_air & known, axis=1)
+    allowed = jnp.all((wall >= needed) & known, axis=1)
     if around.within is not None:
         low, high = (jnp.asarray(x, place.dtype) for x in around.within)
         # Whoever is outside may come back.
@@ -167,7 +170,7 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
     cost = cost_to_go(around.guide, place[:, -1]) + price
-    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, cost, margin)
+    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin)
 
 
 def _free(

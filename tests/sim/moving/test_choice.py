@@ -160,3 +160,26 @@ def test_who_is_too_near_already_gets_away() -> None:
     flown, holds = choose(around(near), at_rest(np.zeros(3)))
     assert holds
     assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
+
+
+def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> None:
+    """At 5 m/s and 3 m from a wall, with 3.1 m to stop and a metre to keep, and a mover that may be anywhere behind."""
+    blocked = np.zeros(SHAPE, bool)
+    blocked[13:] = True  # from x = 5 m on
+    behind = jnp.array([[-6.0, 0.0, 0.0]])
+    tracks = dataclasses.replace(
+        nobody(1), low=behind - 3.0, high=behind + 3.0, slowest=jnp.full((1, 3), -4.0), fastest=jnp.full((1, 3), 4.0),
+        half=jnp.full((1, 3), 0.5), place=behind, used=jnp.ones(1, bool), confirmed=jnp.ones(1, bool),
+    )  # fmt: skip
+    fast = jnp.array([5.0, 0.0, 0.0])
+    motion = MotionPrimitive(jnp.array([2.0, 0.0, 0.0]), fast, fast, jnp.float32(0.5), jnp.float32(CHOICE.acceleration))
+    taken, holds = choose(around(tracks, blocked), Commitment(motion, jnp.float32(0.0)))
+    assert not holds
+    end = np.asarray(at(taken.motion, jnp.float32(CHOICE.horizon))[0], float)
+    tried = motions(CHOICE, motion.place, motion.velocity, fast)
+    furthest = np.asarray(jax.vmap(lambda t: at(tried, t)[0])(jnp.linspace(0.0, CHOICE.horizon, 45)))[..., 0].max(
+        axis=0
+    )
+    own = max(float(at(taken.motion, jnp.float32(t))[0][0]) for t in np.linspace(0.0, CHOICE.horizon, 45))
+    assert own <= furthest.min() + 0.3
+    assert np.isfinite(end).all()
