@@ -7,9 +7,9 @@ import io
 import numpy as np
 import pytest
 
-from maxjax.viz import gif
 from maxjax.sim.moving.among import AHEAD, Flag
 from maxjax.sim.moving.moments import Moment
+from maxjax.viz import gif
 from maxjax.viz.film import Filmed, Look, film_flight
 from maxjax.viz.moving import Moving
 from maxjax.viz.style import ARRIVED, FLAGGED, MOTION, MOVER, PLANNED
@@ -50,7 +50,7 @@ def moving(count: int) -> list[Moving]:
     for k in range(count):
         body = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]) + 0.5 * k
         low = np.array([[[*(body[0] - 2.0 - 4.0 * share), 0.0]] for share in AHEAD])
-        boxes = np.stack([low, low + [6.0, 6.0, 9.0]], axis=2)
+        boxes = np.stack([low, low + np.array([6.0, 6.0, 9.0])], axis=2)
         motion = np.linspace([-20.0, -20.0, 5.0], [0.0, -20.0, 5.0], 13)
         found.append(Moving([body], Moment(boxes, motion, (Flag.NEAR,) if k > 20 else ())))
     return found
