@@ -162,8 +162,8 @@ class _Film:
         ]
         if flight.moving:
             flagged = np.array([0.0 if one.moment.flags else np.nan for one in flight.moving])
-            (bar,) = rate.plot([], [], "s", color=FLAGGED, markersize=2.5)
-            self.curves.append((bar, self.time, flagged))
+            (marks,) = rate.plot([], [], "s", color=FLAGGED, markersize=2.5)
+            self.curves.append((marks, self.time, flagged))
         figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=9)
         self.clock = figure.text(0.985, 0.02, "", ha="right", va="bottom", fontsize=8)
 
