@@ -138,7 +138,7 @@ def _guide(world: World, flight: Flight, config: FlightConfig, place: Float[Arra
     # Beside a wall there is hardly room, and none at its corners.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
     walls = how.crowd.wall * share + how.crowd.beside * beside
-    return local_value(free, origin, spacing, ends, price + walls, how.crowd.sweeps)
+    return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
 
 
 def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:
