@@ -194,7 +194,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
 
 
 def _p2m_flight(sees: Sees) -> FlightConfig:
-    bounds = Bounds(speed=3.6, acceleration=2.5, size=(0.55, 0.55, 4.1))
+    bounds = Bounds(speed=3.6, acceleration=1.5, size=(0.55, 0.55, 4.1), turn=0.0)
     lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0, reports_misses=True) if sees == "theirs" else Lidar()
     sight = MoverSight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)

@@ -57,7 +57,10 @@ def caption(name: str, outcome: Outcome) -> str:
     """What a shared page says of a flight."""
     head = f"{name}:{outcome.city}, trial {outcome.trial}: {outcome.status}"
     figures = f"{outcome.flown_length:.1f} m in {outcome.duration:.1f} s, {outcome.clearance:.1f} m clear at the least"
-    legend = "Blue line: flown; green: plan; pink: reference; blue boxes: the map so far; dots: scan; violet: movers"
+    legend = (
+        "Blue line: flown; green: plan; pink: reference, or committed motion; blue boxes: the map so far; dots: scan; "
+        "violet: movers, frames that may hold them now, veils that may within the horizon"
+    )
     return f"{head}\n{figures}\n{legend}"
 
 

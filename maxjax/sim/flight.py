@@ -39,7 +39,7 @@ from maxjax.sim import vehicle as physics
 from maxjax.sim.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.follow import clearance_of, follow
 from maxjax.sim.lidar import Scan
-from maxjax.sim.moving.among import Among, no_flags, nobody_seen
+from maxjax.sim.moving.among import Among, Flag, no_flags, nobody_seen, record_of
 from maxjax.sim.moving.avoid import resting
 from maxjax.sim.replan import plan
 from maxjax.sim.sensing import fuse, look, sense
@@ -209,7 +209,10 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         return flight
     perception = config.moving.perception
     seen = nobody_seen(rays) if perception is None else perception.start(world, flight, config)
-    among = Among(seen, resting(start, config.moving), zero)
+    rests = resting(start, config.moving)
+    one = record_of(seen, rests, jnp.zeros(len(Flag), bool), config.moving)
+    record = jax.tree.map(lambda x: jnp.broadcast_to(x, (config.log_samples, *x.shape)), one)
+    among = Among(seen, rests, zero, record)
     return look(world, dataclasses.replace(flight, among=among), config)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
@@ -19,7 +19,7 @@ from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
-from maxjax.sim.moving.among import raised
+from maxjax.sim.moving.among import raised, record_of, recorded
 from maxjax.sim.moving.avoid import setpoint_of, steered
 from maxjax.sim.reactive import push
 from maxjax.sim.sensing import look
@@ -27,8 +27,8 @@ from maxjax.trajectories.online import setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.movers import solids_at
 
-# (world, flight, config) ↦ flight with the motion to fly; (world, flight, config, noise) ↦ flight a time step later.
-Steer = Callable[[World, Flight, FlightConfig], Flight]
+# (world, flight, config, number) ↦ flight with the motion to fly; (world, flight, config, noise) ↦ flight a time step later.
+Steer = Callable[[World, Flight, FlightConfig, Int32[Array, ""]], Flight]
 Step = Callable[[World, Flight, FlightConfig, Float[Array, "3"]], Flight]
 
 
@@ -44,7 +44,8 @@ def flown_period(world: World, flight: Flight, config: FlightConfig, steer: Stee
         world: that the flight is in.
         flight: before the period.
         config: how to fly.
-        steer: (world, flight, config) ↦ flight with the motion to fly; leaves what is done.
+        steer: (world, flight, config, number of the look in its period) ↦ flight with the motion to fly; leaves what
+            is done.
         step: (world, flight, config, noise) ↦ flight a time step later, by standard normal numbers that drive the
             gusts; leaves what is done.
     """
@@ -53,29 +54,32 @@ def flown_period(world: World, flight: Flight, config: FlightConfig, steer: Stee
     noise = jax.random.normal(key, (config.log_samples, steps, 3))
 
     def log_sample(flight: Flight, inputs: tuple[Array, Array]) -> tuple[Flight, None]:
-        row, noise = inputs
+        number, noise = inputs
         was_done = flight.done
-        flight = steer(world, flight, config)
+        flight = steer(world, flight, config, number)
         flight, _ = lax.scan(lambda flight, noise: (step(world, flight, config, noise), None), flight, noise)
         if config.moving is not None:
             flight = unless(flight.done, flight, look(world, flight, config))
+        row = first + number
         position = jnp.where(was_done, flight.log.position[row], flight.vehicle.position)
         log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
         return dataclasses.replace(flight, log=log), None
 
-    rows = 1 + config.log_samples * (flight.log.planning_iterations - 1) + jnp.arange(config.log_samples)
-    flight, _ = lax.scan(log_sample, flight, (rows, noise))
+    first = 1 + config.log_samples * (flight.log.planning_iterations - 1)
+    flight, _ = lax.scan(log_sample, flight, (jnp.arange(config.log_samples), noise))
     last = ~flight.done & (flight.log.planning_iterations >= config.plans)
     status = jnp.where(last, Status.OUT_OF_PLANS, flight.log.status).astype(jnp.int32)
     return dataclasses.replace(flight, done=flight.done | last, log=dataclasses.replace(flight.log, status=status))
 
 
-def steer_alone(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A motion among movers, and the flags that are up with it; without movers none."""
+def steer_alone(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+    """A motion among movers, and the flags that are up with it; without movers none. `number`: as `flown_period`."""
     if config.moving is None:
         return flight
     among, up = steered(world, flight, config)
     assert flight.log.flags is not None
+    record = record_of(among.seen, among.flown, up, config.moving)
+    among = recorded(among, record, number)
     flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
     after = dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
     return unless(flight.done, flight, after)

@@ -1,30 +1,34 @@
-"""Movers of a flight as a page shows them: boxes, in turns of a tenth of a second.
+"""Movers of a flight as a page shows them, and what the vehicle knew of them, in turns of a tenth of a second.
 
-What moves in a trial is known without flying it again (`campaigns.trial_movers`). A box stands for each solid, at least
-0.8 m wide: a drone of 0.3 m could not be seen.
+box     the mover                         frame   what may hold it now
+veil    what may hold it at the horizon   line    the motion that is flown, to its place of rest
+
+What moves in a trial is known without flying it again (`campaigns.trial_movers`); what was known of it is not. A box
+stands for each solid, at least 0.8 m wide: a drone of 0.3 m could not be seen.
 """
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.view.colors import MOVER
+from maxjax.sim.moving.moments import Moment
+from maxjax.view.colors import MOVER, REFERENCE
+from maxjax.view.draw import plain_line
 from maxjax.view.film import Cue
-from maxjax.view.nodes import Frame, Surface
-from maxjax.worlds.geoms import half_edges
-from maxjax.worlds.movers import Movers, solids_at
+from maxjax.view.nodes import Frame, Lines, Node, Surface
+from maxjax.worlds.movers import Movers, boxes_at
 from maxjax.worlds.populations import placed
 
-MOVERS_NODE = "/movers"
+MOVERS_NODE, KNOWN_NODE = "/movers", "/among"
 _LEAST = 0.4  # half edge that is shown [m]
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 # Two triangles a side of the box, counter-clockwise as seen from outside, and how bright the sides are.
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+_EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])
+_VEIL, _FRAME, _MOTION = 0.1, 1.5, 6.0  # opacity; widths [px]
 _BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
 
 
@@ -33,23 +37,44 @@ def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) ->
     there = np.asarray(placed(movers))
     if not there.any():
         return ()
-    at = jax.vmap(solids_at, (None, 0))(movers, jnp.asarray(times, jnp.float32))
-    # Turned by `rotation` below: here along its own axes.
-    along = dataclasses.replace(movers.solids, rotation=jnp.broadcast_to(jnp.eye(3), movers.solids.rotation.shape))
-    rotation = np.asarray(at.rotation, np.float64)[:, there]
-    half = np.maximum(np.asarray(half_edges(along), np.float64)[there], _LEAST)
-    middle = frame.page(np.asarray(at.position, np.float64)[:, there])
-    corners = middle[..., None, :] + np.einsum("tmij,cj,mj->tmci", rotation, _CORNERS, half)
+    corners = frame.page(np.asarray(boxes_at(movers, jnp.asarray(times, jnp.float32), _LEAST), np.float64)[:, there])
     return tuple(
         Cue(float(time), MOVERS_NODE, {MOVERS_NODE: _boxes(one)}) for time, one in zip(times, corners, strict=True)
     )
 
 
-def _boxes(corners: Float[np.ndarray, "m 8 3"]) -> Surface:
+def known_cues(moments: Sequence[Moment], times: Float[np.ndarray, " n"], frame: Frame) -> tuple[Cue, ...]:
+    """What was known of movers and chosen at some times [s], from each on."""
+    return tuple(
+        Cue(float(time), KNOWN_NODE, _known(moment, frame)) for time, moment in zip(times, moments, strict=True)
+    )
+
+
+def _known(moment: Moment, frame: Frame) -> dict[str, Node]:
+    nodes: dict[str, Node] = {}
+    if len(moment.boxes[0]):
+        now, later = (frame.page(_corners(boxes)) for boxes in (moment.boxes[0], moment.boxes[-1]))
+        edges = now[:, _EDGES].reshape(-1, 2, 3)
+        colors = np.broadcast_to(np.array(MOVER, np.uint8), edges.shape)
+        nodes[f"{KNOWN_NODE}/now"] = Lines(edges, colors, _FRAME)
+        nodes[f"{KNOWN_NODE}/later"] = _boxes(later, _VEIL)
+    if np.ptp(moment.motion, axis=0).max() > 0.1:
+        nodes[f"{KNOWN_NODE}/motion"] = plain_line(frame.page(moment.motion), REFERENCE, _MOTION)
+    return nodes
+
+
+def _corners(boxes: Float[np.ndarray, "b 2 3"]) -> Float[np.ndarray, "b 8 3"]:
+    """In the order of `worlds.movers.boxes_at`: z changes first."""
+    which = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    corners: Float[np.ndarray, "b 8 3"] = boxes[:, which, np.arange(3)]
+    return corners
+
+
+def _boxes(corners: Float[np.ndarray, "m 8 3"], opacity: float = 1.0) -> Surface:
     """Boxes by their corners, each side with its own light."""
     points = corners[:, _SIDES].reshape(-1, 3)
     first = 4 * np.arange(len(points) // 4, dtype=np.uint32)[:, None, None]
     faces = (first + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)).reshape(-1, 3)
     bright = np.tile(np.repeat(_BRIGHT, 4), len(corners))
     colors = np.round(np.array(MOVER) * bright[:, None]).astype(np.uint8)
-    return Surface(points.astype(np.float32), faces, colors)
+    return Surface(points.astype(np.float32), faces, colors, opacity)

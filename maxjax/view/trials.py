@@ -21,12 +21,13 @@ from maxjax.core.status import Status
 from maxjax.sim import rolling_map
 from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
+from maxjax.sim.moving.moments import moments_of
 from maxjax.trajectories.online import setpoint_at
 from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together
 from maxjax.view.film import Cue, Film
-from maxjax.view.moving import moving_cues
+from maxjax.view.moving import known_cues, moving_cues
 from maxjax.view.nodes import Dots, Frame, Node, Scene, point3
 from maxjax.view.surface import surface
 from maxjax.worlds.movers import Movers
@@ -107,9 +108,10 @@ def film_of(
     ends = ends_scene((point3(np.asarray(outcome.start)), point3(np.asarray(outcome.goal))), frame)
     times = np.minimum(LOG_PERIOD * np.arange(len(line)), outcome.duration or np.inf)
     moving = () if movers is None else moving_cues(movers, times, frame)
+    known = known_cues(moments, times, frame) if (moments := moments_of(flights)) else ()
     return Film(
         together(city_scene(city, THROUGH if flights else 1.0), ends, shown),
-        tuple(sorted([*_cues(flights, frame), *moving], key=lambda cue: cue.time)),
+        tuple(sorted([*_cues(flights, frame), *moving, *known], key=lambda cue: cue.time)),
         times,
         frame.page(line),
     )
@@ -146,6 +148,8 @@ def _period(flight: Flight, frame: Frame) -> Scene:
     moves = np.flatnonzero(np.any(np.diff(path, axis=0), axis=1))
     if len(moves):
         scene["/period/plan"] = plain_line(frame.page(path[: moves[-1] + 2]), PLANNED, _PLAN)
+    if flight.among is not None:  # then the motion is flown, and the reference only says where the way leads
+        return scene
     reference = np.stack([np.asarray(setpoint_at(flight.reference, jnp.float32(t)).position) for t in _REFERENCE])
     if np.isfinite(reference).all() and np.ptp(reference, axis=0).max() > 0.1:
         scene["/period/reference"] = plain_line(frame.page(reference), REFERENCE, _PLAN)

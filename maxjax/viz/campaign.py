@@ -21,8 +21,10 @@ from maxjax.sim import rolling_map
 from maxjax.sim.fleet.fleet_flight import FleetLog
 from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
+from maxjax.sim.moving.moments import moments_of
 from maxjax.viz.film import Filmed, Look, film_flight
 from maxjax.viz.flights import Flown, figure_flights
+from maxjax.viz.moving import Moving, moving_of
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.movers import Movers, solids_at
@@ -81,10 +83,12 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
     clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(geoms, where))
+    moving: list[Moving] = []
     if (movers := movers_of(campaign.configuration(), outcome)) is not None:
-        times = jnp.minimum(LOG_PERIOD * jnp.arange(len(where)), outcome.duration or jnp.inf)
-        clearance = np.minimum(clearance, _to_movers(movers, times, jnp.asarray(where)))
-    filmed = Filmed(looks, np.asarray(outcome.goal), clearance, campaign.config.radius)
+        times = np.minimum(LOG_PERIOD * np.arange(len(where)), outcome.duration or np.inf)
+        clearance = np.minimum(clearance, _to_movers(movers, jnp.asarray(times), jnp.asarray(where)))
+        moving = moving_of(movers, times, moments_of(flights))
+    filmed = Filmed(looks, np.asarray(outcome.goal), clearance, campaign.config.radius, moving)
     title = f"{_title(campaign, outcome.city)}, trial {outcome.trial}: {outcome.status}"
     return film_flight(filmed, _obstacle(geoms), _CITY, title=title)
 

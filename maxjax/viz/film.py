@@ -1,7 +1,7 @@
 """One flight as a film (extra `viz`).
 
-left:  the city, what the vehicle knows of it, its plan and its line
-right: height over distance flown, speed and clearance over time
+left:  the city, what the vehicle knows of it, its plan and its line; movers, if there are any
+right: height over distance flown, speed and clearance over time, with the time that something assumed did not hold
 """
 
 from __future__ import annotations
@@ -17,8 +17,22 @@ from maxjax.core.grid import Grid
 from maxjax.viz.flights import AROUND
 from maxjax.viz.gif import animation
 from maxjax.viz.marks import Mark, draw_mark
+from maxjax.viz.moving import Moving, MovingLayer, moving_labels
 from maxjax.viz.plan_view import draw_plan, square_around
-from maxjax.viz.style import ARRIVED, FAILED, GOAL, HEIGHTS, KNOWN, PLANNED, RETURN, STYLE, load_matplotlib
+from maxjax.viz.style import (
+    ARRIVED,
+    FAILED,
+    FLAGGED,
+    GOAL,
+    HEIGHTS,
+    KNOWN,
+    MOTION,
+    MOVER,
+    PLANNED,
+    RETURN,
+    STYLE,
+    load_matplotlib,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,12 +74,14 @@ class Filmed:
         goal: [m].
         clearance: to the nearest solid at each position of all looks [m].
         radius: that the clearance must exceed [m].
+        moving: movers at each position of all looks; empty where there were none.
     """
 
     looks: Sequence[Look]
     goal: Float[np.ndarray, "3"]
     clearance: Float[np.ndarray, " t"]
     radius: float
+    moving: Sequence[Moving] = ()
 
 
 def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, *, title: str) -> bytes:
@@ -85,12 +101,14 @@ def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Gr
     count = sum(len(look.flown) for look in flight.looks)
     if count == 0 or len(flight.clearance) != count:
         raise ValueError(f"looks: expected positions, each with a clearance, given {count} and {len(flight.clearance)}")
+    if len(flight.moving) not in (0, count):
+        raise ValueError(f"moving: expected none or one for each of {count} positions, given {len(flight.moving)}")
     stride = max(2, -(-count // _FRAMES))
     shown = [*range(0, count - 1, stride), count - 1]
     with rc_context(STYLE):
         film = _Film(flight, obstacle, grid, f"{title}, shown {stride} times as fast")
         frames = [film.frame(last) for last in shown]
-    return animation(frames, (ARRIVED, FAILED, PLANNED, GOAL))
+    return animation(frames, (ARRIVED, FAILED, PLANNED, GOAL, MOVER, MOTION, FLAGGED))
 
 
 class _Film:
@@ -113,8 +131,13 @@ class _Film:
 
         bar, self.plan = figure.add_axes((0.505, 0.2, 0.01, 0.36)), figure.add_axes((0.065, 0.2, 0.4275, 0.76))
         self._draw_map(bar, obstacle, grid)
+        self.moving, self.layer = flight.moving, MovingLayer(self.plan)
         figure.legend(
-            handles=[*_labels(), *self.plan.get_legend_handles_labels()[0]],
+            handles=[
+                *_labels(bool(flight.moving)),
+                *self.plan.get_legend_handles_labels()[0],
+                *(moving_labels() if flight.moving else ()),
+            ],
             loc="upper left",
             bbox_to_anchor=(0.03, 0.115),
             ncols=4,
@@ -137,6 +160,10 @@ class _Film:
                 (room, self.time, clearance),
             )
         ]
+        if flight.moving:
+            flagged = np.array([0.0 if one.moment.flags else np.nan for one in flight.moving])
+            (marks,) = rate.plot([], [], "s", color=FLAGGED, markersize=2.5)
+            self.curves.append((marks, self.time, flagged))
         figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=9)
         self.clock = figure.text(0.985, 0.02, "", ha="right", va="bottom", fontsize=8)
 
@@ -204,7 +231,8 @@ class _Film:
         self.known.set_extent((low[0], high[0], low[1], high[1]))
         # An image sets the limits of its axes to itself.
         self.plan.set(xlim=self.limits[0], ylim=self.limits[1])
-        self.scan.set_data(*look.scan[:, :2].T)
+        if not self.moving:  # which the rings on the ground would hide
+            self.scan.set_data(*look.scan[:, :2].T)
         self.path.set_data(*look.path[:, :2].T)
         self.line.set_data(*self.flown[: last + 1, :2].T)
         self.vehicle.set_data(*self.flown[[last], :2].T)
@@ -212,7 +240,12 @@ class _Film:
         self.planned.set_data(self.distance[min(self.first[number], last)] + along, look.path[:, 2])
         for curve, x, y in self.curves:
             curve.set_data(x[: last + 1], y[: last + 1])
-        self.clock.set_text(f"t = {self.time[last]:.1f} s, plan {number + 1}")
+        told = f"t = {self.time[last]:.1f} s, plan {number + 1}"
+        if self.moving:
+            moving = self.moving[last]
+            self.layer.show(moving)
+            told = ", ".join([flag.name for flag in moving.moment.flags] + [told])
+        self.clock.set_text(told)
         self.canvas.draw()
         return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
 
@@ -224,14 +257,15 @@ def _draw_least(axes: Axes, radius: float) -> None:
     axes.text(axes.get_xlim()[1], radius, f"vehicle, {radius:g} m ", **style)
 
 
-def _labels() -> list[Any]:
-    """What the legend says of the lines and areas that change."""
+def _labels(moving: bool) -> list[Any]:
+    """What the legend says of the lines and areas that change; `moving`: whether movers are shown."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    scan = Line2D([], [], color=RETURN, marker=".", markersize=3.0, linestyle="", label="scan return")
     return [
         Line2D([], [], color=ARRIVED, linewidth=2.0, label="flown"),
         Line2D([], [], **_PLAN_LINE, linewidth=1.6, label="planned"),
-        Line2D([], [], color=RETURN, marker=".", markersize=3.0, linestyle="", label="scan return"),
+        *([] if moving else [scan]),
         Patch(facecolor=KNOWN, alpha=0.45, label="known as occupied"),
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 RATE = 10  # frames a second
 LARGEST = 6_000_000  # [B]
-_COLORS = 64
+_COLORS = 128
 
 
 def animation(frames: list[Any], colors: Sequence[str]) -> bytes:

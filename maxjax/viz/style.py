@@ -31,6 +31,7 @@ CLEARANCES = "plasma"  # readable to the colour-blind, and in black and white
 FIELD = "#6FA3CC"
 RETURN = "#222222"
 ARRIVED, FAILED, PLANNED, KNOWN, GOAL = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#F0E442"
+MOVER, MOTION, FLAGGED = "#7A1EA0", "#CC79A7", "#E69F00"
 CLOSED = "#B03A2E"
 EARTH, BESIDE, OBSTACLE = "#D3BE94", "#E4E4E4", "#8A8A8A"
 UNKNOWN, UNKNOWN_MARKS = "#ECE7F4", "#A79BC0"  # outside the data

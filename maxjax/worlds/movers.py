@@ -19,16 +19,18 @@ Frame: world, ENU, metres, seconds since the start of the flight.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from maxjax.programs.lowering import rotated
-from maxjax.worlds.geoms import Geoms, concatenate, rotation_z
+from maxjax.worlds.geoms import Geoms, concatenate, half_edges, rotation_z
 
 # Horizontal speed below which a mover has no direction to face [m/s].
 _SLOW = 1e-3
+_CORNERS = tuple(itertools.product((-1.0, 1.0), repeat=3))
 
 
 @jax.tree_util.register_dataclass
@@ -147,6 +149,23 @@ def solids_at(movers: Movers, time: Float[Array, ""]) -> Geoms:
     columns = rotated(heading[:, None], jnp.swapaxes(solids.rotation, 1, 2))
     offset = rotated(heading, solids.position)
     return Geoms(place + offset, jnp.swapaxes(columns, 1, 2), solids.size, solids.type)
+
+
+def boxes_at(movers: Movers, times: Float[Array, " t"], least: float = 0.0) -> Float[Array, "t m 8 3"]:
+    """Corners of a box around each solid, along the solid's own axes, at some times [s].
+
+    Args:
+        movers: of one world.
+        times: [s].
+        least: half edge of a box at least [m], so that small ones can be seen.
+    """
+    at = jax.vmap(solids_at, (None, 0))(movers, times)
+    along = dataclasses.replace(movers.solids, rotation=jnp.broadcast_to(jnp.eye(3), movers.solids.rotation.shape))
+    half = jnp.maximum(half_edges(along), least)
+    corners = at.position[..., None, :] + jnp.einsum(
+        "tmij,cj,mj->tmci", at.rotation, jnp.asarray(_CORNERS), half, precision="highest"
+    )
+    return corners
 
 
 def joined(groups: list[Movers]) -> Movers:

@@ -10,7 +10,17 @@ import pytest
 from jaxtyping import Array
 
 from maxjax.trajectories.limits import FlightLimits
-from maxjax.trajectories.online import BRAKING, Course, Reference, Sampling, Setpoint, profile, sample, setpoint_at
+from maxjax.trajectories.online import (
+    BRAKING,
+    Course,
+    Reference,
+    Sampling,
+    Setpoint,
+    profile,
+    sample,
+    setpoint_at,
+    straight_course,
+)
 
 LIMITS = FlightLimits(speed=5.0, acceleration=3.0, deviation=0.3)
 SAMPLING = Sampling()
@@ -264,3 +274,12 @@ def test_bad_settings_and_shapes_are_named(monkeypatch: pytest.MonkeyPatch) -> N
     course = Course(jnp.zeros((4, 3)), jnp.zeros((4, 3)), jnp.zeros(4), jnp.zeros(4))
     with pytest.raises(ValueError, match="as many caps as samples"):
         profile(course, jnp.zeros(3), jnp.float32(0.0), LIMITS)
+
+
+def test_a_straight_course_is_what_is_sampled_of_two_points() -> None:
+    start, end = jnp.array([1.0, -2.0, 3.0]), jnp.array([40.0, 20.0, 5.0])
+    straight, sampled = straight_course(start, end, SAMPLING), sample(jnp.stack([start, end]), LIMITS, SAMPLING)
+    for ours, theirs in zip(jax.tree.leaves(straight), jax.tree.leaves(sampled), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=2e-5)
+    nowhere = straight_course(start, start, SAMPLING)
+    assert all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(nowhere))

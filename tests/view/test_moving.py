@@ -18,8 +18,9 @@ from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.rng_streams import named
 from maxjax.methods import planner_named
 from maxjax.sim.flight import FlightConfig
-from maxjax.view.moving import MOVERS_NODE, moving_cues
-from maxjax.view.nodes import Surface
+from maxjax.sim.moving.moments import Moment
+from maxjax.view.moving import KNOWN_NODE, MOVERS_NODE, known_cues, moving_cues
+from maxjax.view.nodes import Lines, Surface
 from maxjax.view.trials import city_of, film_of
 from maxjax.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, concatenate, ground_plane, rotation_z
 from maxjax.worlds.movers import Movers, places, straight
@@ -77,3 +78,25 @@ def test_who_is_hidden_is_not_shown() -> None:
     assert isinstance(node, Surface)
     assert len(node.faces) == 2 * 12
     assert moving_cues(dataclasses.replace(movers, knots=0.0 * movers.knots - 1000.0), np.zeros(1), frame) == ()
+
+
+def test_what_is_known_are_frames_veils_and_the_motion() -> None:
+    frame = city_of("suburb", 0).frame
+    low, high = np.array([[0.0, 0.0, 1.0], [5.0, 5.0, 5.0]]), np.array([[1.0, 2.0, 4.0], [6.0, 7.0, 9.0]])
+    boxes = np.stack([np.stack([low - grown, high + grown], axis=1) for grown in (0.0, 1.0, 3.0)])
+    moment = Moment(boxes, np.linspace([0.0, 0.0, 5.0], [3.0, 0.0, 5.0], 13), ())
+    nothing = Moment(boxes[:, :0], np.zeros((13, 3)), ())
+    first, second = known_cues([moment, nothing], np.array([0.0, 0.1]), frame)
+    assert (first.time, first.part, second.nodes) == (0.0, KNOWN_NODE, {})
+    now, later, motion = (first.nodes[f"{KNOWN_NODE}/{name}"] for name in ("now", "later", "motion"))
+    assert isinstance(now, Lines)
+    assert isinstance(motion, Lines)
+    assert isinstance(later, Surface)
+    edges = np.linalg.norm(now.points[:, 1] - now.points[:, 0], axis=1).reshape(2, 12).sum(axis=1)
+    np.testing.assert_allclose(edges, 4.0 * (high - low).sum(axis=1), atol=1e-3)
+    np.testing.assert_allclose(frame.map(now.points).reshape(2, 24, 3).min(axis=1), low, atol=1e-3)
+    assert later.opacity < 0.5
+    for k, volume in enumerate(np.prod(high - low + 6.0, axis=1)):
+        mesh = trimesh.Trimesh(later.points, later.faces.reshape(2, 12, 3)[k]).process()
+        assert mesh.is_watertight
+        np.testing.assert_allclose(mesh.volume, volume, rtol=1e-3)

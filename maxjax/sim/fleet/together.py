@@ -15,16 +15,16 @@ import math
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.sim.fleet.agreement import Agreement, proposing, swapped
 from maxjax.sim.fleet.member import NOBODY, committed_place, saying
 from maxjax.sim.fleet.proposal import as_tracks, nearest_of, others_told, wished
 from maxjax.sim.fleet.separation import Sampled, Scheduled
-from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
+from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.follow import flown_period, step_alone, unless
-from maxjax.sim.moving.among import Avoidance, Flag, raised
+from maxjax.sim.moving.among import Avoidance, Flag, raised, record_of, recorded
 from maxjax.sim.moving.avoid import guide_around, hard_around
 from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.motions import MotionSet, later
@@ -77,8 +77,8 @@ class Together:
         """One planning period."""
         return flown_period(world, flight, config, self._steer, _step)
 
-    def _steer(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
-        """Swap, propose, and send the message of this look."""
+    def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+        """Swap, propose, and send the message of this look; `number`: of it in its period."""
         how, member, among = config.moving, flight.member, flight.among
         assert how is not None
         assert member is not None
@@ -103,8 +103,12 @@ class Together:
 
         flown = Commitment(own.committed.motion, wish.verified + ahead + since)
         counted = dataclasses.replace(member, swaps=member.swaps + swaps, dropped=member.dropped + (due & ~swaps))
-        after = _flagged(flight, config, appeared, ~wish.holds)
-        after = dataclasses.replace(after, among=dataclasses.replace(among, flown=flown, since=since))
+        up = _up(world, flight, config, appeared, ~wish.holds)
+        from_now = Commitment(later(flown.motion, since), flown.verified - since)
+        among = dataclasses.replace(among, flown=flown, since=since)
+        among = recorded(among, record_of(among.seen, from_now, up, how), number)
+        log = dataclasses.replace(flight.log, flags=raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
+        after = dataclasses.replace(flight, among=among, log=log)
         after = unless(flight.done, flight, after)
         return dataclasses.replace(after, member=saying(counted, own))
 
@@ -126,17 +130,18 @@ def _around(
     return Around(tracks, hard, guide, how.within), appeared
 
 
-def _flagged(flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]) -> Flight:
-    """The flight with the flags that are up."""
-    how, among, member, log = config.moving, flight.among, flight.member, flight.log
+def _up(
+    world: World, flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]
+) -> Bool[Array, " f"]:
+    """The flags that are up."""
+    how, among, member = config.moving, flight.among, flight.member
     assert how is not None
     assert among is not None
     assert member is not None
-    assert log.flags is not None
-    drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - flight.vehicle.position) > how.drift
-    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
-    flags = raised(log.flags, up, log.duration, LOG_PERIOD)
-    return dataclasses.replace(flight, log=dataclasses.replace(log, flags=flags))
+    # Where it believes to be: map, sets and motions are in that frame.
+    position = estimated_position(world, flight)
+    drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - position) > how.drift
+    return among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
 
 
 def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:

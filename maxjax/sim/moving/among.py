@@ -17,12 +17,15 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.sim.moving.choice import Chooser, Commitment, Keeping, chosen
 from maxjax.sim.moving.local_value import Crowding
 from maxjax.sim.moving.motions import MotionSet
-from maxjax.sim.moving.sets import Bounds, Tracks, nobody
+from maxjax.sim.moving.sets import Bounds, Tracks, nobody, reachable
+
+AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Shares of the horizon at which a record says where movers may be."""
 
 
 class Flag(enum.IntEnum):
@@ -136,6 +139,28 @@ class Avoidance:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Record:
+    """What was known and chosen at a look, for drawings; batch axes lead, the last of them that of looks.
+
+    Attributes:
+        least, greatest: coordinates of the boxes that may hold the movers, at `AHEAD` of the horizon [m]; NaN: nobody.
+        flown: the motion, from the look on.
+        up: flags that were up with it.
+    """
+
+    least: Float[Array, "*batch h s 3"]
+    greatest: Float[Array, "*batch h s 3"]
+    flown: Commitment
+    up: Bool[Array, "*batch f"]
+
+
+def record_of(seen: Seen, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> Record:
+    """That of one look."""
+    return Record(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Among:
     """What evolves in a flight among movers; batch axes lead.
 
@@ -143,8 +168,16 @@ class Among:
         seen: by the latest look.
         flown: the motion that is flown.
         since: time since its start [s].
+        record: of each look of the present planning period.
     """
 
     seen: Seen
     flown: Commitment
     since: Float[Array, "*batch"]
+    record: Record
+
+
+def recorded(among: Among, record: Record, number: Int32[Array, ""]) -> Among:
+    """With what was known and chosen at a look, by its number in its planning period."""
+    every = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, record)
+    return dataclasses.replace(among, record=every)

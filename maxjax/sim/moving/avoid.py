@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.core.grid import Index3
 from maxjax.planning.windowed_route import boxed, corner_around
 from maxjax.sim import rolling_map as mapping
+from maxjax.sim.flight_state import estimated_position
 from maxjax.sim.moving.among import Among, Avoidance, Flag
 from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.hard_set import HardSet, hard_set
@@ -58,11 +59,11 @@ def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, 
     assert how is not None
     assert among is not None
     left = later(among.flown.motion, among.since)
-    drifted = jnp.linalg.norm(left.place - flight.vehicle.position) > how.drift
+    # Where it believes to be: map, sets and motions are in that frame.
+    position = estimated_position(world, flight)
+    drifted = jnp.linalg.norm(left.place - position) > how.drift
     # Far from its motion the vehicle begins another one from where it is.
-    here = MotionPrimitive(
-        flight.vehicle.position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration
-    )
+    here = MotionPrimitive(position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
     hard, appeared = hard_around(flight, config, left.place)
     guide = guide_around(flight, config, left.place, among.seen.tracks)
@@ -139,7 +140,7 @@ def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"],
     # Beside a wall there is hardly room, and none at its corners.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
     walls = how.crowd.wall * share + how.crowd.beside * beside
-    return local_value(free, origin, spacing, ends, price + walls, how.crowd.sweeps)
+    return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
 
 
 def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:

@@ -6,7 +6,8 @@
 
 A motion that is flown is replaced only by a verified one; where there is none it is flown to its end, at which the
 vehicle rests. If what is flown is not verified any more (a mover broke its bound, or appeared from nowhere) and nothing
-is, the motion that stays out of the sets for longest is taken, and flagged.
+is, that is flagged, and the same is asked of boxes that are likely to hold movers; if nothing stays out of these
+either, the motion that does for longest is taken; if walls allow none, the one that comes least near to them.
 
 Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
 to be clear; boxes are those that hold a mover at any time of a step. Who is that near to a mover or a wall at the start
@@ -25,12 +26,14 @@ from jaxtyping import Array, Bool, Float
 from maxjax.sim.moving.hard_set import HardSet, gaps, seen_free
 from maxjax.sim.moving.local_value import LocalValue, cost_to_go
 from maxjax.sim.moving.motions import MotionPrimitive, MotionSet, at, motions
-from maxjax.sim.moving.sets import Bounds, Tracks, reachable
+from maxjax.sim.moving.sets import Bounds, Tracks, likely, reachable
 
 # Distances are compared with so much room for rounding [m].
 _SLACK = 1e-3
 # Half the distance over which the slope of the cost-to-go is taken [voxels].
 _SLOPE = 1.0
+# Likely acceleration of movers, as a share of its bound.
+_CALM = 0.25
 
 
 @jax.tree_util.register_static
@@ -78,14 +81,18 @@ class Scored:
     Attributes:
         verified: against sets, walls and unseen space, for the whole horizon.
         free: time up to which it stays out of the sets [s].
+        hopeful: time up to which it stays out of where movers are likely to be [s].
         allowed: whether walls and unseen space allow it.
+        nearer: how much nearer to walls than it may it comes, in the mean over the horizon [m].
         cost: the less, the better [m].
         margin: least distance to where movers are likely to be [m].
     """
 
     verified: Bool[Array, "*batch n"]
     free: Float[Array, "*batch n"]
+    hopeful: Float[Array, "*batch n"]
     allowed: Bool[Array, "*batch n"]
+    nearer: Float[Array, "*batch n"]
     cost: Float[Array, "*batch n"]
     margin: Float[Array, "*batch n"]
 
@@ -122,9 +129,11 @@ def chosen(
     some = jnp.any(scored.verified)
     best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
     keeps = (flown.verified >= keeping.step) & (scored.free[0] > flown.verified) & scored.allowed[0]
-    # Longest out of the sets; among equals, far from where movers are likely, and on the way.
-    hope = scored.free + 0.5 * jnp.minimum(scored.margin, 1.0) - 0.02 * scored.cost
-    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 100.0))
+    # Longest out of where movers are likely; among equals far from there, and out of the sets; at last on the way.
+    clear = scored.hopeful > choice.horizon
+    hope = scored.hopeful + 0.5 * jnp.minimum(scored.margin, 1.0) + 0.2 * scored.free
+    hope = jnp.where(clear, 100.0 - scored.cost, hope - 0.02 * scored.cost)
+    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 1e4 * (1.0 + scored.nearer)))
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
     motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
@@ -142,32 +151,41 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
     place, velocity, _ = jax.vmap(lambda t: at(tried, t), out_axes=1)(times)  # (n, t, 3)
     sweep = 0.5 * keeping.step * jnp.linalg.norm(velocity, axis=-1)
 
-    edges = jnp.maximum(keeping.step * (jnp.arange(steps + 2) - 0.5), 0.0)
-    least, greatest = reachable(around.tracks, edges, bounds)
-    least, greatest = jnp.minimum(least[:-1], least[1:]), jnp.maximum(greatest[:-1], greatest[1:])
-    apart = _distance(place, least, greatest)
-    # Who is that near already may stay as near, but come no nearer.
-    clear = apart >= jnp.minimum(keeping.radius + sweep, apart[:, :1] - _SLACK)
-    free = jnp.where(jnp.all(clear, axis=1), choice.horizon + keeping.step, times[jnp.argmin(clear, axis=1)])
+    free, _ = _free(around.tracks, place, sweep, bounds, keeping)
+    calm = dataclasses.replace(bounds, acceleration=_CALM * bounds.acceleration)
+    hopeful, margin = _free(likely(around.tracks), place, sweep, calm, keeping)
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
-    open_air = wall >= jnp.minimum(jnp.minimum(keeping.wall + sweep, 2.0 * around.hard.spacing), wall[:, :1]) - _SLACK
+    needed = jnp.minimum(jnp.minimum(keeping.wall + sweep, 2.0 * around.hard.spacing), wall[:, :1]) - _SLACK
+    nearer = jnp.mean(jnp.maximum(needed - wall, 0.0), axis=1)
     own = jnp.max(jnp.abs(place - place[:, :1]), axis=-1) < 0.5 * around.hard.spacing
     known = seen_free(around.hard, flat).reshape(sweep.shape) | own
-    allowed = jnp.all(open_air & known, axis=1)
+    allowed = jnp.all((wall >= needed) & known, axis=1)
     if around.within is not None:
         low, high = (jnp.asarray(x, place.dtype) for x in around.within)
         # Whoever is outside may come back.
         beyond = jnp.maximum(jnp.max(jnp.maximum(low - place, place - high), axis=-1), 0.0)
         allowed &= jnp.all(beyond <= beyond[:, :1] + 1e-3, axis=1)
 
-    likely = around.tracks.place + times[:, None, None] * around.tracks.velocity
-    half = jnp.where(around.tracks.used[:, None], around.tracks.half, jnp.nan)
-    margin = jnp.min(_distance(place, likely - half, likely + half), axis=1)
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
     cost = cost_to_go(around.guide, place[:, -1]) + price
-    return Scored(allowed & (free > choice.horizon), free, allowed, cost, margin)
+    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin)
+
+
+def _free(
+    tracks: Tracks, place: Float[Array, "n t 3"], sweep: Float[Array, "n t"], bounds: Bounds, keeping: Keeping
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Time up to which motions stay out of sets [s], the last one and more if throughout; and how near they come."""
+    times = keeping.step * jnp.arange(place.shape[1])
+    edges = jnp.maximum(keeping.step * (jnp.arange(len(times) + 1) - 0.5), 0.0)
+    least, greatest = reachable(tracks, edges, bounds)
+    least, greatest = jnp.minimum(least[:-1], least[1:]), jnp.maximum(greatest[:-1], greatest[1:])
+    apart = _distance(place, least, greatest)
+    # Who is that near already may stay as near, but come no nearer.
+    clear = apart >= jnp.minimum(keeping.radius + sweep, apart[:, :1] - _SLACK)
+    free = jnp.where(jnp.all(clear, axis=1), times[-1] + keeping.step, times[jnp.argmin(clear, axis=1)])
+    return free, jnp.min(apart, axis=1)
 
 
 def _distance(place: Float[Array, "n t 3"], least: Array, greatest: Array) -> Float[Array, "n t"]:

@@ -119,6 +119,10 @@ def followed(
     rested = jnp.where(still, later.rested + jnp.where(matched, passed, 0.0), 0.0)
     after = dataclasses.replace(after, tracks=tracks, rested=rested)
     after, chosen, left_out = _born(after, seen, chosen, sight)
+    estimate = after.estimate
+    place_deviation, velocity_deviation = map(jnp.sqrt, (estimate.place_variance, estimate.velocity_variance))
+    deviations = {"place_deviation": place_deviation, "velocity_deviation": velocity_deviation}
+    after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, **deviations))
     grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
     return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
 
@@ -220,6 +224,7 @@ def _born(
     fresh = Tracks(
         low=seen.low[index], high=seen.high[index], slowest=zero - top, fastest=zero + top, half=seen.half[index],
         used=born[:, 0], confirmed=jnp.zeros_like(tracks.used), place=seen.place[index], velocity=zero,
+        place_deviation=zero, velocity_deviation=zero,
         rests=jnp.zeros_like(tracks.used),
         seen=jnp.ones_like(tracks.seen), missed=jnp.zeros_like(tracks.missed),
     )  # fmt: skip

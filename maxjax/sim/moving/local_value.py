@@ -26,6 +26,8 @@ from maxjax.sim.moving.sets import Tracks
 _AROUND = tuple(o for o in itertools.product((-1, 0, 1), repeat=3) if any(o))
 # Cost of what cannot be reached [m]: more than any way, and finite, so that it can be interpolated.
 _FAR = 1e4
+# Distance from the end of a way within which voxels are too coarse [voxels].
+_CLOSE = 1.5
 
 
 @jax.tree_util.register_static
@@ -63,19 +65,20 @@ class LocalValue:
     Attributes:
         value: V [m].
         origin: centre of voxel (0, 0, 0) [m].
+        end: of the way [m]; so near to it that a voxel is too coarse, the cost-to-go is the distance.
         spacing: [m]; static.
     """
 
     value: Float[Array, "*batch nx ny nz"]
     origin: Float[Array, "*batch 3"]
+    end: Float[Array, "*batch 3"]
     spacing: float = dataclasses.field(metadata={"static": True})
 
 
 def local_value(
     free: Bool[Array, "nx ny nz"],
-    origin: Float[Array, "3"],
-    spacing: float,
-    ends: Float[Array, "nx ny nz"],
+    window: tuple[Float[Array, "3"], float],
+    ends: tuple[Float[Array, "nx ny nz"], Float[Array, "3"]],
     price: Float[Array, "nx ny nz"],
     sweeps: int,
 ) -> LocalValue:
@@ -83,12 +86,12 @@ def local_value(
 
     Args:
         free: voxels that a way may lead through.
-        origin: centre of voxel (0, 0, 0) [m].
-        spacing: [m]. Static.
-        ends: cost-to-go where a way may end [m]: faces of the window, the goal; infinity elsewhere.
+        window: centre of voxel (0, 0, 0) [m], and spacing [m], which is static.
+        ends: cost-to-go where a way may end [m]: faces of the window, the goal; infinity elsewhere. And the goal [m].
         price: n.
         sweeps: static.
     """
+    origin, spacing = window
     nx, ny, nz = free.shape
     wide = jnp.pad(jnp.where(free, price, _FAR), 1, constant_values=_FAR)
 
@@ -97,7 +100,7 @@ def local_value(
 
     lengths = [0.5 * spacing * math.hypot(*offset) for offset in _AROUND]
     edges = [length * (price + beside) for length, beside in zip(lengths, neighbours(wide), strict=True)]
-    start = jnp.where(free, jnp.minimum(ends, _FAR), _FAR)
+    start = jnp.where(free, jnp.minimum(ends[0], _FAR), _FAR)
 
     def sweep(_: Array, value: Array) -> Array:
         around = neighbours(jnp.pad(value, 1, constant_values=_FAR))
@@ -106,7 +109,7 @@ def local_value(
             least = jnp.minimum(least, there + edge)
         return jnp.where(free, least, _FAR)
 
-    return LocalValue(lax.fori_loop(0, sweeps, sweep, start), origin, spacing)
+    return LocalValue(lax.fori_loop(0, sweeps, sweep, start), origin, ends[1], spacing)
 
 
 def crowding(
@@ -133,7 +136,10 @@ def crowding(
 
 
 def cost_to_go(local: LocalValue, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """V between voxels that can be reached, trilinear [m]; outside the window that of the nearest place in it."""
+    """V between voxels that can be reached, trilinear [m]; outside the window that of the nearest place in it.
+
+    Within a voxel and a half of the end of the way it is the distance to that.
+    """
     last = np.asarray(local.value.shape) - 1
     whole = jnp.clip((points - local.origin) / local.spacing, 0.0, last - 1e-3)
     low = jnp.floor(whole).astype(jnp.int32)
@@ -146,4 +152,6 @@ def cost_to_go(local: LocalValue, points: Float[Array, "n 3"]) -> Float[Array, "
         weight = jnp.where(value < _FAR, weight, 0.0)
         total, weights = total + weight * value, weights + weight
     reached = weights > 0.0
-    return jnp.where(reached, total / jnp.where(reached, weights, 1.0), _FAR)
+    value = jnp.where(reached, total / jnp.where(reached, weights, 1.0), _FAR)
+    left = jnp.linalg.norm(points - local.end, axis=1)
+    return jnp.where(reached & (left < _CLOSE * local.spacing), left, value)

@@ -23,6 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
+# Standard deviations around an estimate that are likely.
+_DEVIATIONS = 2.0
+
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
@@ -74,6 +77,7 @@ class Tracks:
         used: whether a slot holds a mover.
         confirmed: whether it was seen often enough to be one.
         place, velocity: best estimate [m], [m/s]; for labels and prices, never for proofs.
+        place_deviation, velocity_deviation: standard deviations of these [m], [m/s].
         rests: whether it was seen to stay where it is: then it is assumed to, as the static map is.
         seen: scans that showed it.
         missed: scans since it was seen last.
@@ -88,6 +92,8 @@ class Tracks:
     confirmed: Bool[Array, "*batch s"]
     place: Float[Array, "*batch s 3"]
     velocity: Float[Array, "*batch s 3"]
+    place_deviation: Float[Array, "*batch s 3"]
+    velocity_deviation: Float[Array, "*batch s 3"]
     rests: Bool[Array, "*batch s"]
     seen: Int32[Array, "*batch s"]
     missed: Int32[Array, "*batch s"]
@@ -96,7 +102,19 @@ class Tracks:
 def nobody(slots: int) -> Tracks:
     """Tracks without movers."""
     zero, none, flag = jnp.zeros((slots, 3)), jnp.zeros(slots, jnp.int32), jnp.zeros(slots, bool)
-    return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, flag, none, none)
+    return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, zero, zero, flag, none, none)
+
+
+def likely(tracks: Tracks) -> Tracks:
+    """The tracks with sets cut to what the estimates make likely: smaller, and no proof."""
+
+    def cut(low: Array, high: Array, middle: Array, deviation: Array) -> tuple[Array, Array]:
+        middle, half = jnp.clip(middle, low, high), _DEVIATIONS * deviation
+        return jnp.maximum(low, middle - half), jnp.minimum(high, middle + half)
+
+    low, high = cut(tracks.low, tracks.high, tracks.place, tracks.place_deviation)
+    slowest, fastest = cut(tracks.slowest, tracks.fastest, tracks.velocity, tracks.velocity_deviation)
+    return dataclasses.replace(tracks, low=low, high=high, slowest=slowest, fastest=fastest)
 
 
 def reachable(

@@ -81,6 +81,8 @@ def tracks_of(
         confirmed=used,
         place=place,
         velocity=velocity,
+        place_deviation=jnp.full_like(place, 0.5 * how.place),
+        velocity_deviation=jnp.full_like(place, 0.5 * how.velocity),
         rests=jnp.all(movers.amplitude == 0.0, axis=(1, 2))[nearest] & jnp.all(velocity == 0.0, axis=1),
         seen=jnp.ones(count, jnp.int32),
         missed=jnp.zeros(count, jnp.int32),

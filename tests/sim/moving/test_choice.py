@@ -30,7 +30,9 @@ def around(tracks: Tracks, blocked: np.ndarray | None = None, seen: np.ndarray |
     seen = ~blocked if seen is None else seen
     origin = jnp.asarray(ORIGIN, jnp.float32)
     hard = hard_set(jnp.asarray(blocked), jnp.asarray(seen), origin, SPACING)
-    return Around(tracks, hard, LocalValue(jnp.asarray(30.0 - CENTRES[..., 0], jnp.float32), origin, SPACING))
+    return Around(
+        tracks, hard, LocalValue(jnp.asarray(30.0 - CENTRES[..., 0], jnp.float32), origin, jnp.full(3, 1e3), SPACING)
+    )
 
 
 def at_rest(place: np.ndarray, verified: float = 0.0) -> Commitment:
@@ -138,7 +140,9 @@ def test_what_was_verified_is_kept_until_its_end_and_then_the_trap_is_told() -> 
     tracks = crowd(np.random.default_rng(3), 1)
     wide = dataclasses.replace(tracks, place=jnp.array([[6.0, 0.0, 0.0]]), low=jnp.array([[5.0, -1.0, -1.0]]),
                                high=jnp.array([[7.0, 1.0, 1.0]]), slowest=jnp.full((1, 3), -4.0),
-                               fastest=jnp.full((1, 3), 4.0))  # fmt: skip
+                               fastest=jnp.full((1, 3), 4.0), velocity=jnp.zeros((1, 3)),
+                               place_deviation=jnp.ones((1, 3)),
+                               velocity_deviation=jnp.full((1, 3), 4.0))  # fmt: skip
     free = score(around(wide), jax.tree.map(lambda x: x[None], at_rest(np.zeros(3)).motion), CHOICE, BOUNDS, KEEPING)
     assert 0.5 < float(free.free[0]) < CHOICE.horizon
     assert not free.verified[0]
@@ -149,6 +153,15 @@ def test_what_was_verified_is_kept_until_its_end_and_then_the_trap_is_told() -> 
     fled, holds = choose(around(wide), at_rest(np.zeros(3)))
     assert not holds
     assert float(fled.motion.target[0]) < 0.0  # away from it
+    # Where it is likely to be is known better than where it may be: then past that, as fast as it goes.
+    calm = dataclasses.replace(wide, place_deviation=jnp.full((1, 3), 0.1), velocity_deviation=jnp.full((1, 3), 0.1))
+    passed, holds = choose(around(calm), at_rest(np.zeros(3)))
+    assert not holds
+    assert float(passed.verified) == 0.0
+    assert float(passed.motion.target[0]) > 0.0
+    times = jnp.linspace(0.0, CHOICE.horizon, 50)
+    ways = np.asarray(jax.vmap(lambda t: at(passed.motion, t)[0])(times)) - [6.0, 0.0, 0.0]
+    assert np.linalg.norm(np.maximum(np.abs(ways) - np.asarray(tracks.half), 0.0), axis=1).min() > KEEPING.radius
 
 
 def test_who_is_too_near_already_gets_away() -> None:
@@ -160,3 +173,26 @@ def test_who_is_too_near_already_gets_away() -> None:
     flown, holds = choose(around(near), at_rest(np.zeros(3)))
     assert holds
     assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
+
+
+def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> None:
+    """At 5 m/s and 3 m from a wall, with 3.1 m to stop and a metre to keep, and a mover that may be anywhere behind."""
+    blocked = np.zeros(SHAPE, bool)
+    blocked[13:] = True  # from x = 5 m on
+    behind = jnp.array([[-6.0, 0.0, 0.0]])
+    tracks = dataclasses.replace(
+        nobody(1), low=behind - 3.0, high=behind + 3.0, slowest=jnp.full((1, 3), -4.0), fastest=jnp.full((1, 3), 4.0),
+        half=jnp.full((1, 3), 0.5), place=behind, used=jnp.ones(1, bool), confirmed=jnp.ones(1, bool),
+    )  # fmt: skip
+    fast = jnp.array([5.0, 0.0, 0.0])
+    motion = MotionPrimitive(jnp.array([2.0, 0.0, 0.0]), fast, fast, jnp.float32(0.5), jnp.float32(CHOICE.acceleration))
+    taken, holds = choose(around(tracks, blocked), Commitment(motion, jnp.float32(0.0)))
+    assert not holds
+    end = np.asarray(at(taken.motion, jnp.float32(CHOICE.horizon))[0], float)
+    tried = motions(CHOICE, motion.place, motion.velocity, fast)
+    furthest = np.asarray(jax.vmap(lambda t: at(tried, t)[0])(jnp.linspace(0.0, CHOICE.horizon, 45)))[..., 0].max(
+        axis=0
+    )
+    own = max(float(at(taken.motion, jnp.float32(t))[0][0]) for t in np.linspace(0.0, CHOICE.horizon, 45))
+    assert own <= furthest.min() + 0.3
+    assert np.isfinite(end).all()

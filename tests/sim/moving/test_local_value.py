@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 
 import jax.numpy as jnp
 import numpy as np
@@ -35,8 +36,9 @@ def test_costs_are_those_of_dijkstra() -> None:
         costs.append(ends[cell])
     graph = coo_matrix((costs, (rows, columns)), (last + 1, last + 1)).tocsr()
     expected = dijkstra(graph, indices=last)[:-1].reshape(shape)
-    found = local_value(*map(jnp.asarray, (free, np.zeros(3, np.float32))), spacing, jnp.asarray(ends),
-                        jnp.asarray(price), 40)  # fmt: skip
+    goal = jnp.full(3, 1e3)
+    window = jnp.zeros(3), spacing
+    found = local_value(jnp.asarray(free), window, (jnp.asarray(ends), goal), jnp.asarray(price), 40)
     reached = free & np.isfinite(expected)
     assert reached.sum() > 100
     np.testing.assert_allclose(np.asarray(found.value)[reached], expected[reached], rtol=1e-5)
@@ -48,6 +50,10 @@ def test_costs_are_those_of_dijkstra() -> None:
         [np.multiply(cell, spacing), np.multiply(cell, spacing) + np.array([1.0, 0.0, 0.0])], jnp.float32
     )
     np.testing.assert_allclose(cost_to_go(found, between), [expected[cell], mean], rtol=1e-3)
+    # Beside the goal voxels are too coarse: the distance itself, least at the goal.
+    beside = dataclasses.replace(found, end=between[0] + 0.3)
+    np.testing.assert_allclose(cost_to_go(beside, between[:1]), [0.3 * math.sqrt(3.0)], rtol=1e-5)
+    np.testing.assert_allclose(cost_to_go(beside, beside.end[None]), [0.0], atol=1e-6)
 
 
 def test_a_metre_costs_more_where_a_mover_will_be_when_the_vehicle_can_be_there() -> None:
