@@ -33,7 +33,7 @@ matmul = functools.partial(jnp.matmul, precision="highest")
 
 
 def rotated(rotation: Float[Array, "*n 3 3"], vectors: Float[Array, "*m 3"]) -> Float[Array, "*k 3"]:
-    """R v, term by term: of millions of matrices of 3 by 3, XLA finds no matrix product for a GPU and gives up."""
+    """R v, term by term. XLA merges small matrix products of one factor, and may then find none for a GPU, and fail."""
     return jnp.sum(rotation * vectors[..., None, :], axis=-1)
 
 

@@ -43,7 +43,7 @@ from maxjax.sim.moving.among import Among, Flag, no_flags, nobody_seen, record_o
 from maxjax.sim.moving.avoid import resting
 from maxjax.sim.replan import plan
 from maxjax.sim.sensing import fuse, look, sense
-from maxjax.trajectories.online import profile, sample
+from maxjax.trajectories.online import profile, straight_course
 from maxjax.worlds.distance import distance
 from maxjax.worlds.geoms import Geoms
 from maxjax.worlds.movers import Movers
@@ -185,7 +185,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         flags=None if config.moving is None else no_flags(),
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
-    course = sample(path, config.limits, config.sampling)
+    course = straight_course(start, start, config.sampling)
     flight = Flight(
         vehicle=vehicle,
         observer=control.init(vehicle),

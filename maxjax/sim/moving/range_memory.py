@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.programs.lowering import matmul
+from maxjax.programs.lowering import rotated
 from maxjax.sim.lidar import Scan
 from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.range_image import clear_range, pixel
@@ -103,7 +103,7 @@ def _witness(
 ) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     """Whether an image saw nothing at each place, and whether it saw something."""
     lidar = sight.lidar
-    x, y, z = matmul(points - position, rotation).T
+    x, y, z = rotated(rotation.T, points - position).T
     level_squared = x * x + y * y
     distance = jnp.sqrt(level_squared + z * z)
     row, column = pixel(x, y, z, level_squared, lidar)

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.programs.lowering import matmul
+from maxjax.programs.lowering import rotated
 from maxjax.sim.lidar import Scan, directions
 from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
 from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, stopped
@@ -99,7 +99,7 @@ def looked(
     returned = scan.distance < jnp.inf
     rays = directions(sight.lidar)
     own = jnp.where(returned, scan.distance, 0.0)[:, None] * rays
-    points = position + matmul(own, rotation.T)
+    points = position + rotated(rotation, own)
 
     expected = awaited(seeing.following, time, sight).tracks
     signs = _signs(seeing, points, returned & (scan.distance <= sight.reach), position, expected, sight)
@@ -166,7 +166,7 @@ def _plain(
 ) -> Bool[Array, " s"]:
     """Tracks whose mover, where it is expected, lies in the field of view, within reach, and not behind something."""
     lidar = sight.lidar
-    x, y, z = matmul(tracks.place - position, rotation).T
+    x, y, z = rotated(rotation.T, tracks.place - position).T
     level = x * x + y * y
     distance = jnp.sqrt(level + z * z)
     row, column = pixel(x, y, z, level, lidar)

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from maxjax.programs.lowering import matmul, rotated
+from maxjax.programs.lowering import rotated
 from maxjax.sim.lidar import Lidar, Scan, cast_at, directions
 from maxjax.sim.moving.clusters import Clusters
 from maxjax.sim.moving.marks import Marks
@@ -104,7 +104,7 @@ def visible(
     from_middle = rotated(axes[group.index], points - middle[group.index])
     a, b = group.least(from_middle), group.greatest(from_middle)
     # A body's extent along a direction: that of the box that may hold it.
-    to_world = jnp.swapaxes(matmul(axes, rotation.T), 1, 2)
+    to_world = jnp.swapaxes(rotated(rotation, axes), 1, 2)
     extent = jnp.maximum(jnp.sum(sight.bounds.edges[:, None] * jnp.abs(to_world), axis=1), b - a)
     before, after = _overlooked(clusters, group, scan, sight)
     across = _steps(middle, away, sight.lidar)
@@ -117,8 +117,8 @@ def visible(
     high = 0.5 * (a + jnp.minimum(b + delta_high, a + extent))
 
     # In world axes.
-    origin = position + matmul(middle, rotation.T)
-    world = position + matmul(points, rotation.T)
+    origin = position + rotated(rotation, middle)
+    world = position + rotated(rotation, points)
     seen_low, seen_high = group.least(world), group.greatest(world)
     size = sight.bounds.edges
     seen = seen_high - seen_low
