@@ -39,7 +39,7 @@ _ALLOWANCE = 1.1
 _ROUNDING = 1e-3
 # What configurations of earlier versions lack, and what it is where they lack it.
 _LATER: dict[str, Any] = {"exact": False, "moving": None, "movers": None}
-_LATER_LIDAR = {"turn": 0.1, "width": 360.0}
+_LATER_LIDAR = {"turn": 0.1, "width": 360.0, "reports_misses": False}
 
 # The command line that flies a trial of a campaign again, by itself.
 Command = Callable[["Campaign", int], str]

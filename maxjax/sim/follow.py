@@ -27,8 +27,9 @@ from maxjax.trajectories.online import setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.movers import solids_at
 
-# (world, flight, config, number) ↦ flight with the motion to fly; (world, flight, config, noise) ↦ flight a time step later.
+# (world, flight, config, number) ↦ flight with the motion to fly.
 Steer = Callable[[World, Flight, FlightConfig, Int32[Array, ""]], Flight]
+# (world, flight, config, noise) ↦ flight a time step later.
 Step = Callable[[World, Flight, FlightConfig, Float[Array, "3"]], Flight]
 
 

@@ -107,6 +107,7 @@ class Together:
         from_now = Commitment(later(flown.motion, since), flown.verified - since)
         among = dataclasses.replace(among, flown=flown, since=since)
         among = recorded(among, record_of(among.seen, from_now, up, how), number)
+        assert flight.log.flags is not None
         log = dataclasses.replace(flight.log, flags=raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
         after = dataclasses.replace(flight, among=among, log=log)
         after = unless(flight.done, flight, after)
