@@ -21,8 +21,7 @@ from maxjax.campaigns.swaps import ALONE, Swaps, city_swaps
 from maxjax.campaigns.trial_movers import movers_key
 from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
-from maxjax.programs.executable import stored
-from maxjax.sim.fleet.fleet_flight import FleetLog, fly_fleet, log_of, watch_fleet
+from maxjax.sim.fleet.fleet_flight import FleetLog, log_of, watch_fleet
 from maxjax.sim.fleet.together import Together
 from maxjax.sim.flight import FlightConfig, World
 from maxjax.sim.flight_state import LOG_PERIOD
@@ -88,16 +87,9 @@ class FleetTrial:
 
 
 def flown_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
-    """The log of a fleet: one program on an accelerator; on a CPU stage by stage, as single flights are."""
-    if jax.default_backend() != "cpu":
-        return _fly(worlds, config=config, together=together)
+    """The log of a fleet that is flown stage by stage, as single flights are: it ends with its last vehicle."""
     *_, last = watch_fleet(worlds, config, together)
     return log_of(last)
-
-
-@stored("fleet flights", static=("together",))
-def _fly(worlds: World, config: FlightConfig, *, together: Together) -> FleetLog:
-    return fly_fleet(worlds, config, together)
 
 
 def stuck(log: FleetLog) -> Bool[np.ndarray, "*batch"]:

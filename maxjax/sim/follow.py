@@ -27,6 +27,9 @@ from maxjax.trajectories.online import setpoint_at
 from maxjax.worlds.distance import distance
 from maxjax.worlds.movers import solids_at
 
+# Slower than this a vehicle has no course [m/s].
+_SLOW = 0.5
+
 # (world, flight, config, number) ↦ flight with the motion to fly.
 Steer = Callable[[World, Flight, FlightConfig, Int32[Array, ""]], Flight]
 # (world, flight, config, noise) ↦ flight a time step later.
@@ -111,7 +114,8 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     wind = mean_wind(world.disturbances, world.key)
     after = physics.advance(vehicle, before, command, wind + strength * gust)
     if config.exact:
-        after = dataclasses.replace(physics.hover(vehicle, setpoint.position), velocity=setpoint.velocity)
+        yaw = turned(before.rotation, setpoint.velocity, config)
+        after = dataclasses.replace(physics.hover(vehicle, setpoint.position, yaw), velocity=setpoint.velocity)
 
     clearance = clearance_of(world, after.position, log.duration + vehicle.timestep)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
@@ -135,6 +139,20 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
         log=log,
         among=among,
     )
+
+
+def turned(rotation: Float[Array, "3 3"], velocity: Float[Array, "3"], config: FlightConfig) -> Float[Array, ""]:
+    """Heading a time step later of a vehicle that is where its set-point is [rad].
+
+    One that sees to one side turns its sensor to where it flies, and slow it looks around, at `limits.yaw_rate`.
+    """
+    if config.lidar.width == 360.0:
+        return jnp.zeros(())
+    cos, sin = rotation[0, 0], rotation[1, 0]
+    aside = jnp.arctan2(cos * velocity[1] - sin * velocity[0], cos * velocity[0] + sin * velocity[1])
+    most = config.limits.yaw_rate * config.vehicle.timestep
+    turn = jnp.where(jnp.linalg.norm(velocity[:2]) < _SLOW, most, jnp.clip(aside, -most, most))
+    return jnp.arctan2(sin, cos) + turn
 
 
 def clearance_of(world: World, position: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, ""]:
