@@ -23,7 +23,7 @@ from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome, Table
 from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
-from maxjax.sim.disturbances import Disturbances
+from maxjax.sim.disturbances import Disturbances, scan_error
 from maxjax.sim.flight import FlightConfig, stages_of
 from maxjax.sim.moving.among import Avoidance, Flag
 from maxjax.sim.moving.lidar_perception import LidarPerception
@@ -95,7 +95,10 @@ class Campaign:
             return config
         how = self.movers
         bounds = Bounds(_ALLOWANCE * how.fastest, _ALLOWANCE * ACCELERATION, how.body, how.turn)
-        perception = LidarPerception(MoverSight(config.lidar, bounds))
+        sight = MoverSight(config.lidar, bounds)
+        strengths = self.strengths
+        error = scan_error(strengths["drift"], strengths["range_noise"], config.lidar, sight.images * sight.apart)
+        perception = LidarPerception(dataclasses.replace(sight, pose_error=error))
         return dataclasses.replace(config, moving=Avoidance(perception, bounds))
 
     @property

@@ -84,6 +84,19 @@ def position_error(disturbances: Disturbances, key: PRNGKeyArray, time: Float[Ar
     return disturbances.drift * phase * _direction(stream(key, Stream.DRIFT_DIRECTION))
 
 
+def scan_error(drift: float, range_noise: float, lidar: Lidar, seconds: float) -> float:
+    """How far returns of two scans may be apart at most by drift and added noise [m], the sensor's own noise left out.
+
+    Args:
+        drift: greatest error of the estimated position [m]; its rate is at most π drift / 20 s.
+        range_noise: on top of the sensor's own [m], taken for three standard deviations.
+        lidar: the sensor's model.
+        seconds: between the scans at most [s].
+    """
+    noise = math.hypot(lidar.range_noise, range_noise) - lidar.range_noise
+    return drift * min(1.0, math.pi * seconds / _DRIFT_PERIOD) + 3.0 * noise
+
+
 def outage(disturbances: Disturbances, lidar: Lidar, key: PRNGKeyArray, time: Float[Array, ""]) -> Bool[Array, " r"]:
     """Rays without returns because the sensor fails: its dead sector, and all of them in the blackout.
 

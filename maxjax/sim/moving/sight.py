@@ -27,7 +27,7 @@ class MoverSight:
         points: returns of movers in a scan at most; nearest first.
         images: range images remembered.
         apart: least time between two of them [s].
-        pose_error: of one scan against another, at most [m].
+        pose_error: of one scan against another, at most, the sensor's own noise left out [m].
         misses: looks in a row after which a track in plain view, but not seen, is given up.
         lost: half width of a set beyond which it says nothing any more [m].
         rest: a track slower than `still` for so long has stopped [s].
