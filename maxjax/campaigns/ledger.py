@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.core.files import atomic_write
+from maxjax.core.files import FileError, atomic_write, read_bytes, read_text
 from maxjax.core.interruption import finishing
 from maxjax.core.provenance import device, sources, versions
 from maxjax.core.serialization import read_npz
@@ -89,10 +89,13 @@ class Ledger:
             ValueError: if it holds no campaign, or damaged files.
         """
         try:
-            written = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+            written = json.loads(read_text(folder / CONFIG))
             ledger = cls(folder, dict(written["campaign"]), _read(folder / ROWS))
             ledger.batch, ledger.flown_by = written.get("batch"), list(written.get("flown_by", []))
-        except (OSError, KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        except (FileError, KeyError, TypeError, RecursionError, json.JSONDecodeError, UnicodeDecodeError) as error:
+            # What is there and cannot be used has its own sentence.
+            if isinstance(error, FileError) and not isinstance(error.__cause__, OSError):
+                raise
             raise ValueError(
                 f"{folder}: expected a folder that maxjax fly --out has written, with its {CONFIG}; "
                 "choose another folder"
@@ -121,7 +124,7 @@ class Ledger:
             except (ImportError, OSError):
                 pass
             if (rows := self.folder / ROWS).exists():
-                os.truncate(rows, _whole(rows))
+                os.truncate(rows, len(_whole(rows)))
             self.outcomes = _read(rows)  # another process may just have ended
             yield
 
@@ -190,7 +193,7 @@ class Ledger:
     def times(self) -> list[dict[str, Any]]:
         """First trial, number of trials and run time [s] of each batch; empty where they cannot be read."""
         try:
-            return list(json.loads((self.folder / TIMES).read_text())["batches"])
+            return list(json.loads(read_text(self.folder / TIMES))["batches"])
         except (OSError, ValueError, KeyError):
             return []
 
@@ -204,9 +207,10 @@ def _lines(outcomes: Iterable[Outcome]) -> bytes:
     return "".join(json.dumps(one.line, allow_nan=False) + "\n" for one in outcomes).encode()
 
 
-def _whole(path: Path) -> int:
-    """Bytes of a file up to the end of its last whole line."""
-    return path.read_bytes().rfind(b"\n") + 1
+def _whole(path: Path) -> bytes:
+    """A file up to the end of its last whole line."""
+    content = read_bytes(path)
+    return content[: content.rfind(b"\n") + 1]
 
 
 def _read(path: Path) -> dict[int, Outcome]:
@@ -214,10 +218,10 @@ def _read(path: Path) -> dict[int, Outcome]:
     if not path.exists():
         return {}
     outcomes = {}
-    for number, line in enumerate(path.read_bytes()[: _whole(path)].splitlines(), 1):
+    for number, line in enumerate(_whole(path).splitlines(), 1):
         try:
             outcome = Outcome(**json.loads(line))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, RecursionError) as error:
             raise ValueError(
                 f"{path}: line {number} is no outcome; remove the file or choose another folder"
             ) from error

@@ -26,10 +26,15 @@ from pathlib import Path
 from typing import Any
 
 from maxjax.cli.options import MissionOptions, PlanOptions
+from maxjax.core.files import read_bytes
 from maxjax.methods import ALIASES, METHODS
 from maxjax.planning.mission import Waypoint
 
 _MOST_BYTES = 2**20
+# What separates keys and values of TOML, texts and quoted keys taken out.
+_STRUCTURE = re.compile(rb"[=\[\]{},\r\n#]")
+_QUOTED = re.compile(rb'"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'')
+_MOST_DOTS = 64
 _CITY = re.compile(r"\w+:\d+")
 
 # What may stand in a file, by kind: options of `maxjax plan`, but its ends and its outputs.
@@ -97,10 +102,12 @@ def read_mission(options: MissionOptions) -> Asked:
 
 
 def _content(file: Path) -> dict[str, Any]:
-    if file.stat().st_size > _MOST_BYTES:
-        raise ValueError(f"{file}: expected a mission of at most {_MOST_BYTES} bytes, given {file.stat().st_size}")
+    content = read_bytes(file, _MOST_BYTES)
+    # A parser of TOML takes a time that grows with the square of a key's parts.
+    if any(part.count(b".") > _MOST_DOTS for part in _STRUCTURE.split(_QUOTED.sub(b"q", content))):
+        raise ValueError(f"{file}: expected keys of at most {_MOST_DOTS} parts, given more; no mission has such")
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
         raise ValueError(f"{file}: expected a mission as TOML: {error}") from error
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from maxjax.cli.mission_file import Asked, numbers_of, read_mission, value_of, waypoints_of
 from maxjax.cli.options import MissionOptions, PlanOptions, ReadOptions, RouteOptions, ViewOptions
+from maxjax.core.files import read_text
 from maxjax.planning.mission import Waypoint
 
 _ENDS = ("start", "goal")
@@ -73,7 +74,7 @@ def opened(options: ViewOptions) -> Opened:
     if path.suffix.lower() != ".json" or not path.is_file():
         return Opened(options)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except (ValueError, RecursionError):
         return Opened(options)  # the reader of maps says what is wrong
     if not isinstance(content, dict) or not isinstance(content.get("configuration"), dict):

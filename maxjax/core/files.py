@@ -1,7 +1,8 @@
 """Files: how all of them are written, and how a user's are read.
 
 A file is written to a temporary name in its folder, flushed to the disk and renamed: a reader sees the old file or the
-new one, and never a part. A file of a user is read whole, within a bound, or refused with a sentence (`FileError`).
+new one, and never a part. A file of a user is a regular one, and is read whole, once, within a bound, or refused with
+a sentence (`FileError`): a pipe would hang, a device never end, and a mapped file may shrink while it is read.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ import contextlib
 import json
 import os
 import secrets
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from maxjax.core.interruption import finishing
 
@@ -99,13 +101,47 @@ def read_bytes(path: Path, most: int = MAX_FILE_BYTES) -> bytes:
     """A file whole.
 
     Raises:
-        FileError: if it cannot be read or is too large.
+        FileError: as `open_regular`, and if it grows beyond `most` bytes while it is read.
+    """
+    with open_regular(path, most) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise FileError(f"{path}: more than {most} bytes, expected at most so many; crop it")
+    return content
+
+
+@contextlib.contextmanager
+def open_regular(path: str | os.PathLike[str], most: int = MAX_FILE_BYTES) -> Iterator[BinaryIO]:
+    """A user's file, open for reading; every file that a user names is opened here.
+
+    Args:
+        path: of the file, or of a link to it.
+        most: bytes that it may have.
+
+    Raises:
+        FileError: if it is missing, cannot be read, is no regular file (a folder, pipe, socket or device) or has more
+            bytes than `most`; also for what the system says while it is read.
     """
     try:
-        if (size := path.stat().st_size) > most:
-            raise FileError(f"{path}: {size} bytes, expected at most {most}; crop it")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
+        # Looked at before it is opened, since opening alone may act on a device; and after, since a name may change.
+        _check_regular(path, os.stat(path), most)
+        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         if isinstance(error, FileError):
             raise
         raise FileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    with file:
+        _check_regular(path, os.fstat(file.fileno()), most)
+        try:
+            yield file
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _check_regular(path: str | os.PathLike[str], found: os.stat_result, most: int) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        kind = kinds.get(stat.S_IFMT(found.st_mode), "a device")
+        raise FileError(f"{path}: cannot be read: expected a regular file, found {kind}")
+    if found.st_size > most:
+        raise FileError(f"{path}: {found.st_size} bytes, expected at most {most}; crop it")

@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maxjax.core.files import atomic_write
+from maxjax.core.files import FileError, atomic_write, open_regular
 
 T = TypeVar("T")
 
@@ -137,19 +137,19 @@ def read_npz(path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES) -> di
         max_bytes: most that all its arrays together may take, unpacked; checked before anything is unpacked.
 
     Raises:
-        ValueError: if the file is missing, not an .npz archive, truncated or altered, holds pickled objects,
-            claims sizes that it does not have, or unpacks to more than `max_bytes`.
+        ValueError: if the file is missing, no regular file, not an .npz archive, truncated or altered, holds pickled
+            objects, claims sizes that it does not have, or unpacks to more than `max_bytes`.
     """
     arrays = {}
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             total = sum(info.file_size for info in archive.infolist())
             if total > max_bytes:
                 raise ValueError(f"unpacks to {total} bytes, expected at most {max_bytes}; crop or split it")
             for info in archive.infolist():
                 arrays[info.filename.removesuffix(".npy")] = _read_entry(archive, info)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except FileError:
+        raise
     except (zipfile.BadZipFile, zlib.error, EOFError, struct.error, RuntimeError, MemoryError) as error:
         # RuntimeError: zipfile's word for an encrypted entry.
         raise ValueError(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxjax.core.files import MAX_FILE_BYTES, FileError
+from maxjax.core.files import MAX_FILE_BYTES, FileError, open_regular
 from maxjax.maps.contents import Contents, facts
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.readers.box_list import load_boxes
@@ -38,7 +38,7 @@ _LONGEST = 500  # characters of a message: files may hold texts of any length
 
 
 def _load_json(path: Path, reading: Reading) -> Contents:
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         start = file.read(_PEEK)
     # A CityJSON may hold anything first, but names itself; GeoJSON has no CityObjects.
     city = b"CityJSON" in start or b"CityObjects" in start or b"Feature" not in start

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from maxjax.core.files import atomic_write
+from maxjax.core.files import atomic_write, read_bytes, read_text
 from maxjax.core.serialization import load_pytree, save_pytree
 
 T = TypeVar("T")
@@ -119,22 +119,16 @@ def _key(number: int) -> str:
 
 def _manifest(folder: Path) -> dict[str, Any] | None:
     path = folder / MANIFEST
-    try:
-        text = path.read_text()
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from error
+    text = read_text(path)
     try:
         found = json.loads(text)
         files = [{"name": Path(file["name"]).name, "sha256": str(file["sha256"])} for file in found["files"]]
         return {"files": files, "metadata": dict(found["metadata"])}
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"{path}: expected a checkpoint's manifest, given something else") from error
 
 
 def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return hashlib.sha256(read_bytes(path)).hexdigest()

@@ -28,7 +28,7 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.files import atomic_write
+from maxjax.core.files import atomic_write, read_text
 from maxjax.core.grid import Grid
 from maxjax.fields import stencil
 from maxjax.nn import optimizer
@@ -272,7 +272,7 @@ def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], step
 
 def _keep_lines(path: Path, epochs: int) -> None:
     """Drop what a killed run logged after its last checkpoint."""
-    lines = path.read_text().splitlines()[:epochs] if path.exists() else []
+    lines = read_text(path).decode().splitlines()[:epochs] if path.exists() else []
     atomic_write(path, "".join(line + "\n" for line in lines))
 
 

@@ -19,7 +19,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from maxjax.core.files import FileError
+from maxjax.core.files import FileError, open_regular
 from maxjax.maps.model import MAX_POINTS, Labels, PointCloud, local_cloud
 from maxjax.maps.readers.las_reference import stated_in, trailing_wkt
 from maxjax.maps.reading import PLAIN, Reading
@@ -71,7 +71,7 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR09
     returns: list[np.ndarray] = []
     claimed = np.zeros(0, np.int64)
     try:
-        with _silent(), open(path, "rb") as file:
+        with _silent(), open_regular(path) as file:
             count, scale, offset = _check_header(path, file)
             trailing = trailing_wkt(file, os.fstat(file.fileno()).st_size)
             file.seek(0)

@@ -15,7 +15,7 @@ from xml.parsers import expat
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.core.files import FileError, read_text
+from maxjax.core.files import FileError, open_regular, read_text
 from maxjax.maps.mesh import Mesh, merged, mesh_of
 from maxjax.maps.readers.obj import load_obj
 from maxjax.maps.readers.ply import load_ply
@@ -44,7 +44,7 @@ class _Element:
 
 def is_scene(path: Path) -> bool:
     """Whether an XML file is a scene, by its first element."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         return b"<scene" in file.read(_PEEK)
 
 

@@ -9,19 +9,17 @@ does that of an ASCII file within the last digits of its last number.
 from __future__ import annotations
 
 import dataclasses
-import mmap
-import os
+import io
 import struct
 import warnings
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Int64, Shaped
 
-from maxjax.core.files import FileError, text_lines
+from maxjax.core.files import FileError, read_bytes, text_lines
 from maxjax.maps.mesh import MAX_FACES, Mesh, fans, mesh_of
 from maxjax.maps.model import MAX_POINTS, PointCloud, local_cloud
 from maxjax.maps.reading import PLAIN, Reading
@@ -56,25 +54,23 @@ def load_ply(path: Path, reading: Reading = PLAIN) -> PointCloud | Mesh:
     fail = _failure(path)
     points: np.ndarray | None = None
     faces: np.ndarray | None = None
-    try:
-        with open(path, "rb") as file:
-            order, elements = _read_header(file, fail)
-            surface = [element.name for element in elements if element.count and element.name != "vertex"]
-            if "tristrips" in surface:
-                raise fail("holds triangle strips, which are not supported; export triangles")
-            for element in elements:
-                if points is not None and (faces is not None or "face" not in surface):
-                    break
-                remaining = os.fstat(file.fileno()).st_size - file.tell()
-                if element.name == "vertex":
-                    _check_vertices(element, order, remaining, fail)
-                    points = (_read_binary if order else _read_ascii)(file, element, order, fail)
-                elif element.name == "face" and element.count:
-                    faces = _read_faces(file, element, order, fail)
-                else:
-                    _skip(file, element, order, fail)
-    except OSError as error:
-        raise fail(f"cannot be read: {error.strerror or error}") from error
+    # A copy of its own: a mapped file that another process cuts short would end this one.
+    file = io.BytesIO(read_bytes(path))
+    size = len(file.getvalue())
+    order, elements = _read_header(file, fail)
+    surface = [element.name for element in elements if element.count and element.name != "vertex"]
+    if "tristrips" in surface:
+        raise fail("holds triangle strips, which are not supported; export triangles")
+    for element in elements:
+        if points is not None and (faces is not None or "face" not in surface):
+            break
+        if element.name == "vertex":
+            _check_vertices(element, order, size - file.tell(), fail)
+            points = (_read_binary if order else _read_ascii)(file, element, order, fail)
+        elif element.name == "face" and element.count:
+            faces = _read_faces(file, element, order, fail)
+        else:
+            _skip(file, element, order, fail)
     if points is None:
         raise fail("expected an element vertex, found " + (", ".join(e.name for e in elements) or "none"))
     if faces is None:
@@ -86,7 +82,7 @@ def _failure(path: Path) -> Failure:
     return lambda message: FileError(f"{path}: {message}")
 
 
-def _read_header(file: BinaryIO, fail: Failure) -> tuple[str, list[_Element]]:
+def _read_header(file: io.BytesIO, fail: Failure) -> tuple[str, list[_Element]]:
     """Byte order ("" for ASCII) and elements; leaves the file at the first byte of the data."""
     order: str | None = None
     elements: list[_Element] = []
@@ -143,15 +139,14 @@ def _row(element: _Element, order: str) -> np.dtype[np.void]:
     return np.dtype([(f"p{i}", order + kind) for i, (_, kind, _) in enumerate(element.properties)])
 
 
-def _read_binary(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
-    rows = np.fromfile(file, _row(vertex, order), vertex.count)
-    if len(rows) < vertex.count:
-        raise fail(f"claims {vertex.count} vertices, found {len(rows)}; the file is truncated")
+def _read_binary(file: io.BytesIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
+    row = _row(vertex, order)
+    rows = np.frombuffer(file.read(vertex.count * row.itemsize), row)
     names = [name for name, _, _ in vertex.properties]
     return np.stack([rows[f"p{names.index(axis)}"] for axis in "xyz"], axis=1)
 
 
-def _read_ascii(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
+def _read_ascii(file: io.BytesIO, vertex: _Element, order: str, fail: Failure) -> Shaped[np.ndarray, "n 3"]:
     names = [name for name, _, _ in vertex.properties]
     columns = [names.index(axis) for axis in "xyz"]
     lines = text_lines(file.readline, vertex.count, fail)
@@ -168,7 +163,7 @@ def _read_ascii(file: BinaryIO, vertex: _Element, order: str, fail: Failure) -> 
     return points
 
 
-def _skip(file: BinaryIO, element: _Element, order: str, fail: Failure) -> None:
+def _skip(file: io.BytesIO, element: _Element, order: str, fail: Failure) -> None:
     """Step over an element that is not used."""
     if element.count > MAX_POINTS:
         raise fail(f"claims {element.count} of {element.name}, expected at most {MAX_POINTS}; truncated or too large")
@@ -179,12 +174,12 @@ def _skip(file: BinaryIO, element: _Element, order: str, fail: Failure) -> None:
         _find_lists(file, element, order, fail)
     else:
         end = file.tell() + element.count * _row(element, order).itemsize
-        if end > os.fstat(file.fileno()).st_size:
+        if end > len(file.getvalue()):
             raise fail(f"ends in element {element.name}; the file is truncated")
         file.seek(end)
 
 
-def _read_faces(file: BinaryIO, element: _Element, order: str, fail: Failure) -> Int64[np.ndarray, "t 3"]:
+def _read_faces(file: io.BytesIO, element: _Element, order: str, fail: Failure) -> Int64[np.ndarray, "t 3"]:
     """Triangles of the element `face`, as numbers of vertices."""
     lists = [(name, kind) for name, kind, length in element.properties if length and name in _INDICES]
     if len(lists) != 1 or lists[0][1][0] == "f":
@@ -214,46 +209,46 @@ def _check_corners(count: int, fail: Failure) -> None:
 
 
 def _find_lists(
-    file: BinaryIO, element: _Element, order: str, fail: Failure
+    file: io.BytesIO, element: _Element, order: str, fail: Failure
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Shaped[np.ndarray, " bytes"]]:
     """First byte and length of each row's vertex list; the file's bytes. Leaves the file behind the element."""
-    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
-        at, size = file.tell(), len(raw)
-        steps = [
-            (
-                np.dtype(kind).itemsize,
-                length and struct.Struct((order or "<") + np.dtype(length).char),
-                name in _INDICES,
-            )
-            for name, kind, length in element.properties
-        ]
-        begin, lengths = array("q"), array("q")
-        try:
-            for _ in range(element.count):
-                for width, counter, wanted in steps:
-                    if not counter:
-                        at += width
-                        continue
-                    (items,) = counter.unpack_from(raw, at)
-                    at += counter.size
-                    if wanted:
-                        begin.append(at)
-                        lengths.append(items)
-                    if items < 0:
-                        raise fail(f"a list of element {element.name} claims {items} values; truncated or damaged")
-                    at += items * width
-                if at > size:
-                    break
-        except struct.error:
-            at = size + 1
-        if at > size:
-            raise fail(f"ends in element {element.name}; the file is truncated")
+    raw = file.getvalue()
+    at, size = file.tell(), len(raw)
+    steps = [
+        (
+            np.dtype(kind).itemsize,
+            length and struct.Struct((order or "<") + np.dtype(length).char),
+            name in _INDICES,
+        )
+        for name, kind, length in element.properties
+    ]
+    begin, lengths = array("q"), array("q")
+    try:
+        for _ in range(element.count):
+            for width, counter, wanted in steps:
+                if not counter:
+                    at += width
+                    continue
+                (items,) = counter.unpack_from(raw, at)
+                at += counter.size
+                if wanted:
+                    begin.append(at)
+                    lengths.append(items)
+                if items < 0:
+                    raise fail(f"a list of element {element.name} claims {items} values; truncated or damaged")
+                at += items * width
+            if at > size:
+                break
+    except struct.error:
+        at = size + 1
+    if at > size:
+        raise fail(f"ends in element {element.name}; the file is truncated")
     file.seek(at)
-    return np.frombuffer(begin, np.int64), np.frombuffer(lengths, np.int64), np.memmap(file.name, np.uint8, "r")
+    return np.frombuffer(begin, np.int64), np.frombuffer(lengths, np.int64), np.frombuffer(raw, np.uint8)
 
 
 def _face_lines(
-    file: BinaryIO, element: _Element, fail: Failure
+    file: io.BytesIO, element: _Element, fail: Failure
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " m"]]:
     """Corners of all faces one after the other, and how many each has."""
     corners, lengths = array("q"), array("q")
