@@ -25,6 +25,8 @@ from maxjax.trajectories.time_optimal import Way, factor_to_keep, shortest
 STEP = 0.02  # between control points, before the factor [s]
 # The long step: a share of acceleration / jerk, at most one that cuts so much [m], and so many in a curve at least.
 _SHARE, _CUT, _FEWEST = 1.0 / 3.0, 0.04, 24
+# Steps in a curve at most, whose times are sought together: they take a minute.
+_MOST = 50_000
 _LONGEST = 0.2  # of the steps that a search begins with [s]
 # Width of the average that a search starts from, in shares of acceleration / jerk, and steps at least.
 _WIDTH, _STEPS = 1.5, 3.0
@@ -61,11 +63,16 @@ def timed(
         limits: of the answer.
 
     Raises:
-        ValueError: for limits with which it takes days.
+        ValueError: for limits with which it takes days, or too many steps.
     """
     way, start = _start(curve, stations, caps, limits)
     takes = STEP * len(start)
     aim = _long_step(limits, takes)
+    if (count := math.ceil(takes / aim)) > _MOST:
+        raise ValueError(
+            f"limits: expected ones with which a path takes at most {_MOST} samples, given some with which one of "
+            f"{curve.arclength[-1]:g} m takes {count}, {aim:.3g} s apart; raise the acceleration or lower the jerk"
+        )
     halvings = max(math.floor(math.log2(min(_LONGEST, takes / _FEWEST) / aim) + _SLACK), 0)
     step = aim * 2.0**halvings
     at = np.linspace(0.0, len(start) - 1.0, math.ceil(takes / step) + 1)

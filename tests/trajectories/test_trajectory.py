@@ -251,6 +251,32 @@ def test_limits_that_take_days_are_refused(name: str, value: float) -> None:
         flown([[520.0, 0.0, 5.0], [540.0, 0.0, 5.0]], maxjax.FlightLimits(**{name: value}))
 
 
+@pytest.mark.parametrize("acceleration", [1e-4, 1e-6])
+def test_limits_that_take_too_many_samples_are_refused(acceleration: float) -> None:
+    with pytest.raises(ValueError, match=r"limits: expected ones with which a path takes at most 50000 samples, given"):
+        flown([[520.0, 0.0, 5.0], [572.0, 0.0, 5.0]], maxjax.FlightLimits(acceleration=acceleration))
+
+
+def test_clearance_leaves_the_ground_out_without_a_radius() -> None:
+    occupied = np.zeros(GRID.shape, bool)
+    occupied[:, :, 0] = True
+    ground = occupied.copy()
+    occupied[-1, -1, -1] = True
+    city = maxjax.VoxelMap.on(GRID, occupied, ground)
+    low = np.array(GRID.origin) + GRID.spacing * np.array([1.0, 1.0, 1.25])
+    plan = maxjax.plan(
+        city,
+        low,
+        low + np.array([10.0, 4.0, 0.0]),
+        planner=maxjax.AStar(),
+        distances=maxjax.Distances(radius=0.0, margin=1.0),
+    )
+    assert plan.status == maxjax.Status.OK
+    assert maxjax.trajectory(plan).clearance == pytest.approx(
+        distances(plan.path, occupied & ~ground, 1e3).min(), rel=0.1
+    )
+
+
 @pytest.mark.parametrize("jerk", [0.01, 0.1, 8.0, 40.0, 1000.0])
 def test_a_straight_line_takes_as_long_as_jerk_demands(jerk: float) -> None:
     """The shortest time from rest to rest in closed form: jerk up, even, down, and the same to brake."""
