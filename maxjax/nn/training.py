@@ -42,6 +42,7 @@ from maxjax.nn.optimizer import AdamW, Moments
 from maxjax.nn.recipes import Training
 
 LOG = "log.jsonl"
+_CHECKPOINT_S = 60.0  # what a kill may cost of a run, beyond an epoch [s]
 
 
 @jax.tree_util.register_dataclass
@@ -189,7 +190,8 @@ class Run:
     Attributes:
         folder: of the checkpoint and of log.jsonl, one line an epoch.
         epochs: where to stop; by default at the recipe's end.
-        every: epochs between checkpoints; the last epoch always leaves one.
+        every: epochs between checkpoints; the last epoch always leaves one, and the first that ends a minute or more
+            after the one before.
     """
 
     folder: Path
@@ -213,7 +215,7 @@ def train(
         scenes: to train on.
         grid: of the scenes.
         run: folder, epochs, checkpoints.
-        validation: scenes whose errors are logged with each checkpoint.
+        validation: scenes whose errors are logged every `run.every` epochs, and at last.
         report: called with each line of the log.
 
     Raises:
@@ -228,16 +230,19 @@ def train(
     program = epoch_program(training, count, grid, mesh)
     folder.mkdir(parents=True, exist_ok=True)
     _keep_lines(folder / LOG, done)
+    saved_s = time.perf_counter()
     for epoch in range(done, last):
         start_s = time.perf_counter()
         state, each = program(state, scenes)
         losses = _finite(np.asarray(each), epoch)
         line = {"epoch": epoch + 1, "loss": float(losses.mean()), "seconds": round(time.perf_counter() - start_s, 3)}
-        if (epoch + 1) % run.every == 0 or epoch + 1 == last:
-            if validation is not None:
-                folded = cast(fold(state.params, training.network), training.precision)
-                line |= summary(evaluate(folded, validation, training.network, grid, training.by))
+        regular = (epoch + 1) % run.every == 0 or epoch + 1 == last
+        if regular and validation is not None:
+            folded = cast(fold(state.params, training.network), training.precision)
+            line |= summary(evaluate(folded, validation, training.network, grid, training.by))
+        if regular or time.perf_counter() - saved_s >= _CHECKPOINT_S:
             save_checkpoint(folder, state, (epoch + 1) * steps, identity)
+            saved_s = time.perf_counter()
         with open(folder / LOG, "a") as log:
             log.write(json.dumps(line) + "\n")
         if report is not None:

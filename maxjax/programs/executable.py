@@ -41,7 +41,7 @@ from maxjax.programs.lowering import target
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_FORMAT = "maxjax executable 1"
+_FORMAT = "maxjax executable 2"
 
 
 class Stored(Generic[P, R]):
@@ -144,7 +144,10 @@ def _abstract(leaf: Any) -> tuple[tuple[int, ...], str, bool]:
 def _read(file: Path, count: int) -> Callable[..., Any] | None:
     """The executable in a file, a function of so many leaves; None where there is none, or none that can be read."""
     try:
-        payload, out_tree = pickle.loads(zlib.decompress(file.read_bytes()))
+        stated, content = file.read_bytes().split(b"\n", 1)
+        if stated != _seal(file, content):
+            return None
+        payload, out_tree = pickle.loads(zlib.decompress(content))
         found: Callable[..., Any] = serialize_executable.deserialize_and_load(
             payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.local_devices()[:1]
         )
@@ -159,8 +162,18 @@ def _write(file: Path, compiled: jax.stages.Compiled) -> None:
     # Nothing is lost but time where JAX cannot serialise an executable, or the disk is full.
     with contextlib.suppress(Exception):
         payload, _, out_tree = serialize_executable.serialize(compiled)
-        atomic_write(file, zlib.compress(pickle.dumps((payload, out_tree)), 1))
+        content = zlib.compress(pickle.dumps((payload, out_tree)), 1)
+        atomic_write(file, _seal(file, content) + b"\n" + content)
         trim(file.parent)
+
+
+def _seal(file: Path, content: bytes) -> bytes:
+    """What an entry begins with: its program, which the file's name tells, and its content have this digest alone.
+
+    A file that was copied over another's name, or damaged, is so compiled anew. It is no protection from who may write
+    into the folder.
+    """
+    return hashlib.sha256(file.name.encode() + b"\n" + content).hexdigest().encode()
 
 
 class _UnnamedError(Exception):

@@ -128,6 +128,16 @@ def test_a_damaged_file_is_compiled_anew(content: bytes, folder: Path, compiled:
     assert len(compiled) == 3
 
 
+def test_the_entry_of_another_program_under_a_right_name_is_compiled_anew(folder: Path, compiled: list[str]) -> None:
+    distance_program()(MAP, reach=2)
+    (right,) = folder.glob("distance-*")
+    distance_program()(MAP[:4], reach=2)
+    (other,) = set(folder.glob("distance-*")) - {right}
+    right.write_bytes(other.read_bytes())
+    np.testing.assert_array_equal(distance_program()(MAP, reach=2), squared_distance(jnp.asarray(MAP), 2))
+    assert len(compiled) == 3
+
+
 def twice(x: Any) -> Any:
     return 2 * x
 
