@@ -26,7 +26,7 @@ from jaxtyping import Array, Float, Key
 
 from maxjax.campaigns.batch_size import first_size, halved, round_up
 from maxjax.campaigns.campaign import Campaign, outcome_of
-from maxjax.campaigns.ledger import Ledger
+from maxjax.campaigns.ledger import POSITIONS, ROWS, Ledger
 from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trial_movers import movers_key
 from maxjax.campaigns.trials import draw_many
@@ -73,6 +73,11 @@ def fly_trials(
         raise ValueError(f"batch: expected at least 1, given {batch}")
     ledger = None if folder is None else campaign.ledger(folder)
     with contextlib.nullcontext() if ledger is None else ledger.held():
+        if ledger is not None and (lost := ledger.without_positions()):
+            warn(
+                f"{ledger.folder / POSITIONS}: lacks the positions of {len(lost)} trials that flew, the first of them "
+                f"{lost[0]}; they cannot be shown; remove their lines from {ROWS} and they are flown again"
+            )
         yield from _fly_missing(campaign, batch, ledger, devices, warn)
 
 

@@ -167,6 +167,11 @@ class Ledger:
             if rows:
                 yield arrays["trial"][rows].tolist(), arrays["position"][rows]
 
+    def without_positions(self) -> list[int]:
+        """Trials that flew, and whose positions are no longer there, in order."""
+        kept = {trial for trials, _ in self.batches() for trial in trials}
+        return sorted(trial for trial, outcome in self.outcomes.items() if outcome.flown and trial not in kept)
+
     def record_batch_size(self, size: int | None) -> None:
         """Record the size of the batches, with which the campaign is resumed."""
         if size != self.batch:

@@ -215,6 +215,25 @@ def test_killed_and_resumed_leaves_the_same_files(tmp_path: Path, lines: int, to
 
 
 @pytest.mark.usefixtures("quick")
+def test_lost_positions_are_noticed_and_flown_again(tmp_path: Path) -> None:
+    campaign = Campaign("suburb", 0, range(10), config=windy(3.0))
+    said: list[str] = []
+    flown(campaign, batch=4, folder=tmp_path, warn=said.append)
+    whole = files(tmp_path)
+    (tmp_path / bookkeeping.POSITIONS / "000004.npz").unlink()
+    assert not said
+    flown(campaign, folder=tmp_path, warn=said.append)
+    (sentence,) = said
+    assert "lacks the positions of 4 trials that flew, the first of them 4;" in sentence
+    rows = (tmp_path / bookkeeping.ROWS).read_text().splitlines(keepends=True)
+    lost = [row for row in rows if json.loads(row)["trial"] in (4, 6, 7, 8)]
+    (tmp_path / bookkeeping.ROWS).write_text("".join(row for row in rows if row not in lost))
+    flown(campaign, folder=tmp_path, warn=said.append)
+    assert files(tmp_path)["positions/000004.npz"] == whole["positions/000004.npz"]
+    assert len(said) == 1
+
+
+@pytest.mark.usefixtures("quick")
 def test_each_batch_is_on_the_disk_when_it_is_yielded(tmp_path: Path) -> None:
     campaign = Campaign("suburb", 0, range(9), config=CALM)
     run = fly_trials(campaign, batch=3, folder=tmp_path)

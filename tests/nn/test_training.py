@@ -81,6 +81,20 @@ def test_a_killed_run_goes_on_bit_for_bit(tmp_path: Path, scenes: Scenes) -> Non
         np.testing.assert_array_equal(a, b)
 
 
+def test_a_kill_costs_no_more_than_a_minute(tmp_path: Path, scenes: Scenes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "_CHECKPOINT_S", 0.0)  # the clock says that the time is over
+
+    def kill(line: Any) -> None:
+        if line["epoch"] == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(RECIPE, scenes, GRID, Run(tmp_path), report=kill)
+    reported: list[int] = []
+    train(RECIPE, scenes, GRID, Run(tmp_path), report=lambda line: reported.append(line["epoch"]))
+    assert reported == [3, 4]
+
+
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(tmp_path: Path, scenes: Scenes) -> None:
     train(RECIPE, scenes, GRID, Run(tmp_path, epochs=2))
     kept = (tmp_path / MANIFEST).read_bytes()
