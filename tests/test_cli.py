@@ -581,6 +581,13 @@ def test_as_a_module_in_a_process_of_its_own(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("command", ["plan", "mission", "map", "scan", "fly", "view", "train", "demo", "check"])
+def test_help_says_in_words_what_is_left_out(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    assert "None" not in capsys.readouterr().out
+
+
 def test_help_waits_for_no_heavy_library(tmp_path: Path) -> None:
     script = "import sys; from maxjax.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
     script += "print('loaded', sorted({'jax', 'mujoco', 'matplotlib', 'scipy', 'laspy'} & set(sys.modules)))"

@@ -66,6 +66,34 @@ def test_a_mission_is_planned_drawn_and_written(tmp_path: Path, town: Path, caps
     np.testing.assert_allclose(rows[hovering, 1:4], np.broadcast_to([40, 8, 12], (hovering.sum(), 3)), atol=1e-5)
 
 
+def test_plans_and_missions_replace_their_own_files_alone(tmp_path: Path, town: Path) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "out"
+    ends = ["--start", "6", "16", "10", "--goal", "40", "20", "12", "--method", "astar", "--out", str(out)]
+    assert main(["mission", around(town), "--out", str(out)]) == 0
+    mission = (out / "mission.json").read_bytes()
+    assert main(["plan", str(town), *ends]) == 0
+    assert (out / "mission.json").read_bytes() == mission
+    assert main(["mission", around(town), "--out", str(out)]) == 0
+    assert {"plan.json", "plan.png", "mission.json", "mission.png"} < {file.name for file in out.iterdir()}
+
+
+def test_tables_fit_80_columns(town: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """No word of a head, a status or a number is cut, with hovers and in national coordinates."""
+    monkeypatch.setenv("COLUMNS", "80")
+    far = np.array([84000.0, 446000.0, 0.0])
+    occupied = np.zeros(SHAPE, bool)
+    np.savez(town, occupied=occupied, spacing=2.0, origin=far)
+    places = [str((far + np.array(json.loads(one))).tolist()) for one in (START, VIA, GOAL)]
+    middle = f"at = {places[1]}\nhover = 2.5"
+    assert main(["mission", written(town, places[0], middle, places[2])]) == 0
+    shown = capsys.readouterr().out
+    assert all(len(line) <= 80 for line in shown.splitlines())
+    assert "…" not in shown
+    assert "clearance" in shown
+    assert "84040, 446008" in shown
+
+
 def test_via_is_the_same_mission(town: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["mission", written(town, START, VIA, GOAL), "--json"]) == 0
     by_file = told(capsys)

@@ -177,20 +177,25 @@ def _configuration(asked: Asked) -> dict[str, Any]:
 
 def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:
     """One row a leg, and one for all."""
-    table = Table(title=title, title_justify="left")
-    names = ("leg", "to", "status", "length [m]", "clearance [m]", "speed [m/s]", "arrives [s]", "hovers [s]")
-    for name in names:
-        table.add_column(name, justify="left" if name == "status" else "right", no_wrap=name == "to")
+    heads = ("leg", "to", "status", "length\n[m]", "clearance\n[m]", "speed\n[m/s]", "arrives\n[s]", "hovers\n[s]")
+    rows = []
     for k, leg in enumerate(mission.legs):
         waypoint, ok = mission.waypoints[k + 1], leg.status == Status.OK
         lengths = [f"{x:.1f}" if ok else "" for x in (leg.length, leg.clearance)]
         arrives = f"{flown.passes[k + 1]:.1f}" if flown is not None and k + 1 < len(flown.passes) else ""
         hover = "" if waypoint.hover is None else f"{waypoint.hover:g}"
         place = ", ".join(f"{round(x, 2):.10g}" for x in waypoint.position)
-        table.add_row(str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover)
+        rows.append([str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover])
     if mission.status == Status.OK and flown is not None:
         lengths = [f"{x:.1f}" for x in (mission.length, mission.clearance)]
-        table.add_row("all", "", mission.status.name, *lengths, "", f"{flown.duration:.1f}", "", style="bold")
+        rows.append(["all", "", mission.status.name, *lengths, "", f"{flown.duration:.1f}", ""])
+    # Columns in which nothing stands are left out, and places break between coordinates: so 80 columns hold the rest.
+    shown = [k for k in range(len(heads)) if any(row[k] for row in rows)]
+    table = Table(title=title, title_justify="left")
+    for k in shown:
+        table.add_column(heads[k], justify="left" if heads[k] == "status" else "right", no_wrap=heads[k] != "to")
+    for row in rows:
+        table.add_row(*(row[k] for k in shown), style="bold" if row[0] == "all" else None)
     return table
 
 
@@ -200,7 +205,7 @@ def _written(
     """The files of a mission in a folder; without a mission to show none, and those of an earlier one go."""
     mission, flown = shown
     if mission is None or flown is None:
-        report.remove_plans(out)
+        report.remove_plans(out, "mission")
         return []
     from maxjax.viz.missions import figure_mission
 

@@ -12,18 +12,24 @@ from maxjax.methods import ALIASES, METHODS
 
 Point3 = tuple[float, float, float]
 
+
+def _optional(metavar: str) -> object:
+    """How an option is shown that may be left out: what that means, its help says, so no "default: None"."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
 _Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
 _Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
-_OptionalXyz = Annotated[Point3 | None, tyro.conf.arg(metavar="X Y Z")]
+_OptionalXyz = Annotated[Point3 | None, _optional("X Y Z")]
 _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-_OptionalMetres = Annotated[float | None, tyro.conf.arg(metavar="Z")]
-_OptionalUnit = Annotated[str | None, tyro.conf.arg(metavar="UNIT")]
-_OptionalMetre = Annotated[float | None, tyro.conf.arg(metavar="M")]
-_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1")]
+_OptionalMetres = Annotated[float | None, _optional("Z")]
+_OptionalUnit = Annotated[str | None, _optional("UNIT")]
+_OptionalMetre = Annotated[float | None, _optional("M")]
+_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, _optional("X0 Y0 Z0 X1 Y1 Z1")]
 _Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
-_OptionalFolder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
-_Count = Annotated[int | None, tyro.conf.arg(metavar="N")]
+_OptionalFolder = Annotated[Path | None, _optional("DIR")]
+_Count = Annotated[int | None, _optional("N")]
 _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 _Flag = tyro.conf.FlagCreatePairsOff[bool]
 
@@ -58,9 +64,9 @@ class ReadOptions:
     bounds: _Bounds = None
     center: _OptionalXyz = None
     ground: _OptionalMetres = None
-    below: Literal["closed", "open"] | None = None
-    unknown: Literal["occupied", "free"] | None = None
-    crs: Annotated[str | None, tyro.conf.arg(metavar="CODE")] = None
+    below: Annotated[Literal["closed", "open"] | None, _optional("{closed,open}")] = None
+    unknown: Annotated[Literal["occupied", "free"] | None, _optional("{occupied,free}")] = None
+    crs: Annotated[str | None, _optional("CODE")] = None
     unit: _OptionalUnit = None
     vertical_unit: _OptionalUnit = None
     band: _Count = None
@@ -102,11 +108,11 @@ class RouteOptions:
     radius: _Metres = 1.0
     margin: _Metres = 8.0
     price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
-    airspace: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    airspace: Annotated[Path | None, _optional("FILE")] = None
     floor: _OptionalMetre = None
     ceiling: _OptionalMetre = None
     ceiling_above_start: _OptionalMetre = None
-    place: Annotated[Point3 | None, tyro.conf.arg(metavar="LAT LON H")] = None
+    place: Annotated[Point3 | None, _optional("LAT LON H")] = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +143,7 @@ class PlanOptions(ReadOptions, RouteOptions):
     return_to_start: _Flag = False
     out: _OptionalFolder = None
     json: _Flag = False
-    export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    export: Annotated[tuple[Path, ...], _optional("FILE ...")] = ()
     takeoff_and_landing: _Flag = False
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
@@ -159,7 +165,7 @@ class MissionOptions:
     partial: _Flag = False
     out: _OptionalFolder = None
     json: _Flag = False
-    export: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    export: Annotated[tuple[Path, ...], _optional("FILE ...")] = ()
     takeoff_and_landing: _Flag = False
 
 
@@ -178,7 +184,7 @@ class MapOptions(ReadOptions):
     """
 
     map: _Map
-    at: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="X Y")] = None
+    at: Annotated[tuple[float, float] | None, _optional("X Y")] = None
     out: _OptionalFolder = None
     json: _Flag = False
 
@@ -274,8 +280,8 @@ class FlyOptions:
     mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
     fleet: _Count = None
     delay: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
-    trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
-    shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
+    trial: Annotated[int | None, _optional("K")] = None
+    shard: Annotated[str | None, _optional("K/N")] = None
     merge: _Flag = False
     distributed: _Flag = False
     out: _OptionalFolder = None
@@ -300,8 +306,8 @@ class ViewOptions(ReadOptions, RouteOptions):
         dark: A dark page.
     """
 
-    trial: Annotated[int | None, tyro.conf.arg(metavar="K")] = None
-    share: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    trial: Annotated[int | None, _optional("K")] = None
+    share: Annotated[Path | None, _optional("FILE")] = None
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
     port: Annotated[int, tyro.conf.arg(metavar="N")] = 8080
     dark: _Flag = False

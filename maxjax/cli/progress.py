@@ -65,15 +65,16 @@ def _shown(first: str, total: int | None = None, started: float = 0.0) -> Iterat
 
 
 class _Lines:
-    """Lines in a file: the first, what compiles, and of the others one in `_QUIET` seconds and the last."""
+    """Lines in a file: the first, what compiles, once, and of the others one in `_QUIET` seconds and the last."""
 
     def __init__(self, first: str, total: int | None, started: float) -> None:
-        self._total, self._since = total, started
+        self._total, self._since, self._compiled = total, started, False
         self._print(f"{first} ...")
 
     def __call__(self, sentence: str, done: int = 0, now: float | None = None) -> None:
         if now is None:
-            if "compiling" in sentence:
+            if "compiling" in sentence and not self._compiled:
+                self._compiled = True
                 self._print(f"{sentence} ...")
         elif done == self._total or now - self._since > _QUIET:
             self._since = now

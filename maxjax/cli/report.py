@@ -258,10 +258,10 @@ def complain(message: str) -> None:
     console(stderr=True).print(message, highlight=False, soft_wrap=True)
 
 
-def remove_plans(out: Path) -> None:
-    """Remove the files of an earlier plan or mission from a folder, if it is there."""
-    for name in ("plan.json", "mission.json", "path.csv", "plan.png", "mission.png"):
-        (out / name).unlink(missing_ok=True)
+def remove_plans(out: Path, name: str) -> None:
+    """Remove the files of an earlier `plan` or `mission` from a folder, and no others, if it is there."""
+    for file in (f"{name}.json", "path.csv", f"{name}.png"):
+        (out / file).unlink(missing_ok=True)
 
 
 def write_plan(out: Path, content: Mapping[str, Any], figure: Any, name: str = "plan") -> list[Path]:
@@ -274,7 +274,7 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any, name: str = "
         name: of the JSON and the figure, `plan` or `mission`.
 
     Returns:
-        The files written. Those of an earlier plan are gone: after a failure, no path is left to fly.
+        The files written. Those of an earlier one of this name are gone: after a failure, no path is left to fly.
 
     Raises:
         OSError: if they cannot be written.
@@ -283,7 +283,7 @@ def write_plan(out: Path, content: Mapping[str, Any], figure: Any, name: str = "
 
     out.mkdir(parents=True, exist_ok=True)
     summary, path, picture = out / f"{name}.json", out / "path.csv", out / f"{name}.png"
-    remove_plans(out)
+    remove_plans(out, name)
     written = []
     if figure is not None:
         save_figure(figure, picture)

@@ -1,6 +1,6 @@
 """Print-quality figures of paths in a map and of scans (extra `viz`).
 
-plan view: top of the highest obstacle in each column [m], seen from above, ground left out
+plan view: top of the obstacles in each column [m], seen from above, ground left out
 section:   the voxels over and under the first path, unrolled over its horizontal distance
 """
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 _WIDTH = 5.2  # of the panels [in]
+_NARROWEST = 0.9  # a panel [in]
+_LEAST_PAGE = 3.4  # between its margins, for the legend below [in]
 _ROW = 0.17  # of the legend [in]
 
 # A box on the page: left, bottom, width, height [in].
@@ -87,7 +89,7 @@ class _Page:
     def of(cls, view: View, section: Section, rows: int, titled: bool) -> _Page:
         """The page of a view of the map, a section, and a legend of some rows."""
         lower, upper = view
-        width, height = _WIDTH * (upper - lower) / (upper - lower).max()
+        width, height = np.maximum(_WIDTH * (upper - lower) / (upper - lower).max(), _NARROWEST)
         side = float(np.clip(_WIDTH * section.rise / max(section.length, 1.0), 0.9, 2.0))
         bottom = 0.52 + _ROW * rows
         above = bottom + side + 0.5
@@ -235,18 +237,30 @@ def _draw_legends(figure: Figure, page: _Page, lines: list[Line2D], plan: Axes, 
 
 @contextlib.contextmanager
 def _from_above(
-    obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, level: float, left: float, title: str | None
+    obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, level: float, title: str | None
 ) -> Iterator[tuple[Figure, Axes]]:
-    """A page with the plan view of a whole map, obstacles outlined at `level` [m], for what is drawn into it."""
+    """A page with the plan view of a whole map, obstacles outlined at `level` [m], for what is drawn into it.
+
+    The page is as high and as wide as the map needs: none of it is empty, however long the map is.
+    """
     rc_context, new_figure = load_matplotlib()
     grid.check_volume("obstacle", obstacle)
+    lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
+    width, height = np.maximum(_WIDTH * (upper - lower) / (upper - lower).max(), _NARROWEST)
+    # Room for the digits of y beside its label.
+    left, bottom = 0.42 + 0.06 * max(len(f"{y:.0f}") for y in (lower[1], upper[1])), 0.8
+    size = (left + max(width, _LEAST_PAGE) + 0.95, bottom + height + (0.36 if title else 0.1))
+    left += 0.5 * (max(width, _LEAST_PAGE) - width)
     with rc_context(STYLE):
-        figure = new_figure(figsize=(6.7, 6.1))
-        plan, bar = figure.add_axes((left, 0.14, 0.85 - left, 0.8)), figure.add_axes((0.87, 0.14, 0.018, 0.4))
-        draw_plan(plan, bar, obstacle, grid, (np.array(grid.lower[:2]), np.array(grid.upper[:2])), level)
+        figure = new_figure(figsize=size)
+        plan, bar = (
+            figure.add_axes((x / size[0], bottom / size[1], wide / size[0], high / size[1]))
+            for x, wide, high in ((left, width, height), (left + width + 0.12, 0.1, min(height, 2.4)))
+        )
+        draw_plan(plan, bar, obstacle, grid, (lower, upper), level)
         yield figure, plan
         if title:
-            figure.suptitle(title, x=0.475, y=0.985, va="top", fontsize=9)
+            figure.suptitle(title, x=(left + 0.5 * width) / size[0], y=1 - 0.08 / size[1], va="top", fontsize=9)
 
 
 def figure_map(
@@ -269,9 +283,11 @@ def figure_map(
         ImportError: if matplotlib is missing; names the extra.
     """
     obstacle = known(obstacle, within)
-    levels = np.flatnonzero(obstacle.any(axis=(0, 1)))
+    outside = np.zeros((1, 1, 1), bool) if within is None else ~within[:, :, None]
+    # Of levels, those where something is free and something is not: not what is unknown above everything.
+    levels = np.flatnonzero(obstacle.any(axis=(0, 1)) & ~(obstacle | outside).all(axis=(0, 1)))
     middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
-    with _from_above(obstacle, grid, float(middle), 0.12, title) as (figure, plan):
+    with _from_above(obstacle, grid, float(middle), title) as (figure, plan):
         if within is not None:
             draw_outside(plan, within, grid)
         figure.legend(loc="lower center", ncols=2)
@@ -299,7 +315,7 @@ def figure_scan(
         ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    with _from_above(obstacle, grid, float(position[2]), 0.1, title) as (figure, plan):
+    with _from_above(obstacle, grid, float(position[2]), title) as (figure, plan):
         draw_returns(plan, points, f"scan return ({len(points)})")
         draw_mark(plan, position[0], position[1], Mark("^", 7.0, "white", "sensor"))
         figure.legend(loc="lower center", ncols=3)

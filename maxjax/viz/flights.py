@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
-from maxjax.viz.marks import Mark, draw_mark
+from maxjax.viz.marks import Mark, draw_halo, draw_mark
 from maxjax.viz.plan_view import draw_plan, square_around
 from maxjax.viz.section import horizontal_distance
 from maxjax.viz.style import ARRIVED, FAILED, GOAL, OBSTACLE, STYLE, load_matplotlib
@@ -104,7 +104,7 @@ def _draw_flight(axes: Axes, flight: Flown, wide: float) -> None:
     """A flown line of a width [pt] and its ends; of a failed one, the trial's number as well."""
     line, goal, bad = flight.line.astype(np.float64), flight.goal.astype(np.float64), not flight.arrived
     color, dashes = (FAILED, _DASHES) if bad else (ARRIVED, "-")
-    axes.plot(*line[:, :2].T, color="white", linewidth=wide + 1.2, zorder=5, solid_capstyle="round")
+    draw_halo(axes, line[:, 0], line[:, 1], wide)
     axes.plot(*line[:, :2].T, color=color, linewidth=wide + 0.3 * bad, linestyle=dashes, zorder=6 + bad)
     draw_mark(axes, line[0, 0], line[0, 1], Mark("o", 3.6, "white"))
     draw_mark(axes, goal[0], goal[1], Mark("*", 6.5, GOAL))

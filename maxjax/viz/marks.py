@@ -1,4 +1,4 @@
-"""Lines and marks that all figures share: paths with a white halo, ends and other places with a black edge."""
+"""Lines and marks that all figures share: paths with a pale halo, ends and other places with a black edge."""
 
 from __future__ import annotations
 
@@ -33,12 +33,17 @@ class Mark:
 
 
 def draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, number: int, label: str | None) -> Line2D:
-    """A line with a white halo, so that it stands out against dark roofs; the first path lies on top."""
+    """A line with a halo, so that it stands out against dark roofs; the first path lies on top."""
     color, dashes = PATHS[number % len(PATHS)]
     width = 1.8 if number == 0 else 1.5
-    axes.plot(x, y, color="white", linewidth=width + 1.4, zorder=5, solid_capstyle="round")
+    draw_halo(axes, x, y, width)
     (line,) = axes.plot(x, y, color=color, linewidth=width, linestyle=dashes, zorder=7 - 0.1 * number, label=label)
     return line
+
+
+def draw_halo(axes: Axes, x: np.ndarray, y: np.ndarray, width: float) -> None:
+    """A pale edge around a line of a width [pt]: roofs show through, or it would look like a street between them."""
+    axes.plot(x, y, color="white", alpha=0.5, linewidth=width + 1.0, zorder=5, solid_capstyle="round")
 
 
 def draw_colored(

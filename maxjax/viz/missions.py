@@ -20,7 +20,7 @@ from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.verification.verifier import verify
 from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.drawable import drawable, known, titled
-from maxjax.viz.marks import draw_colored
+from maxjax.viz.marks import draw_colored, draw_halo
 from maxjax.viz.plan_view import draw_plan, level_of, view_around
 from maxjax.viz.style import ARRIVED, EARTH, FAILED, KNOWN, OBSTACLE, STYLE, load_matplotlib
 
@@ -156,7 +156,7 @@ def _draw_way(axes: Axes, bar: Axes, course: _Course, passes: Float64[np.ndarray
         head = {"arrowstyle": "-|>", "color": "black", "mutation_scale": 9.0, "linewidth": 0.0}
         after = min(k + 5, len(x) - 1)
         axes.annotate("", (x[after], y[after]), (x[max(k - 5, 0)], y[max(k - 5, 0)]), arrowprops=head, zorder=9)
-    axes.plot(x, y, color="white", linewidth=3.2, zorder=5, solid_capstyle="round")
+    draw_halo(axes, x, y, 1.8)
     line = draw_colored(axes, x, y, course.clearance, (0.0, max(float(course.clearance.max()), 1.0)))
     axes.figure.colorbar(line, cax=bar, label=f"Clearance [m]{course.most}")
 

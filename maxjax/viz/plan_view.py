@@ -1,6 +1,9 @@
 """A map from above: heights of the obstacles, their outline at an altitude, level lines of the potential.
 
-height in a column = top of its highest obstacle [m], ground left out
+height in a column = top of its highest obstacle below its highest free voxel [m], ground left out
+
+So where a ceiling or what is unknown above it closes a column, the floor below is shown; a column without any free
+voxel is drawn as high as its highest obstacle, and counts for the scale of colours only where there is no other.
 """
 
 from __future__ import annotations
@@ -51,13 +54,14 @@ def draw_plan(
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap
 
-    (x0, y0, z0), (x1, y1, _) = grid.lower, grid.upper
-    nz = grid.shape[2]
-    top = np.where(obstacle.any(axis=2), z0 + grid.spacing * (nz - obstacle[:, :, ::-1].argmax(axis=2)), np.nan)
-    inside = [slice(*_index_range(grid, axis, view)) for axis in (0, 1)]
-    seen = top[inside[0], inside[1]]
-    shown = seen[np.isfinite(seen)]
+    (x0, y0, _), (x1, y1, _) = grid.lower, grid.upper
+    top, full = tops(obstacle, grid), obstacle.all(axis=2)
+    inside = slice(*_index_range(grid, 0, view)), slice(*_index_range(grid, 1, view))
+    seen, filled = top[inside], full[inside]
+    shown = seen[np.isfinite(seen) & ~filled]
+    shown = shown if len(shown) else seen[np.isfinite(seen)]
     limits = (shown.min(), max(shown.max(), shown.min() + grid.spacing)) if len(shown) else (0.0, 1.0)
+    higher = bool(np.any(seen[filled] > limits[1]))
     image = axes.imshow(
         top.T,
         origin="lower",
@@ -67,7 +71,7 @@ def draw_plan(
         vmax=limits[1],
         interpolation="nearest",
     )
-    axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]")
+    axes.figure.colorbar(image, cax=bar, label="Top of obstacles, z [m]", extend="max" if higher else "neither")
     outline = LineCollection(
         list(edges(obstacle[:, :, level_of(grid, altitude)], grid)),
         colors="black",
@@ -77,8 +81,28 @@ def draw_plan(
     axes.add_collection(outline, autolim=False)
     axes.set(xlim=(view[0][0], view[1][0]), ylim=(view[0][1], view[1][1]), aspect="equal")
     axes.set(xlabel="East, x [m]", ylabel="North, y [m]")
+    _space_ticks(axes)
     # National grids have coordinates of six digits, which are to be read as they are.
     axes.ticklabel_format(useOffset=False, style="plain")
+
+
+def _space_ticks(axes: Axes) -> None:
+    """As many ticks as there is room for, of a long and narrow map too, whose axes are smaller than their place."""
+    axes.apply_aspect()
+    size = np.multiply(axes.get_position().size, axes.figure.get_size_inches())
+    for axis, room, each in ((axes.xaxis, size[0], 0.55), (axes.yaxis, size[1], 0.3)):
+        axis.get_major_locator().set_params(nbins=int(np.clip(room / each, 1, 9)))
+    if size[1] < 0.2:  # lower than two labels
+        axes.yaxis.get_major_locator().set_params(min_n_ticks=1)
+
+
+def tops(obstacle: np.ndarray, grid: Grid) -> np.ndarray:
+    """Heights (nx, ny) of the obstacles (nx, ny, nz) seen from the highest free place of each column [m]; NaN: none."""
+    free = ~obstacle
+    under = np.where(free.any(axis=2), grid.shape[2] - free[:, :, ::-1].argmax(axis=2), grid.shape[2])
+    below = obstacle & (np.arange(grid.shape[2]) < under[:, :, None])
+    top = grid.lower[2] + grid.spacing * (grid.shape[2] - below[:, :, ::-1].argmax(axis=2))
+    return np.where(below.any(axis=2), top, np.nan)
 
 
 def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:

@@ -14,7 +14,7 @@ import pytest
 from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.maps import ground_mask, read_map, solidify
-from maxjax.viz.figures import Nearness, Overlay, figure_plan
+from maxjax.viz.figures import Nearness, Overlay, figure_map, figure_plan
 from maxjax.viz.style import save_figure
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -278,3 +278,43 @@ def test_delft_and_warframe_at_full_size(data: Path, tmp_path: Path) -> None:
     drawn = figure_plan(VoxelMap.on(voxels.grid, voxels.occupied), {"line": ends}, *ends)
     save_figure(drawn, tmp_path / "warframe.png")
     assert "ground" not in texts(drawn)
+
+
+@pytest.mark.parametrize("shape", [(300, 30, 4), (30, 300, 4), (500, 6, 4), (3, 3, 3)])
+def test_a_map_of_any_shape_fills_its_page(shape: tuple[int, int, int]) -> None:
+    """Little of the page above and beside the map is empty, and no two labels of an axis overlap."""
+    obstacle = np.zeros(shape, bool)
+    obstacle[1, 1, 1] = True
+    drawn = figure_map(obstacle, Grid(shape, 2.0, (85000.0, 447000.0, 1.0)), title="a map")
+    canvas = FigureCanvasAgg(drawn)
+    canvas.draw()
+    plan = drawn.axes[0]
+    place = plan.get_window_extent()
+    assert drawn.bbox.height - place.y1 < 0.9 * drawn.dpi
+    for axis, (low, high) in ((plan.xaxis, plan.get_xlim()), (plan.yaxis, plan.get_ylim())):
+        seen = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        assert seen
+        boxes = [tick.label1.get_window_extent() for tick in seen]
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_colours_tell_floors_under_a_ceiling() -> None:
+    """What closes a column above its highest free voxel, as where nothing is known, hides nothing of it."""
+    obstacle = np.zeros((4, 3, 8), bool)
+    obstacle[:, :, 6:] = True
+    obstacle[1, :, :2] = True
+    obstacle[2] = True
+    plan, bar = figure_map(obstacle, Grid((4, 3, 8), 2.0, (1.0, 1.0, 1.0))).axes
+    (image, *_) = plan.images
+    heights = np.ma.filled(image.get_array().astype(float), np.nan)
+    np.testing.assert_array_equal(heights, np.tile([np.nan, 4.0, 16.0, np.nan], (3, 1)))
+    assert image.get_clim() == (4.0, 6.0)
+    assert bar is image.colorbar.ax
+    assert image.colorbar.extend == "max"
+
+
+def test_a_path_cuts_no_roof_in_two() -> None:
+    """Around its line a roof shows through."""
+    halos = [line for line in figure().axes[0].lines if line.get_color() == "white" and line.get_linestyle() == "-"]
+    assert halos
+    assert all(line.get_alpha() is not None and line.get_alpha() < 0.7 for line in halos)
