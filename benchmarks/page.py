@@ -26,6 +26,7 @@ from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.view.city import City, first_ends
+from maxjax.view.controls import text_place
 from maxjax.view.draw import city_scene, city_surface
 from maxjax.view.plan_page import PlanPage
 from maxjax.view.question import Answer, Question, answer
@@ -148,7 +149,7 @@ def _settled(page: PlanPage, before: Point3) -> Answer | None:
     end = time.monotonic() + 20.0
     while time.monotonic() < end:
         now = page.waypoints[0]
-        if now != before and tuple(page.controls.start.value) == now and page.worker.rest(10.0):
+        if now != before and text_place(page.controls.start.value) == now and page.worker.rest(10.0):
             found = page.answer
             return found if found is not None and found.ok and found.question.waypoints[0] == now else None
         time.sleep(0.02)

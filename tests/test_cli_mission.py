@@ -91,7 +91,8 @@ def test_tables_fit_80_columns(town: Path, capsys: pytest.CaptureFixture[str], m
     assert all(len(line) <= 80 for line in shown.splitlines())
     assert "…" not in shown
     assert "clearance" in shown
-    assert "84040, 446008" in shown
+    assert "84040" in shown
+    assert "446008" in shown
 
 
 def test_via_is_the_same_mission(town: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,33 +12,26 @@ import tyro
 from maxjax.methods import ALIASES, METHODS
 
 Point3 = tuple[float, float, float]
-
-
-def _optional(metavar: str) -> object:
-    """How an option is shown that may be left out: what that means, its help says, so no "default: None"."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
-
-
+_optional = functools.partial(tyro.conf.arg, help_behavior_hint="")  # what its absence means, the help says
 _Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
 _Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
-_OptionalXyz = Annotated[Point3 | None, _optional("X Y Z")]
+_OptionalXyz = Annotated[Point3 | None, _optional(metavar="X Y Z")]
 _Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-_OptionalMetres = Annotated[float | None, _optional("Z")]
-_OptionalUnit = Annotated[str | None, _optional("UNIT")]
-_OptionalMetre = Annotated[float | None, _optional("M")]
-_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, _optional("X0 Y0 Z0 X1 Y1 Z1")]
+_OptionalMetres = Annotated[float | None, _optional(metavar="Z")]
+_OptionalUnit = Annotated[str | None, _optional(metavar="UNIT")]
+_OptionalMetre = Annotated[float | None, _optional(metavar="M")]
+_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, _optional(metavar="X0 Y0 Z0 X1 Y1 Z1")]
 _Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
-_OptionalFolder = Annotated[Path | None, _optional("DIR")]
-_Count = Annotated[int | None, _optional("N")]
+_OptionalFolder = Annotated[Path | None, _optional(metavar="DIR")]
+_Count = Annotated[int | None, _optional(metavar="N")]
 _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 _Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 if TYPE_CHECKING:
     _Planner = str
-    _Flyer = str
 else:  # the choices of the registry; solver is another word for field
-    _Planner = _Flyer = Literal[(*METHODS, *ALIASES)]
+    _Planner = Literal[(*METHODS, *ALIASES)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,9 +58,9 @@ class ReadOptions:
     bounds: _Bounds = None
     center: _OptionalXyz = None
     ground: _OptionalMetres = None
-    below: Annotated[Literal["closed", "open"] | None, _optional("{closed,open}")] = None
-    unknown: Annotated[Literal["occupied", "free"] | None, _optional("{occupied,free}")] = None
-    crs: Annotated[str | None, _optional("CODE")] = None
+    below: Annotated[Literal["closed", "open"] | None, _optional(metavar="{closed,open}")] = None
+    unknown: Annotated[Literal["occupied", "free"] | None, _optional(metavar="{occupied,free}")] = None
+    crs: Annotated[str | None, _optional(metavar="CODE")] = None
     unit: _OptionalUnit = None
     vertical_unit: _OptionalUnit = None
     band: _Count = None
@@ -108,11 +102,11 @@ class RouteOptions:
     radius: _Metres = 1.0
     margin: _Metres = 8.0
     price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
-    airspace: Annotated[Path | None, _optional("FILE")] = None
+    airspace: Annotated[Path | None, _optional(metavar="FILE")] = None
     floor: _OptionalMetre = None
     ceiling: _OptionalMetre = None
     ceiling_above_start: _OptionalMetre = None
-    place: Annotated[Point3 | None, _optional("LAT LON H")] = None
+    place: Annotated[Point3 | None, _optional(metavar="LAT LON H")] = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +137,7 @@ class PlanOptions(ReadOptions, RouteOptions):
     return_to_start: _Flag = False
     out: _OptionalFolder = None
     json: _Flag = False
-    export: Annotated[tuple[Path, ...], _optional("FILE ...")] = ()
+    export: Annotated[tuple[Path, ...], _optional(metavar="FILE ...")] = ()
     takeoff_and_landing: _Flag = False
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
@@ -165,7 +159,7 @@ class MissionOptions:
     partial: _Flag = False
     out: _OptionalFolder = None
     json: _Flag = False
-    export: Annotated[tuple[Path, ...], _optional("FILE ...")] = ()
+    export: Annotated[tuple[Path, ...], _optional(metavar="FILE ...")] = ()
     takeoff_and_landing: _Flag = False
 
 
@@ -184,7 +178,7 @@ class MapOptions(ReadOptions):
     """
 
     map: _Map
-    at: Annotated[tuple[float, float] | None, _optional("X Y")] = None
+    at: Annotated[tuple[float, float] | None, _optional(metavar="X Y")] = None
     out: _OptionalFolder = None
     json: _Flag = False
 
@@ -264,7 +258,7 @@ class FlyOptions:
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
     trials: _Count = None
     seed: _Seed = 0
-    method: _Flyer = "field"
+    method: _Planner = "field"
     batch: _Count = None
     wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
     noise: _Metres = 0.0
@@ -280,8 +274,8 @@ class FlyOptions:
     mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
     fleet: _Count = None
     delay: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
-    trial: Annotated[int | None, _optional("K")] = None
-    shard: Annotated[str | None, _optional("K/N")] = None
+    trial: Annotated[int | None, _optional(metavar="K")] = None
+    shard: Annotated[str | None, _optional(metavar="K/N")] = None
     merge: _Flag = False
     distributed: _Flag = False
     out: _OptionalFolder = None
@@ -306,8 +300,8 @@ class ViewOptions(ReadOptions, RouteOptions):
         dark: A dark page.
     """
 
-    trial: Annotated[int | None, _optional("K")] = None
-    share: Annotated[Path | None, _optional("FILE")] = None
+    trial: Annotated[int | None, _optional(metavar="K")] = None
+    share: Annotated[Path | None, _optional(metavar="FILE")] = None
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
     port: Annotated[int, tyro.conf.arg(metavar="N")] = 8080
     dark: _Flag = False

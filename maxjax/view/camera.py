@@ -18,7 +18,7 @@ _HEIGHTS = (50.0, 65.0, 80.0)
 # What a further turn or height must show more of a way to be taken.
 _TURN_WORTH, _HEIGHT_WORTH = 0.01, 0.1
 _DISTANCE = 1.1  # of the camera, in widths of what is looked at
-_LEAST, _WIDTHS = 60.0, 1.5  # width of what is looked at: at least [m], and in extents of the way
+_LEAST, _WIDTHS = 60.0, 1.1  # width of what is looked at: at least [m], and in extents of the way
 _MOST_POINTS = 64
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from maxjax.core.grid import Point3
 from maxjax.methods import METHODS
 from maxjax.missions.export import IN_TIME, ON_EARTH
 from maxjax.planning.mission import Waypoint
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 _SLICES = {"none": None, "cost to the goal, −ℓ log φ": "cost", "price of a metre": "price"}
 _AXES: dict[str, Axis] = {"horizontal": "z", "along y": "x", "along x": "y"}
+_TYPED = "x, y, z"
 _MOST = 30.0  # of radius and margin [m]
 _HIGHEST = 150.0  # of the altitude band [m]
 
@@ -47,7 +50,6 @@ class Controls:
     place: Any
     through: Any
     dark: Any
-    format: Any
     export: Any
     share: Any
 
@@ -72,6 +74,11 @@ class Controls:
             return self.first.band
         return None if low <= 0.0 else low, None if high >= self.band.max else max(high, low + 1.0)
 
+    def say_band(self) -> None:
+        """Write the numbers of the altitude band beside its slider."""
+        low, high = map(float, self.band.value)
+        self.band.label = _band_label(low, high, self.band.max)
+
     def wanted(self, city: City) -> Slice | None:
         """The slice to show; None: none."""
         of = _SLICES[self.slice.value]
@@ -88,8 +95,9 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
     parts: dict[str, Any] = {"first": question}
     parts |= {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
     with gui.add_folder("Where"):
-        parts["start"] = gui.add_vector3("Start [m]", question.waypoints[0], step=0.5)
-        parts["goal"] = gui.add_vector3("Goal [m]", question.waypoints[-1], step=0.5)
+        # As text: three boxes are too narrow for national coordinates.
+        parts["start"] = gui.add_text("Start [m]", place_text(question.waypoints[0]), hint=_TYPED)
+        parts["goal"] = gui.add_text("Goal [m]", place_text(question.waypoints[-1]), hint=_TYPED)
         parts["click"] = gui.add_checkbox("Add waypoints by click", False)
         parts["above"] = gui.add_slider("Above what is clicked [m]", 2.0, 60.0, 1.0, 10.0)
         parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(question.waypoints) < 3)
@@ -99,9 +107,8 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
             parts[name] = gui.add_slider(f"{name.capitalize()} [m]", 0.0, max(_MOST, given), step, given)
         parts["keep"] = gui.add_checkbox("Keep an altitude band", question.band is not None)
         band = _on_slider((5.0, 60.0) if question.band is None else question.band)
-        parts["band"] = gui.add_multi_slider(
-            "Above ground [m]", min=min(0.0, band[0]), max=max(_HIGHEST, band[1]), step=1.0, initial_value=band
-        )
+        low, high = min(0.0, band[0]), max(_HIGHEST, band[1])
+        parts["band"] = gui.add_multi_slider(_band_label(*band, high), min=low, max=high, step=1.0, initial_value=band)
         parts["beside"] = gui.add_checkbox("A* beside it", question.beside)
     with gui.add_folder("Look inside", expand_by_default=False):
         parts["slice"] = gui.add_dropdown("Slice of", tuple(_SLICES), initial_value="none")
@@ -113,10 +120,27 @@ def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool,
         parts["dark"] = gui.add_checkbox("Dark page", dark)
     with gui.add_folder("Take away", expand_by_default=False):
         formats = tuple(ending for ending in (*(ON_EARTH if on_earth else ()), *IN_TIME) if ending != ".rosbag")
-        parts["format"] = gui.add_dropdown("Format", formats)
-        parts["export"] = gui.add_button("Download the plan")
+        parts["export"] = gui.add_button_group("Download the plan", formats)
         parts["share"] = gui.add_button("Download this page")
     return Controls(**parts)
+
+
+def _band_label(low: float, high: float, most: float) -> str:
+    return f"Above ground, {low:g} to {high:g} m" if high < most else f"Above ground, from {low:g} m"
+
+
+def place_text(place: Point3) -> str:
+    """A place [m] as it is shown and typed: whole numbers whole, all others to the millimetre."""
+    return ", ".join(f"{round(x, 3):.12g}" for x in place)
+
+
+def text_place(text: str) -> Point3 | None:
+    """The place [m] that is typed as three numbers, with commas or without; None where it is not."""
+    try:
+        x, y, z = map(float, text.replace(",", " ").split())
+    except ValueError:
+        return None
+    return (x, y, z) if math.isfinite(x + y + z) else None
 
 
 def _on_slider(band: Band) -> tuple[float, float]:

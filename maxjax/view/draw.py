@@ -64,11 +64,11 @@ def root_of(name: str) -> str:
     return f"/ends/{name.replace(' ', '_')}"
 
 
-def end_scene(root: str, name: str, at: Point3 = (0.0, 0.0, 0.0)) -> Scene:
-    """A waypoint and its name, below a node `root`, at a place in that node's frame [m]."""
+def end_scene(root: str, name: str, at: Point3 = (0.0, 0.0, 0.0), high: float = 2 * END) -> Scene:
+    """A waypoint and its name, below a node `root`, at a place in that node's frame, the name so high above it [m]."""
     color = {"start": START, "goal": GOAL}.get(name, VIA)
     below = name == "goal"  # else it would hide the start's name where a mission returns to its start
-    words = Text((at[0], at[1], at[2] + (-2 if below else 2) * END), name, below)
+    words = Text((at[0], at[1], at[2] + (-2 * END if below else high)), name, below)
     return {f"{root}/ball": Ball(at, END, color), f"{root}/name": words}
 
 

@@ -14,10 +14,13 @@ from jaxtyping import Float
 from maxjax.core.grid import Point3
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.view.colors import VEHICLE
+from maxjax.view.draw import plain_line
 from maxjax.view.nodes import Ball, Frame, Scene
 
 VEHICLE_NODE = "/vehicle"
-_SIZE = 1.3  # of the ball that stands for the vehicle [m]; its own radius is 0.5 m
+PLUMB_NODE = f"{VEHICLE_NODE}/plumb"
+_PLUMB = 2.0  # width [px]
+_SIZE, _SHARE = 1.3, 0.012  # radius of the ball that stands for the vehicle: at least [m], and in extents of its way
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,8 +65,18 @@ class Film:
         return x, y, z
 
     def begin(self) -> Scene:
-        """The scene at the start, the vehicle with it."""
-        return {**self.still, VEHICLE_NODE: Ball(self.vehicle(0.0), _SIZE, VEHICLE)}
+        """The scene at the start, the vehicle with it.
+
+        It is drawn so large that it is seen over its whole way, and a line leads straight down from it: as deep as the
+        highest position, so that the ground hides what lies below.
+        """
+        size = max(_SIZE, _SHARE * float(np.ptp(self.positions, axis=0).max()))
+        line = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -float(self.positions[:, 2].max())]])
+        return {
+            **self.still,
+            VEHICLE_NODE: Ball(self.vehicle(0.0), size, VEHICLE),
+            PLUMB_NODE: plain_line(line, VEHICLE, _PLUMB),
+        }
 
     def showing(self, time: float) -> dict[str, Scene]:
         """What is shown of each part at a time."""

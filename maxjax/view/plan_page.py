@@ -16,7 +16,7 @@ from maxjax.core.grid import Point3
 from maxjax.planning.mission import Waypoint
 from maxjax.view.air import air_lines, air_scene
 from maxjax.view.city import City, hit
-from maxjax.view.controls import add_controls, legend, reach
+from maxjax.view.controls import add_controls, legend, place_text, reach, text_place
 from maxjax.view.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.view.nodes import point3
 from maxjax.view.question import Answer, Question, answer, told
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 _SLOW = 0.5  # after so long the status says that a plan is being made [s]
-_HANDLE = 12.0  # length of a handle's arrows [m]
+_HANDLE, _REACH = 12.0, 0.15  # length of a handle's arrows: at least [m], and in extents of the waypoints
+_NAME = 1.15  # height of a name above its waypoint, in lengths of an arrow
 
 # What is written for the user to take away: a file's name and content, of an ending and an answer.
 Exporter = Callable[[str, Answer], tuple[str, bytes]]
@@ -62,6 +63,7 @@ class PlanPage:
         self._stage.show("/map", city_scene(city))
         look_at(server, city, _surroundings(city, question))
         self._stops = list(question.stops)
+        self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(question.waypoints), axis=0).max()))
         self._handles: dict[str, Any] = {}
         self._field: tuple[tuple[Any, ...], Field | None] = (), None
         self._lock = threading.RLock()
@@ -115,13 +117,13 @@ class PlanPage:
             for name, place in zip(names, self.waypoints, strict=True):
                 if name not in self._handles:
                     self._handles[name] = self._handle(name, place)
-                    self._stage.show(root_of(name), end_scene(root_of(name), name))
+                    self._stage.show(root_of(name), end_scene(root_of(name), name, high=_NAME * self._arrow))
         self.controls.undo.disabled = len(self._stops) < 3
 
     def _handle(self, name: str, place: Point3) -> Any:
         at = point3(self._city.frame.page(place))
         handle = self._server.scene.add_transform_controls(
-            root_of(name), scale=_HANDLE, line_width=4.0, disable_rotations=True, depth_test=False, position=at
+            root_of(name), scale=self._arrow, line_width=6.0, disable_rotations=True, depth_test=False, position=at
         )
 
         # Coroutines keep the order of a drag's events; none of them waits.
@@ -142,7 +144,7 @@ class PlanPage:
 
     def _write_ends(self) -> None:
         """Say in the panel where start and goal are."""
-        self.controls.start.value, self.controls.goal.value = self.waypoints[0], self.waypoints[-1]
+        self.controls.start.value, self.controls.goal.value = (place_text(self.waypoints[k]) for k in (0, -1))
 
     def _listen(self) -> None:
         """Ask anew whenever a control changes."""
@@ -156,6 +158,7 @@ class PlanPage:
             controls.band,
         ):
             control.on_update(lambda _: self.ask())
+        controls.band.on_update(lambda _: controls.say_band())
         for control in (controls.slice, controls.place):
             control.on_update(lambda _: self.ask())
         for k, control in ((0, controls.start), (-1, controls.goal)):
@@ -166,7 +169,7 @@ class PlanPage:
         controls.through.on_update(lambda _: self._stage.show("/map", city_scene(city, self._opacity())))
         controls.dark.on_update(lambda _: look(self._server, dark=controls.dark.value))
         self._server.scene.on_click()(self._clicked)
-        controls.export.on_click(lambda event: self._download(event, controls.format.value))
+        controls.export.on_click(lambda event: self._download(event, event.target.value))
         controls.share.on_click(lambda event: self._download(event, ".html"))
 
     def _turned(self) -> None:
@@ -186,9 +189,9 @@ class PlanPage:
             self.add((met[0], met[1], met[2] + float(self.controls.above.value)))
 
     def _typed(self, k: int, event: Any) -> None:
-        place = point3(np.asarray(event.target.value))
-        if event.client is None or place == self.waypoints[k]:
-            return  # the panel was told, not the page
+        place = text_place(event.target.value)
+        if event.client is None or place is None or place == self.waypoints[k]:
+            return  # the panel was told, not the page; or not all is typed yet
         self.move(k % len(self._stops), place)
 
     def _download(self, event: Any, ending: str) -> None:
@@ -252,5 +255,5 @@ class PlanPage:
 def _surroundings(city: City, question: Question) -> np.ndarray:
     """The ends with some of the map around them, in the page's frame [m]."""
     ends = city.frame.page(np.array(question.waypoints))
-    room = 0.6 * max(float(np.ptp(ends, axis=0).max()), 40.0)
+    room = 0.15 * max(float(np.ptp(ends, axis=0).max()), 40.0)
     return np.concatenate([ends - room, ends + room])

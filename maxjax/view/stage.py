@@ -27,7 +27,8 @@ class Stage:
 
     def show(self, part: str, nodes: Scene) -> None:
         """Show these nodes in place of all below `part`; nodes that are the same object stay."""
-        for name in [name for name in self._shown if _within(name, part) and name not in nodes]:
+        # What lies below a node goes before it.
+        for name in sorted((n for n in self._shown if _within(n, part) and n not in nodes), reverse=True):
             self._shown.pop(name)[1].remove()
         for name, node in nodes.items():
             if name not in self._shown or self._shown[name][0] is not node:

@@ -55,7 +55,7 @@ def draw_plan(
     from matplotlib.colors import LinearSegmentedColormap
 
     (x0, y0, _), (x1, y1, _) = grid.lower, grid.upper
-    top, full = tops(obstacle, grid), obstacle.all(axis=2)
+    top, full = tops(obstacle, grid), np.asarray(np.all(obstacle, axis=2))
     inside = slice(*_index_range(grid, 0, view)), slice(*_index_range(grid, 1, view))
     seen, filled = top[inside], full[inside]
     shown = seen[np.isfinite(seen) & ~filled]
@@ -88,12 +88,15 @@ def draw_plan(
 
 def _space_ticks(axes: Axes) -> None:
     """As many ticks as there is room for, of a long and narrow map too, whose axes are smaller than their place."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.apply_aspect()
-    size = np.multiply(axes.get_position().size, axes.figure.get_size_inches())
+    place = axes.get_window_extent()
+    size = place.width / axes.figure.dpi, place.height / axes.figure.dpi
     for axis, room, each in ((axes.xaxis, size[0], 0.55), (axes.yaxis, size[1], 0.3)):
-        axis.get_major_locator().set_params(nbins=int(np.clip(room / each, 1, 9)))
-    if size[1] < 0.2:  # lower than two labels
-        axes.yaxis.get_major_locator().set_params(min_n_ticks=1)
+        most = int(np.clip(room / each, 1, 9))
+        # Axes lower than two labels have one.
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=min(most, 2)))
 
 
 def tops(obstacle: np.ndarray, grid: Grid) -> np.ndarray:

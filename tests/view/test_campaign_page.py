@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flown import folder, line, outcome
 
-from maxjax.view.film import VEHICLE_NODE
+from maxjax.view.film import PLUMB_NODE, VEHICLE_NODE
 from maxjax.view.trials import city_of, film_of, headline, open_folder, trial_in_words
 
 
@@ -37,4 +37,9 @@ def test_the_vehicle_is_on_its_line_at_every_time() -> None:
     assert film.duration == 8.0
     for moment, at in ((0.0, line(1.0)[0]), (4.0, line(1.0)[40]), (8.0, line(1.0)[-1])):
         np.testing.assert_allclose(film.vehicle(moment), city.frame.page(at), atol=1e-4)
+    # It is seen over the whole way, and what leads down from it reaches the ground wherever it is.
+    begin = film.begin()
+    assert begin[VEHICLE_NODE].radius >= 0.01 * np.ptp(film.positions, axis=0).max()
+    (depth,) = np.unique(begin[PLUMB_NODE].points[0, 1, 2])
+    assert (film.positions[:, 2] + depth <= 0.0).all()
     assert {VEHICLE_NODE, "/flown/line", "/map/ground", "/map/obstacles"} <= set(film.begin())

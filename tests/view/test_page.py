@@ -15,7 +15,7 @@ from maxjax.planning.mission import Waypoint
 from maxjax.view.air import air_scene
 from maxjax.view.city import City, first_ends, hit
 from maxjax.view.colors import CLEARANCES, ramp
-from maxjax.view.controls import add_controls
+from maxjax.view.controls import add_controls, place_text, text_place
 from maxjax.view.download import page_of
 from maxjax.view.draw import answer_scene, city_scene, ends_scene
 from maxjax.view.nodes import Lines, Surface
@@ -186,6 +186,15 @@ def test_a_slice_stands_where_its_voxels_are(axis: str, number: int) -> None:
     assert columns.min() >= shown.shape[1] - 10
     assert plane.position[number] == pytest.approx(city.frame.page(city.grid.origin)[number] + 2.0 * 5)
     assert (plane.width, plane.height) == tuple(2.0 * np.delete(city.grid.shape, number))
+
+
+@pytest.mark.parametrize("place", [(84123.456, 447020.0, 12.5), (-0.001, 1e-9, 3.0), (123456.789, -987654.321, 0.0)])
+def test_a_place_is_shown_whole_and_read_as_it_is_shown(place: tuple[float, float, float]) -> None:
+    shown = place_text(place)
+    assert "e" not in shown
+    np.testing.assert_allclose(text_place(shown), place, atol=5e-4, rtol=0.0)
+    for unfinished in ("", "1, 2", "1, 2, x", "1 2 3 4", "nan 0 0"):
+        assert text_place(unfinished) is None
 
 
 def test_only_the_latest_question_is_answered() -> None:
