@@ -72,7 +72,8 @@ nb_render_markdown_format = "myst"
 # Reference.
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = False
-autodoc_typehints = "none"  # shapes and units stand in the text
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
