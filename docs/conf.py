@@ -71,7 +71,7 @@ nb_render_markdown_format = "myst"
 
 # Reference.
 autodoc_member_order = "bysource"
-autodoc_preserve_defaults = False
+autodoc_preserve_defaults = True  # as written: Field(), not all that it consists of
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 napoleon_google_docstring = True

@@ -1,4 +1,7 @@
-"""Docstrings are plain text with `code` in it: what reStructuredText would take for markup is escaped."""
+"""Docstrings are plain text with `code` in it: what reStructuredText would take for markup is escaped.
+
+Signatures have their types, each array once: Float[Array, '3'] | Float[ndarray, '3'] is Float[Array, '3'] there.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,23 @@ def _escape(_app: Sphinx, _what: str, _name: str, _thing: object, _options: obje
     lines[:] = [escaped(line) for line in lines]
 
 
+def shortened(types: str) -> str:
+    """Types of a signature, without where JAX's array is defined, and arrays of either library as one."""
+    types = re.sub(r"(~?[\w.]+)\[(~?[\w.]*Array), ('[^']*')\] \| \1\[~?[\w.]*ndarray, \3\]", r"\1[\2, \3]", types)
+    # Defaults by the names of what they are (`maxjax.api`).
+    for name, value in (("FIELD", "Field()"), ("DISTANCES", "Distances()")):
+        types = types.replace(f" = {name}", f" = {value}")
+    return types.replace("jaxlib._jax.", "")
+
+
+def _shorten(
+    _app: Sphinx, _what: str, _name: str, _thing: object, _options: object, given: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    return tuple(None if types is None else shortened(types) for types in (given, returned))  # type: ignore[return-value]
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Escape before napoleon reads the sections."""
+    app.connect("autodoc-process-signature", _shorten)
     app.connect("autodoc-process-docstring", _escape, priority=400)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
