@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int64, Integer
+from jaxtyping import Array, Bool, Float, Float64, Int64, Integer
 
 from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.verification import compiled
@@ -47,7 +47,7 @@ def verify(
     *,
     radius: float = 0.0,
     exemptions: tuple[float, float] = (0.0, 0.0),
-    blocked: Bool[np.ndarray, "nx ny nz"] | None = None,
+    blocked: Bool[Array | np.ndarray, "nx ny nz"] | None = None,
 ) -> Verification:
     """Verify a path in a map, and measure its length and clearance.
 

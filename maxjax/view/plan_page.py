@@ -6,6 +6,7 @@ controls and handles → Question → worker → Answer → scene, status in wor
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -253,7 +254,9 @@ class PlanPage:
 
 
 def _surroundings(city: City, question: Question) -> np.ndarray:
-    """The ends with some of the map around them, in the page's frame [m]."""
+    """The straight legs with some of the map around them, in the page's frame [m]."""
     ends = city.frame.page(np.array(question.waypoints))
     room = 0.15 * max(float(np.ptp(ends, axis=0).max()), 40.0)
-    return np.concatenate([ends - room, ends + room])
+    along = np.linspace(0.0, 1.0, 12)[:, None]
+    legs = [start + along * (stop - start) for start, stop in itertools.pairwise(ends)]
+    return np.concatenate([ends.min(axis=0, keepdims=True) - room, *legs, ends.max(axis=0, keepdims=True) + room])

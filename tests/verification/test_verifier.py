@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from references import to_world, touched
 
-from maxjax import Grid, VoxelMap
+from maxjax import Grid, VoxelMap, dilate
 from maxjax.verification.contacts import touched_voxels
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
@@ -249,3 +249,14 @@ def test_every_path_of_a_batch_has_a_map() -> None:
     with pytest.raises(ValueError, match="map_of: expected the map, 0 to 1, of 1 paths"):
         verify_paths(Paths.of([np.ones((2, 3))], np.array([2])), VoxelMap.on(UNIT, free))
     assert len(verify_paths(Paths.of([]), VoxelMap.on(UNIT, free))) == 0
+
+
+def test_what_dilate_gives_is_taken_as_blocked() -> None:
+    """A device array, too: a way that keeps the margin passes, one within it does not."""
+    occupied = np.zeros((12, 5, 5), bool)
+    occupied[0] = True
+    city = VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
+    blocked = dilate(city.occupied, 3.0, city.grid)
+    for x, ok in ((4.5, True), (3.5, False)):
+        way = np.array([[x, 0.5, 0.5], [x, 4.5, 4.5]])
+        assert verify(way, city, blocked=blocked).ok == ok
