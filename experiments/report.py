@@ -55,6 +55,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     ),
     "A world that moves": (
         ("tracking", "tracking"),
+        ("moving_protocols_h100", "moving_protocols"),
         ("moving_protocols", "moving_protocols"),
         ("fleets", "fleets"),
         ("fleets_many", "fleets"),
