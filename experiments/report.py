@@ -57,6 +57,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("tracking", "tracking"),
         ("moving_protocols_h100", "moving_protocols"),
         ("moving_protocols", "moving_protocols"),
+        ("moving_cities", "moving_cities"),
         ("fleets", "fleets"),
         ("fleets_many", "fleets"),
     ),

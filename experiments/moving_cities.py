@@ -1,0 +1,167 @@
+"""Closed loop among movers in the synthetic cities, and what they cost: time, and time in which nothing is promised.
+
+    python -m experiments.moving_cities --trials 8                 # two cores: 20 minutes
+    python -m experiments.moving_cities --trials 1000 --batch 250  # one GPU
+
+Cities, ends and movers are those of `maxjax fly MAP --movers N --mover-speed V --mover-kind K`; every trial is the same
+without movers, and among any. `unaware` is the planner of static worlds, for which movers are nothing but returns.
+
+Time: mean over trials that arrive both ways, over that without movers. Flagged: share of the time in which an
+assumption was known not to hold. Contacts by exact distance at every physics step, within 0.5 m. Bounds are those of
+Clopper and Pearson, 95 %.
+
+Expected: nearly every trial arrives, with no contact that was not flagged before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import tyro
+from scipy.stats import beta
+
+from benchmarks.common.harness import Row, keep, save
+from benchmarks.common.markdown import Document, device, table
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.execution import fly_trials
+from maxjax.campaigns.outcomes import Outcome, summarise
+from maxjax.cli.flying import command_of
+from maxjax.planners import Field
+from maxjax.sim.flight import FlightConfig
+from maxjax.worlds.populations import Population
+
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        trials: of each row.
+        maps: to fly in.
+        counts: of movers.
+        speeds: greatest ones [m/s].
+        kinds: of movers; encounters pass the vehicle's way when it is there.
+        seed: of the first city.
+        batch: flights at a time; None: what suits the device.
+        name: of the result file.
+        out: where the JSON goes.
+    """
+
+    trials: int = 8
+    maps: tuple[str, ...] = ("downtown",)
+    counts: tuple[int, ...] = (10, 30)
+    speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
+    kinds: tuple[str, ...] = ("drones", "encounters")
+    seed: int = 0
+    batch: int | None = None
+    name: str = "moving_cities"
+    out: Path = RESULTS
+
+
+class Unaware(Campaign):
+    """A campaign whose vehicle plans as if nothing moved."""
+
+    @property
+    def flight(self) -> FlightConfig:
+        """How to fly."""
+        return dataclasses.replace(super().flight, moving=None)
+
+
+def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
+    """Fly every row; save and return them.
+
+    Args:
+        config: settings.
+        flight: how to fly; None: the defaults.
+    """
+    how = FlightConfig(planner=Field()) if flight is None else flight
+    rows: list[Row] = []
+    for name in config.maps:
+        alone = _flown(Campaign(name, config.seed, range(config.trials), config=how, command=command_of), config)
+        rows.append({"map": name, "movers": 0, "kind": None, "speed": None, "aware": True, **_figures(alone, alone)})
+        for movers, aware in _among(config):
+            made = Campaign if aware else Unaware
+            campaign = made(name, config.seed, range(config.trials), config=how, movers=movers, command=command_of)
+            row: Row = {"map": name, "movers": movers.count, "kind": movers.kind, "speed": movers.speed, "aware": aware}
+            rows.append({**row, **_figures(_flown(campaign, config), alone)})
+            print(rows[-1], file=sys.stderr, flush=True)
+            keep(config.name, config, rows, config.out)
+    save(config.name, config, rows, config.out)
+    return rows
+
+
+def _among(config: Config) -> Iterator[tuple[Population, bool]]:
+    for kind in config.kinds:
+        for count in config.counts:
+            for speed in config.speeds:
+                yield Population(count, speed, kind), True
+                yield Population(count, speed, kind), False
+
+
+def _flown(campaign: Campaign, config: Config) -> list[Outcome]:
+    return [outcome for some in fly_trials(campaign, batch=config.batch) for outcome in some]
+
+
+def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
+    found = summarise(outcomes)
+    flown, arrived = int(found["flown"]), int(found["successes"])
+    both = [
+        (float(one.duration), float(other.duration))
+        for one, other in zip(outcomes, alone, strict=True)
+        if one.arrived and other.arrived and one.duration and other.duration
+    ]
+    among = found.get("movers", {})
+    return {
+        "flights": flown,
+        "arrived": arrived,
+        "at_least": round(float(100.0 * beta.ppf(0.025, arrived, flown - arrived + 1)), 1) if arrived else 0.0,
+        "contacts": found["collisions"],
+        "unflagged": among.get("contacts_without_a_flag"),
+        "seconds": round(statistics.fmean(ours for ours, _ in both), 2) if both else None,
+        "ratio": round(sum(ours for ours, _ in both) / sum(other for _, other in both), 3) if both else None,
+        "flagged": among.get("flagged_share"),
+        "least_m": found["clearance"]["least"],
+        "again": "; ".join(failure["command"] for failure in found["failures"][:20]) or None,
+    }
+
+
+def section(document: Document) -> str:
+    """RESULTS.md: who arrives among whom, how much later, and what was flagged."""
+    lines = []
+    for row in document["rows"]:
+        aware = "among movers" if row["aware"] else "unaware"
+        if not row["movers"]:
+            aware = "alone"
+        lines.append([
+            str(row["map"]), f"{row['movers']} {row['kind']}" if row["movers"] else "none",
+            "–" if row["speed"] is None else f"{row['speed']:g}", aware, f"{row['arrived']} of {row['flights']}",
+            f"{row['at_least']:.1f}", str(row["contacts"]), "–" if row["unflagged"] is None else str(row["unflagged"]),
+            "–" if row["ratio"] is None else f"{row['ratio']:.2f}",
+            "–" if row["flagged"] is None else f"{100 * row['flagged']:.1f}",
+        ])  # fmt: skip
+    heads = ["map", "movers", "speed [m/s]", "planner", "arrived", "at least [%]", "contacts", "unflagged",
+             "time / alone", "flagged [%]"]  # fmt: skip
+    failures = [f"- `{one}`\n" for row in document["rows"] if row["aware"] and row["again"] for one in _some(row)]
+    return (
+        f"### Cities with movers ({device(document)})\n\n"
+        "By the vehicle's own LiDAR. Unaware: the planner of static worlds, for which movers are nothing but returns.\n"
+        "At least: lower bound of Clopper and Pearson, 95 %. Unflagged: contacts with movers before which no\n"
+        "assumption was known to be broken. Time: of trials that arrive both ways, over that without movers.\n\n"
+        + table(heads, lines, left=4)
+        + ("\nThose that did not arrive, among movers, and the command that flies them again:\n\n" if failures else "")
+        + "".join(failures)
+    )
+
+
+def _some(row: Row) -> list[str]:
+    return str(row["again"]).split("; ")[:3]
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

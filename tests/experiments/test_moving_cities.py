@@ -1,0 +1,51 @@
+"""Rows of flights among movers, from outcomes written by hand: who knows of movers, and what is compared with what."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import moving_cities
+from experiments.moving_cities import Config, main, section
+from maxjax.campaigns.campaign import Campaign
+from maxjax.campaigns.outcomes import Outcome
+
+
+def outcome(trial: int, status: str, duration: float, **among: Any) -> Outcome:
+    return Outcome(trial, 0, status, [0.0] * 3, [60.0, 0.0, 0.0], 60.0, 0, 61.0, duration, 0.4, 12, 0, {}, 1.0,
+                   f"fly {trial}", **among)  # fmt: skip
+
+
+def flights(campaign: Campaign, batch: int | None) -> Iterator[list[Outcome]]:
+    """Alone 10 and 20 s; among movers 15 s and a contact; unaware 12 and 20 s."""
+    assert batch is None
+    if campaign.movers is None:
+        assert campaign.flight.moving is None
+        yield [outcome(0, "OK", 10.0), outcome(1, "OK", 20.0)]
+    elif campaign.flight.moving is not None:
+        flagged = {"flagged": {"TRAPPED": 1.5}, "flagged_share": 0.1}
+        yield [outcome(0, "OK", 15.0, **flagged, hidden_movers=0)]
+        hit = {"flagged": {"NEAR": 1.0}, "flagged_share": 0.2, "flagged_before": False, "touched": "mover"}
+        yield [outcome(1, "IN_CONTACT", 5.0, **hit, hidden_movers=0)]
+    else:
+        yield [outcome(0, "OK", 12.0), outcome(1, "OK", 20.0)]
+
+
+def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moving_cities, "fly_trials", flights)
+    config = Config(trials=2, counts=(10,), speeds=(5.0,), kinds=("drones",), out=tmp_path)
+    alone, ours, unaware = main(config)
+    assert (alone["arrived"], alone["ratio"], alone["unflagged"]) == (2, 1.0, None)
+    assert (ours["arrived"], ours["contacts"], ours["unflagged"]) == (1, 1, 1)
+    assert ours["ratio"] == pytest.approx(15.0 / 10.0)
+    assert ours["flagged"] == pytest.approx((0.1 * 15.0 + 0.2 * 5.0) / 20.0)
+    assert ours["again"] == "fly 1"
+    assert unaware["ratio"] == pytest.approx(32.0 / 30.0, abs=1e-3)
+    text = section(json.loads((tmp_path / "moving_cities.json").read_text()))
+    assert "| downtown | 10 drones | 5 | among movers | 1 of 2 |" in text
+    assert "| downtown | none | – | alone | 2 of 2 |" in text
+    assert "- `fly 1`" in text
