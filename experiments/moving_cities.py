@@ -1,7 +1,7 @@
 """Closed loop among movers in the synthetic cities, and what they cost: time, and time in which nothing is promised.
 
-    python -m experiments.moving_cities --trials 8                 # two cores: 20 minutes
-    python -m experiments.moving_cities --trials 1000 --batch 250  # one GPU
+    python -m experiments.moving_cities --trials 8                            # two cores: 20 minutes
+    python -m experiments.moving_cities --trials 1000 --batch 250 --keep OUT  # one GPU; resumes
 
 Cities, ends and movers are those of `maxjax fly MAP --movers N --mover-speed V --mover-kind K`; every trial is the same
 without movers, and among any. `unaware` is the planner of static worlds, for which movers are nothing but returns.
@@ -43,6 +43,7 @@ class Config:
 
     Attributes:
         trials: of each row.
+        unaware: trials of each row whose planner knows of no movers, at most `trials`; None: as many.
         maps: to fly in.
         counts: of movers.
         speeds: greatest ones [m/s].
@@ -50,10 +51,12 @@ class Config:
         seed: of the first city.
         batch: flights at a time; None: what suits the device.
         name: of the result file.
+        keep: folder for every trial's outcome and positions.
         out: where the JSON goes.
     """
 
     trials: int = 8
+    unaware: int | None = None
     maps: tuple[str, ...] = ("downtown",)
     counts: tuple[int, ...] = (10, 30)
     speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
@@ -61,6 +64,7 @@ class Config:
     seed: int = 0
     batch: int | None = None
     name: str = "moving_cities"
+    keep: Path | None = None
     out: Path = RESULTS
 
 
@@ -82,14 +86,16 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     """
     how = FlightConfig(planner=Field()) if flight is None else flight
     rows: list[Row] = []
+    every = range(config.trials)
     for name in config.maps:
-        alone = _flown(Campaign(name, config.seed, range(config.trials), config=how, command=command_of), config)
+        alone = _flown(Campaign(name, config.seed, every, config=how, command=command_of), f"{name}-alone", config)
         rows.append({"map": name, "movers": 0, "kind": None, "speed": None, "aware": True, **_figures(alone, alone)})
         for movers, aware in _among(config):
-            made = Campaign if aware else Unaware
-            campaign = made(name, config.seed, range(config.trials), config=how, movers=movers, command=command_of)
+            made, trials = (Campaign, every) if aware else (Unaware, every[: config.unaware])
+            campaign = made(name, config.seed, trials, config=how, movers=movers, command=command_of)
             row: Row = {"map": name, "movers": movers.count, "kind": movers.kind, "speed": movers.speed, "aware": aware}
-            rows.append({**row, **_figures(_flown(campaign, config), alone)})
+            folder = "-".join(str(value) for value in row.values())
+            rows.append({**row, **_figures(_flown(campaign, folder, config), alone[: len(trials)])})
             print(rows[-1], file=sys.stderr, flush=True)
             keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
@@ -104,8 +110,10 @@ def _among(config: Config) -> Iterator[tuple[Population, bool]]:
                 yield Population(count, speed, kind), False
 
 
-def _flown(campaign: Campaign, config: Config) -> list[Outcome]:
-    return [outcome for some in fly_trials(campaign, batch=config.batch) for outcome in some]
+def _flown(campaign: Campaign, name: str, config: Config) -> list[Outcome]:
+    folder = None if config.keep is None else config.keep / name
+    flown = [outcome for some in fly_trials(campaign, batch=config.batch, folder=folder) for outcome in some]
+    return sorted(flown, key=lambda outcome: outcome.trial)
 
 
 def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:

@@ -20,9 +20,10 @@ def outcome(trial: int, status: str, duration: float, **among: Any) -> Outcome:
                    f"fly {trial}", **among)  # fmt: skip
 
 
-def flights(campaign: Campaign, batch: int | None) -> Iterator[list[Outcome]]:
-    """Alone 10 and 20 s; among movers 15 s and a contact; unaware 12 and 20 s."""
+def flights(campaign: Campaign, batch: int | None, folder: Path | None) -> Iterator[list[Outcome]]:
+    """Alone 10 and 20 s; among movers 15 s and a contact; unaware 12 and 20 s, the later trial first."""
     assert batch is None
+    assert folder is None
     if campaign.movers is None:
         assert campaign.flight.moving is None
         yield [outcome(0, "OK", 10.0), outcome(1, "OK", 20.0)]
@@ -32,7 +33,7 @@ def flights(campaign: Campaign, batch: int | None) -> Iterator[list[Outcome]]:
         hit = {"flagged": {"NEAR": 1.0}, "flagged_share": 0.2, "flagged_before": False, "touched": "mover"}
         yield [outcome(1, "IN_CONTACT", 5.0, **hit, hidden_movers=0)]
     else:
-        yield [outcome(0, "OK", 12.0), outcome(1, "OK", 20.0)]
+        yield [outcome(trial, "OK", 12.0 + 8.0 * trial) for trial in reversed(campaign.trials)]
 
 
 def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,3 +50,11 @@ def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypat
     assert "| downtown | 10 drones | 5 | among movers | 1 of 2 |" in text
     assert "| downtown | none | – | alone | 2 of 2 |" in text
     assert "- `fly 1`" in text
+
+
+def test_those_who_know_of_no_movers_fly_as_few_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moving_cities, "fly_trials", flights)
+    config = Config(trials=2, unaware=1, counts=(10,), speeds=(5.0,), kinds=("drones",), out=tmp_path)
+    unaware = main(config)[-1]
+    assert unaware["flights"] == 1
+    assert unaware["ratio"] == pytest.approx(12.0 / 10.0)
