@@ -94,15 +94,21 @@ def empty(
     return RollingMap(jnp.zeros(shape, jnp.uint8), corner, spacing, loss)
 
 
-def recentre(rolling_map: RollingMap, position: Float[Array, "3"]) -> RollingMap:
+def recentre(rolling_map: RollingMap, position: Float[Array, "3"], goal: Float[Array, "3"] | None = None) -> RollingMap:
     """The map moved by whole voxels so that its middle voxel holds `position`; voxels that leave it are dropped.
+
+    A goal that the map holds stays in it, for without its goal nothing can be planned: who has to give way further
+    than the map reaches is then off its middle, by up to half of that.
 
     Args:
         rolling_map: one map.
         position: world frame [m]; where it is not finite, nothing moves.
+        goal: world frame [m]; None: there is none to keep.
     """
     known = jnp.all(jnp.isfinite(position))
     corner = _corner(jnp.where(known, position, 0.0), rolling_map.cells.shape, rolling_map.spacing)
+    if goal is not None:
+        corner = _with_goal(rolling_map, corner, goal)
     corner = jnp.where(known, corner, rolling_map.corner)
     moved = _moved(rolling_map.cells, corner - rolling_map.corner)
     return dataclasses.replace(rolling_map, cells=moved, corner=corner)
@@ -164,6 +170,16 @@ def fused(
     more = jnp.minimum(evidence, _MAXIMUM - _RETURN) + _RETURN + clear
     less = jnp.where(evidence > rolling_map.loss, evidence - rolling_map.loss, 0) + _SEEN
     return dataclasses.replace(rolling_map, cells=jnp.where(hit, more, jnp.where(free, less, cells)))
+
+
+def _with_goal(rolling_map: RollingMap, corner: Int32[Array, "3"], goal: Float[Array, "3"]) -> Int32[Array, "3"]:
+    """The corner nearest to `corner` with which the map holds the goal too, if it holds it now."""
+    shape = rolling_map.cells.shape
+    held = _corner(goal, shape, rolling_map.spacing)
+    reach = (jnp.asarray(shape, jnp.int32) - 1) // 2
+    holds = jnp.all(jnp.isfinite(goal)) & jnp.all(jnp.abs(held - rolling_map.corner) <= reach)
+    kept = jnp.clip(jnp.clip(corner, held - reach, held + reach), corner - reach // 2, corner + reach // 2)
+    return jnp.where(holds, kept, corner)
 
 
 def _corner(position: Float[Array, "3"], shape: tuple[int, ...], spacing: float) -> Int32[Array, "3"]:

@@ -1,7 +1,7 @@
 """The stages of a flight that see: a scan from the true pose, and what the map learns of it.
 
     scan = lidar at the true pose, degraded by the disturbances; its points at the estimated position
-    map  = map recentred on the estimated position, with the scan in it
+    map  = map recentred on the estimated position, but with the goal still in it, and with the scan
 
 Among movers a scan is taken, and looked at, ten times a second, and fused once in a planning iteration. What moves is
 no part of the map, but hides what is behind it. Frame: world.
@@ -56,9 +56,9 @@ def look(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
 
 def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """The map recentred on the estimated position, with the scan in it."""
+    """The map recentred on the estimated position, but with the goal still in it, and with the scan."""
     position = estimated_position(world, flight)
-    recentred = mapping.recentre(flight.rolling_map, position)
+    recentred = mapping.recentre(flight.rolling_map, position, world.goal)
     pose = position, flight.vehicle.rotation
     still = flight.scan
     if flight.among is not None:

@@ -87,6 +87,36 @@ def test_lattice_recentring_and_forgetting() -> None:
     assert np.array_equal(still.corner, rolling_map.corner)
 
 
+def test_a_goal_that_the_map_holds_stays_in_it_and_so_does_the_vehicle() -> None:
+    """Away from the goal the map lags behind, by up to half its reach; one that it never held it does not wait for."""
+    half = np.array([10, 8, 6])
+    rolling_map, goal = empty(jnp.zeros(3), (21, 17, 13)), jnp.array([12.0, -9.0, 4.0])
+
+    def indices(moved: RollingMap, point: object) -> np.ndarray:
+        index: np.ndarray = np.floor(np.asarray(point) / 2.0 + 0.5) - np.asarray(moved.corner)
+        return index
+
+    def inside(index: np.ndarray) -> bool:
+        return bool(np.all((index >= 0) & (index <= 2 * half)))
+
+    for away in np.random.default_rng(1).uniform(-1.4, 1.4, (200, 3)):
+        at = np.asarray(goal) + 2.0 * half * away
+        moved = jit_recentre(rolling_map, jnp.asarray(at), goal)
+        assert inside(indices(moved, goal))
+        assert inside(indices(moved, at))
+        near = np.abs(indices(rolling_map, at) - indices(rolling_map, goal)) <= half
+        assert np.array_equal(indices(moved, at)[near], half[near])
+    for far, kept in (
+        ([60.0, -9.0, 4.0], goal),
+        ([3.0, 2.0, 1.0], jnp.array([40.0, 0.0, 0.0])),
+        ([0.0] * 3, goal * jnp.nan),
+    ):
+        moved = jit_recentre(rolling_map, jnp.array(far), kept)
+        assert inside(indices(moved, far))
+        assert inside(indices(moved, kept)) is False
+    assert np.array_equal(indices(moved, [0.0] * 3), half)
+
+
 def test_hits_land_in_the_voxels_of_their_points() -> None:
     """From the pose given, not from the scan's own world points: with drift, at the estimated position."""
     position = jnp.array([2.0, 1.0, 5.0])
