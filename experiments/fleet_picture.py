@@ -3,7 +3,7 @@
     python -m experiments.fleet_picture     # 101 x 101 x 61 voxels of 2 m; half a minute on two CPU cores
 
 Starts are drawn from a seed, in the open and at any height; those without a verified path are left out, and counted in
-the title. Paths are coloured by what is left of the way.
+the title. Paths and roofs are coloured by height on one scale, what is higher on top.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from jaxtyping import Bool, Float
 
 import maxjax
 from maxjax.viz.plan_view import draw_plan
-from maxjax.viz.style import CLEARANCES, STYLE, load_matplotlib, save_figure
+from maxjax.viz.style import CLEARANCES, GOAL, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import make_scene, occupancy
+
+_ROOFS = ("#F4F4F4", "#8C8C8C")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,27 +71,44 @@ def _draw(
     paths: list[Float[np.ndarray, "_ 3"]], obstacle: Bool[np.ndarray, "nx ny nz"], grid: maxjax.Grid, config: Config
 ) -> None:
     from matplotlib.collections import LineCollection
+    from matplotlib.colors import LinearSegmentedColormap
 
     rc_context, new_figure = load_matplotlib()
+    heights = {"cmap": CLEARANCES, "clim": (0.0, grid.upper[2])}
     with rc_context(STYLE):
-        figure = new_figure(figsize=(7.2, 6.2))
-        axes, bar = figure.add_axes((0.09, 0.08, 0.72, 0.86)), figure.add_axes((0.83, 0.55, 0.02, 0.36))
+        figure = new_figure(figsize=(7.2, 6.3))
+        axes, roofs = figure.add_axes((0.085, 0.075, 0.765, 0.875)), figure.add_axes((0.865, 0.075, 0.018, 0.875))
         view = np.array(grid.lower[:2]), np.array(grid.upper[:2])
-        draw_plan(axes, bar, obstacle, grid, view, config.goal[2])
-        pieces, left = [], []
-        for path in paths:
-            lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-            pieces += list(np.stack([path[:-1, :2], path[1:, :2]], axis=1))
-            left += list(np.cumsum(lengths[::-1])[::-1])
-        lines = LineCollection(pieces, array=np.array(left), cmap=CLEARANCES, linewidths=0.9, zorder=5)
+        draw_plan(axes, roofs, obstacle, grid, view, config.goal[2])
+        # Pale, with the scale of the paths beside them: a path of a brighter colour than its roof's is above it.
+        axes.images[0].set(cmap=LinearSegmentedColormap.from_list("roofs", _ROOFS), clim=heights["clim"])
+        roofs.set(ylabel="", yticks=[])
+        segments = np.concatenate([np.zeros((0, 2, 3)), *map(_pieces, paths)])
+        order = np.argsort(segments[:, :, 2].mean(axis=1))  # what is higher lies on top
+        level = segments[order, :, :2]
+        axes.add_collection(LineCollection(list(level), colors="white", linewidths=1.7, zorder=5), autolim=False)
+        lines = LineCollection(
+            list(level), array=segments[order, :, 2].mean(axis=1), linewidths=0.9, zorder=5, **heights
+        )
         axes.add_collection(lines, autolim=False)
-        figure.colorbar(lines, cax=figure.add_axes((0.83, 0.1, 0.02, 0.36)), label="Way to the goal [m]")
         if paths:
-            axes.plot(*np.array([path[0, :2] for path in paths]).T, ".", color="black", markersize=2.5, zorder=6)
-        axes.plot(*config.goal[:2], "*", color="#F0E442", markeredgecolor="black", markersize=15, zorder=7)
+            x, y, z = np.array([path[0] for path in paths]).T
+            axes.scatter(x, y, s=4.0, c=z, linewidths=0.0, zorder=6, cmap=CLEARANCES, vmin=0.0, vmax=grid.upper[2])
+        figure.colorbar(
+            lines, cax=figure.add_axes((0.89, 0.075, 0.018, 0.875)), label="Height of roofs (grey) and paths, z [m]"
+        )
+        axes.plot(*config.goal[:2], "*", color=GOAL, markeredgecolor="black", markersize=15, zorder=7)
         name, seed = config.city
         axes.set_title(f"{name}:{seed}, {len(paths)} of {config.starts} vehicles with a verified path, one field")
         save_figure(figure, config.out)
+
+
+def _pieces(path: Float[np.ndarray, "_ 3"], longest: float = 4.0) -> Float[np.ndarray, "_ 2 3"]:
+    """Straight pieces of a path, none longer than this [m], so that each has the colour of its own height."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.union1d(along, np.arange(0.0, along[-1], longest))
+    points = np.stack([np.interp(at, along, coordinate) for coordinate in path.T], axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1)
 
 
 if __name__ == "__main__":

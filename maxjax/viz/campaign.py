@@ -109,11 +109,13 @@ def _obstacle(geoms: Geoms) -> Bool[np.ndarray, "nx ny nz"]:
 
 
 def _title(campaign: Campaign, city: int) -> str:
-    """The city, the method, the disturbances, and what moves."""
+    """The city, the method unless it is the field, the disturbances, and what moves."""
+    method = campaign.config.planner.name
+    methods = [] if method == "field" else [f"method {method}"]
     strengths = [f"{name.replace('_', ' ')} {value:g}" for name, value in campaign.strengths.items() if value]
     if (how := campaign.movers) is not None:
-        strengths.append(f"movers {how.count}, {how.kind}, {how.speed:g} m/s")
-    return ", ".join([f"{campaign.map}:{city}", f"method {campaign.config.planner.name}", *strengths])
+        strengths.append(f"{how.count} {'movers' if how.kind == 'mixed' else how.kind} of {how.speed:g} m/s")
+    return ", ".join([f"{campaign.map}:{city}", *methods, *strengths])
 
 
 def _caption(flown: Sequence[Outcome], shown: Sequence[Outcome]) -> str:

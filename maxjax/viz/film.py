@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 _STEP = 0.1  # between two positions [s]
 _SIZE = (9.6, 5.4)  # [in]
 _FRAMES = 160
+_FLAG_STRIP = (1.03, 0.06)  # bottom and height of the time that is flagged, in heights of its axes
 _PLAN_LINE: dict[str, Any] = {"color": PLANNED, "linestyle": (0, (4, 1.2))}
 _START, _GOAL = Mark("o", 5.5, "white"), Mark("*", 10.0, GOAL)
 
@@ -106,7 +107,7 @@ def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Gr
     stride = max(2, -(-count // _FRAMES))
     shown = [*range(0, count - 1, stride), count - 1]
     with rc_context(STYLE):
-        film = _Film(flight, obstacle, grid, f"{title}, shown {stride} times as fast")
+        film = _Film(flight, obstacle, grid, title, stride)
         frames = [film.frame(last) for last in shown]
     return animation(frames, (ARRIVED, FAILED, PLANNED, GOAL, MOVER, MOTION, FLAGGED))
 
@@ -114,7 +115,7 @@ def film_flight(flight: Filmed, obstacle: Bool[np.ndarray, "nx ny nz"], grid: Gr
 class _Film:
     """The figure whose frames are drawn one after the other; only what changes is set anew."""
 
-    def __init__(self, flight: Filmed, obstacle: np.ndarray, grid: Grid, title: str) -> None:
+    def __init__(self, flight: Filmed, obstacle: np.ndarray, grid: Grid, title: str, fast: int) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         _, new_figure = load_matplotlib()
@@ -129,22 +130,21 @@ class _Film:
         figure = new_figure(figsize=_SIZE)
         self.canvas: Any = FigureCanvasAgg(figure)
 
-        bar, self.plan = figure.add_axes((0.505, 0.2, 0.01, 0.36)), figure.add_axes((0.065, 0.2, 0.4275, 0.76))
+        bar, self.plan = figure.add_axes((0.5, 0.19, 0.01, 0.36)), figure.add_axes((0.07, 0.19, 0.4163, 0.74))
         self._draw_map(bar, obstacle, grid)
         self.moving, self.layer = flight.moving, MovingLayer(self.plan)
         figure.legend(
             handles=[
                 *_labels(bool(flight.moving)),
-                *self.plan.get_legend_handles_labels()[0],
-                *(moving_labels() if flight.moving else ()),
+                *(moving_labels() if flight.moving else self.plan.get_legend_handles_labels()[0]),
             ],
             loc="upper left",
-            bbox_to_anchor=(0.03, 0.115),
+            bbox_to_anchor=(0.03, 0.105),
             ncols=4,
             fontsize=7,
             columnspacing=1.4,
         )
-        height, rate, room = (figure.add_axes((0.615, bottom, 0.37, 0.21)) for bottom in (0.72, 0.41, 0.17))
+        height, rate, room = (figure.add_axes((0.64, bottom, 0.345, 0.2)) for bottom in (0.73, 0.43, 0.19))
         self._draw_height(height, obstacle, grid)
         clearance = np.asarray(flight.clearance)
         self._draw_over_time(rate, speed, "Speed [m/s]", flight.radius)
@@ -160,12 +160,13 @@ class _Film:
                 (room, self.time, clearance),
             )
         ]
-        if flight.moving:
-            flagged = np.array([0.0 if one.moment.flags else np.nan for one in flight.moving])
-            (marks,) = rate.plot([], [], "s", color=FLAGGED, markersize=2.5)
-            self.curves.append((marks, self.time, flagged))
-        figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=9)
-        self.clock = figure.text(0.985, 0.02, "", ha="right", va="bottom", fontsize=8)
+        self.flagged = rate.text(1.0, 1.12, "", ha="right", va="bottom", fontsize=7, transform=rate.transAxes)
+        self.flags = rate.broken_barh(
+            [], _FLAG_STRIP, transform=rate.get_xaxis_transform(), color=FLAGGED, clip_on=False
+        )
+        figure.text(0.07, 0.975, title, va="top", fontsize=9)
+        figure.text(0.985, 0.975, f"{fast} times as fast as flown", ha="right", va="top", fontsize=7)
+        self.clock = figure.text(0.985, 0.025, "", ha="right", va="bottom", fontsize=8)
 
     def _draw_map(self, bar: Axes, obstacle: np.ndarray, grid: Grid) -> None:
         """The city from above, and the lines and areas that change."""
@@ -240,14 +241,22 @@ class _Film:
         self.planned.set_data(self.distance[min(self.first[number], last)] + along, look.path[:, 2])
         for curve, x, y in self.curves:
             curve.set_data(x[: last + 1], y[: last + 1])
-        told = f"t = {self.time[last]:.1f} s, plan {number + 1}"
+        self.clock.set_text(f"t = {self.time[last]:.1f} s, plan {number + 1}")
         if self.moving:
-            moving = self.moving[last]
-            self.layer.show(moving)
-            told = ", ".join([flag.name for flag in moving.moment.flags] + [told])
-        self.clock.set_text(told)
+            self.layer.show(self.moving[last])
+            self._show_flags(last)
         self.canvas.draw()
         return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
+
+    def _show_flags(self, last: int) -> None:
+        """The time up to a position that something assumed did not hold, and what does not hold there."""
+        low, high = _FLAG_STRIP[0], sum(_FLAG_STRIP)
+        begins = [k for k in range(last + 1) if self.moving[k].moment.flags]
+        ends = self.time[np.minimum(np.array(begins, int) + 1, len(self.time) - 1)]
+        spans = zip(self.time[begins], ends, strict=True)
+        self.flags.set_verts([np.array([[a, low], [b, low], [b, high], [a, high]]) for a, b in spans])
+        names = ", ".join(flag.name.lower().replace("_", " ") for flag in self.moving[last].moment.flags)
+        self.flagged.set_text(f"flagged: {names}" if names else "")
 
 
 def _draw_least(axes: Axes, radius: float) -> None:

@@ -1,7 +1,7 @@
 """Movers from above: where they are, what may hold them, and the motion that the vehicle has committed itself to.
 
-filled   the mover                        outline  the box that may hold it now
-faint    boxes that may hold it later     line     the motion, to its place of rest
+filled   the mover                          outline  the box that may hold it now
+faint    what may hold one in the horizon   line     the motion, to its place of rest, a ring
 """
 
 from __future__ import annotations
@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LEAST = 0.7  # half edge of a mover that is shown [m]
-_FAINT = 0.07  # opacity of a box later
+_FAINT = 0.13  # opacity of what may hold a mover later
+_REST: dict[str, Any] = {
+    "markersize": 5.0,
+    "markerfacecolor": "white",
+    "markeredgecolor": MOTION,
+    "markeredgewidth": 1.6,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,25 +58,35 @@ class MovingLayer:
     """What is drawn of movers on axes from above; empty until something is shown."""
 
     def __init__(self, axes: Axes) -> None:
-        from matplotlib.collections import PolyCollection
+        from matplotlib.collections import PathCollection, PolyCollection
 
         def layer(zorder: float, **how: Any) -> PolyCollection:
             collection = PolyCollection([], zorder=zorder, **how)
             axes.add_collection(collection, autolim=False)
             return collection
 
-        self._later = layer(4.2, facecolors=MOVER, alpha=_FAINT, linewidths=0.0)
+        # One path of many rectangles is filled once: veils that overlap do not add up.
+        self._later = PathCollection([], zorder=4.2, facecolors=MOVER, alpha=_FAINT, linewidths=0.0)
+        axes.add_collection(self._later, autolim=False)
         self._now = layer(4.4, facecolors="none", edgecolors=MOVER, linewidths=0.8)
-        self._bodies = layer(8.0, facecolors=MOVER, edgecolors="white", linewidths=0.3)
-        (self._motion,) = axes.plot([], [], color=MOTION, linewidth=2.2, zorder=8.5, solid_capstyle="round")
+        self._bodies = layer(8.0, facecolors=MOVER, edgecolors="white", linewidths=0.6)
+        (self._edge,) = axes.plot([], [], color="white", linewidth=4.6, zorder=8.4, solid_capstyle="round")
+        (self._motion,) = axes.plot([], [], color=MOTION, linewidth=3.0, zorder=8.5, solid_capstyle="round")
+        (self._rest,) = axes.plot([], [], "o", zorder=8.6, **_REST)
 
     def show(self, moving: Moving) -> None:
         """Show one position of a flight, in place of what was shown."""
+        from matplotlib.path import Path
+
         now, *later = moving.moment.boxes
         self._now.set_verts(_rectangles(now))
-        self._later.set_verts([verts for boxes in later for verts in _rectangles(boxes)])
+        veils = [Path(corners, closed=False) for boxes in later for corners in _rectangles(boxes)]
+        self._later.set_paths([Path.make_compound_path(*veils)] if veils else [])
         self._bodies.set_verts(moving.outlines)
-        self._motion.set_data(*moving.moment.motion[:, :2].T)
+        way = moving.moment.motion[:, :2]
+        self._edge.set_data(*way.T)
+        self._motion.set_data(*way.T)
+        self._rest.set_data(*way[-1:].T)
 
 
 def moving_labels() -> list[Any]:
@@ -79,11 +95,11 @@ def moving_labels() -> list[Any]:
     from matplotlib.patches import Patch
 
     return [
+        Line2D([], [], color=MOTION, linewidth=3.0, label="committed motion"),
         Patch(facecolor=MOVER, label="mover"),
         Patch(facecolor="none", edgecolor=MOVER, linewidth=0.8, label="may hold a mover now"),
-        Patch(facecolor=MOVER, alpha=3.0 * _FAINT, label="within the horizon"),
-        Line2D([], [], color=MOTION, linewidth=2.2, label="committed motion"),
-        Line2D([], [], color=FLAGGED, marker="s", markersize=3.0, linestyle="", label="flagged"),
+        Patch(facecolor=MOVER, alpha=1.5 * _FAINT, linewidth=0.0, label="within the horizon"),
+        Patch(facecolor=FLAGGED, linewidth=0.0, label="flagged"),
     ]
 
 
