@@ -37,6 +37,8 @@ _REACH = 3
 AROUND = 12
 # Without a view of u₀, a candidate has to be nearer to the path's further point than the vehicle by this [voxels].
 _PROGRESS = 0.5
+# Who stands on a face of a voxel is taken to be so far from its middle [voxels].
+_WITHIN = 0.499
 # Edges of the field of view left out [deg]: in wind the vehicle is not level.
 _TILT = 5.0
 
@@ -127,9 +129,12 @@ def still_reachable(view: MapView, position: Float[Array, "3"], viewpoint: Float
 def _reachable(view: MapView, position: Float[Array, "3"], ends: Float[Array, "n 3"]) -> Bool[Array, " n"]:
     """Whether ends keep the margin, and the straight line to each was seen free and keeps it too.
 
-    A vehicle within the margin may leave it: only the ends have to keep it then.
+    A vehicle within the margin may leave it: only the ends have to keep it then. One that stands on a face of its voxel
+    meets no voxel beyond that before it moves.
     """
     seen, blocked = view.seen, view.blocked
+    middle = jnp.floor(position + 0.5)
+    position = middle + jnp.clip(position - middle, -_WITHIN, _WITHIN)
     own = cell(seen.shape, jnp.floor(position + 0.5).astype(jnp.int32))
     passable = seen & (~blocked | ~stands_free(blocked, position)) | own
     within = sight_of(~passable)

@@ -67,6 +67,21 @@ def test_a_path_straight_up_is_viewed_from_further_back() -> None:
     assert count[0] > count[1]
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_on_a_face_of_its_voxel_a_vehicle_sets_out_though_nobody_saw_beyond(axis: int) -> None:
+    """Ends are multiples of 1/64 m: one of 128 stands exactly on a face, which lines from there meet on both sides."""
+    seen = np.zeros(SHAPE, bool)
+    seen[*[slice(8, None) if k == axis else slice(None) for k in range(3)]] = True
+    here = np.full(3, 8.0, np.float32)
+    here[axis] = 7.5
+    hidden = np.tile([8, 8, 8], (7, 1)).astype(np.int32)
+    hidden[:, axis] = np.arange(7, 0, -1)
+    nothing = np.zeros(SHAPE, bool)
+    end = chosen(seen, nothing, nothing, hidden, here=here)
+    assert end is not None
+    assert seen[tuple(np.round(end).astype(int))]
+
+
 def test_a_voxel_behind_a_wall_is_viewed_around_it() -> None:
     seen, occupied, blocked = scene()
     occupied[:8, 10, :] = True
