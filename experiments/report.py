@@ -29,6 +29,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop_many", "closed_loop"),
         ("closed_loop_disturbed", "closed_loop"),
         ("windowed_flights", "windowed_flights"),
+        ("faults", "faults"),
     ),
     "The networks": (
         ("network_training", "network_training"),

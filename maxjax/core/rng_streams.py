@@ -36,6 +36,7 @@ class Stream(enum.IntEnum):
     SCAN = 1_000
     VIEWPOINT = 10_000
     GUSTS = 100_000
+    FAULTS = 200_000
 
 
 def stream(key: PRNGKeyArray, which: Stream, iteration: int | Int32[Array, ""] = 0) -> PRNGKeyArray:

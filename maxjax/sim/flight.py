@@ -36,6 +36,7 @@ from maxjax.programs.threads import concurrently
 from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
+from maxjax.sim.faults import none_yet
 from maxjax.sim.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.follow import clearance_of, follow
 from maxjax.sim.lidar import Scan
@@ -183,6 +184,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         margin=jnp.full(config.plans, nan),
         certified=none,
         flags=None if config.moving is None else no_flags(),
+        unseen=None if world.faults is None else none,
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
     course = straight_course(start, start, config.sampling)
@@ -204,6 +206,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         failures=none,
         done=status != Status.OK,
         log=log,
+        failing=None if world.faults is None else none_yet(start, rays, config.vehicle),
     )
     if config.moving is None:
         return flight

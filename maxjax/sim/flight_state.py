@@ -22,6 +22,7 @@ from maxjax.sim import controller as control
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import Disturbances, position_error
+from maxjax.sim.faults import Failing, Faults
 from maxjax.sim.fleet.member import Member
 from maxjax.sim.lidar import Lidar, Scan
 from maxjax.sim.moving.among import Among, Avoidance, Flags
@@ -114,6 +115,8 @@ class FlightLog:
         margin: of each plan [m]; NaN where there was none.
         certified: number of paths that climb a certified field.
         flags: what was assumed of movers and did not hold; None where none are expected.
+        unseen: times, ten a second, at which the vehicle was more than a voxel from any that was seen free, as
+            `faults.account` counts them; None where nothing may fail.
     """
 
     status: Int32[Array, "*batch"]
@@ -126,12 +129,13 @@ class FlightLog:
     margin: Float[Array, "*batch p"]
     certified: Int32[Array, "*batch"]
     flags: Flags | None = None
+    unseen: Int32[Array, "*batch"] | None = None
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """What a flight cannot change: solids, start and goal [m], random key, disturbances, movers if there are any.
+    """What a flight cannot change: solids, ends [m], random key, disturbances, and movers and faults if there are any.
 
     Batch axes lead.
     """
@@ -142,6 +146,7 @@ class World:
     key: Key[Array, "*batch"] | UInt32[Array, "*batch 2"]
     disturbances: Disturbances
     movers: Movers | None = None
+    faults: Faults | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -169,6 +174,7 @@ class Flight:
         log: so far.
         among: what is known of movers, and the motion that is flown; None where none are expected.
         member: what is said to the other vehicles of a fleet, and how near they were; None for a vehicle by itself.
+        failing: what is remembered of faults; None where nothing may fail.
     """
 
     vehicle: physics.State
@@ -190,10 +196,13 @@ class Flight:
     log: FlightLog
     among: Among | None = None
     member: Member | None = None
+    failing: Failing | None = None
 
 
 def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:
     """Position of the vehicle with its estimation error [m]."""
+    if flight.failing is not None:
+        return flight.failing.position
     return flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
 
 

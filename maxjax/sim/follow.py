@@ -18,6 +18,7 @@ from maxjax.core.status import Status
 from maxjax.sim import controller as control
 from maxjax.sim import vehicle as physics
 from maxjax.sim.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
+from maxjax.sim.faults import air, located, thrusts, ticked
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.moving.among import raised, record_of, recorded
 from maxjax.sim.moving.avoid import setpoint_of, steered
@@ -98,13 +99,16 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     """One time step of controller, gusts and vehicle, and what it adds to the log."""
     log, before, vehicle = flight.log, flight.vehicle, config.vehicle
     error = position_error(world.disturbances, world.key, log.duration)
-    lead, among = config.controller.lead, flight.among
+    lead, among, failing = config.controller.lead, flight.among, flight.failing
     if among is None:
         setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, lead)
     else:
         setpoint = setpoint_of(among, lead)
         among = dataclasses.replace(among, since=among.since + vehicle.timestep)
     estimated = dataclasses.replace(before, position=before.position + error)
+    if world.faults is not None:
+        failing = located(world, flight, error, vehicle.timestep)
+        estimated = dataclasses.replace(before, position=failing.position)
     if config.reactive > 0:
         extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
         setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
@@ -112,7 +116,12 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     gust = physics.gust(config.gusts, flight.gust, noise, vehicle.timestep)
     strength = jnp.asarray(world.disturbances.wind) / GUST_REFERENCE_WIND
     wind = mean_wind(world.disturbances, world.key)
-    after = physics.advance(vehicle, before, command, wind + strength * gust)
+    wind = wind + strength * gust
+    reference_time = flight.reference_time + vehicle.timestep
+    if world.faults is not None:
+        command, failing = thrusts(world, dataclasses.replace(flight, failing=failing), command, vehicle)
+        wind, reference_time = wind + air(world, flight), ticked(world, flight, config)
+    after = physics.advance(vehicle, before, command, wind)
     if config.exact:
         yaw = turned(before.rotation, setpoint.velocity, config)
         after = dataclasses.replace(physics.hover(vehicle, setpoint.position, yaw), velocity=setpoint.velocity)
@@ -134,10 +143,11 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
         vehicle=after,
         observer=observer,
         gust=gust,
-        reference_time=flight.reference_time + vehicle.timestep,
+        reference_time=reference_time,
         done=~finite | touches | arrives,
         log=log,
         among=among,
+        failing=failing,
     )
 
 

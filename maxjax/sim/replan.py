@@ -29,6 +29,7 @@ from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.windowed_route import MapAndEnds, boxed, corner_around, route_in_windows
 from maxjax.sim import rolling_map as mapping
+from maxjax.sim.faults import answered
 from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
 from maxjax.trajectories.online import Course, Reference, profile, sample, setpoint_at
@@ -50,6 +51,8 @@ _JITTER = 0.25
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
 # Greatest velocity across a new path [m/s]; the vehicle leaves the path by 0.4 m then.
 _SIDEWAYS = 2.0
+# A path begins where the vehicle is within [m].
+_BEGINS = 0.1
 # A reference shorter than this in one period makes no progress [m].
 _STUCK = 0.5
 
@@ -102,6 +105,10 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     pending = _refer(flight, flight.pending_path, flight.pending_valid, gap, position, config)
     start = jnp.where(late, setpoint_at(pending, jnp.float32(config.period)).position, position)
     candidate = _seek(world, flight, start, config)
+    if world.faults is not None:
+        begins = jnp.linalg.norm(flight.pending_path[0] - start) <= _BEGINS
+        status, a_period_late = answered(world, flight, candidate.status, begins)
+        candidate, late = dataclasses.replace(candidate, status=status), late | a_period_late
     ok = candidate.ok
     direct = _refer(flight, candidate.path, ok, gap, position, config)
     reference = _choose(late, pending, direct)

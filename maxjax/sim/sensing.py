@@ -18,6 +18,7 @@ from jaxtyping import Array, Int32
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.sim import rolling_map as mapping
 from maxjax.sim.disturbances import degrade, outage
+from maxjax.sim.faults import delivered, scanned_from
 from maxjax.sim.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.lidar import scan
 from maxjax.worlds.movers import Moving
@@ -33,10 +34,15 @@ def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[A
     """The flight with a scan, numbered for its noise."""
     sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, number))
     position, lidar = flight.vehicle.position, config.lidar
+    if world.faults is not None:
+        position = scanned_from(world, flight)
     failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
     moving = None if world.movers is None else Moving(world.movers, flight.log.duration)
     measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
     measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
+    if world.faults is not None:
+        measured, failing = delivered(world, flight, measured, lidar, number)
+        flight = dataclasses.replace(flight, failing=failing)
     measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
     returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
     return dataclasses.replace(flight, scan=measured, returns=returns)

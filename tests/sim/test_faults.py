@@ -1,0 +1,164 @@
+"""Faults: what is delivered is what the table says, what cannot be is refused, and nothing fails before its time."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maxjax.core.status import Status
+from maxjax.methods import planner_named
+from maxjax.planning.distances import Distances
+from maxjax.sim.disturbances import Disturbances
+from maxjax.sim.faults import MEANINGLESS, Failing, Faults, Mode, Target, account, delivered, located, none_yet, thrusts
+from maxjax.sim.flight import STAGES, Flight, FlightConfig, World, take_off, watch
+from maxjax.sim.flight_state import estimated_position
+from maxjax.sim.lidar import Lidar, Scan, scan
+from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.worlds.solids import upright_boxes
+
+LIDAR = Lidar(rays=4096, channels=64)
+CONFIG = FlightConfig(
+    planner=planner_named("field"),
+    shape=(45, 45, 17),
+    lidar=LIDAR,
+    plans=40,
+    distances=Distances(1.0, 4.0),
+    stages=(*STAGES, account),
+)
+START, GOAL = jnp.array([-24.0, 1.0, 6.0]), jnp.array([14.0, -2.0, 8.0])
+
+
+@functools.cache
+def town() -> Geoms:
+    rows = jnp.array([[-4.0, 0.0, 2.0, 12.0, 0.0, 40.0, 0.1], [8.0, 20.0, 4.0, 4.0, 0.0, 30.0, 0.4]])
+    return concatenate([ground_plane(), upright_boxes(rows)])
+
+
+def world(faults: Faults | None) -> World:
+    return World(town(), START, GOAL, jax.random.key(5), Disturbances(), faults=faults)
+
+
+def ready(target: Target, mode: Mode, **changes: object) -> tuple[World, Flight]:
+    """A world with one fault from the beginning, and a flight that moves."""
+    one = world(Faults.of({target: mode}, onset=0.0))
+    flight = take_off(one, CONFIG)
+    vehicle = dataclasses.replace(flight.vehicle, velocity=jnp.array([4.0, 0.0, 0.0]))
+    return one, dataclasses.replace(flight, vehicle=vehicle, **changes)  # type: ignore[arg-type]
+
+
+@functools.cache
+def honest() -> Scan:
+    return scan(town(), LIDAR, START, jnp.eye(3), jax.random.key(1))
+
+
+@functools.cache
+def scans(mode: Mode) -> tuple[Scan, Failing]:
+    one, flight = ready(Target.LIDAR, mode)
+    return delivered(one, flight, honest(), LIDAR, jnp.int32(1))
+
+
+def test_a_sensor_that_works_delivers_what_it_measured() -> None:
+    used, failing = scans(Mode.NONE)
+    assert np.array_equal(used.hit, honest().hit)
+    assert np.array_equal(used.distance, honest().distance)
+    assert np.allclose(used.points, honest().points, atol=1e-4, equal_nan=True)
+    assert np.array_equal(failing.ranges, honest().distance)
+
+
+def test_ranges_that_are_too_long_are_so_along_their_beams() -> None:
+    used, _ = scans(Mode.WRONG)
+    hit = np.asarray(honest().hit)
+    assert np.allclose(np.asarray(used.distance)[hit] - np.asarray(honest().distance)[hit], 0.5, atol=1e-4)
+    beyond = np.asarray(used.points - START)[hit]
+    assert np.allclose(np.linalg.norm(beyond, axis=1), np.asarray(used.distance)[hit], atol=1e-3)
+
+
+@pytest.mark.parametrize("mode", [Mode.OFF, Mode.GARBAGE, Mode.SLOW])
+def test_of_no_scan_and_of_ranges_without_surfaces_nothing_is_used(mode: Mode) -> None:
+    used, _ = scans(mode)
+    assert not np.any(used.hit)
+    assert np.all(np.isnan(used.points))
+
+
+def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
+    one, flight = ready(Target.LIDAR, Mode.STUCK)
+    first, failing = delivered(one, flight, honest(), LIDAR, jnp.int32(0))
+    other = scan(town(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
+    second, again = delivered(one, dataclasses.replace(flight, failing=failing), other, LIDAR, jnp.int32(1))
+    assert np.array_equal(first.hit, honest().hit)
+    assert not np.any(second.hit)
+    assert np.array_equal(again.ranges, failing.ranges)
+
+
+@pytest.mark.parametrize(("mode", "off"), [(Mode.OFF, 0.01), (Mode.GARBAGE, 0.01), (Mode.STUCK, 1.1), (Mode.LATE, 1.1)])
+def test_a_position_is_never_further_off_than_a_believable_jump(mode: Mode, off: float) -> None:
+    """For two seconds at 4 m/s: dead reckoning errs by a hundredth of the way, what is believed by a metre at most."""
+    one, flight = ready(Target.POSE, mode)
+    located_at = jax.jit(lambda flight: located(one, flight, jnp.zeros(3), 0.01))
+    for k in range(200):
+        vehicle = dataclasses.replace(flight.vehicle, position=START + jnp.array([0.04 * (k + 1), 0.0, 0.0]))
+        log = dataclasses.replace(flight.log, duration=jnp.float32(0.01 * k))
+        flight = dataclasses.replace(flight, vehicle=vehicle, log=log)
+        flight = dataclasses.replace(flight, failing=located_at(flight))
+        assert float(jnp.linalg.norm(estimated_position(one, flight) - vehicle.position)) <= off + 0.01 * 0.04 * (k + 1)
+
+
+def test_commands_reach_late_motors_five_steps_later_and_weak_ones_in_part() -> None:
+    commands = np.random.default_rng(0).uniform(1.0, 6.0, (12, 4)).astype(np.float32)
+    for mode, expected in ((Mode.LATE, commands[:-5]), (Mode.WRONG, 0.85 * commands), (Mode.NONE, commands)):
+        one, flight = ready(Target.MOTORS, mode)
+        told = []
+        for command in commands:
+            got, failing = thrusts(one, flight, jnp.asarray(command), CONFIG.vehicle)
+            flight = dataclasses.replace(flight, failing=failing)
+            told.append(np.asarray(got))
+        assert np.allclose(told[5:] if mode == Mode.LATE else told, expected, rtol=1e-6)
+
+
+def test_what_is_remembered_at_first_is_hovering_at_the_start() -> None:
+    failing = none_yet(START, 7, CONFIG.vehicle)
+    assert np.array_equal(failing.position, START)
+    assert np.allclose(failing.commands, CONFIG.vehicle.hover)
+
+
+@pytest.fixture(scope="module")
+def flown() -> dict[str, Flight]:
+    """Nothing that may fail; what may but does not within the flight; a planner that stops answering after 4 s."""
+    worlds = {
+        "sound": world(None),
+        "later": world(Faults.of(dict.fromkeys(Target, Mode.OFF), onset=1e3)),
+        "silent": world(Faults.of({Target.PLANNER: Mode.OFF}, onset=4.0)),
+        "blind": world(Faults.of({Target.LIDAR: Mode.OFF, Target.POSE: Mode.OFF}, onset=4.0)),
+    }
+    return {name: list(watch(one, CONFIG if one.faults else dataclasses.replace(CONFIG, stages=None)))[-1]
+            for name, one in worlds.items()}  # fmt: skip
+
+
+def test_before_its_time_a_fault_changes_next_to_nothing(flown: dict[str, Flight]) -> None:
+    sound, later = flown["sound"].log, flown["later"].log
+    assert sound.status == later.status == Status.OK
+    # But for what dead reckoning errs by.
+    apart = np.linalg.norm(np.asarray(sound.position - later.position), axis=1)
+    assert np.nanmax(apart[: int(10 * min(sound.duration, later.duration))]) < 0.5
+    assert later.unseen == 0
+
+
+@pytest.mark.parametrize(("name", "status"), [("silent", Status.TIMEOUT), ("blind", Status.OUT_OF_PLANS)])
+def test_without_planner_or_senses_the_vehicle_stops_in_sight_of_what_it_saw(
+    flown: dict[str, Flight], name: str, status: Status
+) -> None:
+    log = flown[name].log
+    assert log.status == status
+    assert np.isfinite(log.clearance)
+    assert log.clearance > CONFIG.radius
+    assert log.unseen == 0
+
+
+def test_every_target_fails_in_some_way_that_means_something() -> None:
+    for target in Target:
+        assert sum((target, mode) not in MEANINGLESS for mode in Mode) >= 6
