@@ -295,7 +295,7 @@ class ViewOptions(ReadOptions, RouteOptions):
         goal: Its end [m].
         trial: Number of the flight to begin with, of a folder.
         share: One HTML file to write in place of serving a page; it plays in any browser, without network.
-        host: Address to serve the page at; all who can reach it can use the page.
+        host: Address to serve the page at; beyond this machine a browser needs the token that is printed.
         port: To serve it at, or the next that is free.
         dark: A dark page.
     """

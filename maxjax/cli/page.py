@@ -11,7 +11,9 @@ from maxjax.core.files import atomic_write
 
 def wait(server: Any) -> None:
     """Say where the page is, and serve it until Ctrl-C."""
-    print(f"http://{server.get_host()}:{server.get_port()}   Ctrl-C ends it", flush=True)
+    from maxjax.view.server import address_of
+
+    print(f"{address_of(server)}   Ctrl-C ends it", flush=True)
     try:
         while True:
             time.sleep(3600.0)

@@ -131,7 +131,10 @@ class PlanPage:
         @handle.on_update
         async def _(event: Any) -> None:
             with self._lock:
-                k = [self._name(k) for k in range(len(self._stops))].index(name)
+                names = [self._name(k) for k in range(len(self._stops))]
+                if name not in names:
+                    return  # removed while it is dragged
+                k = names.index(name)
                 place = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
                 self._stops[k] = dataclasses.replace(self._stops[k], position=place)
             self.ask()

@@ -1,7 +1,8 @@
 """The server of a page: viser's, without what leads out of this machine.
 
-It serves its own page and the messages of one scene. It opens no tunnel, takes no uploads, reads no file that a browser
-names, and listens on this machine alone unless another address is asked for.
+It serves its own page and the messages of one scene, to whom `border` lets in, and takes what `incoming` lets pass. It
+opens no tunnel, takes no uploads, reads no file that a browser names, and listens on this machine alone unless another
+address is asked for.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.view.border import Border
 from maxjax.view.camera import over_map, over_way
 from maxjax.view.city import City
+from maxjax.view.guard import guarding
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -36,7 +39,7 @@ def need_viser() -> None:
 
 
 def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = False) -> ViserServer:
-    """A server with an empty scene, lit and looked at as suits a map; `get_port` tells on which port.
+    """A server with an empty scene, lit and looked at as suits a map; `address_of` tells where.
 
     Args:
         city: the map.
@@ -45,12 +48,12 @@ def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = Fa
         dark: whether the page is dark.
 
     Raises:
-        ImportError: without viser.
+        ImportError: without viser, or with one that cannot be guarded.
         OSError: if the address cannot be listened on.
     """
     need_viser()
     check_host(host, port)
-    server: ViserServer = _server_class()(host=host, port=port, label=city.name)
+    server: ViserServer = _server_class()(Border.of(host), host=host, port=port, label=city.name)
     look(server, dark=dark)
     scene = server.scene
     # No image-based light and no shadows: they cost most of a frame where there is no GPU, and tell nothing of a map.
@@ -60,6 +63,12 @@ def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = Fa
     scene.add_light_directional("/light/sun", intensity=1.7, position=(-0.5, -0.8, 1.2), cast_shadow=False)
     look_at(server, city)
     return server
+
+
+def address_of(server: ViserServer) -> str:
+    """Where a browser finds the page; with a token, unless the server listens on this machine alone."""
+    border: Border = server.border
+    return border.address(server.get_port())
 
 
 def look(server: ViserServer, *, dark: bool) -> None:
@@ -104,9 +113,14 @@ def _server_class() -> Any:
     class Local(viser.ViserServer):
         """A server that a browser cannot ask to be reached from the internet, and that prints nothing."""
 
-        def __init__(self, **settings: Any) -> None:
-            with contextlib.redirect_stdout(io.StringIO()):
+        def __init__(self, border: Border, **settings: Any) -> None:
+            self.border = border
+            with contextlib.redirect_stdout(io.StringIO()), guarding(border, self._controls):
                 super().__init__(verbose=False, **settings)
+
+        def _controls(self) -> dict[str, Any]:
+            gui = self.__dict__.get("gui")  # which it has not while it starts
+            return {} if gui is None else gui._gui_input_handle_from_uuid
 
         def request_share_url(self, verbose: bool = True) -> str | None:
             """None: the page stays on this machine."""
