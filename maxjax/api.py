@@ -27,6 +27,7 @@ from maxjax.planning.plan_route import plan_route as route_in
 from maxjax.planning.planner import Planner, checked_planner
 from maxjax.planning.route import Route
 from maxjax.planning.task import Task, points_of
+from maxjax.programs.forked import refuse_after_fork
 from maxjax.programs.stage_timer import added, recording, timed
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
@@ -64,6 +65,7 @@ def plan(
     Raises:
         ValueError: if the map is an array or a batch, positions are not (3,), distances are longer than the map, or the
             planner is none.
+        RuntimeError: in a process that was forked after JAX had run.
     """
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     return plan_task(_task(_single(where), *ends, distances, airspace), checked_planner(planner))[0]
@@ -93,7 +95,9 @@ def plan_route(
 
     Raises:
         ValueError: if the map is none or a batch, positions are not (3,), or the planner is none.
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     return route_in(where, start, goal, planner, distances)
 
 

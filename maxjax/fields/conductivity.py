@@ -15,6 +15,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Grid
+from maxjax.programs.forked import refuse_after_fork
 
 SIGMA_GOAL = 1e6
 SIGMA_FREE = 1e2
@@ -33,7 +34,9 @@ def conductivity(
 
     Raises:
         ValueError: when `occupied` does not cover `grid`.
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     grid.check_volume("occupied", occupied)
     squared = jnp.zeros(grid.shape, jnp.float32)
     for axis in range(3):

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.core.grid import Grid
+from maxjax.programs.forked import refuse_after_fork
 from maxjax.programs.lowering import materialise, shifted
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
@@ -52,7 +53,9 @@ def voxelize(points: Float[Array | np.ndarray, "n 3"], grid: Grid) -> Occupancy:
 
     Raises:
         ValueError: when `points` is not (n, 3).
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points: expected shape (n, 3) [m], given {points.shape}")
     if isinstance(points, jax.Array):
@@ -123,7 +126,9 @@ def dilate(
 
     Raises:
         ValueError: when a volume does not cover `grid`, or for a negative margin.
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     if not 0 <= margin <= grid.spacing * max(grid.shape):
         raise ValueError(f"margin: expected 0 to {grid.spacing * max(grid.shape):g} m, the map's edge, given {margin}")
     grid.check_volume("occupied", occupied)

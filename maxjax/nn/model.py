@@ -31,6 +31,7 @@ from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.programs import lowering
+from maxjax.programs.forked import refuse_after_fork
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential
@@ -198,7 +199,9 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
 
     Raises:
         ValueError: for an unknown name, one without weights, or a file that is damaged or of another architecture.
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     network = _network(name)
     file = WEIGHTS / f"{name}.npz" if path is None else Path(path)
     if path is None and not file.exists():

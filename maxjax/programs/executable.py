@@ -36,6 +36,7 @@ from maxjax.core.files import atomic_write
 from maxjax.core.provenance import sources
 from maxjax.programs.cache import cache_folder, let_jax_keep, trim
 from maxjax.programs.compilation import compiling
+from maxjax.programs.forked import refuse_after_fork
 from maxjax.programs.lowering import target
 
 P = ParamSpec("P")
@@ -78,7 +79,11 @@ class Stored(Generic[P, R]):
         Args:
             arrays, static: of a call.
             around: a context for what it takes the first time in a process.
+
+        Raises:
+            RuntimeError: in a process that was forked after JAX had run.
         """
+        refuse_after_fork()
         leaves, tree = jax.tree.flatten(arrays)
         placed = {device for x in leaves if isinstance(x, jax.Array) and x.committed for device in x.devices()}
         given = tuple(map(_abstract, leaves))

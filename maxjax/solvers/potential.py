@@ -26,6 +26,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.status import Status
+from maxjax.programs.forked import refuse_after_fork
 from maxjax.programs.lowering import maximum
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.derivative import differentiable
@@ -111,7 +112,9 @@ def solve_potential(
     Raises:
         ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not
             (3,), a price that is not of sigma's shape, an unknown setting, or a tolerance that is not positive.
+        RuntimeError: in a process that was forked after JAX had run.
     """
+    refuse_after_fork()
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index, price)
     if isinstance(setting, str):
