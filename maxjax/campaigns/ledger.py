@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.core.files import FileError, atomic_write, read_bytes, read_text
+from maxjax.core.files import FileError, atomic_write, open_to_append, read_bytes, read_text
 from maxjax.core.interruption import finishing
 from maxjax.core.provenance import device, sources, versions
 from maxjax.core.serialization import read_npz
@@ -110,9 +110,9 @@ class Ledger:
         locks nobody is kept from anything.
 
         Raises:
-            ValueError: if another process flies into it.
+            ValueError: if another process flies into it, or its files are none.
         """
-        with open(self.folder / _LOCK, "ab") as file:
+        with open_to_append(self.folder / _LOCK) as file:
             try:
                 import fcntl
 
@@ -134,7 +134,7 @@ class Ledger:
             return
         self.record_makers([{"sources": sources(), "versions": versions(), "device": device()}])
         # One call of the system's `write`: KeyboardInterrupt comes before or after it, not between two lines.
-        with finishing(), open(self.folder / ROWS, "ab", buffering=0) as file:
+        with finishing(), open_to_append(self.folder / ROWS) as file:
             file.write(_lines(outcomes))
             os.fsync(file.fileno())
         self.outcomes.update({outcome.trial: outcome for outcome in outcomes})

@@ -138,10 +138,26 @@ def open_regular(path: str | os.PathLike[str], most: int = MAX_FILE_BYTES) -> It
             raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _check_regular(path: str | os.PathLike[str], found: os.stat_result, most: int) -> None:
+@contextlib.contextmanager
+def open_to_append(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A file open for appending, unbuffered; made if it is missing.
+
+    Raises:
+        FileError: if it is no regular file: writing to a pipe that nobody reads would wait for ever.
+        OSError: if it cannot be written.
+    """
+    with contextlib.suppress(FileNotFoundError):
+        _check_regular(path, os.stat(path))
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags, 0o666), "ab", buffering=0) as file:
+        _check_regular(path, os.fstat(file.fileno()))
+        yield file
+
+
+def _check_regular(path: str | os.PathLike[str], found: os.stat_result, most: int | None = None) -> None:
     if not stat.S_ISREG(found.st_mode):
         kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
         kind = kinds.get(stat.S_IFMT(found.st_mode), "a device")
-        raise FileError(f"{path}: cannot be read: expected a regular file, found {kind}")
-    if found.st_size > most:
+        raise FileError(f"{path}: cannot be used: expected a regular file, found {kind}")
+    if most is not None and found.st_size > most:
         raise FileError(f"{path}: {found.st_size} bytes, expected at most {most}; crop it")

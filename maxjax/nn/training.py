@@ -28,7 +28,7 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.files import atomic_write, read_text
+from maxjax.core.files import atomic_write, open_to_append, read_text
 from maxjax.core.grid import Grid
 from maxjax.fields import stencil
 from maxjax.nn import optimizer
@@ -243,8 +243,8 @@ def train(
         if regular or time.perf_counter() - saved_s >= _CHECKPOINT_S:
             save_checkpoint(folder, state, (epoch + 1) * steps, identity)
             saved_s = time.perf_counter()
-        with open(folder / LOG, "a") as log:
-            log.write(json.dumps(line) + "\n")
+        with open_to_append(folder / LOG) as log:
+            log.write((json.dumps(line) + "\n").encode())
         if report is not None:
             report(line)
     return state

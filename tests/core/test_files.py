@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from maxjax.airspace.geojson import load_airspace
@@ -16,7 +19,7 @@ from maxjax.cli.mission_file import read_mission
 from maxjax.cli.options import MissionOptions, ViewOptions
 from maxjax.cli.viewing_source import opened
 from maxjax.core.earth import TangentPlane
-from maxjax.core.files import FileError, open_regular, read_bytes
+from maxjax.core.files import FileError, open_regular, open_to_append, read_bytes
 from maxjax.core.grid import Grid
 from maxjax.core.serialization import load_metadata, read_npz
 from maxjax.maps.reader import READERS, read_map
@@ -153,6 +156,56 @@ def test_texts_may_hold_as_many_dots_as_they_like(tmp_path: Path) -> None:
     path.write_text(f'map = "{"." * 1000}"\nnothing = 1\n')
     with pytest.raises(ValueError, match="nothing"):
         mission(path)
+
+
+@pytest.mark.parametrize("name", ["lock", ROWS])
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_nothing_is_appended_to_what_is_no_file(tmp_path: Path, name: str, kind: str) -> None:
+    ledger = Ledger(tmp_path, {})
+    path = tmp_path / name
+    {"pipe": os.mkfifo, "device": lambda path: path.symlink_to("/dev/zero"), "folder": os.mkdir}[kind](path)
+    with (
+        pytest.raises(FileError, match=f"{name}: cannot be used: expected a regular file, found a {kind}"),
+        ledger.held(),
+    ):
+        pass
+    with pytest.raises(FileError, match=f"expected a regular file, found a {kind}"), open_to_append(path):
+        pass
+
+
+def test_lines_are_appended_behind_those_that_are_there(tmp_path: Path) -> None:
+    for line in (b"a\n", b"b\n"):
+        with open_to_append(tmp_path / "rows") as file:
+            file.write(line)
+    assert (tmp_path / "rows").read_bytes() == b"a\nb\n"
+
+
+SHRINKING = """
+import os, sys
+from pathlib import Path
+from maxjax.maps.readers import ply
+path, whole = Path(sys.argv[1]), ply._read_header
+
+def header(*given):
+    found = whole(*given)
+    os.truncate(path, 0)
+    return found
+
+ply._read_header = header
+print(len(ply.load_ply(path).points))
+"""
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_a_ply_that_shrinks_while_it_is_read_ends_no_process(tmp_path: Path, order: str) -> None:
+    path, count = tmp_path / "a.ply", 100_000
+    rows = np.random.default_rng(0).uniform(0.0, 9.0, (count, 3)).astype("<f4")
+    head = f"ply\nformat {order} 1.0\nelement vertex {count}\n" + "".join(f"property float {x}\n" for x in "xyz")
+    body = rows.tobytes() if order != "ascii" else "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
+    path.write_bytes(f"{head}end_header\n".encode() + body)
+    done = subprocess.run([sys.executable, "-c", SHRINKING, str(path)], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, f"{count}\n"), done.stderr
+    assert path.stat().st_size == 0
 
 
 def test_a_list_of_positions_is_a_lost_position_and_no_traceback(tmp_path: Path) -> None:

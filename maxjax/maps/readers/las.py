@@ -100,7 +100,8 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR09
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
     except BaseException as error:
-        # lazrs is Rust: on damaged data it may panic, which arrives as a BaseException of a private type.
+        # lazrs is Rust: on damaged data it may panic, which arrives as a BaseException of a private type. It also
+        # writes a line to stderr; to turn that away is to turn all threads' stderr away, Ctrl-C's sentence too.
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         raise FileError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
