@@ -1,4 +1,4 @@
-"""What users install beside maxjax is under permissive licences; what is not stands in extras of developers, by name."""
+"""What users install is under permissive licences; what is not stands in extras of developers, by name."""
 
 from __future__ import annotations
 
