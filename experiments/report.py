@@ -86,6 +86,9 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.page, ("page",)),
 )
 
+# Likewise, of what other people's files and messages do.
+INPUTS: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = ((tables.fuzz, ("fuzz",)),)
+
 _HEAD = """# Results
 
 Written by `make results` from the files in [results/](results); a test compares them. The last table says which command
@@ -111,12 +114,13 @@ def page(folder: Path = HERE / "results", benchmarks: Path = BENCHMARKS) -> str:
                 section: Callable[[Document], str] = import_module(f"experiments.{module}").section
                 texts.append(section(load(folder / f"{name}.json", "results")))
         parts += _chapter(chapter, texts)
-    speed = []
-    for write, names in SPEED:
-        files = [benchmarks / f"{name}.json" for name in names if (benchmarks / f"{name}.json").is_file()]
-        if files:
-            speed.append(write(*[load(file, "../benchmarks/results") for file in files]))
-    parts += _chapter("Speed", speed)
+    for chapter, written in (("Faulty inputs", INPUTS), ("Speed", SPEED)):
+        texts = []
+        for write, names in written:
+            files = [benchmarks / f"{name}.json" for name in names if (benchmarks / f"{name}.json").is_file()]
+            if files:
+                texts.append(write(*[load(file, "../benchmarks/results") for file in files]))
+        parts += _chapter(chapter, texts)
     return "\n".join([*parts, "## Where these figures come from\n", sources(found)])
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.campaigns.outcomes import Outcome
-from maxjax.core.files import FileError, atomic_write, open_to_append, read_bytes, read_text
+from maxjax.core.files import FileError, atomic_write, brief, open_to_append, read_bytes, read_text
 from maxjax.core.interruption import finishing
 from maxjax.core.provenance import device, sources, versions
 from maxjax.core.serialization import read_npz
@@ -74,8 +74,8 @@ class Ledger:
         if differing:
             name = differing[0]
             raise ValueError(
-                f"{folder}: holds another campaign: {name} was {before.get(name)} there, is {configuration.get(name)} "
-                "here; choose another folder"
+                f"{folder}: holds another campaign: {name} was {brief(before.get(name))} there, is "
+                f"{brief(configuration.get(name))} here; choose another folder"
             )
         if foreign := sorted(set(ledger.outcomes) - set(trials)):
             raise ValueError(f"{folder / ROWS}: holds trial {foreign[0]}, which is not of this campaign")
@@ -91,8 +91,8 @@ class Ledger:
         try:
             written = json.loads(read_text(folder / CONFIG))
             ledger = cls(folder, dict(written["campaign"]), _read(folder / ROWS))
-            ledger.batch, ledger.flown_by = written.get("batch"), list(written.get("flown_by", []))
-        except (FileError, KeyError, TypeError, RecursionError, json.JSONDecodeError, UnicodeDecodeError) as error:
+            ledger.batch, ledger.flown_by = _batch(written), [dict(one) for one in written.get("flown_by", [])]
+        except (KeyError, TypeError, RecursionError, ValueError) as error:
             # What is there and cannot be used has its own sentence.
             if isinstance(error, FileError) and not isinstance(error.__cause__, OSError):
                 raise
@@ -162,10 +162,10 @@ class Ledger:
     def batches(self) -> Iterator[tuple[list[int], Float[np.ndarray, "b t 3"]]]:
         """Trials that have an outcome and their positions [m], file by file, as `record_positions` takes them."""
         for file in sorted((self.folder / POSITIONS).glob("*.npz")):
-            arrays = read_npz(file)
-            rows = [row for row, trial in enumerate(arrays["trial"].tolist()) if trial in self.outcomes]
+            trials, position = _positions(file)
+            rows = [row for row, trial in enumerate(trials) if trial in self.outcomes]
             if rows:
-                yield arrays["trial"][rows].tolist(), arrays["position"][rows]
+                yield [trials[row] for row in rows], position[rows]
 
     def without_positions(self) -> list[int]:
         """Trials that flew, and whose positions are no longer there, in order."""
@@ -199,12 +199,30 @@ class Ledger:
         """First trial, number of trials and run time [s] of each batch; empty where they cannot be read."""
         try:
             return list(json.loads(read_text(self.folder / TIMES))["batches"])
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return []
 
     def _write_config(self) -> None:
         content = {"campaign": self.configuration, "batch": self.batch, "flown_by": self.flown_by}
         atomic_write(self.folder / CONFIG, json.dumps(content, indent=2) + "\n")
+
+
+def _batch(written: dict[str, Any]) -> int | None:
+    batch = written.get("batch")
+    if batch is not None and (type(batch) is not int or batch < 1):
+        raise ValueError(f"batch: expected a positive whole number, given {brief(batch)}")
+    return batch
+
+
+def _positions(path: Path) -> tuple[list[int], Float[np.ndarray, "b t 3"]]:
+    """Trials and positions [m] of a file of `record_positions`."""
+    arrays = read_npz(path)
+    trial, position = arrays.get("trial"), arrays.get("position")
+    if trial is None or position is None or trial.dtype.kind != "i" or position.dtype.kind != "f":
+        raise FileError(f"{path}: expected trials and their positions, given something else; remove it")
+    if trial.ndim != 1 or position.ndim != 3 or (len(position), position.shape[2]) != (len(trial), 3):
+        raise FileError(f"{path}: expected positions (b, t, 3) of trials (b), given {position.shape} of {trial.shape}")
+    return trial.tolist(), position
 
 
 def _lines(outcomes: Iterable[Outcome]) -> bytes:
@@ -225,10 +243,8 @@ def _read(path: Path) -> dict[int, Outcome]:
     outcomes = {}
     for number, line in enumerate(_whole(path).splitlines(), 1):
         try:
-            outcome = Outcome(**json.loads(line))
+            outcome = Outcome.of(json.loads(line))
         except (ValueError, TypeError, RecursionError) as error:
-            raise ValueError(
-                f"{path}: line {number} is no outcome; remove the file or choose another folder"
-            ) from error
+            raise FileError(f"{path}: line {number} is no outcome; remove the file or choose another folder") from error
         outcomes[outcome.trial] = outcome
     return outcomes

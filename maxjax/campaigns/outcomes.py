@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import statistics
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,31 @@ INVALID_DRAW = "INVALID_DRAW"
 
 # Fields of an outcome that flights without movers lack.
 AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "touched", "hidden_movers")
+
+
+def _whole(value: Any) -> bool:
+    return type(value) is int and abs(value) < 2**53
+
+
+def _number(value: Any) -> bool:
+    return _whole(value) or (type(value) is float and abs(value) < 1e12)  # NaN is not
+
+
+def _table(value: Any, holds: Callable[[Any], bool]) -> bool:
+    return isinstance(value, dict) and all(map(holds, value.values()))
+
+
+# Whether a value that JSON held is of the kind that a field of an outcome is written as.
+_KINDS: dict[str, Callable[[Any], bool]] = {
+    "None": lambda value: value is None,
+    "bool": lambda value: isinstance(value, bool),
+    "int": _whole,
+    "float": _number,
+    "str": lambda value: isinstance(value, str),
+    "list[float]": lambda value: isinstance(value, list) and len(value) == 3 and all(map(_number, value)),
+    "dict[str, int]": lambda value: _table(value, _whole),
+    "dict[str, float]": lambda value: _table(value, _number),
+}
 
 
 # The arrays of a batched dataclass by field name, on the host.
@@ -73,6 +98,20 @@ class Outcome:
     flagged_before: bool | None = None
     touched: str | None = None
     hidden_movers: int | None = None
+
+    @classmethod
+    def of(cls, line: Mapping[str, Any]) -> Outcome:
+        """The outcome of a line, as JSON holds it.
+
+        Raises:
+            TypeError, ValueError: for a field that is unknown, is missing, or holds another kind of value.
+        """
+        outcome = cls(**line)
+        for field in dataclasses.fields(cls):
+            kinds, value = str(field.type).split(" | "), getattr(outcome, field.name)
+            if not any(_KINDS[kind](value) for kind in kinds):
+                raise ValueError(f"{field.name}: expected {field.type}, given {value!r}")
+        return outcome
 
     @property
     def arrived(self) -> bool:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -91,7 +92,7 @@ def read_mission(options: MissionOptions) -> Asked:
     except ValueError as error:
         raise ValueError(f"{options.file}: {error}") from error
     beside = options.file.parent / given["map"]
-    if beside.exists() or not _CITY.fullmatch(given["map"]):
+    if os.path.exists(beside) or not _CITY.fullmatch(given["map"]):
         given["map"] = str(beside)
     if "airspace" in given:
         given["airspace"] = options.file.parent / given["airspace"]

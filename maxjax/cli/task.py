@@ -6,9 +6,9 @@ The grid of a simulated city lies about the middle of start and goal, that of a 
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
@@ -81,7 +81,7 @@ def load_source(text: str, reading: Reading = PLAIN) -> Source:
     match = re.fullmatch(r"(\w+):(\d+)", text)
     if match and match[1] in MAPS:
         return make_scene(match[1], int(match[2]))
-    if not Path(text).exists() and (":" in text or text in MAPS):
+    if not os.path.exists(text) and (":" in text or text in MAPS):
         raise FileError(f"{text}: expected a file, or one of {_CITIES} with a whole number for SEED")
     return read_map(text, reading)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -101,9 +102,9 @@ def _of_plan(options: ViewOptions, configuration: Mapping[str, Any], path: Path)
     waypoints = _waypoints(kept.pop("waypoints", None))
     given = {name: _value(name, value) for name, value in kept.items()}
     for name in ("map", "airspace"):
-        beside = path.parent / Path(given.get(name, "")).name
-        if name in given and not Path(given[name]).exists() and beside.is_file():
-            given[name] = str(beside)
+        beside = os.path.join(path.parent, os.path.basename(given.get(name, "")))
+        if name in given and not os.path.exists(given[name]) and os.path.isfile(beside):
+            given[name] = beside
     if "airspace" in given:
         given["airspace"] = Path(given["airspace"])
     back, speed = bool(given.pop("return_to_start", False)), given.pop("speed", None)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import secrets
 import stat
@@ -22,10 +23,17 @@ MAX_FILE_BYTES = 2**31
 MAX_TEXT_BYTES = 2**28  # of JSON, XML and other text, which takes ten times as much memory while it is read
 
 _LONGEST_LINE = 2**20
+_LONGEST_SENTENCE = 500  # characters: files may hold texts of any length
 
 
 class FileError(ValueError):
     """A user's file cannot be used; the message names the file, what was found and what was expected."""
+
+
+def brief(said: object) -> str:
+    """What an error says, or a file holds, in one line of bounded length."""
+    sentence = " ".join(str(said).split())
+    return sentence if len(sentence) <= _LONGEST_SENTENCE else sentence[:_LONGEST_SENTENCE] + " …"
 
 
 def atomic_write(path: str | os.PathLike[str], content: str | bytes) -> None:
@@ -60,16 +68,20 @@ def parse_json(content: bytes, path: Path) -> Any:
     """What a JSON text holds, in UTF-8.
 
     Raises:
-        FileError: if it is none, nests too deep, or holds numbers that JSON has not (NaN, Infinity).
+        FileError: if it is none, nests too deep, or holds numbers that JSON or a computer has not (NaN, 1e999).
     """
 
     def refused(name: str) -> float:
         raise ValueError(f"{name} is no JSON number")
 
+    def finite(digits: str) -> float:
+        number = float(digits)
+        return number if math.isfinite(number) else refused(brief(digits))
+
     try:
-        return json.loads(content, parse_constant=refused)
+        return json.loads(content, parse_constant=refused, parse_float=finite)
     except (RecursionError, ValueError) as error:
-        raise FileError(f"{path}: expected JSON: {error}") from error
+        raise FileError(f"{path}: expected JSON: {brief(error)}") from error
 
 
 def text_lines(readline: Callable[[int], bytes], count: int, fail: Callable[[str], FileError]) -> Iterator[bytes]:
@@ -129,7 +141,7 @@ def open_regular(path: str | os.PathLike[str], most: int = MAX_FILE_BYTES) -> It
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         if isinstance(error, FileError):
             raise
-        raise FileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise FileError(f"{brief(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     with file:
         _check_regular(path, os.fstat(file.fileno()), most)
         try:
@@ -158,6 +170,7 @@ def _check_regular(path: str | os.PathLike[str], found: os.stat_result, most: in
     if not stat.S_ISREG(found.st_mode):
         kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
         kind = kinds.get(stat.S_IFMT(found.st_mode), "a device")
-        raise FileError(f"{path}: cannot be used: expected a regular file, found {kind}")
+        deed = "written" if most is None else "read"
+        raise FileError(f"{path}: cannot be {deed}: expected a regular file, found {kind}")
     if most is not None and found.st_size > most:
         raise FileError(f"{path}: {found.st_size} bytes, expected at most {most}; crop it")

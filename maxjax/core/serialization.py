@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maxjax.core.files import FileError, atomic_write, open_regular
+from maxjax.core.files import FileError, atomic_write, brief, open_regular
 
 T = TypeVar("T")
 
@@ -153,10 +153,10 @@ def read_npz(path: str | os.PathLike[str], *, max_bytes: int = _MAX_BYTES) -> di
     except (zipfile.BadZipFile, zlib.error, EOFError, struct.error, RuntimeError, MemoryError) as error:
         # RuntimeError: zipfile's word for an encrypted entry.
         raise ValueError(
-            f"{path}: expected an intact .npz archive, given a damaged or foreign file: {error}"
+            f"{path}: expected an intact .npz archive, given a damaged or foreign file: {brief(error)}"
         ) from error
     except (ValueError, TypeError, OverflowError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path}: {brief(error)}") from error
     return arrays
 
 
@@ -188,15 +188,19 @@ def _load(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str
     try:
         header = json.loads(leaves.pop(_HEADER).tobytes())
         known, digest, metadata = header["format"] == _FORMAT, header["sha256"], header["metadata"]
-    except (KeyError, TypeError, ValueError) as error:
+        if not isinstance(metadata, dict):
+            raise TypeError(f"metadata: expected a table, given {brief(metadata)}")
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(
             f"{path}: expected a file written by save_pytree, given an archive without its header"
         ) from error
     if not known:
-        raise ValueError(f"{path}: expected format {_FORMAT!r}, given {header['format']!r}")
+        raise ValueError(f"{path}: expected format {_FORMAT!r}, given {brief(header['format'])!r}")
     given = _digest(leaves, metadata)
     if given != digest:
-        raise ValueError(f"{path}: contents were altered: expected SHA-256 {digest}, given {given}; fetch it again")
+        raise ValueError(
+            f"{path}: contents were altered: expected SHA-256 {brief(digest)}, given {given}; fetch it again"
+        )
     return leaves, metadata
 
 

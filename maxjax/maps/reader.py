@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxjax.core.files import MAX_FILE_BYTES, FileError, open_regular
+from maxjax.core.files import MAX_FILE_BYTES, FileError, brief, open_regular
 from maxjax.maps.contents import Contents, facts
 from maxjax.maps.model import FARTHEST
 from maxjax.maps.readers.box_list import load_boxes
@@ -34,7 +34,6 @@ from maxjax.maps.readers.stl import load_stl
 from maxjax.maps.reading import PLAIN, Reading
 
 _PEEK = 65_536
-_LONGEST = 500  # characters of a message: files may hold texts of any length
 
 
 def _load_json(path: Path, reading: Reading) -> Contents:
@@ -103,12 +102,9 @@ def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents
             contents = reader(path, reading)
             extent = facts(contents).extent
     except Exception as error:  # see the module
-        sentence = " ".join(str(error).split())
-        if len(sentence) > _LONGEST:
-            sentence = sentence[:_LONGEST] + " …"
         if isinstance(error, FileError):
-            raise FileError(sentence) from error.__cause__
-        raise FileError(f"{path}: damaged: {type(error).__name__}: {sentence}") from error
+            raise FileError(brief(error)) from error.__cause__
+        raise FileError(f"{path}: damaged: {type(error).__name__}: {brief(error)}") from error
     if not (np.abs(extent) <= FARTHEST).all():
         raise FileError(f"{path}: expected coordinates within {FARTHEST:.0e} m of 0, found {extent.tolist()}; damaged?")
     return contents

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from maxjax.core.files import atomic_write, read_bytes, read_text
+from maxjax.core.files import atomic_write, brief, read_bytes, read_text
 from maxjax.core.serialization import load_pytree, save_pytree
 
 T = TypeVar("T")
@@ -93,7 +93,7 @@ def load_checkpoint(folder: str | os.PathLike[str], like: T) -> T:
         path = folder / file["name"]
         given = _digest(path)
         if given != file["sha256"]:
-            raise ValueError(f"{path}: contents were altered: expected SHA-256 {file['sha256']}, given {given}")
+            raise ValueError(f"{path}: contents were altered: expected SHA-256 {brief(file['sha256'])}, given {given}")
         restored |= load_pytree(path, part)
     tree: T = jax.tree.unflatten(structure, [restored[_key(number)] for number in range(len(leaves))])
     return tree

@@ -21,6 +21,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
+from maxjax.core.files import brief
 from maxjax.core.serialization import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
 from maxjax.fields import gradient as slope
@@ -212,7 +213,9 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     metadata = load_metadata(file)
     given, expected = metadata.get("network"), _described(network)
     if metadata.get("model") != name or given != expected:
-        raise ValueError(f"{file}: expected weights of {name} ({expected}), given {metadata.get('model')} ({given})")
+        raise ValueError(
+            f"{file}: expected weights of {name} ({expected}), given {brief(metadata.get('model'))} ({brief(given)})"
+        )
     shapes = jax.eval_shape(lambda: init_params(jax.random.key(0), network))
     half = load_pytree(file, jax.tree.map(lambda leaf: np.empty(leaf.shape, np.float16), shapes))
     gpu = lowering.target() == "gpu"

@@ -28,7 +28,7 @@ from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from maxjax.core.files import atomic_write, open_to_append, read_text
+from maxjax.core.files import atomic_write, brief, open_to_append, read_text
 from maxjax.core.grid import Grid
 from maxjax.fields import stencil
 from maxjax.nn import optimizer
@@ -269,7 +269,7 @@ def _resumed(training: Training, folder: Path, identity: Mapping[str, Any], step
     if wrong:
         raise ValueError(
             f"{folder}: its checkpoint is of another configuration ({', '.join(wrong)} differ: "
-            f"{[found.get(name) for name in wrong]} in the folder); choose another one"
+            f"{brief([found.get(name) for name in wrong])} in the folder); choose another one"
         )
     state: TrainingState = load_checkpoint(folder, start(training))
     return state, int(state.moments.step) // steps

@@ -19,10 +19,10 @@ def test_every_result_file_has_a_section() -> None:
 def test_what_is_not_measured_is_left_out(tmp_path: Path) -> None:
     text = report.page(tmp_path, tmp_path)
     assert "###" not in text
-    assert not any(f"## {chapter}" in text for chapter in (*report.CHAPTERS, "Speed"))
+    assert not any(f"## {chapter}" in text for chapter in (*report.CHAPTERS, "Faulty inputs", "Speed"))
 
 
 def test_every_benchmark_has_a_table_or_a_figure() -> None:
-    known = {name for _, names in report.SPEED for name in names}
+    known = {name for _, names in (*report.SPEED, *report.INPUTS) for name in names}
     # Drawn, in docs/solver.md.
     assert {path.stem for path in report.BENCHMARKS.glob("*.json")} - known == {"solver_figures"}

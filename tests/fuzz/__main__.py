@@ -1,0 +1,80 @@
+"""Mutate small valid inputs of every format, and count how they end.
+
+    python -m tests.fuzz --inputs 1000000 --seed 0      # one CPU core: 20 minutes
+
+Expected: every input is refused in a sentence of maxjax, or taken as something finite. The first of each format that
+ends otherwise is kept in OUT/otherwise, and the command fails.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from benchmarks.common.harness import RESULTS, Row, save
+from tests.fuzz.formats import FORMATS, share
+from tests.fuzz.mutations import mutated
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        inputs: of all formats together.
+        seed: of the mutations.
+        out: where the JSON goes.
+    """
+
+    inputs: int = 100_000
+    seed: int = 0
+    out: Path = RESULTS
+
+
+def main(config: Config) -> list[Row]:
+    """Try all formats.
+
+    Raises:
+        SystemExit: if an input ends otherwise than it should.
+    """
+    rows = [_row(name, config) for name in FORMATS]
+    save("fuzz", config, rows, config.out)
+    if wrong := [str(row["format"]) for row in rows if row["otherwise"]]:
+        raise SystemExit(f"neither refused nor finite: {', '.join(wrong)}; the first of each is in {config.out}")
+    return rows
+
+
+def _row(name: str, config: Config) -> Row:
+    tried, rng = FORMATS[name], np.random.default_rng(config.seed)
+    whole, found = tried.valid(), Counter[str]()
+    count, start = share(name, config.inputs), time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(count):
+            content = mutated(whole, rng)
+            try:
+                found[tried.outcome(content, Path(folder))] += 1
+            except Exception as error:
+                found["otherwise"] += 1
+                if found["otherwise"] == 1:
+                    _keep(config.out / "otherwise", name, content, error)
+    counts = {end: found[end] for end in ("refused", "taken", "otherwise")}
+    return {"format": name, "inputs": count, **counts, "seconds": round(time.perf_counter() - start, 1)}
+
+
+def _keep(folder: Path, name: str, content: bytes, error: Exception) -> None:
+    """The input, and how it ended."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"first-{name.replace(' ', '-')}").write_bytes(content)
+    with contextlib.suppress(UnicodeError):
+        print(f"{name}: {type(error).__name__}: {str(error)[:500]}")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
