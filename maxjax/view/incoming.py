@@ -80,7 +80,7 @@ def _fits(value: Any, held: Any, props: Any) -> bool:
     return False
 
 
-def _within(value: float, props: Any) -> bool:
+def _within(value: float | int, props: Any) -> bool:
     """Within a control's range, but for a step, since a browser rounds to steps."""
     low, high, step = (getattr(props, name, None) for name in ("min", "max", "step"))
     room = step or 0.0
