@@ -27,7 +27,7 @@ from maxjax.airspace.airspace import Airspace, Area
 from maxjax.airspace.antimeridian import check_span, joined_at_seam
 from maxjax.airspace.outlines import check_outline, cut_to, inserted
 from maxjax.core.earth import Earth, Projected, geojson_crs
-from maxjax.core.files import FileError, parse_json, read_text
+from maxjax.core.files import FileError, brief, parse_json, read_text
 from maxjax.core.geometry.columns import Ring
 from maxjax.core.grid import Grid
 
@@ -62,13 +62,13 @@ def load_airspace(
     document = parse_json(read_text(file), file)
     kind = document.get("type") if isinstance(document, dict) else type(document).__name__
     if kind not in ("FeatureCollection", "Feature"):
-        raise FileError(f"{file}: expected a FeatureCollection of GeoJSON, found {kind!r}")
+        raise FileError(f"{file}: expected a FeatureCollection of GeoJSON, found {brief(kind)!r}")
     try:
         areas, remarks = _areas(document, file, earth, grid)
     except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         if isinstance(error, FileError):
-            raise
-        raise FileError(f"{file}: malformed GeoJSON: {type(error).__name__}: {error}") from error
+            raise FileError(brief(error)) from error.__cause__
+        raise FileError(f"{file}: malformed GeoJSON: {type(error).__name__}: {brief(error)}") from error
     return Airspace(floor, ceiling, highest, areas, remarks)
 
 

@@ -31,6 +31,7 @@ from maxjax.planning.plan import Plan
 from maxjax.planning.taken_end import taken_end
 from maxjax.planning.task import Task
 from maxjax.verification.verifier import verify
+from maxjax.viz.style import load_matplotlib
 
 # Decimals of latitude and longitude [degrees], to a tenth of a millimetre, and height [m]; and their columns.
 _DIGITS = 9
@@ -65,7 +66,7 @@ def check_output(out: Path | None, *, drawn: bool = True) -> None:
         return
     try:
         if drawn:
-            import matplotlib  # noqa: F401
+            load_matplotlib()
     except ImportError as error:
         raise ImportError("--out draws a figure, which needs the extra viz: pip install 'maxjax[viz]'") from error
     try:

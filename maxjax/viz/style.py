@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -54,11 +55,17 @@ def load_matplotlib() -> tuple[Callable[[Any], contextlib.AbstractContextManager
     Raises:
         ImportError: if matplotlib is missing; names the extra.
     """
+    # Where the home cannot be written, it warns that it will look for fonts anew.
+    log = logging.getLogger("matplotlib")
+    level = log.level
+    log.setLevel(logging.ERROR)
     try:
         from matplotlib import rc_context
         from matplotlib.figure import Figure
     except ImportError as error:
         raise ImportError("figures need the extra viz: pip install 'maxjax[viz]'") from error
+    finally:
+        log.setLevel(level)
     return rc_context, Figure
 
 

@@ -30,6 +30,7 @@ LONG = 500 * b"9"
         ("positions.npz", b"trial.npy", b"tr2al.npy"),
         ("weights.npz", b"\x0a\x00\x14\x00header", b"\xff\x02\x14\x00header"),
         ("a.geojson", b"12.5", b"1e999"),
+        ("areas.geojson", b'"lower": 5', b'"lower": ' + 2 * LONG),
     ],
 )
 def test_it_is_refused_in_a_sentence(tmp_path: Path, name: str, old: bytes, new: bytes) -> None:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import maxjax
 from maxjax import VoxelMap
 from maxjax.core.status import Closure
 from maxjax.viz import drawable as module
@@ -50,3 +56,13 @@ def test_what_is_too_large_is_drawn_coarser_and_says_so(monkeypatch: pytest.Monk
     np.testing.assert_array_equal(columns, np.arange(7)[:, None] >= np.full((1, 5), 2))
     assert titled("a.las", remark) == "a.las, drawn in voxels of 4 m"
     assert titled(None, "") is None
+
+
+def test_a_home_that_cannot_be_written_is_no_news(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "home").write_text("no folder")
+    program = "from maxjax.viz.style import load_matplotlib; load_matplotlib()"
+    where = {name: value for name, value in os.environ.items() if name not in ("MPLCONFIGDIR", "XDG_CONFIG_HOME")}
+    where |= {"HOME": str(tmp_path / "home"), "PYTHONPATH": str(Path(maxjax.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", program], env=where, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
