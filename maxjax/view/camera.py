@@ -1,12 +1,15 @@
 """Where a page is first looked at from: the side from which most of a way is seen, as low as that allows.
 
-Towers beside a street hide what flies in it from most sides; from above they hide nothing.
+Towers beside a street hide what flies in it from most sides; from above they hide nothing. What still hides a way, or
+comes to hide it when the camera is turned, is drawn see-through: whole buildings, whose columns touch each other.
 """
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int64
 
 from maxjax.core.grid import Point3
 from maxjax.view.city import City
@@ -51,6 +54,34 @@ def over_way(city: City, points: Float[np.ndarray, "n 3"]) -> tuple[Point3, Poin
 
 def seen(city: City, position: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> float:
     """Share of the points, in the page's frame [m], that no occupied voxel hides from a position."""
+    solid, _ = _crossed(city, position, points)
+    return float(1.0 - solid.any(axis=0).mean())
+
+
+def hiding(city: City, position: Point3, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "nx ny"]:
+    """Columns of all buildings that stand between a position and points, in the page's frame [m]."""
+    some = points[:: max(1, len(points) // _MOST_POINTS)]
+    solid, index = _crossed(city, np.asarray(position, np.float64), some)
+    i, j, k = index[solid].T
+    number, ground = _buildings(city), city.ground[i, j, k]
+    between = np.unique(number[i[~ground], j[~ground]])
+    columns: Bool[np.ndarray, "nx ny"] = np.isin(number, between[between > 0])
+    return columns
+
+
+@functools.lru_cache(maxsize=4)
+def _buildings(city: City) -> Int64[np.ndarray, "nx ny"]:
+    """The number of the building in each column, from 1; 0: none."""
+    from scipy.ndimage import label
+
+    number: Int64[np.ndarray, "nx ny"] = np.asarray(label((city.occupied & ~city.ground).any(axis=2))[0], np.int64)
+    return number
+
+
+def _crossed(
+    city: City, position: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
+) -> tuple[Bool[np.ndarray, "s n"], Int64[np.ndarray, "s n 3"]]:
+    """Whether steps from a position to points, in the page's frame [m], are in occupied voxels, and in which."""
     grid = city.grid
     steps = int(np.ceil(2.0 * np.linalg.norm(points - position, axis=1).max() / grid.spacing)) + 1
     along = np.linspace(0.0, 1.0, steps)[:, None, None]
@@ -59,7 +90,7 @@ def seen(city: City, position: Float[np.ndarray, "3"], points: Float[np.ndarray,
     inside = ((index >= 0) & (index < np.array(grid.shape))).all(axis=2)
     solid = np.zeros(inside.shape, bool)
     solid[inside] = city.occupied[tuple(index[inside].T)]
-    return float(1.0 - solid.any(axis=0).mean())
+    return solid, index
 
 
 def _direction(turn: float, height: float) -> Float[np.ndarray, "3"]:

@@ -15,6 +15,7 @@ from maxjax.missions.export import export
 from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.view.air import air_lines, air_scene
+from maxjax.view.camera import hiding, over_way
 from maxjax.view.city import City
 from maxjax.view.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.view.film import flown
@@ -64,7 +65,9 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     flight = _timed(found)
     ends = ends_scene(found.question.waypoints, city.frame)
     air = air_scene(city, found.question)
-    film = flown(flight, together(city_scene(city), ends, answer_scene(found, city.frame), air), city.frame)
+    way = city.frame.page(found.dense)
+    buildings = city_scene(city, hiding=hiding(city, over_way(city, way)[0], way))
+    film = flown(flight, together(buildings, ends, answer_scene(found, city.frame), air), city.frame)
     certified = ", certified" if all(leg.certified for leg in mission.legs) else ""
     lines = [
         city.name,

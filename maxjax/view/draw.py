@@ -7,15 +7,15 @@ import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.view.city import City
-from maxjax.view.colors import CLEARANCES, EARTH, GOAL, RETURN, RIVAL, START, VIA, Rgb, ramp
+from maxjax.view.colors import CLEARANCES, EARTH, EARTH_AT_NIGHT, GOAL, RETURN, RIVAL, START, VIA, Rgb, ramp
 from maxjax.view.nodes import Ball, Dots, Frame, Lines, Node, Scene, Surface, Text, point3
 from maxjax.view.question import Answer
-from maxjax.view.surface import surface
+from maxjax.view.surface import parted, surface
 
 END = 1.6
 """Radius of the ball at an end [m]."""
@@ -27,11 +27,24 @@ _MOST_POINTS = 200_000
 _PATH, _RIVAL = 6.0, 4.0  # widths [px]
 
 
-def city_scene(city: City, opacity: float = 1.0) -> Scene:
-    """The map: its obstacles coloured by height, its ground, its points."""
-    scene: dict[str, Node] = {"/map/ground": _ground(city)}
-    if len(city_surface(city).points):
-        scene["/map/obstacles"] = dataclasses.replace(city_surface(city), opacity=opacity)
+def city_scene(
+    city: City, opacity: float = 1.0, hiding: Bool[np.ndarray, "nx ny"] | None = None, *, dark: bool = False
+) -> Scene:
+    """The map: its obstacles coloured by height, its ground, its points.
+
+    Args:
+        city: the map.
+        opacity: of its obstacles; 1: opaque.
+        hiding: columns whose obstacles are see-through whatever the opacity (`view.camera.hiding`); None: none.
+        dark: whether the page is dark.
+    """
+    scene: dict[str, Node] = {**ground_scene(city, dark=dark)}
+    whole = city_surface(city)
+    through, others = (None, whole) if hiding is None else parted(whole, city.grid, city.frame, hiding)
+    if len(others.points):
+        scene["/map/obstacles"] = dataclasses.replace(others, opacity=opacity)
+    if through is not None and len(through.points):
+        scene["/map/through"] = dataclasses.replace(through, opacity=THROUGH)
     if city.points is not None and len(city.points):
         some = city.points[:: -(-len(city.points) // _MOST_POINTS)]
         scene["/map/points"] = Dots(city.frame.page(some), RETURN, 0.25)
@@ -44,14 +57,18 @@ def city_surface(city: City) -> Surface:
     return surface(city.occupied & ~city.ground, city.grid, city.frame, hidden_by=city.occupied)
 
 
+def ground_scene(city: City, *, dark: bool) -> Scene:
+    """The ground, or a plate below the map that has none, in a colour that suits the page."""
+    return {"/map/ground": _ground(city, EARTH_AT_NIGHT if dark else EARTH)}
+
+
 @functools.lru_cache(maxsize=4)
-def _ground(city: City) -> Surface:
-    """The ground, or a plate below the map that has none."""
+def _ground(city: City, color: Rgb) -> Surface:
     if city.ground.any():
-        return surface(city.ground, city.grid, city.frame, EARTH)
+        return surface(city.ground, city.grid, city.frame, color)
     (nx, ny, _), spacing, (x, y, z) = city.grid.shape, city.grid.spacing, city.grid.origin
     plate = Grid((nx, ny, 1), spacing, (x, y, z - spacing))
-    return surface(np.ones(plate.shape, bool), plate, city.frame, EARTH)
+    return surface(np.ones(plate.shape, bool), plate, city.frame, color)
 
 
 def end_name(k: int, count: int) -> str:

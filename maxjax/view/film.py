@@ -18,8 +18,10 @@ from maxjax.view.draw import plain_line
 from maxjax.view.nodes import Ball, Frame, Scene
 
 VEHICLE_NODE = "/vehicle"
+TRAIL_NODE = "/trail"
 PLUMB_NODE = f"{VEHICLE_NODE}/plumb"
 _PLUMB = 2.0  # width [px]
+_TRAIL, _BEHIND, _STEP, _ABOVE = 9.0, 3.0, 0.2, 0.2  # width [px], length [s], between two [s], above its way [m]
 _SIZE, _SHARE = 1.3, 0.012  # radius of the ball that stands for the vehicle: at least [m], and in extents of its way
 
 
@@ -83,7 +85,19 @@ class Film:
         return {cue.part: cue.nodes for cue in self.cues if cue.time <= time + 1e-9}
 
 
+def trail_cues(times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"]) -> tuple[Cue, ...]:
+    """Where the vehicle was in the last seconds, in the page's frame [m]; a little above, or its way would hide it."""
+    cues = []
+    for now in np.arange(_STEP, times[-1] + 1e-9, _STEP):
+        last = np.flatnonzero((times >= now - _BEHIND) & (times <= now + 1e-9))
+        if len(last) > 1:
+            way = positions[last] + np.array([0.0, 0.0, _ABOVE])
+            cues.append(Cue(float(now), TRAIL_NODE, {TRAIL_NODE: plain_line(way, VEHICLE, _TRAIL)}))
+    return tuple(cues)
+
+
 def flown(trajectory: Trajectory, still: Scene, frame: Frame) -> Film:
     """The film of a trajectory in a still scene."""
     motion = trajectory.sampled(0.05)
-    return Film(still, (), np.asarray(motion.time, np.float64), frame.page(np.asarray(motion.position)))
+    times, positions = np.asarray(motion.time, np.float64), frame.page(np.asarray(motion.position))
+    return Film(still, trail_cues(times, positions), times, positions)

@@ -18,6 +18,7 @@ from maxjax.campaigns.outcomes import Outcome
 from maxjax.campaigns.trial_movers import movers_of
 from maxjax.core.status import Status
 from maxjax.sim.flight import Flight
+from maxjax.view.draw import ground_scene
 from maxjax.view.film import VEHICLE_NODE, Film
 from maxjax.view.nodes import Scene
 from maxjax.view.server import look, look_at
@@ -99,12 +100,19 @@ class FlightPage:
         self.failed.on_update(lambda _: self._filter())
         self.play.on_click(lambda _: self.pause(self.playing))
         self.time.on_update(lambda event: self._sought(event))
-        self.dark.on_update(lambda _: look(self._server, dark=self.dark.value))
+        self.dark.on_update(lambda _: self._darken())
 
     def pause(self, paused: bool) -> None:
         """Stop playing, or go on."""
         self.playing = not paused
         self.play.label = "Play" if paused else "Pause"
+
+    def _darken(self) -> None:
+        look(self._server, dark=self.dark.value)
+        with self._lock:
+            if self.film is not None:
+                city = city_of(self._name, self._ledger.outcomes[self._trial].city)
+                self._stage.show("/map/ground", ground_scene(city, dark=self.dark.value))
 
     def _filter(self) -> None:
         outcomes, only = self._ledger.outcomes, self.failed.value
@@ -132,6 +140,7 @@ class FlightPage:
                 return
             city = city_of(self._name, outcome.city)
             flights, movers = self._flights.get(trial, ()), movers_of(self._ledger.configuration, outcome)
+            self._trial = trial
             self.film, self._shown = film_of(outcome, line, city, flights, movers), {}
             look_at(self._server, city, self.film.positions)
             for client in self._server.get_clients().values():
@@ -140,7 +149,7 @@ class FlightPage:
             self.time.max = max(self.film.duration, 0.1)
             self.time.value = 0.0
             with self._server.atomic():
-                self._stage.show("/", self.film.begin())
+                self._stage.show("/", {**self.film.begin(), **ground_scene(city, dark=self.dark.value)})
         self.pause(False)
         self.show(0.0)
 

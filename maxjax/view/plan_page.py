@@ -16,6 +16,7 @@ import numpy as np
 from maxjax.core.grid import Point3
 from maxjax.planning.mission import Waypoint
 from maxjax.view.air import air_lines, air_scene
+from maxjax.view.camera import hiding
 from maxjax.view.city import City, hit
 from maxjax.view.controls import add_controls, legend, place_text, reach, text_place
 from maxjax.view.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 _SLOW = 0.5  # after so long the status says that a plan is being made [s]
+_REST = 0.3  # after so long without a move the camera is at rest [s]
 _HANDLE, _REACH = 12.0, 0.15  # length of a handle's arrows: at least [m], and in extents of the waypoints
 _NAME = 1.15  # height of a name above its waypoint, in lengths of an arrow
 
@@ -61,8 +63,11 @@ class PlanPage:
     ) -> None:
         self._server, self._city, self._export = server, city, export
         self._stage = Stage(server.scene)
-        self._stage.show("/map", city_scene(city))
+        self._stage.show("/map", city_scene(city, dark=dark))
         look_at(server, city, _surroundings(city, question))
+        self._eye: Point3 = point3(np.asarray(server.initial_camera.position))
+        self._hiding = np.zeros(city.grid.shape[:2], bool)
+        self._resting = threading.Timer(_REST, self.ask)
         self._stops = list(question.stops)
         self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(question.waypoints), axis=0).max()))
         self._handles: dict[str, Any] = {}
@@ -152,7 +157,7 @@ class PlanPage:
 
     def _listen(self) -> None:
         """Ask anew whenever a control changes."""
-        controls, city = self.controls, self._city
+        controls = self.controls
         for control in (
             controls.method,
             controls.radius,
@@ -170,8 +175,9 @@ class PlanPage:
 
         controls.axis.on_update(lambda _: self._turned())
         controls.undo.on_click(lambda _: self.remove())
-        controls.through.on_update(lambda _: self._stage.show("/map", city_scene(city, self._opacity())))
-        controls.dark.on_update(lambda _: look(self._server, dark=controls.dark.value))
+        controls.through.on_update(lambda _: self._show_map())
+        controls.dark.on_update(lambda _: self._darken())
+        self._server.on_client_connect(self._watch)
         self._server.scene.on_click()(self._clicked)
         controls.export.on_click(lambda event: self._download(event, event.target.value))
         controls.share.on_click(lambda event: self._download(event, ".html"))
@@ -180,8 +186,34 @@ class PlanPage:
         reach(self._city, self.controls)
         self.ask()
 
-    def _opacity(self) -> float:
-        return THROUGH if self.controls.through.value else 1.0
+    async def _watch(self, client: Any) -> None:
+        """Ask anew when a camera has come to rest: other buildings may hide the way from there."""
+
+        async def moved(camera: Any) -> None:
+            self._eye = point3(np.asarray(camera.position))
+            self._resting.cancel()
+            self._resting = threading.Timer(_REST, self.ask)
+            self._resting.daemon = True
+            self._resting.start()
+
+        client.camera.on_update(moved)
+
+    def _darken(self) -> None:
+        look(self._server, dark=self.controls.dark.value)
+        self._show_map()
+
+    def _show_map(self) -> None:
+        opacity = THROUGH if self.controls.through.value else 1.0
+        self._stage.show("/map", city_scene(self._city, opacity, self._hiding, dark=self.controls.dark.value))
+
+    def _see_through(self) -> None:
+        """Draw the buildings see-through that hide the path from where the camera is."""
+        if self.answer is None or not self.answer.ok:
+            return
+        between = hiding(self._city, self._eye, self._city.frame.page(self.answer.dense))
+        if (between != self._hiding).any():
+            self._hiding = between
+            self._show_map()
 
     def _clicked(self, event: Any) -> None:
         """A place to visit above what is clicked, where clicks add some."""
@@ -220,6 +252,7 @@ class PlanPage:
         else:
             self._say_legend(question, wanted)
         if not self.worker.stale:
+            self._see_through()
             self._slice(question, wanted)
 
     def _show(self, found: Answer, wanted: Slice | None) -> None:

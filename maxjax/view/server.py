@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 PORT = 8080
+# On a telephone viser's panel is a sheet over the lower part of the window: lower than its own 60 %, so that what is
+# planned is seen above it. It scrolls, and a touch of its head folds it.
+_LOW_SHEET = '<style>[style*="position: fixed"][style*="max-height: 60%"] {max-height: 36% !important}</style>'
 
 
 def need_viser() -> None:
@@ -62,6 +65,7 @@ def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = Fa
     scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 140, 125), intensity=1.9)
     scene.add_light_directional("/light/sun", intensity=1.7, position=(-0.5, -0.8, 1.2), cast_shadow=False)
     look_at(server, city)
+    server.gui.add_html(_LOW_SHEET)
     return server
 
 

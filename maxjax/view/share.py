@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxjax.view.city import City
+from maxjax.view.draw import ground_scene
 from maxjax.view.film import VEHICLE_NODE, Film
 from maxjax.view.nodes import Scene
 from maxjax.view.server import look_at, serve
@@ -40,14 +41,14 @@ def playing_page(city: City, film: Film, caption: str, *, dark: bool = False) ->
     server = serve(city, port=0, dark=dark)
     try:
         look_at(server, city, film.positions)
-        return _captioned(_recorded(server, film, dark), caption, dark)
+        return _captioned(_recorded(server, film, ground_scene(city, dark=dark), dark), caption, dark)
     finally:
         server.stop()
 
 
-def _recorded(server: ViserServer, film: Film, dark: bool) -> str:
+def _recorded(server: ViserServer, film: Film, ground: Scene, dark: bool) -> str:
     stage = Stage(server.scene)
-    stage.show("/", film.begin())
+    stage.show("/", {**film.begin(), **ground})
     serializer, shown = server.get_scene_serializer(), dict[str, Scene]()
     for time in np.arange(0.0, film.duration + _STEP, _STEP).tolist():
         for part, nodes in film.showing(time).items():

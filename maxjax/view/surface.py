@@ -58,6 +58,24 @@ def surface(
     return Surface(points.astype(np.float32), faces.reshape(-1, 3), colors, opacity)
 
 
+def parted(whole: Surface, grid: Grid, frame: Frame, columns: Bool[np.ndarray, "nx ny"]) -> tuple[Surface, Surface]:
+    """A surface as what stands in some columns of its grid, and the rest; a rectangle goes where its middle is."""
+    quads = whole.points.reshape(-1, 4, 3)
+    normal = np.cross(quads[:, 1] - quads[:, 0], quads[:, 2] - quads[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    # Half a voxel behind its face, and off the border of two where a side has an even number of them.
+    behind = frame.map(quads.mean(axis=1) - (0.5 * normal + 0.01) * grid.spacing)
+    i, j = np.floor((behind - np.array(grid.lower)) / grid.spacing).astype(np.int64)[:, :2].T
+    chosen = columns[i.clip(0, columns.shape[0] - 1), j.clip(0, columns.shape[1] - 1)]
+    return _quads(whole, chosen), _quads(whole, ~chosen)
+
+
+def _quads(whole: Surface, chosen: Bool[np.ndarray, " q"]) -> Surface:
+    """Some rectangles of a surface that consists of rectangles."""
+    points, colors = (of.reshape(-1, 4, 3)[chosen].reshape(-1, 3) for of in (whole.points, whole.colors))
+    return Surface(points, whole.faces[: len(points) // 2], colors, whole.opacity)
+
+
 def _beside(padded: Bool[np.ndarray, "mx my mz"], axis: int, side: int) -> Bool[np.ndarray, "nx ny nz"]:
     """The neighbours of all voxels on one side, of an array that has one layer more on each."""
     inner = [slice(1, -1)] * 3

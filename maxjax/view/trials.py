@@ -23,10 +23,11 @@ from maxjax.sim.flight import Flight
 from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.moving.moments import moments_of
 from maxjax.trajectories.online import setpoint_at
+from maxjax.view.camera import hiding, over_way
 from maxjax.view.city import City
 from maxjax.view.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.view.draw import THROUGH, city_scene, ends_scene, plain_line, together
-from maxjax.view.film import Cue, Film
+from maxjax.view.film import Cue, Film, trail_cues
 from maxjax.view.moving import known_cues, moving_cues
 from maxjax.view.nodes import Dots, Frame, Node, Scene, point3
 from maxjax.view.surface import surface
@@ -109,11 +110,14 @@ def film_of(
     times = np.minimum(LOG_PERIOD * np.arange(len(line)), outcome.duration or np.inf)
     moving = () if movers is None else moving_cues(movers, times, frame)
     known = known_cues(moments, times, frame) if (moments := moments_of(flights)) else ()
+    way = frame.page(line)
+    between = hiding(city, over_way(city, way)[0], way)
+    cues = [*_cues(flights, frame), *moving, *known, *trail_cues(times, way)]
     return Film(
-        together(city_scene(city, THROUGH if flights else 1.0), ends, shown),
-        tuple(sorted([*_cues(flights, frame), *moving, *known], key=lambda cue: cue.time)),
+        together(city_scene(city, THROUGH if flights else 1.0, between), ends, shown),
+        tuple(sorted(cues, key=lambda cue: cue.time)),
         times,
-        frame.page(line),
+        way,
     )
 
 

@@ -7,8 +7,9 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import maxjax
-from maxjax.view.camera import over_map, over_way, seen
+from maxjax.view.camera import hiding, over_map, over_way, seen
 from maxjax.view.city import City
+from maxjax.view.nodes import point3
 
 WAY = np.linspace([60.0, 100.0, 11.0], [140.0, 100.0, 11.0], 33)  # from the map's lower corner
 
@@ -63,3 +64,19 @@ def test_a_whole_map_is_looked_at_in_its_middle() -> None:
     position, target = over_map(city_of([]))
     assert np.linalg.norm(target[:2]) < 20.0
     assert position[2] > 120.0
+
+
+@pytest.mark.parametrize("lower", [0.0, 233_000.0])
+def test_whole_buildings_hide_a_way(lower: float) -> None:
+    near, far, beside = (
+        (slice(40, 60), slice(36, 46)),
+        (slice(40, 60), slice(54, 64)),
+        (slice(10, 14), slice(36, 46)),
+    )
+    city = city_of([near, far, beside], lower)
+    way = city.frame.page(WAY + np.array(city.grid.lower))
+    eye = way.mean(axis=0) + np.array([0.0, -120.0, 40.0])
+    expected = np.zeros((100, 100), bool)
+    expected[near] = True
+    np.testing.assert_array_equal(hiding(city, point3(eye), way), expected)
+    assert not hiding(city, point3(way.mean(axis=0) + np.array([0.0, 0.0, 200.0])), way).any()

@@ -7,12 +7,13 @@ import io
 import numpy as np
 import pytest
 from jaxtyping import Bool, Float
+from scipy.ndimage import label
 
 from maxjax.core.grid import Grid
 from maxjax.view.colors import EARTH
 from maxjax.view.gltf import glb
 from maxjax.view.nodes import Frame, Surface
-from maxjax.view.surface import surface
+from maxjax.view.surface import parted, surface
 
 SHAPE = (7, 6, 5)
 GRID = Grid(SHAPE, 2.0, (100.0, 200.0, 3.0))
@@ -92,3 +93,16 @@ def test_the_file_holds_the_surface(opacity: float) -> None:
     (mesh,) = trimesh.load(io.BytesIO(glb(found)), file_type="glb", process=False).geometry.values()
     np.testing.assert_array_equal(mesh.vertices, found.points)
     np.testing.assert_array_equal(mesh.faces, found.faces)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_surface_is_parted_between_buildings(seed: int) -> None:
+    solid = volume(seed) & (np.random.default_rng(seed).random(SHAPE[:2]) < 0.5)[:, :, None]
+    number, _ = label(solid.any(axis=2))
+    columns = number % 2 == 1
+    parts = parted(surface(solid, GRID, FRAME), GRID, FRAME, columns)
+    for part, chosen in zip(parts, (columns, ~columns), strict=True):
+        areas = area_vectors(part)
+        for (axis, side), count in seen(solid & chosen[:, :, None]).items():
+            along = side * areas[:, axis]
+            assert along[along > 0.0].sum() == pytest.approx(4.0 * count)
