@@ -166,12 +166,15 @@ def _draw_waypoints(axes: Axes, mission: Mission) -> None:
     names: dict[tuple[float, ...], list[str]] = {}
     for k, waypoint in enumerate(mission.waypoints):
         names.setdefault(waypoint.position, []).append(str(k))
+    middle = 0.5 * sum(axes.get_xlim())
     for (x, y, z), numbers in names.items():
+        east = x > middle  # then to the left, as the frame is near on the right
         axes.annotate(
             f"{', '.join(numbers)}:  z {z:.0f} m",
             (x, y),
             textcoords="offset points",
-            xytext=(6, 6),
+            xytext=(-6 if east else 6, 6),
+            ha="right" if east else "left",
             fontsize=7,
             zorder=11,
             bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "black", "linewidth": 0.5},
