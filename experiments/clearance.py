@@ -33,10 +33,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 
 import maxjax
 from benchmarks.common import safety
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, provenance, save
 from benchmarks.common.markdown import Document, device, number, table
 from experiments.blocks import Blocks
@@ -483,4 +483,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

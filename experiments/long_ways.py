@@ -20,11 +20,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-import tyro
 from scipy import ndimage
 
 import maxjax
 from benchmarks.city_plan import SPACING, city
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, number, table
 from maxjax.core.status import Status
@@ -149,4 +149,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

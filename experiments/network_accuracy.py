@@ -21,9 +21,9 @@ from pathlib import Path
 
 import jax
 import numpy as np
-import tyro
 from jaxtyping import Array, Float
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.core.grid import Grid
@@ -149,4 +149,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

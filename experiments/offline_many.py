@@ -25,9 +25,9 @@ from pathlib import Path
 
 import jax
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import judge
@@ -232,4 +232,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -31,9 +31,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER, Dilated, dilated
 from benchmarks.common.problems import problems, solvable
@@ -292,4 +292,4 @@ def _summary(name: str, rows: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -20,9 +20,9 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.oracle import Verdict, judge
@@ -194,4 +194,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

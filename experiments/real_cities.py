@@ -33,10 +33,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float, Key
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.oracle import judge
 from benchmarks.common.paper import planned
@@ -307,4 +307,4 @@ def section(document: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -35,10 +35,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 
 import maxjax
 from benchmarks.common import crazyflow_flight, safety
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.jerk_oracle import fastest_time_with_jerk
 from benchmarks.common.markdown import Document, device, number, table
@@ -305,4 +305,4 @@ def _lines(rows: Sequence[Any]) -> Iterator[list[str]]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

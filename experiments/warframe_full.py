@@ -26,10 +26,10 @@ from typing import Any
 
 import jax
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float, Int
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from maxjax.maps.readers.moving_ai import load_3dmap
 
@@ -222,4 +222,4 @@ def section(document: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

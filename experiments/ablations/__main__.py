@@ -1,8 +1,7 @@
 """The command `python -m experiments.ablations`."""
 
-import tyro
-
-from experiments.ablations.study import Config, main
+from benchmarks.common.command import configured
+from experiments.ablations.study import TINY, main
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

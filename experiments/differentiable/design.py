@@ -28,10 +28,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Float
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
@@ -316,4 +316,4 @@ north end comes to {
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

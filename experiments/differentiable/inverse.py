@@ -26,10 +26,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float, Int32
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
@@ -332,4 +332,4 @@ With {most["probes"]} probes the overlap rises from {guess["iou_mean"]:g} to {mo
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

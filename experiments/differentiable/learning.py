@@ -29,11 +29,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Float
 from scipy import ndimage
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from experiments.differentiable.demonstrations import Demonstrator, Lesson, lesson, padded, tangents_of, window
 from experiments.differentiable.field import (
@@ -249,4 +249,4 @@ model's, not the fit's. Paths here are not pulled taut.
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

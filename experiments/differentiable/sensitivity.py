@@ -28,11 +28,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float, Int32
 from scipy import signal, stats
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from experiments.differentiable.field import (
     COLORS,
@@ -328,4 +328,4 @@ order ranks, but it is too small for whole obstacles: {strong["predicted_m"]:g} 
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -1,8 +1,7 @@
 """The command `python -m experiments.paper_figures`."""
 
-import tyro
-
-from experiments.paper_figures.study import Config, main
+from benchmarks.common.command import configured
+from experiments.paper_figures.study import TINY, main
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -13,7 +13,7 @@ Rgb = tuple[int, int, int]
 START, GOAL, VIA, RIVAL = (255, 255, 255), (240, 228, 66), (86, 180, 233), (0, 114, 178)
 VEHICLE, FLOWN, FAILED, PLANNED, RETURN = (213, 94, 0), (0, 114, 178), (213, 94, 0), (0, 158, 115), (40, 40, 40)
 KEEP_OUT, KEEP_IN, BAND = (200, 40, 40), (0, 158, 115), (70, 130, 200)
-KNOWN, REFERENCE, MOVER = (86, 180, 233), (204, 121, 167), (122, 30, 160)
+KNOWN, REFERENCE, MOVER = (86, 180, 233), (204, 121, 167), (168, 72, 208)
 EARTH, EARTH_AT_NIGHT = (196, 184, 160), (72, 68, 60)
 
 # From low to high roofs, in one hue as in `viz`; from near to far; from the goal outwards; from cheap to dear.

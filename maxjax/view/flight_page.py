@@ -35,7 +35,7 @@ LEGEND = (
     '<div style="font-size:0.8em;padding:0 0.9em 0.4em"><b style="color:#0072B2">━━</b> flown '
     '<b style="color:#D55E00">━━</b> failed <b style="color:#009E73">━━</b> plan '
     '<b style="color:#CC79A7">━━</b> reference, or committed motion<br><b style="color:#56B4E9">■</b> map so far '
-    '<b>·</b> scan <b style="color:#7A1EA0">■</b> mover <b style="color:#7A1EA0">□</b> may hold one now, '
+    '<b>·</b> scan <b style="color:#A848D0">■</b> mover <b style="color:#A848D0">□</b> may hold one now, '
     "veiled: within the horizon</div>"
 )
 Again = Callable[[Outcome], Sequence[Flight]]

@@ -36,7 +36,7 @@ from maxjax.worlds.scenes import make_scene
 
 # The cities of all maps, above their ground.
 _GRID = Grid((150, 150, 67), 2.0, (-149.0, -149.0, 1.0))
-_POINTS = 4000  # of a scan that are shown
+_POINTS, _LOW = 4000, 0.5  # of a scan that are shown; the ground, whose returns lie thick below it, ends there [m]
 _LINE, _PLAN = 5.0, 4.0  # widths [px]
 _REFERENCE = np.arange(0.0, 3.0, 0.1)  # times of the reference that are shown [s]
 
@@ -139,6 +139,7 @@ def _cues(flights: Sequence[Flight], frame: Frame) -> tuple[Cue, ...]:
 def _period(flight: Flight, frame: Frame) -> Scene:
     scene: dict[str, Node] = {}
     points = np.asarray(flight.scan.points, np.float64)[np.asarray(flight.scan.hit)]
+    points = points[points[:, 2] > _LOW]
     if len(points):
         some = points[:: -(-len(points) // _POINTS)]
         scene["/period/scan"] = Dots(frame.page(some), RETURN, 0.35)
