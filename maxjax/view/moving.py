@@ -28,7 +28,7 @@ _LEAST = 0.4  # half edge that is shown [m]
 # Two triangles a side of the box, counter-clockwise as seen from outside, and how bright the sides are.
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 _EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])
-_VEIL, _FRAME, _MOTION = 0.1, 1.5, 6.0  # opacity; widths [px]
+_VEIL, _FRAME, _MOTION = 0.05, 1.5, 6.0  # opacity, so low because veils stack; widths [px]
 _BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
 
 
