@@ -57,7 +57,7 @@ _SHARE = 1.0 / 3.0
 _ASIDE, _ANYWHERE = 3.0, 20.0
 _LIES = ("garbage", "wrong")
 # A quadrotor with one of these does not stay level, whatever it is told.
-_LEAVE_NO_CHOICE = (Mode.OFF, Mode.STUCK)
+_LEAVE_NO_CHOICE = (Mode.OFF, Mode.LATE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -248,7 +248,7 @@ def _row(config: Config, name: str, log: FlightLog, modes: Int32[np.ndarray, "n 
         "again": "; ".join(
             f"python -m experiments.faults --map {config.map} --seed {config.seed} --cells {name} "
             f"--first {config.first + k} " + ("--flights 0 --random 1" if name == "random" else "--flights 1")
-            for k in np.nonzero((status != Status.OK) | lost)[0][:3]
+            for k in sorted(np.nonzero((status != Status.OK) | lost)[0], key=lambda k: not contact[k])[:3]
         )
         or None,
     }

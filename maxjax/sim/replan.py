@@ -51,6 +51,8 @@ _JITTER = 0.25
 _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
 # Greatest velocity across a new path [m/s]; the vehicle leaves the path by 0.4 m then.
 _SIDEWAYS = 2.0
+# Without a new plan the vehicle flies on where obstacles' centres are further than this [m].
+_FAR = 4.0
 # A path begins where the vehicle is within [m].
 _BEGINS = 0.1
 # A reference shorter than this in one period makes no progress [m].
@@ -99,7 +101,10 @@ class Sidestep:
 
 
 def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
-    """A verified path and the reference along it; without one the vehicle brakes, then moves to a viewpoint."""
+    """A verified path and the reference along it; without one the vehicle brakes, then moves to a viewpoint.
+
+    While the planner says nothing, it flies on along its present course as far as that is far from what is known.
+    """
     position, gap = estimated_position(world, flight), _gap(flight, config)
     late = jnp.asarray(world.disturbances.latency) > 0
     pending = _refer(flight, flight.pending_path, flight.pending_valid, gap, position, config)
@@ -109,8 +114,9 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
         begins = jnp.linalg.norm(flight.pending_path[0] - start) <= _BEGINS
         status, a_period_late = answered(world, flight, candidate.status, begins)
         candidate, late = dataclasses.replace(candidate, status=status), late | a_period_late
-    ok = candidate.ok
+    ok, silent = candidate.ok, candidate.status == Status.TIMEOUT
     direct = _refer(flight, candidate.path, ok, gap, position, config)
+    direct = _choose(silent, _onwards(flight, gap, position, config), direct)
     reference = _choose(late, pending, direct)
 
     progress = (
@@ -119,10 +125,10 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     stuck = jnp.linalg.norm(progress) < _STUCK
     sidestep = _sidestep(world, flight, candidate, position, config)
     continues = sidestep.continues
-    begins = sidestep.exists & (stuck | ~ok) & ~continues
+    begins = sidestep.exists & (stuck | ~ok) & ~silent & ~continues
     moves = begins | continues
     reference = _choose(moves & ~late, _refer(flight, sidestep.path, moves, gap, position, config), reference)
-    path = jnp.where(moves, sidestep.path, candidate.path)
+    path = jnp.where(moves, sidestep.path, jnp.where(silent, flight.path, candidate.path))
 
     unsensed, iteration = flight.returns == 0, flight.log.planning_iterations
     failures = jnp.where(ok & ~unsensed, 0, flight.failures + 1)
@@ -276,14 +282,33 @@ def _refer(
     valid = valid & (across <= _SIDEWAYS)
     remaining = _remaining(flight.reference, flight.reference_time)
     course = jax.tree.map(lambda x, y: jnp.where(valid, x, y), fresh, remaining)
+    caps, _ = _caps(flight, course, gap, position, config)
+    speed, _ = _along(flight.vehicle.velocity, course.tangent[0])
+    return profile(course, jnp.where(valid, caps, 0.0), speed, limits)
+
+
+def _onwards(
+    flight: Flight, gap: Integer[Array, "nx ny nz"], position: Float[Array, "3"], config: FlightConfig
+) -> Reference:
+    """The rest of the present course, for a planner that says nothing: as far as it is far from what is known now."""
+    course = _remaining(flight.reference, flight.reference_time)
+    caps, apart = _caps(flight, course, gap, position, config)
+    # Nothing was verified since: what was found since may be near.
+    far = jnp.cumsum(apart <= _FAR) == 0
+    speed, _ = _along(flight.vehicle.velocity, course.tangent[0])
+    return profile(course, jnp.where(far, caps, 0.0), speed, config.limits)
+
+
+def _caps(
+    flight: Flight, course: Course, gap: Integer[Array, "nx ny nz"], position: Float[Array, "3"], config: FlightConfig
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Speeds along a course, 0 from before the first voxel not seen free [m/s], and distances to obstacles [m]."""
     voxels, known = _known(flight, course.points, position, config)
     apart = config.spacing * jnp.sqrt(_values(gap, voxels).astype(jnp.float32))
-    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (apart - 2.0), 0.5 * _SPEED_NEAR, limits.speed)
+    caps = jnp.clip(_SPEED_NEAR + _SPEED_GAIN * (apart - 2.0), 0.5 * _SPEED_NEAR, config.limits.speed)
     s = course.arclength
     ends = jnp.min(jnp.where(known, jnp.inf, s)) - _STAND_OFF
-    caps = jnp.where(valid & (s < ends), caps, 0.0)
-    speed, _ = _along(flight.vehicle.velocity, course.tangent[0])
-    return profile(course, caps, speed, limits)
+    return jnp.where(s < ends, caps, 0.0), apart
 
 
 def _along(velocity: Float[Array, "3"], tangent: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]]:

@@ -205,7 +205,8 @@ def profile(course: Course, caps: Float[Array, " m"], start_speed: Float[Array, 
             f"profile: expected as many caps as samples and one start speed, given {s.shape}, {caps.shape} "
             f"and {start_speed.shape}; use vmap for batches"
         )
-    moving = lax.cummin(((caps > 0.0) & (s < s[-1])).astype(jnp.int32)).astype(bool)
+    # The end itself is repeated: computed twice by a compiler, its arclengths may differ in their last bits.
+    moving = lax.cummin(((caps > 0.0) & (s < s[-1] - _SHORTEST)).astype(jnp.int32)).astype(bool)
     # The three limits as squares; without bend or length there is no limit.
     allowed = jnp.minimum(
         jnp.square(limits.speed / jnp.maximum(_norm(course.tangent), 1.0)),
@@ -260,7 +261,9 @@ def _at(reference: Reference, time: Float[Array, ""]) -> tuple[Array, Array, Arr
     width = jnp.where(step > 0.0, step, 1.0)
     v, w = reference.speed[i], reference.speed[i + 1]
     gain = jnp.where(step > 0.0, (w * w - v * v) / (2.0 * width), 0.0)
-    done = passed > s.size - 2
+    # At the next sample before its time: only rounding gives a speed where time says that nothing moves.
+    over = (v + w) * (time - reference.time[i]) > 2.02 * step
+    done = (passed > s.size - 2) | over
     rests = done | (time < 0.0) | (v + w <= 0.0) | (step <= 0.0)
     elapsed = jnp.where(rests, 0.0, time - reference.time[i])
     speed = jnp.where(rests, 0.0, v + gain * elapsed)

@@ -133,6 +133,7 @@ def flown() -> dict[str, Flight]:
         "sound": world(None),
         "later": world(Faults.of(dict.fromkeys(Target, Mode.OFF), onset=1e3)),
         "silent": world(Faults.of({Target.PLANNER: Mode.OFF}, onset=4.0)),
+        "slow": world(Faults.of({Target.PLANNER: Mode.SLOW}, onset=2.0)),
         "blind": world(Faults.of({Target.LIDAR: Mode.OFF, Target.POSE: Mode.OFF}, onset=4.0)),
     }
     return {name: list(watch(one, CONFIG if one.faults else dataclasses.replace(CONFIG, stages=None)))[-1]
@@ -157,6 +158,13 @@ def test_without_planner_or_senses_the_vehicle_stops_in_sight_of_what_it_saw(
     assert np.isfinite(log.clearance)
     assert log.clearance > CONFIG.radius
     assert log.unseen == 0
+
+
+def test_between_the_answers_of_a_slow_planner_the_vehicle_flies_on(flown: dict[str, Flight]) -> None:
+    sound, slow = flown["sound"].log, flown["slow"].log
+    assert slow.status == Status.OK
+    assert slow.failed_plans >= slow.planning_iterations // 2
+    assert slow.duration < 2.0 * sound.duration
 
 
 def test_every_target_fails_in_some_way_that_means_something() -> None:

@@ -240,6 +240,24 @@ def test_batch_equals_loop_and_nan_stays_within_its_trial(still: tuple[Reference
         assert np.array_equal(np.delete(a, 3, 0), np.delete(b, 3, 0))
 
 
+def test_nobody_flies_past_a_sample_that_time_says_is_never_reached() -> None:
+    """A course of 6 cm whose repeated end differs in its last bits: at rest at its end, not at 8 m/s after a second."""
+    s = jnp.full(8, 0.06).at[0].set(0.0)
+    straight = Course(s[:, None] * jnp.array([1.0, 0.0, 0.0]), jnp.tile(jnp.array([1.0, 0.0, 0.0]), (8, 1)), s, 0.0 * s)
+    torn = Reference(straight, jnp.ones(8).at[0].set(0.0), 1e6 * jnp.arange(8.0), jnp.float32(0.0), jnp.float32(0.0))
+    off = jnp.float32(np.spacing(np.float32(0.06)))
+    course = Course(straight.points, straight.tangent, s.at[-1].add(off), straight.bend)
+    made = profile(course, jnp.ones(8), jnp.float32(0.0), FlightLimits(5.0, 3.0, 0.3))
+    assert np.array_equal(made.speed, np.zeros(8))
+    for reference in (torn, made):
+        for time in (0.2, 0.5, 1.0, 3.0):
+            setpoint = setpoint_at(reference, jnp.float32(time))
+            assert float(setpoint.position[0]) <= 0.06 + 1e-6
+            if time > 0.2 or reference is made:
+                assert np.array_equal(setpoint.velocity, np.zeros(3))
+                assert np.array_equal(setpoint.acceleration, np.zeros(3))
+
+
 def test_derivatives_are_finite_where_nothing_moves() -> None:
     few = Sampling(samples=16)
 
