@@ -229,7 +229,8 @@ def _row(config: Config, name: str, log: FlightLog, modes: Int32[np.ndarray, "n 
     )
     arrived, contact = int(np.sum(status == Status.OK)), status == Status.IN_CONTACT
     n = len(status)
-    blamed = Counter(_name(row) for row in modes[contact])
+    lifting = contact & ~np.isin(modes[:, Target.MOTORS], _LEAVE_NO_CHOICE)
+    blamed = Counter(_name(row) for row in modes[lifting])
     statuses = Counter(Status(int(one)).name for one in status)
     return {
         "cell": name,
@@ -243,12 +244,14 @@ def _row(config: Config, name: str, log: FlightLog, modes: Int32[np.ndarray, "n 
         "not_numbers": int(lost.sum()),
         "unseen": int(np.sum(np.asarray(log.unseen) > 0)),
         "statuses": ", ".join(f"{count} {one}" for one, count in statuses.most_common()),
-        "without_motors": int(np.sum(contact & ~np.isin(modes[:, Target.MOTORS], _LEAVE_NO_CHOICE))),
-        "blamed": "; ".join(f"{count} {one}" for one, count in blamed.most_common(5)) or None,
+        "lifting": int(lifting.sum()),
+        "blamed": "; ".join(f"{count} {one}" for one, count in blamed.most_common(40)) or None,
         "again": "; ".join(
             f"python -m experiments.faults --map {config.map} --seed {config.seed} --cells {name} "
             f"--first {config.first + k} " + ("--flights 0 --random 1" if name == "random" else "--flights 1")
-            for k in sorted(np.nonzero((status != Status.OK) | lost)[0], key=lambda k: not contact[k])[:3]
+            for k in sorted(
+                np.nonzero((status != Status.OK) | lost)[0], key=lambda k: (not lifting[k], not contact[k])
+            )[:3]
         )
         or None,
     }
@@ -285,8 +288,7 @@ def section(document: Document) -> str:
         "Bounds of Clopper and Pearson, 95 %. Random: each target fails with probability 1/3.\n\n"
         + table(heads, lines, left=1)
         + "".join(
-            f"\nContacts at random with motors that lift: {row['without_motors']} of {row['flights']}. "
-            f"Most frequent with contact: {row['blamed']}.\n"
+            f"\nContacts at random with motors that lift: {row['lifting']} of {row['flights']}; what failed: {row['blamed']}.\n"
             for row in at_random
         )
         + "\nThe first that did not arrive of each, and the command that flies it again:\n\n"
