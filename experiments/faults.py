@@ -288,7 +288,8 @@ def section(document: Document) -> str:
         "Bounds of Clopper and Pearson, 95 %. Random: each target fails with probability 1/3.\n\n"
         + table(heads, lines, left=1)
         + "".join(
-            f"\nContacts at random with motors that lift: {row['lifting']} of {row['flights']}; what failed: {row['blamed']}.\n"
+            f"\nContacts at random with motors that lift: {row['lifting']} of {row['flights']}; "
+            f"the most frequent of what failed: {row['blamed']}.\n"
             for row in at_random
         )
         + "\nThe first that did not arrive of each, and the command that flies it again:\n\n"

@@ -143,7 +143,7 @@ def test_on_a_cpu_each_flight_is_watched_by_itself(monkeypatch: pytest.MonkeyPat
     config = windy(2.0)
     found = module._fly_split((geoms, *points, keys), config, jax.devices()[:1])
     expected = jax.vmap(fake_fly, in_axes=(0, 0, 0, 0, None))(geoms, *points, keys, config)
-    assert set(found) == {field.name for field in dataclasses.fields(FlightLog)} - {"flags"}
+    assert set(found) == {field.name for field in dataclasses.fields(FlightLog)} - {"flags", "unseen"}
     for name, values in found.items():
         np.testing.assert_allclose(values, getattr(expected, name), rtol=1e-5)
     assert [world.disturbances for world in watched] == [config.disturbances] * 3
@@ -526,7 +526,7 @@ def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
     odd = CASES.index("maybe NaN")
     others = [place for place in range(len(CASES)) if place != odd]
     for field in dataclasses.fields(FlightLog):
-        if field.name == "flags":  # of flights among movers
+        if field.name in ("flags", "unseen"):  # of flights among movers, and with faults
             continue
         with_nan, without = found[f"nan_{field.name}"], found[f"fine_{field.name}"]
         np.testing.assert_array_equal(with_nan[others], without[others])

@@ -15,7 +15,7 @@ from maxjax.sim.flight import FlightConfig, fly_closed_loop
 from maxjax.worlds.geoms import ground_plane
 
 KEY = jax.random.key(7)
-PER_ITERATION = (Stream.SCAN, Stream.VIEWPOINT, Stream.GUSTS)
+PER_ITERATION = (Stream.SCAN, Stream.VIEWPOINT, Stream.GUSTS, Stream.FAULTS)
 
 
 def test_streams_are_pairwise_distinct_in_every_iteration() -> None:
@@ -38,6 +38,7 @@ def test_the_keys_are_those_of_recorded_results() -> None:
         Stream.SCAN: 1_000,
         Stream.VIEWPOINT: 10_000,
         Stream.GUSTS: 100_000,
+        Stream.FAULTS: 200_000,
     }
     assert set(expected) == set(Stream)
     for which, number in expected.items():
