@@ -532,11 +532,14 @@ def test_real_flights_in_a_batch_on_two_devices(tmp_path: Path) -> None:
         np.testing.assert_array_equal(with_nan[others], without[others])
     assert found["fine_planning_iterations"][odd] > 1
 
-    # A flight that is stepped from the host equals itself in the batch, but for the rounding of two programs. In the
-    # end that may decide between two plans of one length, so the first ten seconds are compared.
+    # A flight that is stepped from the host equals itself in the batch, but for the rounding of two programs. Where two
+    # plans are of one length, as here after five seconds, that may decide between them: then lengths are equal.
     assert found["alone_status"] == Status.OK
     assert found["periods"] > 5
-    np.testing.assert_allclose(found["alone"][:100], found["fine_position"][0][:100], atol=0.02)
+    np.testing.assert_allclose(found["alone"][:50], found["fine_position"][0][:50], atol=0.02)
+    steps = np.linalg.norm(np.diff(found["alone"], axis=0), axis=1)
+    ahead = np.linalg.norm(np.diff(found["fine_position"][0], axis=0), axis=1)
+    np.testing.assert_allclose(np.nansum(steps), np.nansum(ahead), rtol=2e-3)
 
 
 # --- An interrupt, in a process of its own. ---
