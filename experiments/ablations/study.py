@@ -29,6 +29,7 @@ from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import summarise
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
+from maxjax.fields.gradient import gradient
 from maxjax.methods import planner_named
 from maxjax.nn.model import load_model, predict_potential, shipped
 from maxjax.planning.ascent import Ascent
@@ -158,7 +159,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             taut = walked = failed(p.status)
         elif v.guard == "none":
             u = smoothed(v.source, v.smoothing, v.kernel, m)
-            path, status = bare(u, ~p.blocked, p.start, p.goal, v.rule)
+            path, status = bare(_gradient(u, ~p.blocked), ~p.blocked, p.start, p.goal, v.rule)
             sure = bool(field(v.source, m).certified) if v.smoothing == 0 else _certified(u, p.blocked, p.goal_index)
             taut = walked = Route(np.asarray(path), np.asarray(status), np.asarray(sure))
         else:
@@ -177,6 +178,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
 
 _climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)
+_gradient = jax.jit(gradient)
 
 
 @functools.cache

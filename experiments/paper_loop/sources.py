@@ -1,0 +1,61 @@
+"""Fields that the loop climbs, by name.
+
+    (sigma, goal_index, price) ↦ Potential
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from maxjax.fields.price import SCREENING_LENGTH
+from maxjax.nn.model import MAX_SWEEPS, load_model, network_potential, predict_potential
+from maxjax.planning.field_planner import PotentialFn
+from maxjax.solvers.certify import swept
+from maxjax.solvers.medium import medium_of
+from maxjax.solvers.potential import Potential, solve_potential
+
+SWEEPS = MAX_SWEEPS
+
+
+def swept_prediction(name: str, sweeps: int) -> PotentialFn:
+    """A network's potential after so many positive sweeps, certified or not, and no solver behind them."""
+
+    def potential(sigma: Array, goal_index: Array, price: Array | None) -> Potential:
+        predicted = predict_potential(model, sigma, goal_index, price)
+        known = jnp.isfinite(predicted.log_phi)
+        medium = medium_of(sigma, goal_index, price)
+        length = jnp.asarray(SCREENING_LENGTH, sigma.dtype)
+        log_phi = swept(medium, length, jnp.where(known, predicted.log_phi, 0), sweeps)
+        return dataclasses.replace(predicted, log_phi=jnp.where(known, log_phi, -jnp.inf))
+
+    model = load_model(name)
+    return potential
+
+
+SOURCES: Mapping[str, Callable[[], PotentialFn]] = {
+    **{
+        name: functools.partial(network_potential, name, 0)
+        for name in ("paper", "paper_difference", "maxjax")
+    },
+    "exact, κ = 0": lambda: functools.partial(solve_potential, setting="paper"),
+    "exact": lambda: solve_potential,
+    "paper, swept": functools.partial(swept_prediction, "paper", SWEEPS),
+    "paper, certified": functools.partial(network_potential, "paper", SWEEPS),
+}
+"""Makes of each; a network's weights are loaded when it is asked for."""
+
+
+@functools.cache
+def potential_from(source: str) -> PotentialFn:
+    """The field of a name; the same function each time, for the caches of programs.
+
+    Raises:
+        KeyError: if there is none.
+        ValueError: if the weights of a network are missing.
+    """
+    return SOURCES[source]()

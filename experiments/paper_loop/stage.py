@@ -1,0 +1,204 @@
+"""The planning stage of a flight as the paper describes it, and with what maxjax adds, one layer at a time.
+
+    latest scan → obstacles, dilated → σ → log φ → gradients, smoothed → ascent → reference along it
+
+The paper (Bong and Beltrame, arXiv:2605.10880) plans in the latest scan alone, dilated by 4 voxels, lets the gradients of
+a predicted field be smoothed by a Gaussian (σ = 5 voxels) that sees no walls, climbs them by momentum, and flies each
+path as far as it came. Nothing stands between a path and the vehicle but the reactive layer. What it leaves open is
+chosen in its favour: where no such dilation joins the ends, the largest that does is taken (`benchmarks.common.paper`);
+the ground is dilated by one voxel; a path ends before the first voxel that is closed.
+
+Paths are planned in index coordinates of the rolling map.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from experiments.ablations.parts import NEAR, bare, gaussian, smooth
+from experiments.paper_loop.sources import potential_from
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.fields.conductivity import conductivity
+from maxjax.fields.connectivity import first_joined
+from maxjax.fields.gradient import gradient
+from maxjax.fields.occupancy import squared_distance
+from maxjax.fields.stencil import cell
+from maxjax.planning.ascent import Ascent, ascend
+from maxjax.planning.line_of_sight import clear, sight_of
+from maxjax.programs.batching import settle
+from maxjax.sim import rolling_map as mapping
+from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
+from maxjax.trajectories.online import Reference, profile, sample, setpoint_at
+
+# Dilation of obstacles, and of the ground [voxels].
+_DILATION, _GROUND = 4, 1
+# Standard deviation of the smoothing [voxels].
+_SMOOTHING = 5.0
+# Steps of an ascent: 512 of momentum lead 51 voxels and more.
+_STEPS = Ascent().steps
+# Fields of a batch that are computed at once: a network's features fill the memory of a device.
+_AT_ONCE = 32
+# A plan that leads less far [m], at rest, makes no progress: after so many in a row the same is planned for ever.
+_STUCK, _AGAIN = 0.5, 10
+# Slower than this is at rest [m/s].
+_REST = 0.1
+
+Smoothing = Literal["gradients", "field", "walls"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sought:
+    """A path that is sought on a rolling map, or found.
+
+    Attributes:
+        over: whether there is nothing more to do.
+        path: in index coordinates of the map; its last point is repeated.
+        arrives: whether it reaches the goal.
+        certified: whether it climbs a certified field.
+    """
+
+    over: Bool[Array, ""]
+    path: Float[Array, "n 3"]
+    arrives: Bool[Array, ""]
+    certified: Bool[Array, ""]
+
+
+@dataclasses.dataclass(frozen=True)
+class Loop:
+    """The planning stage of the paper's loop; (world, flight, config) ↦ flight.
+
+    Attributes:
+        source: of the field, one of `sources.SOURCES`.
+        smoothing: "gradients" of the field outside walls, by the Gaussian that sees none; gradients of the "field"
+            whose walls hold its least value, by the same; "walls", as the library smooths a field.
+        near: distance along each axis from which the goal is flown to straight [voxels].
+        guarded: whether the ascent is that of `planning.ascent`, which enters neither walls nor lower ground and has the
+            discrete step. It smooths by "walls".
+        verified: whether only a path that is clear all the way to the goal is flown; without one the vehicle brakes.
+    """
+
+    source: str = "paper"
+    smoothing: Smoothing = "gradients"
+    near: float = NEAR
+    guarded: bool = False
+    verified: bool = False
+
+    def __call__(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """A path on the present map, and the reference along it."""
+        grid, rolling_map = config.grid, flight.rolling_map
+        position = estimated_position(world, flight)
+        ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (position, world.goal)])
+        given = mapping.occupied(rolling_map), mapping.ground(rolling_map), ends
+        no = jnp.array(False)
+        nothing = Sought(flight.done, jnp.broadcast_to(ends[0], flight.path.shape), no, no)
+        # Under `vmap` a part of the batch at a time; of flights that are over nothing is asked.
+        found = settle(_waits, functools.partial(self._found, grid), given, nothing, at_once=_AT_ONCE)
+        path = mapping.origin(rolling_map) + config.spacing * found.path
+        reference = _reference(flight, path, found.arrives | (not self.verified), config)
+        leads = jnp.linalg.norm(setpoint_at(reference, jnp.float32(config.period)).position - position)
+        rests = (leads < _STUCK) & (jnp.linalg.norm(flight.vehicle.velocity) < _REST)
+        failures = jnp.where(rests, flight.failures + 1, 0)
+        gives_up, log = failures >= _AGAIN, flight.log
+        log = dataclasses.replace(
+            log,
+            status=jnp.where(gives_up, Status.PATH_STALLED, log.status).astype(jnp.int32),
+            planning_iterations=log.planning_iterations + 1,
+            failed_plans=log.failed_plans + ~found.arrives,
+            certified=log.certified + (found.arrives & found.certified),
+        )
+        return dataclasses.replace(
+            flight,
+            path=path,
+            reference=reference,
+            reference_time=jnp.float32(0.0),
+            failures=failures,
+            done=flight.done | gives_up,
+            log=log,
+        )
+
+    def _found(self, grid: Grid, given: tuple[Array, Array, Array], sought: Sought) -> Sought:
+        """The path by which the field of a map is climbed from one end to the other."""
+        occupied, ground, ends = given
+        voxels = jnp.floor(ends + 0.5).astype(jnp.int32)
+        blocked, joined = dilated(occupied, ground, voxels)
+        free = ~blocked
+        field = potential_from(self.source)(conductivity(blocked, voxels[1], grid.local), voxels[1], None)
+        if self.guarded:
+            settings = Ascent(smoothing=_SMOOTHING, steps=_STEPS)
+            path, arrives = ascend(field.log_phi, sight_of(blocked), free, ends[0], ends[1], settings)
+        else:
+            slope = smoothed_gradients(field.log_phi, free, self.smoothing)
+            path, status = bare(slope, free, ends[0], ends[1], "momentum", steps=_STEPS, near=self.near)
+            arrives = status == Status.OK
+        path = _before_walls(path, free)
+        if self.verified:
+            arrives &= jnp.all(clear(sight_of(blocked), path[:-1], path[1:]))
+        path = jnp.where(joined, path, ends[0])
+        path = jnp.pad(path, ((0, len(sought.path) - len(path)), (0, 0)), mode="edge")
+        return Sought(jnp.array(True), path, joined & arrives, joined & field.certified)
+
+
+def smoothed_gradients(
+    log_phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"], smoothing: Smoothing
+) -> Float[Array, "nx ny nz 3"]:
+    """The gradients that an ascent climbs, as `Loop.smoothing` says."""
+    if smoothing == "gradients":
+        return gaussian(gradient(log_phi, free), _SMOOTHING)
+    if smoothing == "field":
+        everywhere = jnp.ones_like(free)
+        return gradient(smooth(log_phi, free, _SMOOTHING, "plain"), everywhere)
+    return gradient(smooth(log_phi, free, _SMOOTHING, "walls"), free)
+
+
+def _waits(_: tuple[Array, Array, Array], sought: Sought) -> Bool[Array, ""]:
+    return ~sought.over
+
+
+def dilated(
+    occupied: Bool[Array, "nx ny nz"], ground: Bool[Array, "nx ny nz"], ends: Int32[Array, "2 3"]
+) -> tuple[Bool[Array, "nx ny nz"], Bool[Array, ""]]:
+    """Voxels closed by the largest dilation that joins two voxels, and whether any does.
+
+    The two voxels are open themselves: a vehicle is where it is.
+
+    Args:
+        occupied: occupied voxels, ground included.
+        ground: those that are ground.
+        ends: voxels of start and goal.
+    """
+    apart = squared_distance(occupied & ~ground, _DILATION)
+    low = squared_distance(ground, _GROUND) <= _GROUND**2
+    at_ends = cell(occupied.shape, ends[0]) | cell(occupied.shape, ends[1])
+
+    def free(k: Int32[Array, ""]) -> Bool[Array, "nx ny nz"]:
+        reach = _DILATION - k
+        closed = occupied | (apart <= reach**2) | (low & (reach >= _GROUND))
+        return ~closed | at_ends
+
+    k, joined = first_joined(free, jnp.int32(0), _DILATION, ends[0], ends[1])
+    return ~free(k), joined
+
+
+def _before_walls(path: Float[Array, "t 3"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "t 3"]:
+    """A path up to its last point before a closed voxel, which is repeated from there."""
+    i, j, k = jnp.clip(jnp.floor(path + 0.5).astype(jnp.int32), 0, jnp.asarray(free.shape) - 1).T
+    open_so_far = lax.cummin(free[i, j, k].astype(jnp.int32))
+    last = jnp.maximum(jnp.sum(open_so_far) - 1, 0)
+    return path[jnp.minimum(jnp.arange(len(path)), last)]
+
+
+def _reference(flight: Flight, path: Path, ok: Bool[Array, ""], config: FlightConfig) -> Reference:
+    """Along a path at the greatest speed that the limits allow; not `ok`: to a stop along it."""
+    course = sample(path, config.limits, config.sampling)
+    speed = jnp.maximum(jnp.dot(flight.vehicle.velocity, course.tangent[0]), 0.0)
+    caps = jnp.where(ok, config.limits.speed, 0.0)
+    return profile(course, jnp.broadcast_to(caps, course.arclength.shape), speed, config.limits)
