@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from jaxtyping import Bool
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.worlds.scenes import make_scene, occupancy
 
@@ -54,6 +54,9 @@ class Config:
     cities: tuple[str, ...] = ("461x461x110", "1024x800x110")
     compare: bool = True
     out: Path = RESULTS
+
+
+TINY = Config(cities=("64x48x20", "64x48x20"), compare=False)
 
 
 def city(shape: tuple[int, int, int]) -> tuple[Volume, Volume]:
@@ -141,4 +144,4 @@ def _shape(text: str) -> tuple[int, int, int]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -26,13 +26,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jax.sharding import Mesh, NamedSharding
 from jax.stages import Compiled
 from jaxtyping import Array, Bool, Float, Int32
 from scipy import ndimage
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from maxjax.solvers.sharding import Window, city_mesh, shard_sigma
 from maxjax.worlds.scenes import make_scene, occupancy
@@ -66,6 +66,9 @@ class Config:
     repeats: int = 5
     distributed: bool = False
     out: Path = RESULTS
+
+
+TINY = Config(shape=(64, 64, 32), devices=(1,), repeats=1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,4 +197,4 @@ def _peak(devices: Iterable[jax.Device]) -> int | None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

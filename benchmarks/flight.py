@@ -25,8 +25,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
@@ -59,6 +59,9 @@ class Config:
     astar: int = 0
     repeats: int = 2
     out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), repeats=1)
 
 
 def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
@@ -162,4 +165,4 @@ def _stages(campaign: Campaign, drawn: Table, size: int, repeats: int) -> Iterat
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-import tyro
 from jaxtyping import Float
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from maxjax.sim.lidar import Lidar, directions, scan
 from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene
@@ -41,6 +41,9 @@ class Config:
     slow_repeats: int = 5
     """For the methods that take a quarter of a second or more."""
     out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), channels=32, rays=128, repeats=2, slow_repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -118,4 +121,4 @@ def _off(given: object, expected: Float[np.ndarray, " r"], max_range: float) -> 
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 from benchmarks.common.browser import HEIGHT, WIDTH, Window, browser
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
@@ -79,6 +79,9 @@ class Config:
     seconds: float = 5.0
     sharpness: tuple[float, ...] = (1.0, 0.5)
     out: Path = RESULTS
+
+
+TINY = Config(drags=2, boxes=4, seconds=0.5, sharpness=(0.5,))
 
 
 def main(config: Config) -> list[Row]:
@@ -233,4 +236,4 @@ def _boxes(count: int) -> City:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

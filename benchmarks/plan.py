@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.core.grid import Index3
@@ -70,6 +70,9 @@ class Config:
     margin: float = 8.0
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), problems=1, shape=(51, 51, 33), batches=(2,), repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -152,4 +155,4 @@ def _peak_memory(shape: Index3) -> float:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -48,11 +48,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array
 
 import maxjax
 from benchmarks import field_paths, linear_solvers
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show, timed_row
 from benchmarks.common.problems import problems
 from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
@@ -122,6 +122,12 @@ class Config:
     seed: int = 0
     json: bool = False
     out: Path = RESULTS
+
+
+TINY = Config(
+    shape=(21, 21, 21), maps=("downtown",), crop="", sizes=(21,), batches=(), repeats=1, starts=1, margin=2.0,
+    memory=False,
+)  # fmt: skip
 
 
 def main(config: Config) -> list[Row]:
@@ -255,4 +261,4 @@ def _batch_rows(bandwidth: float, config: Config) -> list[Row]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

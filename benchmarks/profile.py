@@ -32,13 +32,13 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import tyro
 from jax.profiler import ProfileData
 from jax.stages import Compiled
 from jaxtyping import Array
 
 import maxjax
 from benchmarks import city_scale
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.problems import joined, problems
 from maxjax.fields.conductivity import conductivity
@@ -88,6 +88,9 @@ class Config:
     margin: float = 8.0
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(scenes=(1,), plans=(), shape=(51, 51, 33), maps=("suburb",), repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -237,4 +240,4 @@ def _traced(call: Callable[[], Any], repeats: int) -> Iterator[tuple[str, float]
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

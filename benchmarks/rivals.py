@@ -29,9 +29,9 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, left_out, package, save
 from benchmarks.common.problems import joined, problems, voxels_of
 from benchmarks.common.processes import planned_by_processes
@@ -80,6 +80,11 @@ class Config:
     margin: float = 8.0
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(
+    maps=("suburb",), problems=1, batch=1, starts=6, plans=1, city=("suburb", 0), shape=(51, 51, 33), repeats=1,
+)  # fmt: skip
 
 
 def main(config: Config) -> list[Row]:
@@ -254,4 +259,4 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

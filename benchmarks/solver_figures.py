@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Float, Int32
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
@@ -74,6 +74,9 @@ class Config:
     seed: int = 0
     out: Path = RESULTS
     docs: Path = DOCS
+
+
+TINY = Config(shape=(33, 33, 33), maps=("suburb",), crop="", cycles=4, sizes=(17, 25, 33), repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -234,4 +237,4 @@ def draw_scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

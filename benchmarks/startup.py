@@ -27,9 +27,9 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.core.grid import Index3
 from maxjax.planning import pipeline
@@ -63,6 +63,9 @@ class Config:
     goal: tuple[float, float, float] = (40.0, 10.0, 9.0)
     repeats: int = 3
     out: Path = RESULTS
+
+
+TINY = Config(commands=(), windows=1, repeats=2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,4 +176,4 @@ def _stages(output: str) -> list[Row]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

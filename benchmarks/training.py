@@ -18,9 +18,9 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
@@ -53,6 +53,9 @@ class Config:
     repeats: int = 3
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(recipes=("tiny",), devices=(1, 99), scenes=4, shape=(25, 25, 17), repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -109,4 +112,4 @@ def _epoch(training: Training, scenes: Scenes, grid: maxjax.Grid, devices: int, 
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

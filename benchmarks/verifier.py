@@ -17,9 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, left_out, save, timed_row, timing_of
 from benchmarks.common.problems import joined, problems
 from maxjax.programs import native
@@ -59,6 +59,9 @@ class Config:
     margin: float = 8.0
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), problems=2, copies=2, together=3, shape=(51, 51, 33), repeats=1)
 
 
 def main(config: Config) -> list[Row]:
@@ -129,4 +132,4 @@ def _differing(first: Verdicts, second: Verdicts) -> int:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

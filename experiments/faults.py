@@ -26,10 +26,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Int32
 from scipy.stats import beta
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.trials import draw_many
@@ -85,6 +85,9 @@ class Config:
     batch: int = 1
     name: str = "faults"
     out: Path = RESULTS
+
+
+TINY = Config(flights=1, map="suburb", cells=("none", "lidar-stuck"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -298,4 +301,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -12,10 +12,10 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float
 
 import maxjax
+from benchmarks.common.command import configured
 from maxjax.viz.plan_view import draw_plan
 from maxjax.viz.style import CLEARANCES, GOAL, STYLE, load_matplotlib, save_figure
 from maxjax.worlds.scenes import make_scene, occupancy
@@ -40,6 +40,9 @@ class Config:
     starts: int = 400
     goal: tuple[float, float, float] = (4.0, 6.0, 12.0)
     out: Path = Path("docs/fleet.png")
+
+
+TINY = Config(shape=(41, 41, 21), starts=12)
 
 
 def main(config: Config) -> list[Float[np.ndarray, "_ 3"]]:
@@ -112,4 +115,4 @@ def _pieces(path: Float[np.ndarray, "_ 3"], longest: float = 4.0) -> Float[np.nd
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

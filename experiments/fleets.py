@@ -26,9 +26,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from scipy.stats import beta
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.fleets import FleetTrial, flown_fleet, stuck
@@ -81,6 +81,9 @@ class Config:
     plans: int = 100
     name: str = "fleets"
     out: Path = RESULTS
+
+
+TINY = Config(worlds=("circle",), sizes=(4,), delays=(0.1,), plans=14)
 
 
 def main(config: Config) -> list[Row]:
@@ -212,4 +215,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

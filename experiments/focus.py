@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from experiments.problem_sets import problem_set
@@ -49,6 +49,9 @@ class Config:
     every: int = 1
     data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
     out: Path = RESULTS
+
+
+TINY = Config(maps=("suburb",), problems=3, half=50.0, every=0)
 
 
 class Pair(NamedTuple):
@@ -143,4 +146,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
+from benchmarks.common.command import configured
 from maxjax.viz.style import EARTH, FAILED, FIELD, OBSTACLE, PLANNED, STYLE, load_matplotlib, save_figure
 
 _START, _POINT, _GOAL = 20.0, 70.0, 155.0  # along the section [m]
@@ -30,6 +30,9 @@ class Config:
     """
 
     out: Path = Path("docs/figures/heights.png")
+
+
+TINY = Config()
 
 
 def main(config: Config) -> None:
@@ -86,4 +89,4 @@ def _measures(axes: Any, foot: float) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

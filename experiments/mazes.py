@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float64, Int64
 from scipy import ndimage
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.problem_sets import problem_set
@@ -55,6 +55,9 @@ class Config:
     cities: int = 10
     seed: int = 0
     out: Path = RESULTS
+
+
+TINY = Config(noise=2, doors=(3,), edge=25, cities=1)
 
 
 class Maze(NamedTuple):
@@ -168,4 +171,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

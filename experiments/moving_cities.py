@@ -21,9 +21,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import tyro
 from scipy.stats import beta
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.campaign import Campaign
@@ -66,6 +66,9 @@ class Config:
     name: str = "moving_cities"
     keep: Path | None = None
     out: Path = RESULTS
+
+
+TINY = Config(trials=1, maps=("suburb",), counts=(3,), speeds=(2.0,), kinds=("drones",))
 
 
 class Unaware(Campaign):
@@ -172,4 +175,4 @@ def _some(row: Row) -> list[str]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

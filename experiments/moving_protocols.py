@@ -35,9 +35,9 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from scipy.stats import beta
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.moving_worlds import (
@@ -105,6 +105,9 @@ class Config:
     batch: int = 1
     name: str = "moving_protocols"
     out: Path = RESULTS
+
+
+TINY = Config(protocols=("sando",), obstacles=(20,), radii=(0.1,), sights=("true",), methods=("ours",), seeds=1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -326,4 +329,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -26,9 +26,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Float, Int32
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, measure, save
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.problems import problems
@@ -73,6 +73,9 @@ class Config:
     name: str = "network_cost"
     remark: str = ""
     out: Path = RESULTS
+
+
+TINY = Config(models=(), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33))
 
 
 def nothing(known: Known) -> Float[Array, "nx ny nz"]:
@@ -216,4 +219,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -24,10 +24,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import tyro
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax import Distances, Grid, Replanned, Replanner, VoxelMap
@@ -82,6 +82,9 @@ class Config:
     cycles: int = 300
     name: str = "onboard_loop"
     out: Path = RESULTS
+
+
+TINY = Config(cycles=2)
 
 
 def main(config: Config) -> list[Row]:
@@ -206,4 +209,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -27,10 +27,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float64, Int
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.moving_worlds import trefoils
@@ -84,6 +84,9 @@ class Config:
     rays: int = 32768
     name: str = "tracking"
     out: Path = RESULTS
+
+
+TINY = Config(worlds=("suburb",), counts=(2,), speeds=(5.0,), seeds=1, looks=7, channels=16, rays=1024)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -452,4 +455,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

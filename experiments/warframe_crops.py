@@ -15,9 +15,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import maxjax
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from maxjax.methods import planner_named
@@ -38,6 +38,9 @@ class Config:
     data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
     every: int = 1
     out: Path = RESULTS
+
+
+TINY = Config(every=60)
 
 
 def main(config: Config) -> list[Row]:
@@ -114,4 +117,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

@@ -19,8 +19,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import tyro
-
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax.campaigns.campaign import Campaign
@@ -51,6 +50,9 @@ class Config:
     seed: int = 0
     keep: Path | None = None
     out: Path = RESULTS
+
+
+TINY = Config(trials=1, maps=("suburb",))
 
 
 def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
@@ -135,4 +137,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

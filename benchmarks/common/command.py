@@ -1,4 +1,4 @@
-"""The command line of an experiment: its configuration, or with `--tiny` one that a test runs in seconds.
+"""The command line of an experiment or a benchmark: its configuration, or with `--tiny` one that ends in minutes.
 
     python -m experiments.mazes --problems 20            a field of the configuration an option
     python -m experiments.offline_table --tiny           begins with TINY, and writes to build/tiny
@@ -22,7 +22,7 @@ Config = TypeVar("Config")
 FOLDER = Path("build/tiny")
 """Where results of tiny runs go, below the folder that the command is given in."""
 
-_WRITTEN = ("out", "figures")  # fields that name folders to write to
+_WRITTEN = ("out", "figures", "docs")  # fields that name folders, or a file, to write to
 _TOLD = "With --tiny: a small run that shows that it works, written to build/tiny."
 
 
@@ -40,8 +40,9 @@ def configured(tiny: Config, words: Sequence[str] | None = None) -> Config:
     named: Any = tiny
     begin: Any = type(tiny)()
     if "--tiny" in given:
-        fields = {field.name for field in dataclasses.fields(named)}
-        begin = dataclasses.replace(named, **{name: FOLDER for name in _WRITTEN if name in fields})
+        paths = {name: getattr(named, name) for name in _WRITTEN if hasattr(named, name)}
+        moved = {name: FOLDER / path.name if path.suffix else FOLDER for name, path in paths.items()}
+        begin = dataclasses.replace(named, **moved)
     told = f"{(inspect.getdoc(type(tiny)) or '').partition('Attributes:')[0].strip()}\n\n{_TOLD}"
     rest = [word for word in given if word != "--tiny"]
     found: Config = tyro.cli(type(tiny), args=rest, default=begin, description=told)

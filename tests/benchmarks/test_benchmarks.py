@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,8 +12,7 @@ from benchmarks import city_plan, lidar, plan, profile, rivals, startup, tables,
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
-    config = lidar.Config(maps=("suburb",), channels=32, rays=128, repeats=2, slow_repeats=1, out=tmp_path)
-    rows = lidar.main(config)
+    rows = lidar.main(dataclasses.replace(lidar.TINY, out=tmp_path))
     document = json.loads((tmp_path / "lidar.json").read_text())
     assert document["rows"] == rows
     assert len({row["method"] for row in rows}) == 5
@@ -22,8 +22,7 @@ def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
 
 
 def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None:
-    config = plan.Config(maps=("suburb",), problems=1, shape=(51, 51, 33), batches=(2,), repeats=1, out=tmp_path)
-    rows = {row["what"]: row for row in plan.main(config)}
+    rows = {row["what"]: row for row in plan.main(dataclasses.replace(plan.TINY, out=tmp_path))}
     assert rows["plan, solver: total"]["solved"] == rows["plan, astar: total"]["solved"] == 1
     batch = rows["batch of 2: a plan"]
     assert batch["solved"] == 2
@@ -34,18 +33,7 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
 
 @pytest.mark.usefixtures("compiled_astar")
 def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
-    config = rivals.Config(
-        ("suburb",),
-        problems=1,
-        batch=1,
-        starts=6,
-        plans=1,
-        city=("suburb", 0),
-        shape=(51, 51, 33),
-        repeats=1,
-        out=tmp_path,
-    )
-    rows = {str(row["what"]): row for row in rivals.main(config)}
+    rows = {str(row["what"]): row for row in rivals.main(dataclasses.replace(rivals.TINY, out=tmp_path))}
     solved = {what: row["solved"] for what, row in rows.items() if "solved" in row}
     assert {what: count for what, count in solved.items() if count not in (1, 6)} == {}
     assert solved["fleet of 6 near: plan_fleet"] == solved["fleet of 6 anywhere: plan_fleet"] == 6
@@ -59,8 +47,7 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("compiled_verifier")
 def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -> None:
-    config = verifier.Config(("suburb",), problems=2, copies=2, together=3, shape=(51, 51, 33), repeats=1, out=tmp_path)
-    rows = {row["what"]: row for row in verifier.main(config)}
+    rows = {row["what"]: row for row in verifier.main(dataclasses.replace(verifier.TINY, out=tmp_path))}
     assert len(rows) == 5
     assert {row["paths"] for what, row in rows.items() if "batch" in str(what)} == {4}
     *_, last = rows.values()
@@ -71,8 +58,7 @@ def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -
 
 
 def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:
-    config = profile.Config(scenes=(1,), plans=(), shape=(51, 51, 33), maps=("suburb",), repeats=1, out=tmp_path)
-    rows = {row["what"]: row for row in profile.main(config)}
+    rows = {row["what"]: row for row in profile.main(dataclasses.replace(profile.TINY, out=tmp_path))}
     shares = {what: row["share"] for what, row in rows.items() if what.startswith("solve, 1: ")}
     whole = shares.pop("solve, 1: all")
     assert sum(shares.values()) == pytest.approx(whole, abs=0.01)
@@ -83,23 +69,21 @@ def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> N
 
 
 def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(tmp_path: Path) -> None:
-    rows = training.main(
-        training.Config(recipes=("tiny",), devices=(1, 99), scenes=4, shape=(25, 25, 17), repeats=1, out=tmp_path)
-    )
+    rows = training.main(dataclasses.replace(training.TINY, out=tmp_path))
     assert [(row["devices"], row["speed_up"]) for row in rows] == [(1, 1.0)]
     assert rows[0]["seconds_an_epoch"] > 0
     assert json.loads((tmp_path / "training.json").read_text())["rows"] == rows
 
 
 def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
-    rows = city_plan.main(city_plan.Config(cities=("64x48x20", "64x48x20"), compare=False, out=tmp_path))
+    rows = city_plan.main(dataclasses.replace(city_plan.TINY, out=tmp_path))
     assert [row["status"] for row in rows] == ["OK", "OK"]
     assert all(row["certified"] and row["length_m"] >= row["straight_m"] for row in rows)
     assert all(0 < row["seconds"] <= row["first_seconds"] for row in rows)
 
 
 def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path) -> None:
-    rows = startup.main(startup.Config(commands=(), windows=1, repeats=2, out=tmp_path))
+    rows = startup.main(dataclasses.replace(startup.TINY, out=tmp_path))
     assert json.loads((tmp_path / "startup.json").read_text())["rows"] == rows
     *processes, program = rows
     assert [row["what"] for row in processes] == ["import maxjax", "import maxjax, and its names", "maxjax --help"]

@@ -1,13 +1,29 @@
-"""`--tiny` of experiments: a small configuration that writes beside recorded results, and options above it."""
+"""`--tiny` of experiments and benchmarks: a small configuration that writes beside recorded results, and options."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from pathlib import Path
 
 import pytest
 
 from benchmarks.common.command import FOLDER, configured
+
+ROOT = Path(__file__).parents[2]
+OTHERS = {
+    "experiments/closed_loop.py": "flights of a whole campaign",
+    "experiments/paper_loop/study.py": "not yet to be imported",
+    "experiments/network_training.py": "nothing is run: it reads what training wrote",
+}
+"""Commands with options of their own alone."""
+
+
+def commands() -> list[str]:
+    """Modules of experiments and benchmarks that have a configuration."""
+    files = (path for room in ("experiments", "benchmarks") for path in sorted((ROOT / room).rglob("*.py")))
+    named = [path.relative_to(ROOT) for path in files if "\nclass Config:" in path.read_text(encoding="utf-8")]
+    return [".".join(path.with_suffix("").parts) for path in named if str(path) not in OTHERS]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,3 +54,16 @@ def test_help_tells_of_it(capsys: pytest.CaptureFixture[str]) -> None:
         configured(TINY, ["--help"])
     assert ended.value.code == 0
     assert "--tiny" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", commands())
+def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> None:
+    module = importlib.import_module(name)
+    tiny, asked = module.TINY, configured(module.TINY, ["--tiny"])
+    assert configured(tiny, []) == type(tiny)()
+    moved = {name: path for name, path in vars(asked).items() if path != getattr(tiny, name)}
+    assert "out" in moved
+    assert all(FOLDER in (path, path.parent) for path in moved.values())
+    file = Path(str(module.__file__))
+    started = file.with_name("__main__.py") if file.with_name("__main__.py").exists() else file
+    assert "main(configured(TINY))" in started.read_text(encoding="utf-8")

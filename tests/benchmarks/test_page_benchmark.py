@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -17,8 +18,7 @@ from benchmarks.common.browser import chromium
 def test_drags_are_timed_and_frames_counted(tmp_path: Path) -> None:
     if chromium() is None:
         pytest.skip("no Chromium on this machine: apt-get install chromium")
-    config = page.Config(drags=2, boxes=4, seconds=0.5, sharpness=(0.5,), out=tmp_path)
-    rows = page.main(config)
+    rows = page.main(dataclasses.replace(page.TINY, out=tmp_path))
     document = json.loads((tmp_path / "page.json").read_text())
     assert document["rows"] == rows
     drags, answers = rows[:2]

@@ -12,16 +12,11 @@ from scipy.sparse import csr_matrix, diags_array
 
 from benchmarks.common.screened_system import angles_of
 from benchmarks.linear_solvers import hindsight, least
-from benchmarks.potential import Config, main
-
-TINY = Config(
-    shape=(21, 21, 21), maps=("downtown",), crop="", sizes=(21,), batches=(), repeats=1, starts=1, margin=2.0,
-    memory=False, json=True,
-)  # fmt: skip
+from benchmarks.potential import TINY, main
 
 
 def test_benchmark_writes_and_prints_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = main(dataclasses.replace(TINY, out=tmp_path))
+    rows = main(dataclasses.replace(TINY, json=True, out=tmp_path))
     text = (tmp_path / "potential.json").read_text()
     assert capsys.readouterr().out == text
     assert json.loads(text)["rows"] == rows

@@ -12,7 +12,8 @@ from experiments import focus, mazes, warframe_crops
 
 
 def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Path) -> None:
-    rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(warframe_crops.Config(data, 60, tmp_path))}
+    config = dataclasses.replace(warframe_crops.TINY, data=data, out=tmp_path)
+    rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(config)}
     for crop in ("Complex", "Simple"):
         ours, rival = rows[crop, "solver"], rows[crop, "astar"]
         assert ours["ok"] == ours["certified"] == ours["verified"] == ours["scenarios"]
@@ -54,13 +55,13 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
 
 
 def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
-    (row,) = focus.main(focus.Config(maps=("suburb",), problems=3, half=50.0, every=0, out=tmp_path))
+    (row,) = focus.main(dataclasses.replace(focus.TINY, out=tmp_path))
     assert row["same_status"] == row["ok"] == row["certified"] == 3
     assert row["length_worst"] <= 1.02
 
 
 def test_mazes_are_planned_and_certified(tmp_path: Path) -> None:
-    rows = mazes.main(mazes.Config(noise=2, doors=(3,), edge=25, cities=1, out=tmp_path))
+    rows = mazes.main(dataclasses.replace(mazes.TINY, out=tmp_path))
     assert [row["map"] for row in rows] == ["downtown", "noise, 40%", "noise, 50%", "3 doors", "snake"]
     assert all(row["ok"] == row["certified"] == row["problems"] for row in rows)
     assert rows[-1]["length_m_max"] > 2 * 25 * 12  # the snake folds twelve times

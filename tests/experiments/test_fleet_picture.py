@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 
-from experiments.fleet_picture import Config, main
+from experiments.fleet_picture import TINY, main
 
 
 def test_all_paths_lead_to_the_goal(tmp_path: Path) -> None:
-    config = Config(shape=(41, 41, 21), starts=12, goal=(4.0, 6.0, 12.0), out=tmp_path / "fleet.png")
+    config = dataclasses.replace(TINY, out=tmp_path / "fleet.png")
     paths = main(config)
     assert 8 <= len(paths) <= 12
     assert len({tuple(path[0]) for path in paths}) == len(paths)

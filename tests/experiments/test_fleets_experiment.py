@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 
-from experiments.fleets import Config, main, open_swaps, section
+from experiments.fleets import TINY, main, open_swaps, section
 
 
 def test_a_row_says_who_arrived_and_how_to_fly_a_failure_again(tmp_path: Path) -> None:
-    (row,) = main(Config(worlds=("circle",), sizes=(4,), delays=(0.1,), plans=14, out=tmp_path))
+    (row,) = main(dataclasses.replace(TINY, out=tmp_path))
     assert row["arrived"] == row["flights"] == 4
     assert row["met"] == row["walls"] == row["stuck"] == row["late"] == 0
     assert 40.0 / 5.0 - 1.0 < float(row["seconds"] or 0.0) < 14.0

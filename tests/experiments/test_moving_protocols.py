@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
-from experiments.moving_protocols import Config, main, section
+from experiments.moving_protocols import TINY, main, section
 
 
 def test_a_row_says_who_arrived_and_how_to_fly_a_contact_again(tmp_path: Path) -> None:
-    rows = main(
-        Config(
-            protocols=("sando",),
-            obstacles=(20,),
-            radii=(0.1,),
-            sights=("true",),
-            methods=("ours",),
-            seeds=1,
-            out=tmp_path,
-        )
-    )
+    rows = main(dataclasses.replace(TINY, out=tmp_path))
     assert len(rows) == 1
     row = rows[0]
     assert row["arrived"] == row["flights"] == 1

@@ -39,7 +39,7 @@ def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) 
 
 def test_certificates_of_every_start(tmp_path: Path) -> None:
     # The networks' own rows are made alike; `tests/nn/test_weights.py` has them certified at full size.
-    config = network_cost.Config((), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), out=tmp_path)
+    config = dataclasses.replace(network_cost.TINY, out=tmp_path)
     found = {row["from"]: row for row in network_cost.main(config)}
     assert set(found) == {"solver", "nothing", "analytic"}
     assert all(row["certified"] == row["problems"] == 1 for row in found.values())

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 
-from experiments.tracking import Config, field, main, section
+from experiments.tracking import TINY, field, main, section
 from maxjax.worlds.movers import places
 
 
 def test_it_runs_and_writes_its_section(tmp_path: Path) -> None:
-    small = Config(
-        worlds=("suburb",), counts=(2,), speeds=(5.0,), seeds=1, looks=7, channels=16, rays=1024, out=tmp_path
-    )
-    (row,) = main(small)
+    (row,) = main(dataclasses.replace(TINY, out=tmp_path))
     assert (row["world"], row["looks"]) == ("suburb", 2)
     assert "| suburb | 2 | 5 |" in section(json.loads((tmp_path / "tracking.json").read_text()))
 
