@@ -25,6 +25,7 @@ import tyro
 
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.paper import FLOWN
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
@@ -113,11 +114,6 @@ def figures_of(outcomes: list[Outcome]) -> dict[str, Any]:
     }
 
 
-# The paper, Table I, bottom: 50 trials a map in its own cities; flown length [m], plans.
-_PAPER = {
-    "downtown": {"3DMaxConvNet": ("109.0 ± 60.2", "31.0 ± 20.5"), "A\\*": ("81.7 ± 68.4", "25.2 ± 25.9")},
-    "suburb": {"3DMaxConvNet": ("74.1 ± 10.6", "19.9 ± 2.8"), "A\\*": ("73.4 ± 8.1", "20.6 ± 3.3")},
-}
 _TITLES = {
     "closed_loop": "Closed loop, the paper's 50 trials a map",
     "closed_loop_many": "Closed loop, by the thousand",
@@ -150,7 +146,7 @@ def section(document: Document) -> str:
     if document["name"] == "closed_loop":
         lines += [
             [name, f"{method}, the paper", "50 of 50", "0", *figures, "", "", ""]
-            for name, methods in _PAPER.items()
+            for name, methods in FLOWN.items()
             for method, figures in methods.items()
         ]
     heads = [

@@ -30,6 +30,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop_disturbed", "closed_loop"),
         ("windowed_flights", "windowed_flights"),
         ("faults", "faults"),
+        ("paper_loop", "paper_loop.tables"),
     ),
     "The networks": (
         ("network_training", "network_training"),

@@ -1,7 +1,7 @@
 """Parts that the library leaves out on purpose: smoothing that ignores walls, and the ascent without guards.
 
-    u ← G u along each axis        G_ij ~ exp(−(i − j)² / 2σ²), at the border as SciPy's "nearest"
-    x ← x + η m                    m: momentum of normalised gradients, or ADAM's step
+u ← G u along each axis        G_ij ~ exp(−(i − j)² / 2σ²), at the border as SciPy's "nearest"
+x ← x + η m                    m: momentum of normalised gradients, or ADAM's step
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from maxjax.fields import gradient as slope
 from maxjax.planning.ascent import Ascent
 
 _ADAM_BETA2 = 0.999
-# Distance along each axis at which the goal counts as reached [voxels].
-NEAR = 1.5
 # Outcomes of the bare ascent.
 _GOING, _ARRIVED, _LOST = 0, 1, 2
 
@@ -71,15 +69,28 @@ class BareCarry:
     path: Float[Array, "t 3"]
 
 
-@functools.partial(jax.jit, static_argnames=("rule", "steps", "near"))
+@dataclasses.dataclass(frozen=True)
+class Bare:
+    """How the ascent without guards climbs.
+
+    Attributes:
+        rule: of its steps.
+        steps: at most so many.
+        near: distance along each axis at which the goal is the next point [voxels].
+    """
+
+    rule: Rule = "momentum"
+    steps: int = 4096
+    near: float = 1.5
+
+
+@functools.partial(jax.jit, static_argnames=("settings",))
 def bare(
     gradient: Float[Array, "nx ny nz 3"],
     free: Bool[Array, "nx ny nz"],
     start: Float[Array, " 3"],
     goal: Float[Array, " 3"],
-    rule: Rule,
-    steps: int = 4096,
-    near: float = NEAR,
+    settings: Bare,
 ) -> tuple[Float[Array, "t 3"], Int32[Array, ""]]:
     """The ascent of `planning.ascent` without any guard: nothing keeps it out of walls, off lower ground or on the map.
 
@@ -87,9 +98,7 @@ def bare(
         gradient: of the log-potential; between centres of voxels it is interpolated among those that are free.
         free: voxels that are no walls.
         start, goal: index coordinates.
-        rule: static.
-        steps: at most so many. Static.
-        near: distance along each axis at which the goal is the next point [voxels]. Static.
+        settings: static.
 
     Returns:
         The path of `steps + 2` points, its last point repeated, and its status: OK where it came near the goal,
@@ -97,7 +106,9 @@ def bare(
         steps ran out.
     """
     shape = jnp.asarray(free.shape)
-    advance = functools.partial(_momentum if rule == "momentum" else _adam, rate=Ascent().rate, beta=Ascent().momentum)
+    advance = functools.partial(
+        _momentum if settings.rule == "momentum" else _adam, rate=Ascent().rate, beta=Ascent().momentum
+    )
 
     def step(at: BareCarry) -> BareCarry:
         move, m, v = advance(_at(gradient, free, at.x), at)
@@ -105,14 +116,14 @@ def bare(
         voxel = jnp.floor(x + 0.5).astype(jnp.int32)
         inside = jnp.all((voxel >= 0) & (voxel < shape))
         i, j, h = jnp.clip(voxel, 0, shape - 1)
-        reached = jnp.max(jnp.abs(goal - x)) <= near
+        reached = jnp.max(jnp.abs(goal - x)) <= settings.near
         outcome = jnp.where(~inside | ~free[i, j, h], _LOST, jnp.where(reached, _ARRIVED, _GOING))
         return BareCarry(x, m, v, at.count + 1, outcome, at.path.at[at.count + 1].set(x))
 
     zero = jnp.zeros_like(start)
-    path = jnp.broadcast_to(start, (steps + 2, 3))
+    path = jnp.broadcast_to(start, (settings.steps + 2, 3))
     first = BareCarry(start, zero, zero, jnp.int32(0), jnp.int32(_GOING), path)
-    last: BareCarry = lax.while_loop(lambda at: (at.count < steps) & (at.outcome == _GOING), step, first)
+    last: BareCarry = lax.while_loop(lambda at: (at.count < settings.steps) & (at.outcome == _GOING), step, first)
     end = jnp.where(last.outcome == _ARRIVED, goal, last.x)
     path = jnp.where(jnp.arange(len(path))[:, None] > last.count, end, last.path)
     statuses = [maxjax.Status.PATH_STALLED, maxjax.Status.OK, maxjax.Status.PATH_IN_COLLISION]

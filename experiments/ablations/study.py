@@ -21,7 +21,7 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.oracle import judge
 from benchmarks.common.paper import dilated
 from benchmarks.common.problems import case_of, problems
-from experiments.ablations.parts import bare, smooth
+from experiments.ablations.parts import Bare, bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
 from experiments.closed_loop import figures_of
 from maxjax.campaigns.campaign import Campaign
@@ -159,7 +159,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             taut = walked = failed(p.status)
         elif v.guard == "none":
             u = smoothed(v.source, v.smoothing, v.kernel, m)
-            path, status = bare(_gradient(u, ~p.blocked), ~p.blocked, p.start, p.goal, v.rule)
+            path, status = bare(_gradient(u, ~p.blocked), ~p.blocked, p.start, p.goal, Bare(v.rule))
             sure = bool(field(v.source, m).certified) if v.smoothing == 0 else _certified(u, p.blocked, p.goal_index)
             taut = walked = Route(np.asarray(path), np.asarray(status), np.asarray(sure))
         else:

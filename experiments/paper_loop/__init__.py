@@ -3,11 +3,11 @@
     python -m experiments.paper_loop --trials 2 --loops paper                     # two cores: 5 minutes
     python -m experiments.paper_loop --trials 1000 --batch 250 --keep OUT         # one GPU; resumes
 
-The paper (Bong and Beltrame, arXiv:2605.10880) flies by a network's field alone: one scan a plan, the gradients smoothed
-by a Gaussian of 5 voxels, climbed by momentum, each path flown as far as the ascent came, a reactive layer of 3 m behind
-it, at most 100 plans. It reports that every flight arrived. Here the same is flown over the trials of
-`experiments.closed_loop`, by the networks that maxjax trained after it (`paper`, `paper_difference`), by maxjax's, and by
-the exact field, of the paper's boundary (κ = 0) and screened.
+The paper (Bong and Beltrame, arXiv:2605.10880) flies by a network's field alone: one scan a plan, the gradients
+smoothed by a Gaussian of 5 voxels, climbed by momentum, each path flown as far as the ascent came, a reactive layer of
+3 m behind it, at most 100 plans. It reports that every flight arrived. Here the same is flown over the trials of
+`experiments.closed_loop`, by the networks that maxjax trained after it (`paper`, `paper_difference`), by maxjax's, and
+by the exact field, of the paper's boundary (κ = 0) and screened.
 
 What the paper does not say is read in two ways, each a loop of its own:
 

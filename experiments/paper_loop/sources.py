@@ -1,6 +1,6 @@
 """Fields that the loop climbs, by name.
 
-    (sigma, goal_index, price) ↦ Potential
+(sigma, goal_index, price) ↦ Potential
 """
 
 from __future__ import annotations
@@ -38,10 +38,7 @@ def swept_prediction(name: str, sweeps: int) -> PotentialFn:
 
 
 SOURCES: Mapping[str, Callable[[], PotentialFn]] = {
-    **{
-        name: functools.partial(network_potential, name, 0)
-        for name in ("paper", "paper_difference", "maxjax")
-    },
+    **{name: functools.partial(network_potential, name, 0) for name in ("paper", "paper_difference", "maxjax")},
     "exact, κ = 0": lambda: functools.partial(solve_potential, setting="paper"),
     "exact": lambda: solve_potential,
     "paper, swept": functools.partial(swept_prediction, "paper", SWEEPS),

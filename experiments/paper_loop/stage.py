@@ -2,11 +2,11 @@
 
     latest scan → obstacles, dilated → σ → log φ → gradients, smoothed → ascent → reference along it
 
-The paper (Bong and Beltrame, arXiv:2605.10880) plans in the latest scan alone, dilated by 4 voxels, lets the gradients of
-a predicted field be smoothed by a Gaussian (σ = 5 voxels) that sees no walls, climbs them by momentum, and flies each
-path as far as it came. Nothing stands between a path and the vehicle but the reactive layer. What it leaves open is
-chosen in its favour: where no such dilation joins the ends, the largest that does is taken (`benchmarks.common.paper`);
-the ground is dilated by one voxel; a path ends before the first voxel that is closed.
+The paper (Bong and Beltrame, arXiv:2605.10880) plans in the latest scan alone, dilated by 4 voxels, lets the gradients
+of a predicted field be smoothed by a Gaussian (σ = 5 voxels) that sees no walls, climbs them by momentum, and flies
+each path as far as it came. Nothing stands between a path and the vehicle but the reactive layer. What it leaves open
+is chosen in its favour: where no such dilation joins the ends, the largest that does is taken, as in
+`benchmarks.common.paper`; the ground is dilated by one voxel; a path ends before the first voxel that is closed.
 
 Paths are planned in index coordinates of the rolling map.
 """
@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from experiments.ablations.parts import NEAR, bare, gaussian, smooth
+from experiments.ablations.parts import Bare, bare, gaussian, smooth
 from experiments.paper_loop.sources import potential_from
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -81,14 +81,14 @@ class Loop:
         smoothing: "gradients" of the field outside walls, by the Gaussian that sees none; gradients of the "field"
             whose walls hold its least value, by the same; "walls", as the library smooths a field.
         near: distance along each axis from which the goal is flown to straight [voxels].
-        guarded: whether the ascent is that of `planning.ascent`, which enters neither walls nor lower ground and has the
-            discrete step. It smooths by "walls".
+        guarded: whether the ascent is that of `planning.ascent`, which enters neither walls nor lower ground and has
+            the discrete step. It smooths by "walls".
         verified: whether only a path that is clear all the way to the goal is flown; without one the vehicle brakes.
     """
 
     source: str = "paper"
     smoothing: Smoothing = "gradients"
-    near: float = NEAR
+    near: float = Bare.near
     guarded: bool = False
     verified: bool = False
 
@@ -137,9 +137,9 @@ class Loop:
             path, arrives = ascend(field.log_phi, sight_of(blocked), free, ends[0], ends[1], settings)
         else:
             slope = smoothed_gradients(field.log_phi, free, self.smoothing)
-            path, status = bare(slope, free, ends[0], ends[1], "momentum", steps=_STEPS, near=self.near)
+            path, status = bare(slope, free, ends[0], ends[1], Bare(steps=_STEPS, near=self.near))
             arrives = status == Status.OK
-        path = _before_walls(path, free)
+        path = before_walls(path, free)
         if self.verified:
             arrives &= jnp.all(clear(sight_of(blocked), path[:-1], path[1:]))
         path = jnp.where(joined, path, ends[0])
@@ -188,7 +188,7 @@ def dilated(
     return ~free(k), joined
 
 
-def _before_walls(path: Float[Array, "t 3"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "t 3"]:
+def before_walls(path: Float[Array, "t 3"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "t 3"]:
     """A path up to its last point before a closed voxel, which is repeated from there."""
     i, j, k = jnp.clip(jnp.floor(path + 0.5).astype(jnp.int32), 0, jnp.asarray(free.shape) - 1).T
     open_so_far = lax.cummin(free[i, j, k].astype(jnp.int32))

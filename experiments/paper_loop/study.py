@@ -1,4 +1,4 @@
-"""Every loop flown on every map: rows, and the section of RESULTS.md."""
+"""Every loop flown on every map, a row each of the first 50 trials and of all."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import dataclasses
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.common.harness import Row, keep, save
-from benchmarks.common.markdown import Document, device, table
-from experiments.closed_loop import PAPER, figures_of
+from experiments.closed_loop import figures_of
 from experiments.paper_loop.sources import SWEEPS
 from experiments.paper_loop.stage import Loop
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
+from maxjax.campaigns.ledger import CONFIG, Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome
 from maxjax.nn.planner import Network
 from maxjax.planners import Field
@@ -30,7 +30,7 @@ _GAIN = 1.5
 # Distance along each axis that is flown straight to the goal [voxels]: 10 m.
 _LAST = 5.0
 # Trials of the paper, a map.
-_FEW = 50
+FEW = 50
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +55,8 @@ _SOURCES = {
 }
 _WALLS = Loop(smoothing="walls", near=_LAST)
 _STEPS = dataclasses.replace(_WALLS, guarded=True)
-# Each adds to the one before; the first of them to "paper network, field".
+BEFORE = "paper network, field"
+# Each adds to the one before, the first of them to `BEFORE`.
 LAYERS: Mapping[str, Loop] = {
     "+ last 10 m straight": Loop(smoothing="field", near=_LAST),
     "+ smoothing that sees walls": _WALLS,
@@ -84,7 +85,8 @@ class Config:
     Attributes:
         trials: a map.
         maps: to fly in; nothing was ever tuned or trained on them.
-        loops: parts of names of `LOOPS`: those that contain one of them are flown; the rest is taken from `keep`.
+        loops: parts of names of `LOOPS`: those that contain one of them are flown; of others, what `keep` holds counts.
+        plans: of a flight, at most.
         seed: of the first city.
         batch: flights at a time; None: what suits the device.
         keep: folder for every trial's outcome and positions.
@@ -94,41 +96,45 @@ class Config:
     trials: int = 50
     maps: tuple[str, ...] = ("downtown", "suburb")
     loops: tuple[str, ...] = ("",)
+    plans: int = 100
     seed: int = 0
     batch: int | None = None
     keep: Path | None = None
     out: Path = RESULTS
 
 
-TINY = Config(trials=1, maps=("suburb",), loops=("paper network, field",))
+TINY = Config(trials=1, maps=("suburb",), loops=(BEFORE,), plans=3)
 
 
 def main(config: Config) -> list[Row]:
-    """Fly every loop; save and return two rows for each, of the paper's number of trials and of all."""
-    chosen = {name: loop for name, loop in LOOPS.items() if any(part in name for part in config.loops)}
-    if not chosen:
+    """Fly loops; save and return their rows, and those of all that was kept before."""
+    if not any(_chosen(config, name) for name in LOOPS):
         raise ValueError(f"loops: expected parts of {'; '.join(LOOPS)}; given {', '.join(config.loops)}")
     rows: list[Row] = []
-    for number, name in enumerate(chosen):
+    for name in LOOPS:
         for place in config.maps:
             started = time.perf_counter()
-            outcomes = _flown(config, place, name)
-            for some in dict.fromkeys((min(_FEW, config.trials), config.trials)):
-                rows.append(row_of(place, name, [o for o in outcomes if o.trial < some]))
-            seconds = time.perf_counter() - started
-            print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
-        keep("paper_loop", config, rows, config.out)
-        print(f"{number + 1} of {len(chosen)} loops", file=sys.stderr, flush=True)
+            outcomes = list(_flown(config, place, name) if _chosen(config, name) else _kept(config, place, name))
+            for some in dict.fromkeys((min(FEW, len(outcomes)), len(outcomes))):
+                rows += [row_of(place, name, [o for o in outcomes if o.trial < some])] * (some > 0)
+            if _chosen(config, name):
+                seconds = time.perf_counter() - started
+                print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
+                keep("paper_loop", config, rows, config.out)
     save("paper_loop", config, rows, config.out)
     return rows
 
 
-def flight_of(loop: Loop | Whole) -> FlightConfig:
-    """How a loop is flown."""
+def _chosen(config: Config, name: str) -> bool:
+    return any(part in name for part in config.loops)
+
+
+def flight_of(loop: Loop | Whole, plans: int) -> FlightConfig:
+    """How a loop is flown with so many plans at most."""
     if isinstance(loop, Whole):
-        return FlightConfig(planner=loop.planner, snapshot=loop.alone, reactive=_GAIN * loop.alone)
+        return FlightConfig(planner=loop.planner, plans=plans, snapshot=loop.alone, reactive=_GAIN * loop.alone)
     stages = tuple(loop if stage is plan else stage for stage in STAGES)
-    return FlightConfig(planner=Field(), snapshot=True, reactive=_GAIN, stages=stages)
+    return FlightConfig(planner=Field(), plans=plans, snapshot=True, reactive=_GAIN, stages=stages)
 
 
 def row_of(place: str, name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -140,7 +146,18 @@ def row_of(place: str, name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]
     return {"map": place, "loop": name, **figures, "statuses": statuses}
 
 
-def _flown(config: Config, place: str, name: str) -> list[Outcome]:
-    folder = None if config.keep is None else config.keep / f"{place}-{list(LOOPS).index(name):02}"
-    campaign = Campaign(place, config.seed, range(config.trials), config=flight_of(LOOPS[name]))
-    return [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some]
+def _flown(config: Config, place: str, name: str) -> Iterator[Outcome]:
+    campaign = Campaign(place, config.seed, range(config.trials), config=flight_of(LOOPS[name], config.plans))
+    for some in fly_trials(campaign, batch=config.batch, folder=_folder(config, place, name)):
+        yield from some
+
+
+def _kept(config: Config, place: str, name: str) -> Iterator[Outcome]:
+    """What was flown before, by whatever number of trials."""
+    folder = _folder(config, place, name)
+    if folder is not None and (folder / CONFIG).is_file():
+        yield from Ledger.read(folder).outcomes.values()
+
+
+def _folder(config: Config, place: str, name: str) -> Path | None:
+    return None if config.keep is None else config.keep / f"{place}-{list(LOOPS).index(name):02}"

@@ -17,7 +17,7 @@ pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip in
 
 import maxjax
 from experiments.ablations import study
-from experiments.ablations.parts import bare, smooth
+from experiments.ablations.parts import Bare, bare, smooth
 from experiments.ablations.study import TINY, main
 from experiments.ablations.tables import section
 from experiments.ablations.variants import FLIGHTS, GROUPS
@@ -53,11 +53,12 @@ def test_plain_smoothing_is_scipys_and_mixes_both_sides_of_a_wall() -> None:
 def test_the_bare_ascent_arrives_in_the_open_and_runs_into_walls(rule: Any) -> None:
     start, goal = np.array([3.0, 4.0, 5.0], np.float32), np.array([19.0, 12.0, 9.0], np.float32)
     u, free = jnp.asarray(slope(goal)), np.ones(SHAPE, bool)
-    path, status = bare(gradient(u, jnp.asarray(free)), jnp.asarray(free), jnp.asarray(start), jnp.asarray(goal), rule)
+    ends, settings = (jnp.asarray(start), jnp.asarray(goal)), Bare(rule)
+    path, status = bare(gradient(u, jnp.asarray(free)), jnp.asarray(free), *ends, settings)
     assert int(status) == maxjax.Status.OK
     np.testing.assert_array_equal(np.asarray(path)[[0, -1]], [start, goal])
     free[10] = False
-    path, status = bare(gradient(u, jnp.asarray(free)), jnp.asarray(free), jnp.asarray(start), jnp.asarray(goal), rule)
+    path, status = bare(gradient(u, jnp.asarray(free)), jnp.asarray(free), *ends, settings)
     assert int(status) == maxjax.Status.PATH_IN_COLLISION
     assert round(float(path[-1, 0])) == 10
 
