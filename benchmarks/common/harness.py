@@ -118,7 +118,9 @@ def provenance() -> dict[str, Any]:
     # A copy of the tree without its history is told what it is; whether it was changed is then not known.
     told = os.environ.get("MAXJAX_COMMIT")
     commit = told or _git("rev-parse", "HEAD")
-    status = None if told or commit is None else _git("status", "--porcelain")
+    # Results are no sources: a run that keeps them as it goes changes none.
+    sources = (":/", *(f":(exclude,top){room}/results" for room in ("benchmarks", "experiments")))
+    status = None if told or commit is None else _git("status", "--porcelain", "--", *sources)
     return {
         "command": _command(),
         "commit": commit,
@@ -154,10 +156,9 @@ def keep(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     Raises:
         ValueError: for a number that is not finite.
     """
-    settings = {key: value for key, value in dataclasses.asdict(config).items() if not _holds_paths(value)}
     document = {
         "name": name,
-        "config": settings,
+        "config": _settings(config),
         "provenance": provenance(),
         "rows": [dict(row) for row in rows],
     }
@@ -166,6 +167,22 @@ def keep(name: str, config: Any, rows: Sequence[Row], folder: Path = RESULTS) ->
     path = folder / f"{name}.json"
     atomic_write(path, text)
     return path
+
+
+def begun(name: str, config: Any, folder: Path = RESULTS) -> list[Row]:
+    """The rows that an earlier run kept, for one that goes on; none unless settings and commit are the same."""
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        return []
+    document, now = json.loads(path.read_text(encoding="utf-8")), provenance()
+    same = all(document["provenance"][key] == now[key] for key in ("commit", "dirty", "versions", "device", "cpus"))
+    settings = json.loads(json.dumps(_settings(config)))
+    return document["rows"] if same and not now["dirty"] and document["config"] == settings else []
+
+
+def _settings(config: Any) -> dict[str, Any]:
+    """What of a dataclass is written down."""
+    return {key: value for key, value in dataclasses.asdict(config).items() if not _holds_paths(value)}
 
 
 def _holds_paths(value: Any) -> bool:

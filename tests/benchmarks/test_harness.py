@@ -56,3 +56,19 @@ def test_measure_counts_its_calls() -> None:
     assert timing.compile_s >= 0.0
     with pytest.raises(ValueError, match="at least 1"):
         harness.measure(work, 0)
+
+
+def test_a_run_goes_on_from_rows_of_the_same_settings_and_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    origin = harness.provenance() | {"commit": "a" * 40, "dirty": False}
+    monkeypatch.setattr(harness, "provenance", lambda: origin)
+    rows: list[harness.Row] = [{"a": 1}, {"a": 2}]
+    assert harness.begun("tiny", Settings(3, tmp_path), tmp_path) == []
+    harness.keep("tiny", Settings(3, tmp_path), rows, tmp_path)
+    assert harness.begun("tiny", Settings(3, Path("elsewhere")), tmp_path) == rows
+    assert harness.begun("tiny", Settings(4, tmp_path), tmp_path) == []
+    for changed in ({"commit": "b" * 40}, {"dirty": True}, {"cpus": 64}):
+        with monkeypatch.context() as other:
+            other.setattr(harness, "provenance", lambda changed=changed: origin | changed)
+            assert harness.begun("tiny", Settings(3, tmp_path), tmp_path) == []

@@ -1,6 +1,6 @@
 """Mutated inputs of every format are refused in words of maxjax, or give something finite.
 
-python -m tests.fuzz --inputs 1000000 --seed 0      # at length
+python -m tests.fuzz --inputs 1050000      # at length
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ def test_the_command_counts_and_keeps_what_ends_otherwise(tmp_path: Path, monkey
     with pytest.raises(SystemExit, match=r"a\.obj"):
         at_length.main(at_length.Config(inputs=400, out=tmp_path))
     document = json.loads((tmp_path / "fuzz.json").read_text())
+    assert [row["format"] for row in document["rows"]] == ["a.obj", "a.3dmap"]
     for row in document["rows"]:
         assert row["inputs"] == row["refused"] + row["taken"] + row["otherwise"]
         assert row["otherwise"] > 0
