@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.common.harness import Row, keep, save
 from experiments.closed_loop import figures_of
-from experiments.paper_loop.sources import SWEEPS
+from experiments.paper_loop.sources import SWEEPS, potential_from
 from experiments.paper_loop.stage import Loop
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
@@ -133,6 +133,7 @@ def flight_of(loop: Loop | Whole, plans: int) -> FlightConfig:
     """How a loop is flown with so many plans at most."""
     if isinstance(loop, Whole):
         return FlightConfig(planner=loop.planner, plans=plans, snapshot=loop.alone, reactive=_GAIN * loop.alone)
+    potential_from(loop.source)  # loads the weights, before anything is traced
     stages = tuple(loop if stage is plan else stage for stage in STAGES)
     return FlightConfig(planner=Field(), plans=plans, snapshot=True, reactive=_GAIN, stages=stages)
 

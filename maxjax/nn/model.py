@@ -219,8 +219,9 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     shapes = jax.eval_shape(lambda: init_params(jax.random.key(0), network))
     half = load_pytree(file, jax.tree.map(lambda leaf: np.empty(leaf.shape, np.float16), shapes))
     gpu = lowering.target() == "gpu"
-    folded = fold(jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), half), network)
-    params = cast(folded, "bfloat16") if gpu else folded
+    with jax.ensure_compile_time_eval():  # the weights are kept: within a trace, too, they are numbers
+        folded = fold(jax.tree.map(lambda w: jnp.asarray(w, jnp.float32), half), network)
+        params = cast(folded, "bfloat16") if gpu else folded
     return Model(name, network, params, "direct" if gpu else "planes", metadata)
 
 

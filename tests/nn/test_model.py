@@ -53,6 +53,13 @@ def test_weights_come_back_in_half_precision_with_their_metadata(file: Path, mod
     np.testing.assert_array_equal(model.params["head"]["kernel"], np.asarray(head).astype(np.float16))
 
 
+def test_weights_that_are_first_asked_for_within_a_trace_are_numbers(file: Path) -> None:
+    """They are kept: a tracer among them would fail everywhere else."""
+    total = jax.jit(lambda: sum(jnp.sum(w) for w in jax.tree.leaves(load_model("mini", file).params)))()
+    leaves = jax.tree.leaves(load_model("mini", file).params)
+    np.testing.assert_allclose(total, sum(float(np.asarray(w, np.float64).sum()) for w in leaves), rtol=1e-5, atol=1e-3)
+
+
 def test_bad_files_and_names_are_refused(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match=r"expected one of paper, .*given 'papier'"):
         load_model("papier")
