@@ -28,7 +28,9 @@ def shortened(types: str) -> str:
     # Defaults by the names of what they are (`maxjax.api`).
     for name, value in (("FIELD", "Field()"), ("DISTANCES", "Distances()")):
         types = types.replace(f" = {name}", f" = {value}")
-    return types.replace("jaxlib._jax.", "")
+    for ours, shown in (("jaxlib._jax.", ""), ("~jaxtyping.", ""), ("<factory>", "…")):
+        types = types.replace(ours, shown)
+    return "" if types == "(*args, **kwargs)" else types  # of a protocol, which nobody makes
 
 
 def _shorten(

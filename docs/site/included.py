@@ -3,8 +3,9 @@
     <!-- include README.md -->                   the whole file without its title
     <!-- include README.md: Limitations -->      one section without its heading, with what lies below it
 
-Links are made to lead to the same place from the page: to the page of the site where there is one; what else lies in
-the repository becomes its name alone.
+Links are made to lead to the same place from the page: to the page of the site where there is one, under its title
+where they read as its file's name; what else lies in the repository becomes its name alone. Figures of a table do not
+break.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ PAGES = {
 _INCLUDE = re.compile(r"^<!-- include ([\w./-]+)(?:: (.+?))? -->$", re.MULTILINE)
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(`{3,}|~{3,}).*?^\1 *$", re.MULTILINE | re.DOTALL)
+_NAME = re.compile(r"`?[\w./-]+\.\w+`?")
+_FIGURES = re.compile(r"(?<=\d) (±|of) (?=\d)|(?<=\d) (?=\([\d.]+\))|(?<=±) (?=\d)")
 _HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
 
 
@@ -61,11 +64,29 @@ def relinked(text: str, source: Path, page: Path) -> str:
         if not aim.is_relative_to(ROOT):
             return match[0]
         aim = DOCS / PAGES.get(aim.relative_to(ROOT).as_posix(), os.path.relpath(aim, DOCS))
+        named = _NAME.fullmatch(shown) is not None
         if not aim.resolve().is_relative_to(DOCS):
-            return shown
+            return f"`{shown.strip('`')}`" if named else shown
+        if named and aim.suffix == ".md":
+            shown = _title(aim)
         return f"{image}[{shown}]({os.path.relpath(aim, page.parent)}{hash_}{anchor})"
 
     return _LINK.sub(link, text)
+
+
+def _title(page: Path) -> str:
+    found = _HEADING.search(page.read_text(encoding="utf-8"))
+    return page.name if found is None else found[2]
+
+
+def unbroken(text: str) -> str:
+    """The same, where figures in tables stay in one line: 50 of 50, 1.2 ± 0.3, 4 (5)."""
+
+    def kept(match: re.Match[str]) -> str:
+        return match[0].replace(" ", "\N{NO-BREAK SPACE}")
+
+    lines = text.split("\n")
+    return "\n".join(_FIGURES.sub(kept, line) if line.startswith("|") else line for line in lines)
 
 
 def page_of(text: str, page: Path) -> str:
@@ -75,7 +96,7 @@ def page_of(text: str, page: Path) -> str:
         source = ROOT / match[1]
         return relinked(section(source.read_text(encoding="utf-8"), match[2]), source, page)
 
-    return _INCLUDE.sub(taken, relinked(text, page, page))
+    return unbroken(_INCLUDE.sub(taken, relinked(text, page, page)))
 
 
 def _read(app: Sphinx, name: str, content: list[str]) -> None:

@@ -43,7 +43,7 @@ def table() -> str:
 
 
 def _purpose(one: Stated) -> str:
-    return "users" if one.users else "benchmarks, tests, documentation"
+    return "users" if one.users else "development"
 
 
 def _asked(wanted: Requirement, extra: str) -> bool:

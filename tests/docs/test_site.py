@@ -91,6 +91,9 @@ def test_a_section_ends_where_the_next_of_its_rank_begins() -> None:
         ("[maps](docs/maps.md)", "README.md", "[maps](../maps.md)"),
         ("[all](experiments/RESULTS.md#speed)", "README.md", "[all](../results.md#speed)"),
         ("[the rates](maxjax/api.py)", "README.md", "the rates"),
+        ("[api.py](maxjax/api.py)", "README.md", "`api.py`"),
+        ("[docs/limits.md](docs/limits.md)", "README.md", "[What it cannot do](../limits.md)"),
+        ("[`RESULTS.md`](experiments/RESULTS.md)", "README.md", "[Results](../results.md)"),
         ("![a](demo.png)", "docs/solver.md", "![a](../demo.png)"),
         ("[there](https://example.org/a)", "README.md", "[there](https://example.org/a)"),
         ("[below](#limits)", "docs/solver.md", "[below](#limits)"),
@@ -98,6 +101,12 @@ def test_a_section_ends_where_the_next_of_its_rank_begins() -> None:
 )
 def test_links_lead_to_the_same_place_from_a_page(link: str, source: str, wanted: str) -> None:
     assert tool("included").relinked(link, ROOT / source, DOCS / "tutorials" / "page.md") == wanted
+
+
+def test_figures_of_tables_stay_in_one_line() -> None:
+    text = "| a 1 of 2 | 3.0 ± 0.5 (4 of 5) | 7 (8.1) |\n1 of 2"
+    kept = "| a 1~of~2 | 3.0~±~0.5 (4~of~5) | 7~(8.1) |\n1 of 2".replace("~", "\N{NO-BREAK SPACE}")
+    assert tool("included").unbroken(text) == kept
 
 
 def test_the_check_of_a_site_finds_what_is_wrong(tmp_path: Path) -> None:
