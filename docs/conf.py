@@ -59,7 +59,6 @@ suppress_warnings = ["myst.header"]  # README's sections begin at their own dept
 
 
 default_role = "code"  # backticks of docstrings
-smartquotes_action = "qe"  # not the two dashes of options
 
 # Cells: executed once, and again when they or what is named here change.
 nb_execution_mode = "cache"

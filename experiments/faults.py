@@ -292,12 +292,19 @@ def section(document: Document) -> str:
         + table(heads, lines, left=1)
         + "".join(
             f"\nContacts at random with motors that lift: {row['lifting']} of {row['flights']}; "
-            f"the most frequent of what failed: {row['blamed']}.\n"
+            f"what failed: {_often(str(row['blamed']))}.\n"
             for row in at_random
         )
         + "\nThe first that did not arrive of each, and the command that flies it again:\n\n"
         + "".join(failures)
     )
+
+
+def _often(blamed: str) -> str:
+    """Combinations that were met more than once, and how many others there are."""
+    each = blamed.split("; ")
+    often = [one for one in each if not one.startswith("1 ")]
+    return "; ".join([*often, f"{len(each) - len(often)} others, once each"] if len(often) < len(each) else often)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ _INCLUDE = re.compile(r"^<!-- include ([\w./-]+)(?:: (.+?))? -->$", re.MULTILINE
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(`{3,}|~{3,}).*?^\1 *$", re.MULTILINE | re.DOTALL)
 _NAME = re.compile(r"`?[\w./-]+\.\w+`?")
-_FIGURES = re.compile(r"(?<=\d) (±|of) (?=\d)|(?<=\d) (?=\([\d.]+\))|(?<=±) (?=\d)")
+_FIGURES = re.compile(r"(?<=\d) (±|of|to) (?=\d)|(?<=\d) (?=\([\d.]+\))|(?<=±) (?=\d)")
 _HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
 
 
