@@ -21,8 +21,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-import tyro
-
+from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from benchmarks.common.paper import FLOWN
@@ -62,6 +61,9 @@ class Config:
     name: str = "closed_loop"
     keep: Path | None = None
     out: Path = RESULTS
+
+
+TINY = Config(trials=1, maps=("suburb",))
 
 
 def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
@@ -186,4 +188,4 @@ def section(document: Document) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(configured(TINY))

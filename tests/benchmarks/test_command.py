@@ -11,12 +11,7 @@ import pytest
 from benchmarks.common.command import FOLDER, configured
 
 ROOT = Path(__file__).parents[2]
-OTHERS = {
-    "experiments/closed_loop.py": "flights of a whole campaign",
-    "experiments/paper_loop/study.py": "not yet to be imported",
-    "experiments/network_training.py": "nothing is run: it reads what training wrote",
-}
-"""Commands with options of their own alone."""
+OTHERS = ("experiments/network_training.py",)  # runs nothing: it reads what training wrote
 
 
 def commands() -> list[str]:
