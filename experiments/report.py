@@ -85,6 +85,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.lidar, ("lidar", "lidar_h200")),
     (tables.startup, ("startup",)),
     (tables.page, ("page",)),
+    (tables.service, ("service",)),
 )
 
 # Likewise, of what other people's files and messages do.

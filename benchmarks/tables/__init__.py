@@ -1,0 +1,26 @@
+"""Tables of the benchmarks' result files, for the README and RESULTS.md.
+
+Each function takes the documents of one table, those that there are: CPU first, then GPU.
+"""
+
+from benchmarks.tables.flights import flights, lidar, scaling
+from benchmarks.tables.plans import cities, plans, verdicts
+from benchmarks.tables.processes import fuzz, page, service, startup
+from benchmarks.tables.rivals import rivals
+from benchmarks.tables.solves import profile, solves
+
+__all__ = [
+    "cities",
+    "flights",
+    "fuzz",
+    "lidar",
+    "page",
+    "plans",
+    "profile",
+    "rivals",
+    "scaling",
+    "service",
+    "solves",
+    "startup",
+    "verdicts",
+]

@@ -1,0 +1,81 @@
+"""What processes do from outside: how soon they begin and answer, and how they end."""
+
+from __future__ import annotations
+
+from benchmarks.common.markdown import Document, device, number, table
+
+
+def fuzz(document: Document) -> str:
+    """Of `tests.fuzz`."""
+    counts = ("inputs", "refused", "taken", "otherwise")
+    rows = document["rows"]
+    total = {"format": "all", **{key: sum(row[key] for row in rows) for key in (*counts, "seconds")}}
+    lines = [[row["format"], *(f"{row[key]:,}" for key in counts), f"{row['seconds']:,.0f}"] for row in (*rows, total)]
+    return (
+        "### Mutated inputs\n\n"
+        "Small valid files and messages with one to three changes each. Refused: in a sentence of maxjax. Taken: what\n"
+        "is read is finite. Otherwise: neither.\n\n" + table(["format", *counts, "seconds"], lines, left=1)
+    )
+
+
+def startup(*documents: Document) -> str:
+    """Of `benchmarks.startup`."""
+    lines = []
+    for document in documents:
+        for row in document["rows"]:
+            figures = [number(row[key]) if key in row else "" for key in ("median", "min", "max", "cpu")]
+            lines.append([row["what"], device(document), *figures, str(row["n"]), str(row.get("equations", ""))])
+    return (
+        "### From the start of a process to its end\n\n"
+        "First: nothing on disk. Second: with the executables that the first left. CPU: of all threads [s].\n"
+        "The program of a window is that of one problem as an accelerator runs it: traced, lowered, compiled.\n\n"
+        + table(["what", "on", "median [s]", "min", "max", "CPU", "n", "equations"], lines, left=2)
+    )
+
+
+def page(*documents: Document) -> str:
+    """Of `benchmarks.page`."""
+    lines = []
+    for document in documents:
+        for row in document["rows"]:
+            least, most = (number(row[key]) if key in row else "" for key in ("min", "max"))
+            count = str(row.get("n", row.get("triangles", row.get("boxes", ""))))
+            lines.append([row["what"], device(document), f"{number(row['median'])} {row['unit']}", least, most, count])
+    return (
+        "### The page in the browser\n\n"
+        "Headless Chromium of 1280 x 800 pixels, which computes WebGL on the cores that the server plans on; drags are "
+        "timed in the browser. Half: `?fixedDpr=0.5` in the page's address.\n\n"
+        + table(["what", "on", "median", "min", "max", "drags or triangles"], lines, left=2)
+    )
+
+
+def service(*documents: Document) -> str:
+    """Of `benchmarks.service`."""
+    return (
+        "### A day of service\n\n"
+        "Plans that a day would ask every few seconds, one after the other in one process, while clients of its page\n"
+        "come and go; and processes that write one folder of executables at once, which was full before.\n\n"
+        + "\n".join(map(_service, documents))
+    )
+
+
+def _service(document: Document) -> str:
+    rows = {row["what"]: row for row in document["rows"]}
+    last, flat, cache = rows["service"], rows["after the warm-up"], rows["one folder of executables"]
+    heads = {"memory_MB": "memory [MB]", "handles": "open files and sockets", "threads": "threads"}
+    lines = [
+        [
+            head,
+            *(number(flat[f"{key}_{end}"]) for end in ("first", "last")),
+            f"{100 * (flat[f'{key}_last'] / flat[f'{key}_first'] - 1):+.1f} %",
+        ]
+        for key, head in heads.items()
+    ]
+    return (
+        f"{last['plans']:,} plans ({last['solved']:,} OK) and {last['clients']:,} clients in {last['seconds']:,.0f} s\n"
+        f"on {device(document)}. Medians of the first and the last fifth after a warm-up of a fifth:\n\n"
+        + table(["", "first", "last", "change"], lines)
+        + f"\n{cache['processes']} processes wrote {cache['programs']} executables. The folder then held "
+        f"{cache['last_MB']:.0f} MB, at the most\n{cache['most_MB']:.0f}, of {cache['limit_MB']:.0f}; as many "
+        f"processes after them compiled {cache['compiled_again']} of these anew.\n"
+    )
