@@ -68,7 +68,7 @@ class Config:
     out: Path = RESULTS
 
 
-TINY = Config(trials=1, maps=("suburb",), counts=(3,), speeds=(2.0,), kinds=("drones",))
+TINY = Config(trials=1, unaware=0, maps=("suburb",), counts=(3,), speeds=(2.0,), kinds=("drones",))
 
 
 class Unaware(Campaign):
@@ -110,7 +110,8 @@ def _among(config: Config) -> Iterator[tuple[Population, bool]]:
         for count in config.counts:
             for speed in config.speeds:
                 yield Population(count, speed, kind), True
-                yield Population(count, speed, kind), False
+                if config.unaware != 0:
+                    yield Population(count, speed, kind), False
 
 
 def _flown(campaign: Campaign, name: str, config: Config) -> list[Outcome]:

@@ -64,10 +64,15 @@ class Window:
         page: playwright's.
         errors: that its console held.
         requests: addresses that it asked for.
+
+    Args:
+        browser: of `browser`.
+        offline: whether it has no network.
+        size: width and height [px].
     """
 
-    def __init__(self, browser: Any, *, offline: bool = False) -> None:
-        self.context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}, offline=offline)
+    def __init__(self, browser: Any, *, offline: bool = False, size: tuple[int, int] = (WIDTH, HEIGHT)) -> None:
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, offline=offline)
         self.page = self.context.new_page()
         self.page.set_default_timeout(60_000)
         self.errors: list[str] = []

@@ -88,12 +88,12 @@ class Grid:
 
     @functools.cached_property
     def local(self) -> Grid:
-        """The same grid with its origin at zero: what a program is compiled for, wherever the map lies."""
+        """The same grid with its origin at zero, which programs are compiled for wherever the map lies."""
         return Grid(self.shape, self.spacing, (0.0, 0.0, 0.0))
 
     @functools.cached_property
     def unit(self) -> Grid:
-        """The grid of the same shape in index coordinates: what is compiled where metres do not matter."""
+        """The grid of the same shape in index coordinates, for programs to which metres do not matter."""
         return Grid(self.shape, 1.0, (0.0, 0.0, 0.0))
 
     @property

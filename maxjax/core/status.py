@@ -43,7 +43,7 @@ class Status(enum.IntEnum):
 
     @property
     def advice(self) -> str:
-        """One sentence: what happened and what to do about it."""
+        """One sentence that says what happened and what to do about it."""
         return _ADVICE[self]
 
 

@@ -84,7 +84,7 @@ class LoadedMap(VoxelMap):
 
     @property
     def terrain(self) -> Terrain:
-        """How high the ground is: as the file says it, else as its voxels tell."""
+        """How high the ground is, as the file says it, else as its voxels tell."""
         return super().terrain if self.file.terrain is None else self.file.terrain
 
     def point(self, place: Sequence[float], frame: Frame = "agl") -> Point3:

@@ -50,9 +50,8 @@ class Problem:
         levels: of the exemptions; 0 where no voxel is opened.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
-        room: half the width of the box around each point of a path that meets free voxels only
-        (`planning.line_of_sight`)
-            [voxels]. Static.
+        room: half the width of the box around each point of a path that meets free voxels only [voxels]
+            (`planning.line_of_sight`). Static.
     """
 
     blocked: Bool[Array, "*batch nx ny nz"]

@@ -1,7 +1,8 @@
 """Where a page is first looked at from: the side from which most of a way is seen, as low as that allows.
 
 Towers beside a street hide what flies in it from most sides; from above they hide nothing. What still hides a way, or
-comes to hide it when the camera is turned, is drawn see-through: whole buildings, whose columns touch each other.
+comes to hide it when the camera is turned, is drawn see-through: whole buildings, whose columns touch each other. On a
+telephone the panel is a sheet over the lower part of the window, and the way is seen above it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ _TURN_WORTH, _HEIGHT_WORTH = 0.01, 0.1
 _DISTANCE = 1.1  # of the camera, in widths of what is looked at
 _LEAST, _WIDTHS = 60.0, 1.1  # width of what is looked at: at least [m], and in extents of the way
 _MOST_POINTS = 64
+NARROW = 576  # below this width of the window viser's panel is a sheet [px]
+SHEET = 0.36  # the sheet's greatest share of the window's height
+_BORDER = 0.06  # of the room above the sheet that stays free on each side, as a share of half the window
 
 
 def over_map(city: City) -> tuple[Point3, Point3]:
@@ -50,6 +54,37 @@ def over_way(city: City, points: Float[np.ndarray, "n 3"]) -> tuple[Point3, Poin
             places.append(place)
             costs.append(1.0 - seen(city, place, some) + _HEIGHT_WORTH * higher + _TURN_WORTH * further)
     return point3(places[int(np.argmin(costs))]), point3(middle)
+
+
+def above_sheet(
+    eye: Point3, target: Point3, points: Float[np.ndarray, "n 3"], view: tuple[float, float]
+) -> tuple[Point3, Point3]:
+    """Position and point looked at in the same direction, as near as lets all of a way be seen above a sheet.
+
+    Args:
+        eye: position of the camera, in the page's frame [m].
+        target: what it looks at [m].
+        points: of the way [m].
+        view: height of what the camera sees, at the distance 1; its width.
+    """
+    back = np.array(eye) - np.array(target)
+    near = float(np.linalg.norm(back))
+    back /= near
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    x, y, depth = ((points - np.array(target)) @ axis for axis in (right, up, back))
+    half_high, half_wide = 0.5 * view[0], 0.5 * view[1]
+    low, high, side = 2.0 * SHEET - 1.0 + _BORDER, 1.0 - _BORDER, 1.0 - _BORDER
+    # The camera moves aside by (a, b): a point is seen where |x - a| <= side k half_wide, and so on, k its distance.
+    for away in np.geomspace(0.1 * near, 20.0 * near, 200):
+        k = away - depth
+        least_b, most_b = np.max(y - high * k * half_high), np.min(y - low * k * half_high)
+        least_a, most_a = np.max(x - side * k * half_wide), np.min(x + side * k * half_wide)
+        if k.min() > 0.0 and least_a <= most_a and least_b <= most_b:
+            break
+    aim = np.array(target) + 0.5 * (least_a + most_a) * right + 0.5 * (least_b + most_b) * up
+    return point3(aim + away * back), point3(aim)
 
 
 def seen(city: City, position: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]) -> float:

@@ -21,7 +21,7 @@ from maxjax.sim.flight import Flight
 from maxjax.view.draw import ground_scene
 from maxjax.view.film import VEHICLE_NODE, Film
 from maxjax.view.nodes import Scene
-from maxjax.view.server import look, look_at
+from maxjax.view.server import aim, look, look_at
 from maxjax.view.stage import Stage
 from maxjax.view.trials import city_of, film_of, headline, trial_in_words
 from maxjax.view.worker import Worker
@@ -144,8 +144,7 @@ class FlightPage:
             self.film, self._shown = film_of(outcome, line, city, flights, movers), {}
             look_at(self._server, city, self.film.positions)
             for client in self._server.get_clients().values():
-                client.camera.position = self._server.initial_camera.position
-                client.camera.look_at = self._server.initial_camera.look_at
+                aim(self._server, client)
             self.time.max = max(self.film.duration, 0.1)
             self.time.value = 0.0
             with self._server.atomic():

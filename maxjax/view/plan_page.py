@@ -250,7 +250,7 @@ class PlanPage:
             slow.cancel()
             self._show(found, wanted)
         else:
-            self._say_legend(question, wanted)
+            self._say_legend(self.answer, wanted)
         if not self.worker.stale:
             self._see_through()
             self._slice(question, wanted)
@@ -260,14 +260,15 @@ class PlanPage:
             self._stage.show("/plan", answer_scene(found, self._city.frame))
             self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.question))
             self._say(told(found))
-            self._say_legend(found.question, wanted)
+            self._say_legend(found, wanted)
         self.answer = found
 
     def _say(self, text: str) -> None:
         self.controls.status.content = text
 
-    def _say_legend(self, question: Question, wanted: Slice | None) -> None:
-        text = legend(question, wanted, air_lines(self._city, question))
+    def _say_legend(self, found: Answer, wanted: Slice | None) -> None:
+        question = found.question
+        text = legend(question, wanted, air_lines(self._city, question), path=found.ok)
         if self.controls.legend.content != text:
             self.controls.legend.content = text
 

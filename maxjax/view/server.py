@@ -15,18 +15,23 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.view.border import Border
-from maxjax.view.camera import over_map, over_way
+from maxjax.view.camera import NARROW, SHEET, above_sheet, over_map, over_way
 from maxjax.view.city import City
 from maxjax.view.guard import guarding
+from maxjax.view.nodes import point3
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import ClientHandle, ViserServer
 
 LOOPBACK = "127.0.0.1"
 PORT = 8080
 # On a telephone viser's panel is a sheet over the lower part of the window: lower than its own 60 %, so that what is
-# planned is seen above it. It scrolls, and a touch of its head folds it.
-_LOW_SHEET = '<style>[style*="position: fixed"][style*="max-height: 60%"] {max-height: 36% !important}</style>'
+# planned is seen above it, and as wide as the window. It scrolls, and a touch of its head folds it.
+_FIXED = '[style*="position: fixed"][style*="max-height: 60%"]'
+_LOW_SHEET = (
+    f"<style>{_FIXED} {{max-height: {SHEET:.0%} !important; width: 100% !important}}"
+    f' {_FIXED} [style*="width: 20em"] {{width: 100% !important}}</style>'
+)
 
 
 def need_viser() -> None:
@@ -65,6 +70,7 @@ def serve(city: City, *, host: str = LOOPBACK, port: int = PORT, dark: bool = Fa
     scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 140, 125), intensity=1.9)
     scene.add_light_directional("/light/sun", intensity=1.7, position=(-0.5, -0.8, 1.2), cast_shadow=False)
     look_at(server, city)
+    server.on_client_connect(lambda client: aim(server, client))
     server.gui.add_html(_LOW_SHEET)
     return server
 
@@ -90,7 +96,19 @@ def look_at(server: ViserServer, city: City, points: Float[np.ndarray, "n 3"] | 
     """
     camera = server.initial_camera
     camera.position, camera.look_at = over_map(city) if points is None else over_way(city, points)
+    server.way = points
     camera.far = 20.0 * city.grid.spacing * max(city.grid.shape[:2])
+
+
+def aim(server: ViserServer, client: ClientHandle) -> None:
+    """Let a browser that is there look at what `look_at` said last; on a telephone above its panel."""
+    first, camera = server.initial_camera, client.camera
+    eye, target = point3(np.asarray(first.position)), point3(np.asarray(first.look_at))
+    way: Float[np.ndarray, "n 3"] | None = server.way
+    if camera.image_width < NARROW and way is not None:
+        high = 2.0 * float(np.tan(0.5 * camera.fov))
+        eye, target = above_sheet(eye, target, way, (high, high * camera.aspect))
+    camera.position, camera.look_at = eye, target
 
 
 def check_host(host: str, port: int) -> None:
@@ -119,6 +137,8 @@ def _server_class() -> Any:
 
         def __init__(self, border: Border, **settings: Any) -> None:
             self.border = border
+            self.way: Float[np.ndarray, "n 3"] | None = None
+            """What is looked at, in the page's frame [m]; None: the whole map."""
             with contextlib.redirect_stdout(io.StringIO()), guarding(border, self._controls):
                 super().__init__(verbose=False, **settings)
 

@@ -104,6 +104,22 @@ def test_a_drag_changes_the_path_and_sliders_act(window: Window, page: PlanPage,
     assert window.errors == []
 
 
+def test_on_a_telephone_both_ends_are_seen_above_the_panel(chrome: Any, page: PlanPage, pages: Path) -> None:
+    window = Window(chrome, size=(390, 844))
+    window.page.goto(f"http://127.0.0.1:{page._server.get_port()}/")
+    window.shown("/plan/path", 120.0)
+    top = "() => document.querySelector('[style*=\"max-height: 60%\"]').getBoundingClientRect()"
+    sheet = window.page.evaluate(f"() => (({top})()).toJSON()")
+    assert sheet["width"] == 390
+    assert sheet["height"] <= 0.37 * 844
+    for name in ("/ends/start", "/ends/goal"):
+        until(lambda name=name: 0.0 < window.on_screen(name, (0.0, 0.0, 0.0))[1] < sheet["top"], 20.0)
+        assert 0.0 < window.on_screen(name, (0.0, 0.0, 0.0))[0] < 390.0
+    window.picture(pages / "telephone.png")
+    assert window.errors == []
+    window.close()
+
+
 def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     window: Window, page: PlanPage, pages: Path
 ) -> None:
@@ -119,6 +135,7 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     page.remove()
     page.move(0, (22.0, 30.0, 10.0))
     window.wait("() => document.body.innerText.includes('START_OCCUPIED')")
+    window.wait("() => !document.body.innerText.includes('path: clearance')")
     window.wait("() => window.__viserSceneTree.getState()['/plan/path'] === undefined")
     window.picture(pages / "no_path.png")
     assert window.errors == []

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
 
 import maxjax
-from maxjax.view.camera import hiding, over_map, over_way, seen
+from maxjax.view.camera import SHEET, above_sheet, hiding, over_map, over_way, seen
 from maxjax.view.city import City
 from maxjax.view.nodes import point3
 
@@ -80,3 +81,26 @@ def test_whole_buildings_hide_a_way(lower: float) -> None:
     expected[near] = True
     np.testing.assert_array_equal(hiding(city, point3(eye), way), expected)
     assert not hiding(city, point3(way.mean(axis=0) + np.array([0.0, 0.0, 200.0])), way).any()
+
+
+@pytest.mark.parametrize("turn", [0.0, 40.0, 155.0])
+def test_on_a_telephone_all_of_a_way_is_seen_above_the_panel(turn: float) -> None:
+    """By a pinhole camera that SciPy turns: x to the right, y down, z into the picture."""
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    way = (WAY - WAY.mean(axis=0)) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [5.0, -3.0, 10.0]
+    high, wide = 2.0 * np.tan(np.radians(37.5)), 2.0 * np.tan(np.radians(37.5)) * 390.0 / 844.0
+    before = np.array([-40.0, -60.0, 80.0])
+    eye, target = map(np.array, above_sheet(point3(before), (5.0, -3.0, 10.0), way, (high, wide)))
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    np.testing.assert_allclose(np.cross(ahead, [5.0, -3.0, 10.0] - before), 0.0, atol=1e-9)
+    rotation, _ = Rotation.align_vectors(np.stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), np.stack([ahead, [0, 0, 1]]),
+                                         weights=[np.inf, 1.0])  # fmt: skip
+    x, y, depth = rotation.apply(way - eye).T
+    assert depth.min() > 0.0
+    across, down = x / depth / wide + 0.5, y / depth / high + 0.5
+    assert across.min() > 0.0
+    assert across.max() < 1.0
+    assert down.min() > 0.0
+    assert down.max() < 1.0 - SHEET
+    # And no smaller than it has to be.
+    assert max(np.ptp(across) / 0.8, np.ptp(down) / (0.8 * (1.0 - SHEET))) > 1.0
