@@ -1,7 +1,8 @@
 """The paper's own loop, as it stands, and what each layer that maxjax adds saves.
 
     python -m experiments.paper_loop --trials 2 --loops paper                     # two cores: 5 minutes
-    python -m experiments.paper_loop --trials 1000 --batch 250 --keep OUT         # one GPU; resumes
+    python -m experiments.paper_loop --trials 1000 --batch 50 --keep OUT          # one GPU, hours; resumes
+    python -m experiments.paper_loop --trials 1000 --keep OUT --loops             # flies nothing: what was flown so far
 
 The paper (Bong and Beltrame, arXiv:2605.10880) flies by a network's field alone: one scan a plan, the gradients
 smoothed by a Gaussian of 5 voxels, climbed by momentum, each path flown as far as the ascent came, a reactive layer of

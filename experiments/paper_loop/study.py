@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.ledger import CONFIG, Ledger
 from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome
+from maxjax.core.provenance import device
 from maxjax.nn.planner import Network
 from maxjax.planners import Field
 from maxjax.planning.planner import Planner
@@ -85,7 +86,8 @@ class Config:
     Attributes:
         trials: a map.
         maps: to fly in; nothing was ever tuned or trained on them.
-        loops: parts of names of `LOOPS`: those that contain one of them are flown; of others, what `keep` holds counts.
+        loops: parts of names of `LOOPS`: those that contain one of them are flown. Of others, and of all if none is
+            named, what `keep` holds counts, finished or not.
         plans: of a flight, at most.
         seed: of the first city.
         batch: flights at a time; None: what suits the device.
@@ -108,15 +110,16 @@ TINY = Config(trials=1, maps=("suburb",), loops=(BEFORE,), plans=3)
 
 def main(config: Config) -> list[Row]:
     """Fly loops; save and return their rows, and those of all that was kept before."""
-    if not any(_chosen(config, name) for name in LOOPS):
-        raise ValueError(f"loops: expected parts of {'; '.join(LOOPS)}; given {', '.join(config.loops)}")
+    if unknown := [part for part in config.loops if not any(part in name for name in LOOPS)]:
+        raise ValueError(f"loops: expected parts of {'; '.join(LOOPS)}; given {', '.join(unknown)}")
     rows: list[Row] = []
     for name in LOOPS:
         for place in config.maps:
             started = time.perf_counter()
-            outcomes = list(_flown(config, place, name) if _chosen(config, name) else _kept(config, place, name))
+            outcomes, where = _flown(config, place, name) if _chosen(config, name) else _kept(config, place, name)
             for some in dict.fromkeys((min(FEW, len(outcomes)), len(outcomes))):
-                rows += [row_of(place, name, [o for o in outcomes if o.trial < some])] * (some > 0)
+                if some:
+                    rows.append({**row_of(place, name, [o for o in outcomes if o.trial < some]), "device": where})
             if _chosen(config, name):
                 seconds = time.perf_counter() - started
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
@@ -147,17 +150,20 @@ def row_of(place: str, name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]
     return {"map": place, "loop": name, **figures, "statuses": statuses}
 
 
-def _flown(config: Config, place: str, name: str) -> Iterator[Outcome]:
+def _flown(config: Config, place: str, name: str) -> tuple[list[Outcome], str]:
+    """Outcomes, and the device on which they were found."""
     campaign = Campaign(place, config.seed, range(config.trials), config=flight_of(LOOPS[name], config.plans))
-    for some in fly_trials(campaign, batch=config.batch, folder=_folder(config, place, name)):
-        yield from some
+    folder = _folder(config, place, name)
+    return [o for some in fly_trials(campaign, batch=config.batch, folder=folder) for o in some], device()
 
 
-def _kept(config: Config, place: str, name: str) -> Iterator[Outcome]:
+def _kept(config: Config, place: str, name: str) -> tuple[list[Outcome], str]:
     """What was flown before, by whatever number of trials."""
     folder = _folder(config, place, name)
-    if folder is not None and (folder / CONFIG).is_file():
-        yield from Ledger.read(folder).outcomes.values()
+    if folder is None or not (folder / CONFIG).is_file():
+        return [], ""
+    ledger = Ledger.read(folder)
+    return list(ledger.outcomes.values()), ", ".join(dict.fromkeys(one["device"] for one in ledger.flown_by))
 
 
 def _folder(config: Config, place: str, name: str) -> Path | None:

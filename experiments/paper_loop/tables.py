@@ -8,9 +8,9 @@ from typing import Any
 from scipy.stats import binomtest
 
 from benchmarks.common.harness import Row
-from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.markdown import Document, table
 from benchmarks.common.paper import FLOWN
-from experiments.paper_loop.study import BEFORE, FEW, LAYERS
+from experiments.paper_loop.study import BEFORE, FEW, LAYERS, LOOPS
 
 _HEADS = ("map", "loop", "arrived", "95 %", "contacts", "flown [m]", "plans", "nearest of all [m]", "did not arrive")
 
@@ -20,8 +20,10 @@ def section(document: Document) -> str:
     rows = document["rows"]
     first = [row for row in rows if row["trials"] <= FEW]
     loops = {(row["map"], row["loop"]): row for row in rows}  # the row of most trials comes last
+    devices = ", ".join(dict.fromkeys(str(row["device"]) for row in rows))
+    lacking = [f"{name} ({place})" for name in LOOPS for place in FLOWN if (place, name) not in loops]
     text = (
-        f"### The paper's own loop, and what each layer saves ({device(document)})\n\n"
+        f"### The paper's own loop, and what each layer saves ({devices.removeprefix('1 x ')})\n\n"
         "One scan a plan, a network's field and nothing behind it, the paper's smoothing and momentum, each path\n"
         "flown as far as it came, a reactive layer of 3 m (ours: it pushes across the way and brakes), at most 100\n"
         "plans. `gradients` and `field` are two readings of what the paper leaves open: gradients of the field\n"
@@ -32,7 +34,8 @@ def section(document: Document) -> str:
         "The paper's cities are others than ours, and its weights are not public: `paper` is its network, trained by\n"
         "us.\n\n"
     )
-    for title, some in ((f"The first {FEW} trials a map", first), ("All trials", list(loops.values()))):
+    more = [row for row in loops.values() if row["trials"] > FEW]
+    for title, some in ((f"The first {FEW} trials a map", first), ("Loops of which more were flown", more)):
         lines = [_line(row) for row in sorted(some, key=lambda row: str(row["map"]))]
         if some is first:
             lines += [
@@ -41,7 +44,7 @@ def section(document: Document) -> str:
                 for method, figures in methods.items()
             ]
         text += f"#### {title}\n\n{table(_HEADS, lines, left=2)}\n"
-    return text + _layers(loops)
+    return text + _layers(loops) + (f"Not flown: {'; '.join(lacking)}.\n" if lacking else "")
 
 
 def _line(row: Row) -> list[str]:

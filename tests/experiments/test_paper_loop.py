@@ -108,10 +108,12 @@ def test_the_section_holds_every_loop_and_its_interval() -> None:
     for name in LOOPS:
         for trials in (2, 60):
             statuses = ["OK" if trial % 2 else "PATH_STALLED" for trial in range(trials)]
-            rows.append(row_of("suburb", name, [outcome(trial, status) for trial, status in enumerate(statuses)]))
-    document = {"name": "paper_loop", "rows": rows, "provenance": {"device": "1 x NVIDIA H100", "cpus": 16}}
-    text = section(document)
-    first, every = text.split("#### All trials")
+            row = row_of("suburb", name, [outcome(trial, status) for trial, status in enumerate(statuses)])
+            rows.append({**row, "device": "1 x NVIDIA H100"})
+    text = section({"name": "paper_loop", "rows": rows})
+    first, every = text.split("#### Loops of which more were flown")
+    assert "(NVIDIA H100)" in first
+    assert f"{BEFORE} (downtown)" in every.split("Not flown:")[1]
     for name in LOOPS:
         assert f"| {name} | 1 of 2 | 1.3 to 98.7 % |" in first  # 1 - 0.025^(1/2) above, by hand
         assert f"| {name} | 30 of 60 |" in every
@@ -126,7 +128,7 @@ def test_a_tiny_run_flies_and_reports_what_was_kept(tmp_path: Path) -> None:
     found: Any = row
     assert (found["trials"], found["contacts"], found["statuses"]) == (1, 0, "OUT_OF_PLANS: 1")
     assert found["failed_plans"] == TINY.plans
-    main(kept)  # nothing is left to fly: told from the folder
+    main(dataclasses.replace(kept, loops=()))  # flies nothing: what was flown so far
     document = json.loads((tmp_path / "paper_loop.json").read_text())
     assert document["rows"] == [row]
     assert f"| {BEFORE} |" in section(document)
@@ -134,7 +136,7 @@ def test_a_tiny_run_flies_and_reports_what_was_kept(tmp_path: Path) -> None:
 
 def test_unknown_loops_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"loops: expected parts of .*given sail"):
-        main(Config(loops=("sail",), out=tmp_path))
+        main(Config(loops=(BEFORE, "sail"), out=tmp_path))
 
 
 def test_a_loop_takes_the_place_of_the_planning_stage() -> None:
