@@ -86,6 +86,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.startup, ("startup",)),
     (tables.page, ("page",)),
     (tables.service, ("service",)),
+    (tables.history, ("history",)),
 )
 
 # Likewise, of what other people's files and messages do.

@@ -5,7 +5,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 
 from benchmarks.tables.flights import flights, lidar, scaling
 from benchmarks.tables.plans import cities, plans, verdicts
-from benchmarks.tables.processes import fuzz, page, service, startup
+from benchmarks.tables.processes import fuzz, history, page, service, startup
 from benchmarks.tables.rivals import rivals
 from benchmarks.tables.solves import profile, solves
 
@@ -13,6 +13,7 @@ __all__ = [
     "cities",
     "flights",
     "fuzz",
+    "history",
     "lidar",
     "page",
     "plans",

@@ -14,7 +14,8 @@ def fuzz(document: Document) -> str:
     return (
         "### Mutated inputs\n\n"
         "Small valid files and messages with one to three changes each. Refused: in a sentence of maxjax. Taken: what\n"
-        "is read is finite. Otherwise: neither.\n\n" + table(["format", *counts, "seconds"], lines, left=1)
+        "is read is finite. Otherwise: neither. Seconds: of the processor.\n\n"
+        + table(["format", *counts, "seconds"], lines, left=1)
     )
 
 
@@ -66,7 +67,7 @@ def _service(document: Document) -> str:
     lines = [
         [
             head,
-            *(number(flat[f"{key}_{end}"]) for end in ("first", "last")),
+            *(f"{flat[f'{key}_{end}']:.0f}" for end in ("first", "last")),
             f"{100 * (flat[f'{key}_last'] / flat[f'{key}_first'] - 1):+.1f} %",
         ]
         for key, head in heads.items()
@@ -79,3 +80,26 @@ def _service(document: Document) -> str:
         f"{cache['last_MB']:.0f} MB, at the most\n{cache['most_MB']:.0f}, of {cache['limit_MB']:.0f}; as many "
         f"processes after them compiled {cache['compiled_again']} of these anew.\n"
     )
+
+
+def history(*documents: Document) -> str:
+    """Of `benchmarks.history`."""
+    rows = [row for document in documents for row in document["rows"]]
+    told = [key for key in rows[0] if key not in ("number", "commit", "date", "peer [ms]")]
+    lines = [
+        [f"{row['number']}, {row['date']}", f"`{row['commit']}`"]
+        + ["–" if row[key] is None else _ratio(row[key]) for key in told]
+        for row in rows
+    ]
+    return (
+        "### Speed over the history\n\n"
+        "Time of the processor on one core over that of a peer that never changes (SciPy, six steps of conjugate\n"
+        "gradients on 64³), at commits of the branch; –: the commit has not this, or calls it another way. First\n"
+        "plan: of a process whose caches are empty. Nothing is refused for these figures.\n\n"
+        + table(["commit", "", *told], lines, left=2)
+    )
+
+
+def _ratio(value: float) -> str:
+    """Two digits, no exponent."""
+    return f"{value:,.0f}" if value >= 10 else f"{value:.1f}" if value >= 1 else f"{value:.2g}"
