@@ -26,7 +26,7 @@ _LEAST, _WIDTHS = 60.0, 1.1  # width of what is looked at: at least [m], and in 
 _MOST_POINTS = 64
 NARROW = 576  # below this width of the window viser's panel is a sheet [px]
 SHEET = 0.36  # the sheet's greatest share of the window's height
-_BORDER = 0.06  # of the room above the sheet that stays free on each side, as a share of half the window
+_BORDER = 0.15  # of the room above the sheet that stays free on each side, as a share of half the window
 
 
 def over_map(city: City) -> tuple[Point3, Point3]:

@@ -132,23 +132,26 @@ class FlightPage:
             self.status.content = f"### Trial {trial}: flying again …\nIts programs are compiled first, once."
             self._flights[trial] = self._again(outcome)
         line = self._lines.get(trial)
-        self.status.content = trial_in_words(outcome)
+        self.status.content = f"### Trial {trial}\nIts city and what moves there are computed …"
         with self._lock:
             if not outcome.flown or line is None:
                 self.film, self._shown = None, {}
                 self._stage.show("/", {})
+                self.status.content = trial_in_words(outcome)
                 return
             city = city_of(self._name, outcome.city)
             flights, movers = self._flights.get(trial, ()), movers_of(self._ledger.configuration, outcome)
             self._trial = trial
             self.film, self._shown = film_of(outcome, line, city, flights, movers), {}
-            look_at(self._server, city, self.film.positions)
+            ends = city.frame.page(np.array([outcome.start, outcome.goal], np.float64))
+            look_at(self._server, city, np.concatenate([self.film.positions, ends]))
             for client in self._server.get_clients().values():
                 aim(self._server, client)
             self.time.max = max(self.film.duration, 0.1)
             self.time.value = 0.0
             with self._server.atomic():
                 self._stage.show("/", {**self.film.begin(), **ground_scene(city, dark=self.dark.value)})
+                self.status.content = trial_in_words(outcome)
         self.pause(False)
         self.show(0.0)
 

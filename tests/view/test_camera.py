@@ -102,5 +102,5 @@ def test_on_a_telephone_all_of_a_way_is_seen_above_the_panel(turn: float) -> Non
     assert across.max() < 1.0
     assert down.min() > 0.0
     assert down.max() < 1.0 - SHEET
-    # And no smaller than it has to be.
-    assert max(np.ptp(across) / 0.8, np.ptp(down) / (0.8 * (1.0 - SHEET))) > 1.0
+    # And it fills more than two thirds of that room along one side.
+    assert max(np.ptp(across), np.ptp(down) / (1.0 - SHEET)) > 2.0 / 3.0
