@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import statistics
 import sys
 import time
 from collections import Counter
@@ -147,7 +148,11 @@ def row_of(place: str, name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]
     statuses = ", ".join(f"{status}: {count}" for status, count in counted.most_common())
     figures = figures_of(list(outcomes))
     del figures["failures"]
-    return {"map": place, "loop": name, **figures, "statuses": statuses}
+    went = [
+        o.flown_length / o.distance for o in outcomes if o.flown and not o.arrived and o.flown_length and o.distance
+    ]
+    lost = round(statistics.median(went), 3) if went else None
+    return {"map": place, "loop": name, **figures, "statuses": statuses, "lost_after": lost}
 
 
 def _flown(config: Config, place: str, name: str) -> tuple[list[Outcome], str]:

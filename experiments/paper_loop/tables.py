@@ -12,7 +12,18 @@ from benchmarks.common.markdown import Document, table
 from benchmarks.common.paper import FLOWN
 from experiments.paper_loop.study import BEFORE, FEW, LAYERS, LOOPS
 
-_HEADS = ("map", "loop", "arrived", "95 %", "contacts", "flown [m]", "plans", "nearest of all [m]", "did not arrive")
+_HEADS = (
+    "map",
+    "loop",
+    "arrived",
+    "95 %",
+    "contacts",
+    "flown [m]",
+    "plans",
+    "nearest of all [m]",
+    "did not arrive",
+    "after / straight",
+)
 
 
 def section(document: Document) -> str:
@@ -30,16 +41,16 @@ def section(document: Document) -> str:
         "outside walls are smoothed, zero within; or walls hold the least value of the field, so that they repel.\n"
         f"Each line with `+` adds to the one before it, the first of them to `{BEFORE}`. The first {FEW} trials a\n"
         "map are the paper's number. Lengths and plans: means ± standard deviations over arrivals; 95 %: the interval\n"
-        "of Clopper and Pearson of the share that arrives; PATH_STALLED: ten plans in a row, at rest, led nowhere.\n"
-        "The paper's cities are others than ours, and its weights are not public: `paper` is its network, trained by\n"
-        "us.\n\n"
+        "of Clopper and Pearson of the share that arrives; PATH_STALLED: ten plans in a row, at rest, led nowhere;\n"
+        "after / straight: what flights that did not arrive flew, over the straight line, median. The paper's cities are\n"
+        "others than ours, and its weights are not public: `paper` is its network, trained by us.\n\n"
     )
     more = [row for row in loops.values() if row["trials"] > FEW]
     for title, some in ((f"The first {FEW} trials a map", first), ("Loops of which more were flown", more)):
         lines = [_line(row) for row in sorted(some, key=lambda row: str(row["map"]))]
         if some is first:
             lines += [
-                [place, f"{method}, the paper", "50 of 50", "–", "0", *figures, "–", "–"]
+                [place, f"{method}, the paper", "50 of 50", "–", "0", *figures, "–", "–", "–"]
                 for place, methods in FLOWN.items()
                 for method, figures in methods.items()
             ]
@@ -60,6 +71,7 @@ def _line(row: Row) -> list[str]:
         _spread(found["plans"], found["plans_std"]),
         "–" if found["clearance_least_m"] is None else f"{found['clearance_least_m']:.2f}",
         found["statuses"] or "–",
+        "–" if found["lost_after"] is None else f"{found['lost_after']:.2f}",
     ]
 
 
