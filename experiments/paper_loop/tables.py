@@ -42,8 +42,8 @@ def section(document: Document) -> str:
         f"Each line with `+` adds to the one before it, the first of them to `{BEFORE}`. The first {FEW} trials a\n"
         "map are the paper's number. Lengths and plans: means ± standard deviations over arrivals; 95 %: the interval\n"
         "of Clopper and Pearson of the share that arrives; PATH_STALLED: ten plans in a row, at rest, led nowhere;\n"
-        "after / straight: what flights that did not arrive flew, over the straight line, median. The paper's cities are\n"
-        "others than ours, and its weights are not public: `paper` is its network, trained by us.\n\n"
+        "after / straight: what flights that did not arrive flew, over the straight line, median. The paper's cities\n"
+        "are others than ours, and its weights are not public: `paper` is its network, trained by us.\n\n"
     )
     more = [row for row in loops.values() if row["trials"] > FEW]
     for title, some in ((f"The first {FEW} trials a map", first), ("Loops of which more were flown", more)):
