@@ -25,6 +25,7 @@ PAGE = HERE / "RESULTS.md"
 CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "The paper's table": (
         ("offline_table", "offline_table"),
+        ("offline_table_own", "offline_table"),
         ("closed_loop", "closed_loop"),
         ("closed_loop_many", "closed_loop"),
         ("closed_loop_disturbed", "closed_loop"),

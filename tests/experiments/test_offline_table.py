@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,3 +108,15 @@ def test_unknown_methods_are_refused() -> None:
     for name in ("dijkstra", "network twice", "paper aloud"):
         with pytest.raises(ValueError, match="method"):
             finder(name)
+
+
+def test_at_own_distances_paths_keep_the_radius_and_pay_for_clearance(document: dict[str, Any], tmp_path: Path) -> None:
+    main(dataclasses.replace(TINY, own=True, methods=("solver", "astar"), out=tmp_path))
+    own: dict[str, Any] = json.loads((tmp_path / "offline_table_own.json").read_text())
+    text = section(own)
+    assert "our own distances" in text
+    assert "3DMaxConvNet" not in text
+    assert "3DMaxConvNet" in section(document)
+    for row in own["rows"]:
+        assert row["ok"] == row["problems"] == TINY.problems
+        assert row["clearance_least_m"] >= 1.0
