@@ -4,7 +4,8 @@
 
 A drag is timed in the browser: from the last movement of the mouse to the arrival of the path that answers it. Server
 and browser share the machine. All windows are compiled before. Frames are counted while the camera is turned with the
-mouse; a canvas that is only cleared says what the browser itself reaches there. `load` is that of the whole machine.
+mouse. What limits them is told by rows beside: a canvas that is only cleared, the page without a map, and the same
+triangles drawn by WebGL alone, with the name of who computes its pixels. `load` is that of the whole machine.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.common import bare_webgl
 from benchmarks.common.browser import HEIGHT, WIDTH, Window, browser
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.view.camera import over_map
 from maxjax.view.city import City, first_ends
 from maxjax.view.controls import text_place
 from maxjax.view.draw import city_scene, city_surface
@@ -58,6 +61,8 @@ _CLEARED = f"""<canvas id="c" width="{WIDTH}" height="{HEIGHT}"></canvas><script
     const draw = () => {{ gl.clearColor(Math.random(), 0, 0, 1); gl.clear(16384); requestAnimationFrame(draw); }};
     draw();
 </script>"""
+
+_FOV = float(np.radians(75.0))  # of viser's camera
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,9 +104,11 @@ def main(config: Config) -> list[Row]:
     with browser() as chrome:
         for sharp in config.sharpness:
             rows += _drags(chrome, city, ends, moves, sharp)
-            rows.append(_frames(chrome, city, config.map, config.seconds, sharp))
-            if config.boxes:
-                rows.append(_frames(chrome, _boxes(config.boxes), f"{config.boxes} boxes", config.seconds, sharp))
+            shown = {config.map: city} | ({f"{config.boxes} boxes": _boxes(config.boxes)} if config.boxes else {})
+            rows.append(_frames(chrome, city, "without a map", config.seconds, sharp, empty=True))
+            for name, some in shown.items():
+                rows.append(_frames(chrome, some, name, config.seconds, sharp))
+                rows.append(_bare(chrome, some, name, config.seconds, sharp))
         rows.append(_cleared(chrome, config.seconds))
     save("page", config, rows, config.out)
     return rows
@@ -171,13 +178,14 @@ def _row(what: str, seconds: list[float]) -> Row:
     }
 
 
-def _frames(chrome: Any, city: City, what: str, seconds: float, sharp: float) -> Row:
-    """Frames a second of a map while the camera turns about it."""
+def _frames(chrome: Any, city: City, what: str, seconds: float, sharp: float, *, empty: bool = False) -> Row:
+    """Frames a second of a map, or of the page without it, while the camera turns about it."""
     server = serve(city, port=0)
-    Stage(server.scene).show("/map", city_scene(city))
+    if not empty:
+        Stage(server.scene).show("/map", city_scene(city))
     window = Window(chrome)
     window.page.goto(_address(server, sharp))
-    window.shown("/map/obstacles")
+    window.shown("/light/sun" if empty else "/map/obstacles")
     time.sleep(3.0)
     rate = _turning(window, seconds)
     window.close()
@@ -186,7 +194,31 @@ def _frames(chrome: Any, city: City, what: str, seconds: float, sharp: float) ->
         "what": f"frames, {what}{_label(sharp)}",
         "unit": "1/s",
         "median": round(rate, 2),
-        "triangles": len(city_surface(city).faces),
+        "triangles": 0 if empty else len(city_surface(city).faces),
+        "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def _bare(chrome: Any, city: City, what: str, seconds: float, sharp: float) -> Row:
+    """Pictures a second of the same triangles by WebGL alone."""
+    mesh, (eye, target) = city_surface(city), over_map(city)
+    size = round(sharp * WIDTH), round(sharp * HEIGHT)
+    window = Window(chrome)
+    window.page.set_content(bare_webgl.turning(mesh, eye, target, size, _FOV))
+    time.sleep(1.0)
+    window.page.evaluate("() => { window.first = window.drawn; window.since = performance.now(); }")
+    time.sleep(seconds)
+    rate: float = window.page.evaluate("() => 1e3 * (window.drawn - window.first) / (performance.now() - window.since)")
+    renderer: str = window.page.evaluate("() => window.renderer")
+    window.close()
+    name = f"bare WebGL, {what}{_label(sharp)}"
+    return {
+        "what": name,
+        "unit": "1/s",
+        "median": round(rate, 2),
+        "triangles": len(mesh.faces),
+        "load": round(os.getloadavg()[0], 1),
+        "by": renderer,
     }
 
 

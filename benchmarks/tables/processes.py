@@ -47,6 +47,21 @@ def page(*documents: Document) -> str:
         "Headless Chromium of 1280 x 800 pixels, which computes WebGL on the cores that the server plans on; drags are "
         "timed in the browser. Half: `?fixedDpr=0.5` in the page's address.\n\n"
         + table(["what", "on", "median", "min", "max", "drags or triangles"], lines, left=2)
+        + "".join(map(_limits, documents))
+    )
+
+
+def _limits(document: Document) -> str:
+    """What frames of the page are beside those of the same triangles by WebGL alone."""
+    rates = {row["what"]: row["median"] for row in document["rows"]}
+    by = {row["by"] for row in document["rows"] if "by" in row}
+    bare = {what.removeprefix("bare WebGL, "): rate for what, rate in rates.items() if what.startswith("bare WebGL, ")}
+    shares = [f"{name} {100 * rates[f'frames, {name}'] / rate:.0f} %" for name, rate in bare.items()]
+    if not shares:
+        return ""
+    return (
+        f"\nThe pixels are computed by {', '.join(sorted(by))}.\n"
+        f"Frames of the page beside those of the same triangles by WebGL alone: {'; '.join(shares)}.\n"
     )
 
 

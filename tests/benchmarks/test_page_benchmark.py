@@ -25,7 +25,11 @@ def test_drags_are_timed_and_frames_counted(tmp_path: Path) -> None:
     assert drags["n"] == 2
     assert drags["median"] > 0  # type: ignore[operator]
     assert answers["median"] > 0  # type: ignore[operator]
+    named = {str(row["what"]).removesuffix(", half the resolution"): row for row in rows}
+    assert named["frames, without a map"]["triangles"] == 0
     # Four boxes that stand apart on the ground: five sides each are seen, of two triangles.
-    assert "4 boxes" in str(rows[3]["what"])
-    assert rows[3]["triangles"] >= 4 * 5 * 2  # type: ignore[operator]
+    page_row, bare = named["frames, 4 boxes"], named["bare WebGL, 4 boxes"]
+    assert page_row["triangles"] == bare["triangles"] >= 4 * 5 * 2  # type: ignore[operator]
+    assert bare["median"] > 0  # type: ignore[operator]
+    assert f"computed by {bare['by']}" in tables.page(document)
     assert "drag to verified path" in tables.page(document)
