@@ -57,7 +57,7 @@ def main(config: Config) -> list[Row]:
     rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     line = _git("log", "--first-parent", "--reverse", "--format=%h %cs").decode().splitlines()
     numbers = range(config.every, len(line), config.every) if config.every else ()
-    for number in (*numbers, len(line)):
+    for number in (len(line), *reversed(numbers)):  # the newest first
         commit, date = line[number - 1].split()
         if all(row["commit"] != commit for row in rows):
             print(f"{number} of {len(line)}: {commit}, {date}", flush=True)
