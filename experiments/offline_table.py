@@ -1,7 +1,7 @@
 """Table I of the paper, offline: every planner on the same problems, grids and margins, before the same judge.
 
     python -m experiments.offline_table                                  # 50 problems a map; two CPU cores: 22 minutes
-    python -m experiments.offline_table --own --methods solver network "network alone" astar rrtstar apf
+    python -m experiments.offline_table --own --methods solver network "network alone" astar apf
 
 Both unseen maps, offline protocol (`experiments.random_problems`): start and goal 20 to 50 voxels apart, 3 to 15 m
 high, margin 8 m or the largest that joins them. Problems that no margin solves are left out (SciPy's labels decide).

@@ -42,6 +42,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     ),
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
+        ("hard_maps", "hard_maps.study"),
         ("focus", "focus"),
         ("focus_many", "focus"),
         ("focus_many_cities", "focus"),

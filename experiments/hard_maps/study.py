@@ -1,0 +1,202 @@
+"""Problems planned in slices and judged beside; a row for each kind and radius, and the section of RESULTS.md."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import multiprocessing
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+import maxjax
+from benchmarks.common.harness import Row, save
+from benchmarks.common.markdown import Document, device, table
+from experiments.hard_maps.judge import Answer, Verdict, judge
+from experiments.hard_maps.maps import CELLS, SIZE, Problems, drawn
+from maxjax.core.files import atomic_write
+
+RESULTS = Path(__file__).parents[1] / "results"
+_SPACING = 2.0  # [m]
+_FAR = (84888.0, 447501.0, 0.0)  # where the moved maps lie [m]
+_PAD = 3  # how much wider the solid is in which maps are moved [voxels]
+_KEPT = 20  # failures that a row names
+
+Judges = Callable[[Callable[[Answer], Verdict], Sequence[Answer]], list[Verdict]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        problems: in all, an equal part of each kind and radius.
+        slice: problems of a batch.
+        images: every so many slices is planned in a mirror and moved, too.
+        seed: of everything.
+        workers: processes that judge; 0: this one.
+        keep: folder for the counts of each slice; a run that was killed goes on.
+        out: where the JSON goes.
+    """
+
+    problems: int = 2000
+    slice: int = 100
+    images: int = 2
+    seed: int = 0
+    workers: int = 2
+    keep: Path | None = None
+    out: Path = RESULTS
+
+
+TINY = Config(problems=40, slice=4, images=1, workers=0)
+
+
+def main(config: Config) -> list[Row]:
+    """Plan, judge, save; one row a kind and radius."""
+    each = -(-config.problems // len(CELLS))
+    counts = {cell: Counter[str]() for cell in CELLS}
+    failed: dict[tuple[str, float], list[int]] = {cell: [] for cell in CELLS}
+
+    def fly(judges: Judges) -> None:
+        for first in range(0, each, config.slice):
+            for cell in CELLS:
+                numbers = range(first, min(first + config.slice, each))
+                found = _known(config, cell, numbers) or _slice(config, cell, numbers, judges)
+                _write(config, cell, numbers, found)
+                failed[cell] += found.pop("failures")
+                counts[cell].update({name: count for name, count in found.items() if not name.startswith("worst")})
+                for name in ("worst_mirrored", "worst_moved"):
+                    counts[cell][name] = max(counts[cell][name], found.get(name, 0))
+            print(f"{first + len(numbers)} of {each} a row", file=sys.stderr, flush=True)
+
+    if config.workers:
+        with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
+            fly(lambda function, answers: pool.map(function, answers, chunksize=8))
+    else:
+        fly(lambda function, answers: list(map(function, answers)))
+    rows: list[Row] = [
+        {"kind": kind, "radius_m": _SPACING * radius, **counts[kind, radius], "failures": _named(failed[kind, radius])}
+        for kind, radius in CELLS
+    ]
+    save("hard_maps", config, rows, config.out)
+    return rows
+
+
+def _named(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers[:_KEPT]))
+
+
+def _slice(config: Config, cell: tuple[str, float], numbers: range, judges: Judges) -> dict[str, Any]:
+    """Counts of one batch."""
+    kind, radius = cell
+    problems = drawn(config.seed, kind, radius, numbers)
+    plans = planned(problems, radius)
+    verdicts = judges(judge, _answers(problems, radius, plans))
+    found: dict[str, Any] = {
+        "problems": len(verdicts),
+        "joined": sum(v.joined for v in verdicts),
+        "solved": int(plans.ok.sum()),
+        "certified": int(plans.certified.sum()),
+        "wrong": sum(not v.right for v in verdicts),
+        "unsafe": sum(not v.safe for v in verdicts),
+        "failures": [k for k, v in zip(numbers, verdicts, strict=True) if not (v.right and v.safe)],
+    }
+    place = numbers.start // config.slice
+    if place % config.images:
+        return found
+    axis = place // config.images % 3
+    mirrored = planned(problems.mirrored(axis), radius)
+    here = planned(problems.embedded((1, 1, 2), _PAD), radius)
+    there = planned(problems.embedded((2, 2, 1), _PAD), radius, _FAR)
+    return found | {
+        "images": len(verdicts),
+        "mirrored_otherwise": int((mirrored.status != plans.status).sum()),
+        "worst_mirrored": _apart(plans, mirrored),
+        "moved_otherwise": int((here.status != there.status).sum()),
+        "worst_moved": _apart(here, there),
+    }
+
+
+def planned(problems: Problems, radius: float, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> maxjax.Plans:
+    """The plans of problems on a grid whose first voxel's centre lies at `origin` [m]; radius in voxels."""
+    n = problems.occupied.shape[1]
+    grid = maxjax.Grid((n, n, n), _SPACING, origin)
+    starts, goals = (np.array(origin) + _SPACING * problems.ends[:, k] for k in range(2))
+    distances = maxjax.Distances(radius=_SPACING * radius)
+    return maxjax.plan_batch(maxjax.VoxelMap.on(grid, problems.occupied), starts, goals, distances=distances)
+
+
+def _answers(problems: Problems, radius: float, plans: maxjax.Plans) -> list[Answer]:
+    def one(k: int) -> Answer:
+        path = plans.points[k, : plans.counts[k]] / _SPACING
+        named = float(plans.radius[k]) / _SPACING
+        return Answer(
+            problems.occupied[k], problems.ends[k], radius, maxjax.Status(int(plans.status[k])).name, named, path
+        )
+
+    return [one(k) for k in range(len(problems.occupied))]
+
+
+def _apart(one: maxjax.Plans, other: maxjax.Plans) -> float:
+    """How much more the dearer of two plans costs, as a share, at most; 0 where none are both OK."""
+    both = one.ok & other.ok
+    ratio = np.maximum(one.cost[both] / other.cost[both], other.cost[both] / one.cost[both]) - 1
+    return round(float(ratio.max(initial=0.0)), 6)
+
+
+def _file(config: Config, cell: tuple[str, float], numbers: range) -> Path | None:
+    return (
+        None if config.keep is None else config.keep / f"{cell[0]}-{cell[1]}-{numbers.start:07}-{numbers.stop:07}.json"
+    )
+
+
+def _known(config: Config, cell: tuple[str, float], numbers: range) -> dict[str, Any] | None:
+    file = _file(config, cell, numbers)
+    return None if file is None or not file.is_file() else dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+def _write(config: Config, cell: tuple[str, float], numbers: range, found: dict[str, Any]) -> None:
+    if (file := _file(config, cell, numbers)) is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(file, json.dumps(found) + "\n")
+
+
+def section(document: Document) -> str:
+    """RESULTS.md: what is right, of each kind; failures by number."""
+    rows = document["rows"]
+    heads = ["maps", "radius [m]", "problems", "joined", "solved", "certified", "wrong status", "unsafe", "images"]
+    heads += ["another status, mirrored", "dearer by", "another status, moved", "dearer by"]
+    lines = [
+        [
+            row["kind"],
+            f"{row['radius_m']:g}",
+            *(f"{row[name]:,}" for name in ("problems", "joined", "solved", "certified", "wrong", "unsafe", "images")),
+            str(row["mirrored_otherwise"]),
+            f"{100 * row['worst_mirrored']:.2f} %",
+            str(row["moved_otherwise"]),
+            f"{100 * row['worst_moved']:.2f} %",
+        ]
+        for row in rows
+    ]
+    count = sum(row["problems"] for row in rows)
+    wrong = sum(row["wrong"] + row["unsafe"] for row in rows)
+    most = binomtest(wrong, count).proportion_ci(confidence_level=0.95, method="exact").high
+    failures = "; ".join(f"{row['kind']}, {row['radius_m']:g} m: {row['failures']}" for row in rows if row["failures"])
+    return (
+        f"### Hard maps ({device(document)})\n\n"
+        f"Maps of {SIZE}³ voxels of 2 m: random ones near the percolation threshold, doors of one voxel and more,\n"
+        "blocks that touch along edges and at corners, free rims around a solid; ends at centres, anywhere, and on\n"
+        "faces, edges and corners of voxels. Right is OK where SciPy's dilation and labels join the ends at the\n"
+        "radius, NO_SAFE_PATH with the largest radius that does where a lesser one does, else NO_VALID_PATH; safe is\n"
+        "a path whose dense samples keep the radius from every occupied cube. Images: planned again in a mirror with\n"
+        "two axes exchanged, and moved by voxels and by hundreds of kilometres; dearer by: the most that one of two\n"
+        "such paths costs more.\n\n"
+        f"{table(heads, lines)}\n"
+        f"{wrong} of {count:,} wrong or unsafe: at most {100 * most:.4f} % (Clopper and Pearson, 95 %).\n"
+        + (f"\nNumbers of failures (`experiments.hard_maps.maps.drawn`): {failures}.\n" if failures else "")
+    )
