@@ -18,13 +18,12 @@ Rng = np.random.Generator
 
 def percolation(rng: Rng) -> np.ndarray:
     """Random voxels: on the cubic lattice free ones span the map from a share of 0.3116 on."""
-    occupied: np.ndarray = rng.random((SIZE,) * 3) > rng.uniform(0.27, 0.40)
-    return occupied
+    return rng.random((SIZE,) * 3) > rng.uniform(0.27, 0.40)
 
 
 def doors(rng: Rng) -> np.ndarray:
     """One to three walls, each with a door of one to five voxels a side, anywhere, rims too."""
-    occupied = rng.random((SIZE,) * 3) < rng.choice([0.0, 0.01])
+    occupied = np.asarray(rng.random((SIZE,) * 3) < rng.choice([0.0, 0.01]))
     for _ in range(rng.integers(1, 4)):
         axis, at = rng.integers(3), rng.integers(3, SIZE - 3)
         low = rng.integers(0, SIZE - 1, 2)

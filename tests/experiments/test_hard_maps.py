@@ -61,7 +61,7 @@ def test_images_hold_the_same_problem() -> None:
         )
     moved = some.embedded((1, 2, 1), 3)
     np.testing.assert_array_equal(moved.occupied[:, 1 : SIZE + 1, 2 : SIZE + 2, 1 : SIZE + 1], some.occupied)
-    np.testing.assert_array_equal(moved.ends, some.ends + [1, 2, 1])
+    np.testing.assert_array_equal(moved.ends, some.ends + np.array([1, 2, 1]))
 
 
 def test_the_judge_finds_what_is_wrong() -> None:
