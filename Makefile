@@ -3,19 +3,26 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# A file of versions and hashes (.ci/pin): these files are installed then, and no others.
+PINS ?=
 
 .PHONY: setup demo check test docs results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml $(PINS)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "maxjax needs Python 3.11 or newer; set PYTHON=python3.x")'
 	$(PYTHON) -m venv $(VENV)
+ifneq ($(PINS),)
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(PINS)
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
+else
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,geotiff,docs,dev]'
 	@# Some peers come as source only: without a compiler they are left out, and the tests that need them say so.
 	$(BIN)/python -m pip install --quiet --editable '.[bench]' || echo 'bench: peers left out, see above'
+endif
 	touch $@
 
 demo: setup
