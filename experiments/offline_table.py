@@ -196,8 +196,9 @@ def section(document: dict[str, Any]) -> str:
     own = document["name"] == "offline_table_own"
     how = (
         "The same problems as in the paper's protocol, at the planner's own distances: in the map as it is, nothing on "
-        f"a path within the radius of 1 m, by a price that falls to 1 at {config['margin']:g} m. Clearance is bought "
-        "with length: A* and RRT*, which pay the same price, are the measure here, not the paper's lengths."
+        "a path within the radius of 1 m (around an end that stands nearer, within its own distance), by a price that "
+        f"falls to 1 at {config['margin']:g} m. Clearance is bought with length: A*, which pays the same price, is the "
+        "measure here, not the paper's lengths."
         if own
         else "The paper has other cities; its figures stand beside ours for scale, not as the same problems."
     )
