@@ -32,6 +32,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("windowed_flights", "windowed_flights"),
         ("faults", "faults"),
         ("paper_loop", "paper_loop.tables"),
+        ("paper_loop_many", "paper_loop.tables"),
     ),
     "The networks": (
         ("network_training", "network_training"),

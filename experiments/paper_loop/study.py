@@ -92,6 +92,7 @@ class Config:
         plans: of a flight, at most.
         seed: of the first city.
         batch: flights at a time; None: what suits the device.
+        name: of the result file.
         keep: folder for every trial's outcome and positions.
         out: where the JSON goes.
     """
@@ -102,6 +103,7 @@ class Config:
     plans: int = 100
     seed: int = 0
     batch: int | None = None
+    name: str = "paper_loop"
     keep: Path | None = None
     out: Path = RESULTS
 
@@ -124,8 +126,8 @@ def main(config: Config) -> list[Row]:
             if _chosen(config, name):
                 seconds = time.perf_counter() - started
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
-                keep("paper_loop", config, rows, config.out)
-    save("paper_loop", config, rows, config.out)
+                keep(config.name, config, rows, config.out)
+    save(config.name, config, rows, config.out)
     return rows
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scipy.stats import binomtest
@@ -31,10 +31,12 @@ def section(document: Document) -> str:
     rows = document["rows"]
     first = [row for row in rows if row["trials"] <= FEW]
     loops = {(row["map"], row["loop"]): row for row in rows}  # the row of most trials comes last
-    devices = ", ".join(dict.fromkeys(str(row["device"]) for row in rows))
     lacking = [f"{name} ({place})" for name in LOOPS for place in FLOWN if (place, name) not in loops]
+    if document["name"] != "paper_loop":
+        lines = [_line(row) for row in sorted(loops.values(), key=lambda row: str(row["map"]))]
+        return f"### The paper's own loop, by the thousand ({_of(rows)})\n\n{table(_HEADS, lines, left=2)}"
     text = (
-        f"### The paper's own loop, and what each layer saves ({devices.removeprefix('1 x ')})\n\n"
+        f"### The paper's own loop, and what each layer saves ({_of(rows)})\n\n"
         "One scan a plan, a network's field and nothing behind it, the paper's smoothing and momentum, each path\n"
         "flown as far as it came, a reactive layer of 3 m (ours: it pushes across the way and brakes), at most 100\n"
         "plans. `gradients` and `field` are two readings of what the paper leaves open: gradients of the field\n"
@@ -56,6 +58,11 @@ def section(document: Document) -> str:
             ]
         text += f"#### {title}\n\n{table(_HEADS, lines, left=2)}\n"
     return text + _layers(loops) + (f"Not flown: {'; '.join(lacking)}.\n" if lacking else "")
+
+
+def _of(rows: Sequence[Row]) -> str:
+    """The devices of rows."""
+    return ", ".join(dict.fromkeys(str(row["device"]).removeprefix("1 x ") for row in rows))
 
 
 def _line(row: Row) -> list[str]:

@@ -110,6 +110,9 @@ def test_the_section_holds_every_loop_and_its_interval() -> None:
             statuses = ["OK" if trial % 2 else "PATH_STALLED" for trial in range(trials)]
             row = row_of("suburb", name, [outcome(trial, status) for trial, status in enumerate(statuses)])
             rows.append({**row, "device": "1 x NVIDIA H100"})
+    many = section({"name": "paper_loop_many", "rows": rows})
+    assert many.count("30 of 60") == len(LOOPS)
+    assert "1 of 2" not in many
     text = section({"name": "paper_loop", "rows": rows})
     first, every = text.split("#### Loops of which more were flown")
     assert "(NVIDIA H100)" in first
