@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
 
+from benchmarks.common.dilation import ball
 from maxjax import Grid
 
 
@@ -107,13 +108,9 @@ def inflated(obstacles: np.ndarray, ground: np.ndarray, radius: float) -> np.nda
 
     Radius [voxels], above 0; of one map, or of several along a first axis.
     """
-    reach = max(int(np.ceil(radius + 0.5)) - 1, 0)
-    axis = np.maximum(np.abs(np.arange(-reach, reach + 1)) - 0.5, 0) ** 2
-    near = axis[:, None, None] + axis[None, :, None] + axis[None, None, :] < radius**2 - 1e-9
-    near[reach, reach, reach] = True
     faces = ndimage.generate_binary_structure(3, 1)
     lead = (None,) * (obstacles.ndim - 3)
-    blocked = ndimage.binary_dilation(obstacles, near[lead]) | ndimage.binary_dilation(ground, faces[lead])
+    blocked = ndimage.binary_dilation(obstacles, ball(radius)[lead]) | ndimage.binary_dilation(ground, faces[lead])
     return np.asarray(blocked | obstacles | ground)
 
 

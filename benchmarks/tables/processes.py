@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.common.markdown import Document, device, number, table
+from benchmarks.tables.rows import rows_of
 
 
 def fuzz(document: Document) -> str:
@@ -98,7 +99,7 @@ def _service(document: Document) -> str:
 
 def history(*documents: Document) -> str:
     """Of `benchmarks.history`."""
-    rows = [row for document in documents for row in document["rows"]]
+    rows = rows_of(documents)
     told = [key for key in rows[0] if key not in ("number", "commit", "date", "peer [ms]")]
     lines = [
         [f"{row['number']}, {row['date']}", f"`{row['commit']}`"]

@@ -11,7 +11,8 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks.common.dilation import joined, least_distance
+from benchmarks.common.dilation import joined
+from benchmarks.common.safety import Walls, kept
 
 # Rounding that a path is allowed [voxels].
 _SLACK = 1.3e-3
@@ -59,8 +60,8 @@ def _largest(answer: Answer, voxels: np.ndarray) -> bool:
 
 
 def _safe(answer: Answer) -> bool:
-    path, shape = answer.path, np.array(answer.occupied.shape)
+    path = answer.path
     if len(path) < 2 or not np.allclose(path[[0, -1]], answer.ends, atol=1e-4):
         return False
-    inside = (path >= -0.5 - _SLACK).all() and (path <= shape - 0.5 + _SLACK).all()
-    return bool(inside and least_distance(answer.occupied, path, answer.radius) >= answer.radius - _SLACK)
+    found = kept(Walls(answer.occupied, np.zeros_like(answer.occupied), 1.0), path)
+    return not found.occupied and found.least >= answer.radius - _SLACK

@@ -62,12 +62,11 @@ def main(config: Config) -> list[Row]:
     counts = {cell: Counter[str]() for cell in CELLS}
     failed: dict[tuple[str, float], list[int]] = {cell: [] for cell in CELLS}
 
-    def fly(judges: Judges) -> None:
+    def plan_all(judges: Judges) -> None:
         for first in range(0, each, config.slice):
             for cell in CELLS:
                 numbers = range(first, min(first + config.slice, each))
-                found = _known(config, cell, numbers) or _slice(config, cell, numbers, judges)
-                _write(config, cell, numbers, found)
+                found = _kept(config, cell, numbers, judges)
                 failed[cell] += found.pop("failures")
                 counts[cell].update({name: count for name, count in found.items() if not name.startswith("worst")})
                 for name in ("worst_mirrored", "worst_moved"):
@@ -76,9 +75,9 @@ def main(config: Config) -> list[Row]:
 
     if config.workers:
         with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
-            fly(lambda function, answers: pool.map(function, answers, chunksize=8))
+            plan_all(lambda function, answers: pool.map(function, answers, chunksize=8))
     else:
-        fly(lambda function, answers: list(map(function, answers)))
+        plan_all(lambda function, answers: list(map(function, answers)))
     rows: list[Row] = [
         {"kind": kind, "radius_m": _SPACING * radius, **counts[kind, radius], "failures": _named(failed[kind, radius])}
         for kind, radius in CELLS
@@ -89,6 +88,19 @@ def main(config: Config) -> list[Row]:
 
 def _named(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:_KEPT]))
+
+
+def _kept(config: Config, cell: tuple[str, float], numbers: range, judges: Judges) -> dict[str, Any]:
+    """Counts of one batch, from its file where there is one."""
+    if config.keep is None:
+        return _slice(config, cell, numbers, judges)
+    file = config.keep / f"{cell[0]}-{cell[1]}-{numbers.start:07}-{numbers.stop:07}.json"
+    if file.is_file():
+        return dict(json.loads(file.read_text(encoding="utf-8")))
+    found = _slice(config, cell, numbers, judges)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write(file, json.dumps(found) + "\n")
+    return found
 
 
 def _slice(config: Config, cell: tuple[str, float], numbers: range, judges: Judges) -> dict[str, Any]:
@@ -147,23 +159,6 @@ def _apart(one: maxjax.Plans, other: maxjax.Plans) -> float:
     both = one.ok & other.ok
     ratio = np.maximum(one.cost[both] / other.cost[both], other.cost[both] / one.cost[both]) - 1
     return round(float(ratio.max(initial=0.0)), 6)
-
-
-def _file(config: Config, cell: tuple[str, float], numbers: range) -> Path | None:
-    return (
-        None if config.keep is None else config.keep / f"{cell[0]}-{cell[1]}-{numbers.start:07}-{numbers.stop:07}.json"
-    )
-
-
-def _known(config: Config, cell: tuple[str, float], numbers: range) -> dict[str, Any] | None:
-    file = _file(config, cell, numbers)
-    return None if file is None or not file.is_file() else dict(json.loads(file.read_text(encoding="utf-8")))
-
-
-def _write(config: Config, cell: tuple[str, float], numbers: range, found: dict[str, Any]) -> None:
-    if (file := _file(config, cell, numbers)) is not None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(file, json.dumps(found) + "\n")
 
 
 def section(document: Document) -> str:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from references import distances_to_cubes, inflated
 
-from benchmarks.common.dilation import closed, joined, least_distance
+from benchmarks.common.dilation import closed, joined
+from benchmarks.common.safety import Walls, kept
 from experiments.hard_maps.judge import Answer, judge
 from experiments.hard_maps.maps import CELLS, SIZE, drawn
 from experiments.hard_maps.study import TINY, main, section
@@ -34,7 +35,7 @@ def test_distances_of_paths_are_those_of_brute_force() -> None:
         path = rng.uniform(0, 6, (4, 3))
         dense = np.concatenate([np.linspace(a, b, 400) for a, b in itertools.pairwise(path)])
         expected = distances_to_cubes(dense, occupied).min()
-        found = least_distance(occupied, path, 1.5, apart=0.01)
+        found = kept(Walls(occupied, np.zeros_like(occupied), 1.0), path).least
         if min(expected, found) < 1.5:
             assert found == pytest.approx(expected, abs=0.01)
 
