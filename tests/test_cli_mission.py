@@ -45,6 +45,18 @@ def told(capsys: pytest.CaptureFixture[str]) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
+def test_an_error_that_names_options_says_that_the_file_has_them_as_keys(
+    town: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = around(town)
+    assert main(["mission", file, "--export", str(town.parent / "way.plan")]) == 2
+    sentence = capsys.readouterr().err.splitlines()[-1]
+    assert sentence.endswith(f"give --place LAT LON H, or --crs (place and crs are keys of the file: {file})")
+    assert main(["fly", written(town, START, GOAL, head='place = [52.0, 4.3, 0.0]\ncrs = "EPSG:28992"')]) == 2
+    sentence = capsys.readouterr().err.splitlines()[-1]
+    assert sentence.endswith(f"leave one out (crs and place are keys of the file: {file})")
+
+
 def test_a_mission_is_planned_drawn_and_written(tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     out, files = tmp_path / "out", [tmp_path / name for name in ("a.csv", "a.tum")]

@@ -5,12 +5,13 @@ Each function takes the documents of one table, those that there are: CPU first,
 
 from benchmarks.tables.flights import flights, lidar, scaling
 from benchmarks.tables.plans import cities, plans, verdicts
-from benchmarks.tables.processes import fuzz, history, page, service, startup
+from benchmarks.tables.processes import first_hour, fuzz, history, page, service, startup
 from benchmarks.tables.rivals import rivals
 from benchmarks.tables.solves import profile, solves
 
 __all__ = [
     "cities",
+    "first_hour",
     "flights",
     "fuzz",
     "history",

@@ -34,6 +34,18 @@ def startup(*documents: Document) -> str:
     )
 
 
+def first_hour(document: Document) -> str:
+    """Of `benchmarks.first_hour`."""
+    lines = [
+        [f"`{row['what']}`" if row["what"] != "all" else "all", f"{row['median']:.1f}"] for row in document["rows"]
+    ]
+    return (
+        "### From a clone to a mission over a city of one's own\n\n"
+        "README's commands, in an empty folder, with an empty home and no caches; the city is The Hague, from a\n"
+        "CityJSON file, with other waypoints in a copy of the round.\n\n" + table(["command", "[s]"], lines, left=1)
+    )
+
+
 def page(*documents: Document) -> str:
     """Of `benchmarks.page`."""
     lines = []

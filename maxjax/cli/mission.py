@@ -15,7 +15,7 @@ from rich.table import Table
 
 from maxjax.api import trajectory
 from maxjax.cli import exporting, report
-from maxjax.cli.mission_file import Asked, read_mission
+from maxjax.cli.mission_file import Asked, options_as_keys, read_mission
 from maxjax.cli.options import MissionOptions
 from maxjax.cli.progress import progress
 from maxjax.cli.task import MapTask, check_options, load_source, reading_of, task_in
@@ -36,7 +36,9 @@ def run_mission(options: MissionOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    return run_asked(read_mission(options))
+    asked = read_mission(options)
+    with options_as_keys(options.file):
+        return run_asked(asked)
 
 
 def run_asked(asked: Asked) -> int:

@@ -22,7 +22,8 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ _MOST_BYTES = 2**20
 # What separates keys and values of TOML, texts and quoted keys taken out.
 _STRUCTURE = re.compile(rb"[=\[\]{},\r\n#]")
 _QUOTED = re.compile(rb'"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'')
+_OPTION = re.compile(r"--([a-z][a-z-]*)")
 _MOST_DOTS = 64
 _CITY = re.compile(r"\w+:\d+")
 
@@ -100,6 +102,24 @@ def read_mission(options: MissionOptions) -> Asked:
     given["takeoff_and_landing"] = options.takeoff_and_landing or given.get("takeoff_and_landing", False)
     planned = PlanOptions(**given, out=options.out, json=options.json, export=options.export)
     return Asked(planned, waypoints, options.partial)
+
+
+@contextmanager
+def options_as_keys(file: Path) -> Iterator[None]:
+    """Say of options that an error within names where they stand: a mission's file has them as keys.
+
+    Raises:
+        ValueError: in place of one that names such options.
+    """
+    try:
+        yield
+    except ValueError as error:
+        named = dict.fromkeys(name.replace("-", "_") for name in _OPTION.findall(str(error)))
+        keys = [key for key in named if key in (*NUMBERS, *VECTORS, *WORDS, *TEXTS, *WHOLE, *LISTS)]
+        if not keys:
+            raise
+        stand = "are keys of the file" if len(keys) > 1 else "is a key of the file"
+        raise ValueError(f"{error} ({' and '.join(keys)} {stand}: {file})") from error
 
 
 def _content(file: Path) -> dict[str, Any]:

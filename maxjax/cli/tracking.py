@@ -16,7 +16,7 @@ import numpy as np
 
 from maxjax.api import trajectory
 from maxjax.cli import mission, report
-from maxjax.cli.mission_file import read_mission
+from maxjax.cli.mission_file import options_as_keys, read_mission
 from maxjax.cli.options import FlyOptions, MissionOptions, PlanOptions
 from maxjax.cli.planning import plan_in
 from maxjax.cli.progress import progress
@@ -88,7 +88,9 @@ def fly_mission(options: FlyOptions) -> int:
     """
     refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
-    found, limits = mission.planned(read_mission(MissionOptions(Path(options.map))))
+    asked = read_mission(MissionOptions(Path(options.map)))
+    with options_as_keys(Path(options.map)):
+        found, limits = mission.planned(asked)
     if found.status != Status.OK:
         which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
         return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from benchmarks import city_plan, lidar, plan, profile, rivals, startup, tables, training, verifier
+from benchmarks import city_plan, first_hour, lidar, plan, profile, rivals, startup, tables, training, verifier
 
 
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
@@ -80,6 +81,31 @@ def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
     assert [row["status"] for row in rows] == ["OK", "OK"]
     assert all(row["certified"] and row["length_m"] >= row["straight_m"] for row in rows)
     assert all(0 < row["seconds"] <= row["first_seconds"] for row in rows)
+
+
+def test_the_first_hour_runs_the_commands_of_the_readme(tmp_path: Path) -> None:
+    rows = first_hour.main(dataclasses.replace(first_hour.TINY, out=tmp_path))
+    clone, *commands, last = rows
+    assert (clone["what"], last["what"]) == ("git clone", "all")
+    assert [str(row["what"]).split()[:2] for row in commands] == [["maxjax", "map"], *[["maxjax", "mission"]] * 2]
+    assert last["median"] == pytest.approx(sum(float(row["median"] or 0) for row in rows[:-1]), abs=0.1)
+    document = json.loads((tmp_path / "first_hour.json").read_text())
+    assert tables.first_hour(document).count("| `maxjax mission docs/samples/round.toml --") == 2
+
+
+def test_the_round_over_a_city_of_ones_own_is_the_samples_with_other_places() -> None:
+    folder = Path(first_hour.__file__).parents[1]
+    given = (folder / "docs/samples/round.toml").read_text(encoding="utf-8")
+    places = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0))
+    before, own = (tomllib.loads(text) for text in (given, first_hour.own_round(given, "x.ply", "EPSG:28992", places)))
+    assert own.pop("crs") == "EPSG:28992"
+    assert (own.pop("map"), before.pop("map")) == ("x.ply", "quarter.geojson")
+    assert [waypoint.pop("at") for waypoint in own["waypoint"]] == [list(place) for place in places]
+    assert len([waypoint.pop("at") for waypoint in before["waypoint"]]) == 3
+    assert own == before
+    first, *rest = first_hour.commands((folder / "README.md").read_text(encoding="utf-8"))
+    assert first == ["make", "demo"]
+    assert [words[:2] for words in rest] == [["maxjax", "map"], ["maxjax", "mission"], ["maxjax", "mission"]]
 
 
 def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path) -> None:
