@@ -95,6 +95,25 @@ def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest
     assert (last[0] - home[0]) * 111_170 == pytest.approx(-42.0, abs=0.5)
 
 
+def test_the_figures_of_flights_are_those_of_the_result_files() -> None:
+    folder = ROOT / "experiments" / "results"
+    calm, windy = (
+        json.loads((folder / f"closed_loop_{name}.json").read_text(encoding="utf-8"))["rows"]
+        for name in ("many", "disturbed")
+    )
+    assert sum(row["contacts"] for row in calm + windy) == 0
+    for rows in (calm, windy):
+        assert sum(row["arrived"] for row in rows) == sum(row["trials"] for row in rows)
+    nearest = " and ".join(f"{row['clearance_mean_m']:.1f}" for row in calm)
+    said = (
+        f"All of {sum(row['trials'] for row in calm):,} trials in cities that nothing was tuned or trained on arrived, "
+        f"nearest to a wall {nearest} m in the mean of their maps and "
+        f"{min(row['clearance_least_m'] for row in calm):.1f} m at worst; so did all of "
+        f"{sum(row['trials'] for row in windy):,} in wind,"
+    )
+    assert said in " ".join(TEXT.split())
+
+
 def test_every_link_leads_somewhere() -> None:
     links = [link for link in re.findall(r"\]\(([^)]+)\)", TEXT) if not link.startswith("https://")]
     assert "docs/demo.png" in links
