@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 import maxjax
 from maxjax.cli import main, mission_file
 from maxjax.cli.options import PlanOptions
 
+SAMPLE = Path(__file__).parents[1] / "docs" / "samples" / "quarter.geojson"
 SHAPE = (24, 16, 12)
 START, VIA, GOAL = "[6, 16, 10]", "[40, 8, 12]", "[40, 20, 12]"
 
@@ -43,6 +46,31 @@ def around(town: Path) -> str:
 
 def told(capsys: pytest.CaptureFixture[str]) -> Any:
     return json.loads(capsys.readouterr().out)
+
+
+def test_a_way_beyond_the_data_of_its_map_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As long as shapely finds it outside of the hull of the footprints, but for the columns on its border."""
+    city = maxjax.load_map(SAMPLE)
+    assert city.earth is not None
+    features = json.loads(SAMPLE.read_text())["features"]
+    corners = [(y, x, 0.0) for one in features for x, y in np.reshape(one["geometry"]["coordinates"], (-1, 2))]
+    hull = shapely.MultiPoint(city.earth.local(np.array(corners))[:, :2]).convex_hull
+    file, out = tmp_path / "beyond.toml", tmp_path / "out"
+    ends = ("[-150.0, 0.0, 30.0]", "[-75.0, 22.0, 35.0]", "[-70.0, 150.0, 30.0]")
+    waypoints = "".join(f"[[waypoint]]\nat = {end}\n" for end in ends)
+    file.write_text(f'map = "{SAMPLE}"\nmethod = "astar"\n{waypoints}')
+    assert main(["mission", str(file), "--json"]) == 0
+    captured = capsys.readouterr()
+    told = re.search(r"Warning: ([\d.]+) m of the path lie outside of what the map's file covers", captured.err)
+    assert told is not None
+    path = shapely.LineString(np.array(json.loads(captured.out)["path"])[:, :2])
+    flat = path.difference(hull).length  # the path climbs 5 m on its 75 m, and falls again
+    assert flat - 4 * 3.0 < float(told[1]) < 1.01 * flat
+    plan = ["plan", str(SAMPLE), "--method", "astar", "--start", "-75", "22", "5", "--goal"]
+    assert main([*plan, "55", "-20", "8", "--out", str(out)]) == 0
+    assert "outside of what" not in capsys.readouterr().err
+    assert main([*plan, "-130", "0", "30"]) == 0
+    assert "outside of what the map's file covers" in capsys.readouterr().err
 
 
 def test_an_error_that_names_options_says_that_the_file_has_them_as_keys(

@@ -80,6 +80,8 @@ def run_asked(asked: Asked) -> int:
         report.show(_table(mission, flown, Path(options.map).name))
         if files:
             print(*files, sep="\n")
+    if shown is not None and flown is not None:
+        report.warn_outside(shown.path, given)
     return _told(mission, content, asked)
 
 

@@ -68,6 +68,7 @@ def run_plan(options: PlanOptions) -> int:
             print(*files, sep="\n")
     if plan.status == Status.OK:
         report.warn(plan, given.task)
+        report.warn_outside(plan.path, given)
         return 0
     report.complain(message)
     return 1

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import math
 import tempfile
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 from rich.console import Console
 from rich.table import Table
 
@@ -241,6 +243,30 @@ def warn(plan: Plan, task: Task) -> None:
             f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "
             f"less than half the margin of {task.distances.margin:g} m."
         )
+
+
+def warn_outside(path: Float64[np.ndarray, "n 3"], given: MapTask) -> None:
+    """Say on stderr how much of a path lies where the map's data say nothing of obstacles."""
+    metres = outside_data(path, given)
+    if metres > 0.0:
+        complain(
+            f"Warning: {metres:.1f} m of the path lie outside of what the map's file covers: obstacles there are not "
+            "known. A file that covers the way shows them."
+        )
+
+
+def outside_data(path: Float64[np.ndarray, "n 3"], given: MapTask) -> float:
+    """How much of a path lies above columns that the map's data do not cover [m]."""
+    if given.within is None:
+        return 0.0
+    grid, total = given.task.grid, 0.0
+    for a, b in itertools.pairwise(path):
+        length = float(np.linalg.norm(b - a))
+        pieces = max(1, math.ceil(4.0 * length / grid.spacing))
+        middles = a + (b - a) * ((np.arange(pieces) + 0.5) / pieces)[:, None]
+        column = np.floor((middles[:, :2] - np.array(grid.lower[:2])) / grid.spacing).astype(int)
+        total += length / pieces * np.count_nonzero(~given.within[tuple(column.T)])
+    return total
 
 
 def _place(point: Point3) -> str:
