@@ -128,18 +128,12 @@ def export(
     remarks: tuple[str, ...] = ()
     if timed is not None and ending in IN_TIME:
         text = _in_time(file, timed, _origin(file, mission, ground, place))
-        flown = _judged(file, text, mission, timed, standings)
     else:
         assert place is not None
-        speed = _SPEED if timed is None else timed.limits.speed
-        if ending in _FROM_HOME:
-            items = items_of(mission, place, speed, _feet(file, mission, ground, takeoff_and_landing))
-            fences, remarks = fences_of(airspace if ending == ".plan" else None, mission.path, place)
-            text = plan_text(items, fences) if ending == ".plan" else waypoint_text(items)
-        else:
-            drawings = _drawings(mission, place, speed)
-            text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
-        flown = _judged(file, text, mission, None, standings)
+        feet = _feet(file, mission, ground, takeoff_and_landing) if ending in _FROM_HOME else None
+        text, remarks = _on_earth(file, flight, mission, place, feet, airspace)
+        timed = None  # what holds no times is judged as a path
+    flown = _judged(file, text, mission, timed, standings)
     atomic_write(file, text)
     return dataclasses.replace(flown, remarks=remarks)
 
@@ -193,6 +187,27 @@ def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | N
     """Where NED counts from, home; None for a file that is none."""
     x, y, _ = mission.path[0].tolist()
     return LocalOrigin((x, y, _home(file, mission, ground)), earth) if counts_from_home(file) else None
+
+
+def _on_earth(
+    file: Path,
+    flight: Plan | Mission | Trajectory,
+    mission: Mission,
+    earth: Earth,
+    feet: Feet | None,
+    airspace: Airspace | None,
+) -> tuple[str, tuple[str, ...]]:
+    """The text of a format of `ON_EARTH`, and what it could not hold."""
+    speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
+    ending = file.suffix.lower()
+    if feet is None:
+        drawings = _drawings(mission, earth, speed)
+        return (kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)), ()
+    items = items_of(mission, earth, speed, feet)
+    if ending == ".waypoints":
+        return waypoint_text(items), ()
+    fences, remarks = fences_of(airspace, mission.path, earth)
+    return plan_text(items, fences), remarks
 
 
 def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:

@@ -13,9 +13,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -52,7 +52,7 @@ _HEADER = np.dtype(
 _COUNT_14 = 247
 
 
-def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR0915 (one stream, read once)
+def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:
     """The points of a .las or .laz file, in chunks, with ground and solid from their classes.
 
     Raises:
@@ -65,10 +65,7 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR09
         raise FileError(f"{path}: {_MISSING}") from error
     if not (backend := laspy.LazBackend.Lazrs).is_available():
         raise FileError(f"{path}: {_MISSING}")
-    axes: list[np.ndarray] = []
-    classes: list[np.ndarray] = []
-    dropped = np.zeros(2, np.int64)  # noise, and classes that the user drops
-    returns: list[np.ndarray] = []
+    points = _Points(reading.drop_classes)
     claimed = np.zeros(0, np.int64)
     try:
         with _silent(), open_regular(path) as file:
@@ -85,16 +82,8 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR09
                     packed = reader.point_source.vlr.item_size()
                     if packed != record:
                         raise FileError(f"{path}: records of {record} bytes are packed as {packed}; damaged")
-                found = 0
                 for chunk in reader.chunk_iterator(max(1, _CHUNK_BYTES // record)):
-                    found += len(chunk)
-                    returns.append(np.asarray(chunk.return_number))
-                    noise = np.isin(chunk.classification, _NOISE) | (np.asarray(chunk.withheld) != 0)
-                    unwanted = ~noise & np.isin(chunk.classification, reading.drop_classes)
-                    dropped += np.sum([noise, unwanted], axis=1)
-                    kept = ~noise & ~unwanted
-                    axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
-                    classes.append(np.asarray(chunk.classification)[kept])
+                    points.add(chunk)
     except FileError:
         raise
     except OSError as error:
@@ -105,15 +94,52 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:  # noqa: PLR09
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         raise FileError(f"{path}: expected an intact LAS or LAZ file, found a damaged one: {error}") from error
-    if found == count and (end := _end_of_returns(np.concatenate(returns), claimed)) is not None:
+    if points.found != count:
+        raise FileError(f"{path}: claims {count} points, found {points.found}; the file is truncated")
+    if (end := _end_of_returns(points.returns, claimed)) is not None:
         raise FileError(f"{path}: claims {count} points, but counts the returns of its first {end} alone; damaged")
-    if found != count:
-        raise FileError(f"{path}: claims {count} points, found {found}; the file is truncated")
-    numbers, stored = np.concatenate(classes), np.concatenate(axes)
-    reasons = ("noise or withheld", "of classes that are dropped")
-    withdrawn = {reason: n for reason, n in zip(reasons, dropped.tolist(), strict=True) if n}
-    labels = Labels(np.isin(numbers, _GROUND), np.isin(numbers, _SOLID), numbers, withdrawn)
-    return local_cloud(stored * scale + offset, path, reading, stated, labels)
+    return local_cloud(points.stored * scale + offset, path, reading, stated, points.labels)
+
+
+class _Points:
+    """What the chunks of a stream hold: places and classes of the points that are kept, counts of the others."""
+
+    def __init__(self, drop_classes: Sequence[int]) -> None:
+        self._drop_classes = drop_classes
+        self._axes: list[np.ndarray] = []
+        self._classes: list[np.ndarray] = []
+        self._returns: list[np.ndarray] = []
+        self._dropped = np.zeros(2, np.int64)
+        self.found = 0
+
+    def add(self, chunk: Any) -> None:
+        """A chunk of laspy's points."""
+        self.found += len(chunk)
+        self._returns.append(np.asarray(chunk.return_number))
+        noise = np.isin(chunk.classification, _NOISE) | (np.asarray(chunk.withheld) != 0)
+        unwanted = ~noise & np.isin(chunk.classification, self._drop_classes)
+        self._dropped += np.sum([noise, unwanted], axis=1)
+        kept = ~noise & ~unwanted
+        self._axes.append(np.stack([chunk.X, chunk.Y, chunk.Z], axis=1)[kept])
+        self._classes.append(np.asarray(chunk.classification)[kept])
+
+    @property
+    def returns(self) -> np.ndarray:
+        """Number of the return of each point, the dropped ones too."""
+        return np.concatenate(self._returns)
+
+    @property
+    def stored(self) -> np.ndarray:
+        """Coordinates as stored, unscaled."""
+        return np.concatenate(self._axes)
+
+    @property
+    def labels(self) -> Labels:
+        """Classes, with what they say, and how many points were dropped for what reason."""
+        numbers = np.concatenate(self._classes)
+        reasons = ("noise or withheld", "of classes that are dropped")
+        withdrawn = {reason: n for reason, n in zip(reasons, self._dropped.tolist(), strict=True) if n}
+        return Labels(np.isin(numbers, _GROUND), np.isin(numbers, _SOLID), numbers, withdrawn)
 
 
 def _end_of_returns(returns: np.ndarray, claimed: np.ndarray) -> int | None:
