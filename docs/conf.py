@@ -38,6 +38,7 @@ extensions = [
     "sphinx_copybutton",
     "docstrings",
     "included",
+    "literals",
     "mathml",
 ]
 exclude_patterns = ["site", "static", "samples"]
