@@ -1,6 +1,6 @@
 """A day of service in one process: whether memory, files and threads stay what they are after the first hours.
 
-    python -m benchmarks.service     # two CPU cores: 20 minutes
+    python -m benchmarks.service     # two CPU cores: 12 minutes
 
     24 h / 50,000 plans = a plan every 1.7 s; here they are asked without the pauses between
 

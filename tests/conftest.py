@@ -44,14 +44,17 @@ UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "t
 LARGE = (
     "baselines/test_rrt_star",
     "planning/test_astar_compiled",
-    *(f"benchmarks/test_{name}" for name in ("benchmarks", "page_benchmark", "potential_benchmark")),
+    *(f"benchmarks/test_{name}" for name in ("benchmarks", "history", "page_benchmark", "potential_benchmark")),
+    "benchmarks/test_service",
     "campaigns/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
     *(
         f"experiments/test_{name}"
         for name in ("long", "moving_protocols", "network", "offline", "paper", "problem", "real")
     ),
-    *(f"experiments/test_{name}" for name in ("trajectories", "warframe")),
+    *(f"experiments/test_{name}" for name in ("tracking_movers", "trajectories", "warframe")),
+    "experiments/test_hard_maps.py::test_problems_are_solved",
+    "experiments/test_hard_maps.py::test_ten_thousand",
     "maps/test_reference.py::test_texts",
     "missions/test_as_flown",
     *(f"nn/test_{name}" for name in ("autoencoder", "dataset", "training", "weights")),
@@ -61,7 +64,7 @@ LARGE = (
     "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
     "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
     "programs/test_lowering",
-    *(f"sim/test_{name}" for name in ("controller", "flight", "tracking")),
+    *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "tracking")),
     *(f"solvers/test_{name}" for name in ("newton", "sharding", "v_cycle")),
     "test_cli_interrupted",
     "test_cli_places",

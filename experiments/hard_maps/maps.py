@@ -70,6 +70,15 @@ class Problems:
     occupied: np.ndarray
     ends: np.ndarray
 
+    @property
+    def on_faces(self) -> np.ndarray:
+        """Problems with an end on a face, an edge or a corner, which in a mirror is of another voxel."""
+        return np.asarray((np.abs(self.ends % 1 - 0.5) < 1e-9).any(axis=(1, 2)))
+
+    def some(self, which: np.ndarray) -> Problems:
+        """Those of a mask."""
+        return Problems(self.occupied[which], self.ends[which])
+
     def mirrored(self, axis: int) -> Problems:
         """Flipped along an axis, and the two others exchanged: a mirror image and a turn."""
         one, two = (k for k in range(3) if k != axis)
