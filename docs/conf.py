@@ -75,6 +75,7 @@ autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True  # as written: Field(), not all that it consists of
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}  # not all that NumPy's consists of
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
