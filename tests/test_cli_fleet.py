@@ -9,10 +9,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from terminal import Terminal
 
 from maxjax.campaigns import fleets as drawing
 from maxjax.campaigns.swaps import Swaps, antipodal
-from maxjax.cli import fleets, main
+from maxjax.cli import fleets
 from maxjax.core.status import Status
 from maxjax.sim.fleet.fleet_flight import FleetLog
 from maxjax.sim.fleet.together import Together
@@ -51,24 +52,6 @@ def flown(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
     log = FlightLog(status, position, 80.0 * some, 30.0 * some, none, none, 3.0 * some, some[:, None], none, flags)
     touched = jnp.full(count, -1).at[1].set(2).at[2].set(1)
     return FleetLog(log, some.at[1:3].set(-0.01), touched, none + 9, none + 1)
-
-
-class Terminal:
-    """Runs `maxjax fly` in this process."""
-
-    def __init__(self, capfd: pytest.CaptureFixture[str]) -> None:
-        self._capfd = capfd
-
-    def __call__(self, *arguments: object) -> tuple[int, str, str]:
-        """Exit code, stdout, stderr."""
-        self._capfd.readouterr()
-        try:
-            code = main(["fly", *(str(argument) for argument in arguments)])
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        out, err = self._capfd.readouterr()
-        assert "Traceback" not in out + err
-        return code, out, err
 
 
 @pytest.fixture

@@ -17,12 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from terminal import Terminal
 
 from maxjax.campaigns import execution as module
 from maxjax.campaigns import replay
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
-from maxjax.cli import flying, main, progress
+from maxjax.cli import flying, progress
 from maxjax.cli.flying import command_of
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
@@ -112,24 +113,6 @@ def fake_watch(world: Any, config: FlightConfig) -> Iterator[Flight]:
 
 # Compiled once, apart from that of real flights.
 fake_part = jax.jit(inspect.unwrap(module._fly_part))
-
-
-class Terminal:
-    """Runs the command line in this process."""
-
-    def __init__(self, capfd: pytest.CaptureFixture[str]) -> None:
-        self._capfd = capfd
-
-    def __call__(self, *arguments: object) -> tuple[int, str, str]:
-        """Exit code, stdout, stderr."""
-        self._capfd.readouterr()
-        try:
-            code = main(["fly", *(str(argument) for argument in arguments)])
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        out, err = self._capfd.readouterr()
-        assert "Traceback" not in out + err
-        return code, out, err
 
 
 @pytest.fixture
