@@ -175,7 +175,7 @@ def section(document: Document) -> str:
         "such paths costs more; on faces: where an end lies on one, which is of another voxel in a mirror. Unlike:\n"
         f"images of which one costs over {100 * DEARER:g} % more; again: the most that it does when both are planned\n"
         "with `Screened(tolerance=1e-4)`, where the solver's own tolerance no longer decides between ways; left are\n"
-        "lines through corners of voxels, the price along which is that of other voxels in a mirror.\n\n"
+        "lines of one length along corners of voxels, whose price is that of the voxels on one side or the other.\n\n"
         f"{table(heads, lines)}\n"
         f"{wrong} of {count:,} wrong or unsafe: at most {100 * most:.4f} % (Clopper and Pearson, 95 %).\n"
         + (f"\nNumbers of failures (`experiments.hard_maps.maps.drawn`): {failures}.\n" if failures else "")
