@@ -40,18 +40,16 @@ jaxtyping.install_import_hook("maxjax", "beartype.beartype")
 # A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
 UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "test_cli", "test_readme", "test_origins")
 
-# Left out by `make check`, with what is marked so by itself.
+# Left out by `make check`, with what is marked so by itself: large programs, and the world that moves.
 LARGE = (
     "baselines/test_rrt_star",
     "planning/test_astar_compiled",
     *(f"benchmarks/test_{name}" for name in ("benchmarks", "history", "page_benchmark", "potential_benchmark")),
     "benchmarks/test_service",
+    "campaigns/test_fleets",
     "campaigns/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
-    *(
-        f"experiments/test_{name}"
-        for name in ("long", "moving_protocols", "network", "offline", "paper", "problem", "real")
-    ),
+    *(f"experiments/test_{name}" for name in ("long", "moving", "network", "offline", "paper", "problem", "real")),
     *(f"experiments/test_{name}" for name in ("tracking_movers", "trajectories", "warframe")),
     "experiments/test_hard_maps.py::test_problems_are_solved",
     "experiments/test_hard_maps.py::test_ten_thousand",
@@ -65,6 +63,8 @@ LARGE = (
     "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
     "programs/test_lowering",
     *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "tracking")),
+    "sim/fleet/",
+    "sim/moving/",
     *(f"solvers/test_{name}" for name in ("newton", "sharding", "v_cycle")),
     "test_cli_interrupted",
     "test_cli_places",
@@ -77,6 +77,7 @@ LARGE = (
     "test_public_calls.py::test_routes_under_vmap",
     "test_public_calls.py::test_the_calls_that_the_design_names",
     "trajectories/test_trajectory.py::test_it_is_twice_continuously_differentiable",
+    *(f"worlds/test_{name}" for name in ("movers", "populations")),
 )
 
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
