@@ -82,7 +82,7 @@ def _draw(
         figure = new_figure(figsize=(7.2, 6.3))
         axes, roofs = figure.add_axes((0.085, 0.075, 0.765, 0.875)), figure.add_axes((0.865, 0.075, 0.018, 0.875))
         view = np.array(grid.lower[:2]), np.array(grid.upper[:2])
-        draw_plan(axes, roofs, obstacle, grid, view, config.goal[2])
+        draw_plan(axes, roofs, maxjax.VoxelMap.on(grid, obstacle), view, config.goal[2])
         # Pale, with the scale of the paths beside them: a path of a brighter colour than its roof's is above it.
         axes.images[0].set(cmap=LinearSegmentedColormap.from_list("roofs", _ROOFS), clim=heights["clim"])
         roofs.set(ylabel="", yticks=[])

@@ -158,7 +158,7 @@ def draw_city(
         middle = np.clip((low + high) / 2, np.minimum(lower + reach, 0), np.maximum(upper - reach, 0))
         lower, upper = np.maximum(lower, middle - reach), np.minimum(upper, middle + reach)
     bar = axes.inset_axes((1.02, 0.0, 0.02, 1.0))
-    plan_view.draw_plan(axes, bar, obstacle, grid, (lower, upper), altitude)
+    plan_view.draw_plan(axes, bar, maxjax.VoxelMap.on(grid, obstacle), (lower, upper), altitude)
 
 
 def draw_mark(axes: Axes, point: np.ndarray, marker: str, color: str, label: str | None, size: float = 8.0) -> None:

@@ -26,8 +26,7 @@ def draw_path(found: Planned, file: Path) -> Path:
         plan_view.draw_plan(
             plan,
             plan.inset_axes((1.04, 0.0, 0.035, 0.7)),
-            found.obstacle,
-            found.grid,
+            found.city,
             (low[:2], high[:2]),
             float(np.median(path[:, 2])),
         )

@@ -42,6 +42,11 @@ class Planned:
         return self.task.grid
 
     @property
+    def city(self) -> maxjax.VoxelMap:
+        """The map that was planned in."""
+        return self.task.map_at(0)
+
+    @property
     def obstacle(self) -> Bool[np.ndarray, "nx ny nz"]:
         """Occupied voxels, ground left out."""
         return np.asarray(self.task.barred & ~self.task.kept_off)

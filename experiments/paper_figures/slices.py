@@ -27,7 +27,7 @@ def draw_training(found: Planned, file: Path) -> Path:
         lower, upper = (np.array(corner[:2]) for corner in (found.grid.lower, found.grid.upper))
         bar = panels[0].inset_axes((1.03, 0.0, 0.035, 1.0))
         path = found.plan.path.astype(np.float64)
-        plan_view.draw_plan(panels[0], bar, found.obstacle, found.grid, (lower, upper), float(found.task.goals[0, 2]))
+        plan_view.draw_plan(panels[0], bar, found.city, (lower, upper), float(found.task.goals[0, 2]))
         _draw_slice(panels[1], found, np.log10(np.where(found.sigma > 0, found.sigma, np.nan)), r"$\log_{10}\sigma$")
         _draw_slice(panels[2], found, found.normalised, "normalised log-potential", scale="levels")
         for axes, title in zip(panels, ("training map", "conductivity", "field"), strict=True):

@@ -120,6 +120,5 @@ def _draw(found: LoadedMap, out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
         where, within, remark = drawable(found, found.file.within)
-        obstacle, title = np.asarray(where.occupied & ~where.ground), titled(found.file.source, remark)
-        save_figure(figure_map(obstacle, where.grid, title=title, within=within), picture)
+        save_figure(figure_map(where, title=titled(found.file.source, remark), within=within), picture)
     return picture

@@ -63,9 +63,7 @@ def _write(scene: Scene, found: Returns, pose: Point3, picture: Path, archive: P
     with progress("Drawing"):
         city = city_task(scene, pose, pose).map
         title = f"{scene.name}:{scene.seed}"
-        figure = figure_scan(
-            np.asarray(city.occupied & ~city.ground), city.grid, found.points, np.asarray(pose), title=title
-        )
+        figure = figure_scan(city, found.points, np.asarray(pose), title=title)
         save_figure(figure, picture)
     content = io.BytesIO()
     np.savez_compressed(content, points=found.points, position=np.asarray(pose))

@@ -33,9 +33,12 @@ def drawable(where: VoxelMap, within: Columns | None = None) -> tuple[VoxelMap, 
     return coarse, within, f"drawn in voxels of {coarse.grid.spacing:g} m"
 
 
-def known(obstacle: Bool[np.ndarray, "nx ny nz"], within: Columns | None) -> Bool[np.ndarray, "nx ny nz"]:
-    """What is drawn as an obstacle: not what is closed because nothing is known of its column."""
-    return obstacle if within is None else obstacle & within[:, :, None]
+def known(where: VoxelMap, within: Columns | None) -> VoxelMap:
+    """What is drawn of a map: not what is closed because nothing is known of its column."""
+    if within is None:
+        return where
+    occupied, ground = (np.asarray(volume) & within[:, :, None] for volume in (where.occupied, where.ground))
+    return VoxelMap.on(where.grid, occupied, ground)
 
 
 def titled(title: str | None, remark: str) -> str | None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maxjax.core.grid import Grid
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.areas import draw_closed, draw_outside
 from maxjax.viz.drawable import drawable, known, titled
@@ -148,7 +147,7 @@ def figure_plan(
         figure = new_figure(figsize=page.size)
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
         altitude = float(np.median(main[:, 2]))
-        draw_plan(plan, bar, known(occupied & ~ground, overlay.within), grid, view, altitude)
+        draw_plan(plan, bar, known(where, overlay.within), view, altitude)
         if overlay.within is not None:
             draw_outside(plan, overlay.within, grid)
         if closed is not None:
@@ -236,16 +235,13 @@ def _draw_legends(figure: Figure, page: _Page, lines: list[Line2D], plan: Axes, 
 
 
 @contextlib.contextmanager
-def _from_above(
-    obstacle: Bool[np.ndarray, "nx ny nz"], grid: Grid, level: float, title: str | None
-) -> Iterator[tuple[Figure, Axes]]:
+def _from_above(where: VoxelMap, level: float, title: str | None) -> Iterator[tuple[Figure, Axes]]:
     """A page with the plan view of a whole map, obstacles outlined at `level` [m], for what is drawn into it.
 
     The page is as high and as wide as the map needs: none of it is empty, however long the map is.
     """
     rc_context, new_figure = load_matplotlib()
-    grid.check_volume("obstacle", obstacle)
-    lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
+    lower, upper = np.array(where.grid.lower[:2]), np.array(where.grid.upper[:2])
     width, height = np.maximum(_WIDTH * (upper - lower) / (upper - lower).max(), _NARROWEST)
     # Room for the digits of y beside its label.
     left, bottom = 0.42 + 0.06 * max(len(f"{y:.0f}") for y in (lower[1], upper[1])), 0.8
@@ -257,15 +253,14 @@ def _from_above(
             figure.add_axes((x / size[0], bottom / size[1], wide / size[0], high / size[1]))
             for x, wide, high in ((left, width, height), (left + width + 0.12, 0.1, min(height, 2.4)))
         )
-        draw_plan(plan, bar, obstacle, grid, (lower, upper), level)
+        draw_plan(plan, bar, where, (lower, upper), level)
         yield figure, plan
         if title:
             figure.suptitle(title, x=(left + 0.5 * width) / size[0], y=1 - 0.08 / size[1], va="top", fontsize=9)
 
 
 def figure_map(
-    obstacle: Bool[np.ndarray, "nx ny nz"],
-    grid: Grid,
+    where: VoxelMap,
     *,
     title: str | None = None,
     within: Bool[np.ndarray, "nx ny"] | None = None,
@@ -273,21 +268,20 @@ def figure_map(
     """A whole map from above, with the outline of its obstacles at half of their height.
 
     Args:
-        obstacle: obstacles, ground left out.
-        grid: where the voxels lie.
+        where: the map.
         title: headline.
         within: columns that lie within the data; the others are drawn as unknown. None: all do.
 
     Raises:
-        ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    obstacle = known(obstacle, within)
+    where, grid = known(where, within), where.grid
+    obstacle = np.asarray(where.occupied) & ~np.asarray(where.ground)
     outside = np.zeros((1, 1, 1), bool) if within is None else ~within[:, :, None]
     # Of levels, those where something is free and something is not: not what is unknown above everything.
     levels = np.flatnonzero(obstacle.any(axis=(0, 1)) & ~(obstacle | outside).all(axis=(0, 1)))
     middle = grid.origin[2] + grid.spacing * (0.5 * (levels[0] + levels[-1]) if len(levels) else 0.0)
-    with _from_above(obstacle, grid, float(middle), title) as (figure, plan):
+    with _from_above(where, float(middle), title) as (figure, plan):
         if within is not None:
             draw_outside(plan, within, grid)
         figure.legend(loc="lower center", ncols=2)
@@ -295,8 +289,7 @@ def figure_map(
 
 
 def figure_scan(
-    obstacle: Bool[np.ndarray, "nx ny nz"],
-    grid: Grid,
+    where: VoxelMap,
     points: Float[np.ndarray, "_ 3"],
     position: Float[np.ndarray, "3"],
     *,
@@ -305,17 +298,15 @@ def figure_scan(
     """Plan view of one LiDAR scan over the buildings that it was taken among.
 
     Args:
-        obstacle: obstacles, ground left out.
-        grid: where the voxels lie.
+        where: the map of the city.
         points: returns [m].
         position: of the sensor [m].
         title: headline.
 
     Raises:
-        ValueError: if the shape does not fit the grid.
         ImportError: if matplotlib is missing; names the extra.
     """
-    with _from_above(obstacle, grid, float(position[2]), title) as (figure, plan):
+    with _from_above(where, float(position[2]), title) as (figure, plan):
         draw_returns(plan, points, f"scan return ({len(points)})")
         draw_mark(plan, position[0], position[1], Mark("^", 7.0, "white", "sensor"))
         figure.legend(loc="lower center", ncols=3)

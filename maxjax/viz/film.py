@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.flights import AROUND
 from maxjax.viz.gif import animation
 from maxjax.viz.marks import Mark, draw_mark
@@ -175,7 +176,7 @@ class _Film:
         flown, goal, plan = self.flown, self.goal, self.plan
         paths = [look.path for look in self.looks]
         view = lower, upper = square_around(np.concatenate([flown, goal[None], *paths]), grid, AROUND)
-        draw_plan(plan, bar, obstacle, grid, view, float(np.median(flown[:, 2])))
+        draw_plan(plan, bar, VoxelMap.on(grid, obstacle), view, float(np.median(flown[:, 2])))
         known: dict[str, Any] = {
             "cmap": ListedColormap([KNOWN]),
             "alpha": 0.45,

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.marks import Mark, draw_halo, draw_mark
 from maxjax.viz.plan_view import draw_plan, square_around
 from maxjax.viz.section import horizontal_distance
@@ -75,7 +76,7 @@ def figure_flights(
         plan, bar = figure.add_axes((0.09, 0.345, 0.76, 0.62)), figure.add_axes((0.875, 0.345, 0.018, 0.32))
         side = figure.add_axes((0.09, 0.15, 0.76, 0.13))
         view = square_around(points, grid, AROUND)
-        draw_plan(plan, bar, obstacle, grid, view, float(np.median(points[:, 2])))
+        draw_plan(plan, bar, VoxelMap.on(grid, obstacle), view, float(np.median(points[:, 2])))
         for flight in flights:
             _draw_flight(plan, flight, 1.6 if len(flights) < 5 else 1.0)
             _draw_height(side, flight, 1.4 if len(flights) < 5 else 0.8)

@@ -120,8 +120,7 @@ def figure_mission(
             figure.add_axes(share(_LEFT + width + 0.12, base + k * (half + 0.2), 0.1, min(half, 1.8))) for k in (1, 0)
         ]
         altitude = float(np.median(course.motion.position[:, 2]))
-        obstacle = known(np.asarray(where.occupied & ~where.ground), within)
-        draw_plan(plan, bars[0], obstacle, where.grid, view, altitude)
+        draw_plan(plan, bars[0], known(where, within), view, altitude)
         if within is not None:
             draw_outside(plan, within, where.grid)
         draw_closed(plan, _closed_columns(where, course), where.grid)

@@ -2,8 +2,9 @@
 
 height in a column = top of its highest obstacle below its highest free voxel [m], ground left out
 
-So where a ceiling or what is unknown above it closes a column, the floor below is shown; a column without any free
-voxel is drawn as high as its highest obstacle, and counts for the scale of colours only where there is no other.
+So where a ceiling or what is unknown above it closes a column, the floor below is shown. A column that is closed from
+its ground, or from its lowest obstacle, up to the top of the map is drawn as high as that, and counts for the scale of
+colours only where there is no other.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.viz.style import EARTH, FIELD, HEIGHTS
 
 if TYPE_CHECKING:
@@ -45,17 +47,18 @@ def square_around(points: np.ndarray, grid: Grid, around: float) -> View:
 def draw_plan(
     axes: Axes,
     bar: Axes,
-    obstacle: np.ndarray,
-    grid: Grid,
+    where: VoxelMap,
     view: View,
     altitude: float,
 ) -> None:
-    """Heights of the obstacles from above, and their outline at an altitude [m]."""
+    """Heights of a map's obstacles from above, and their outline at an altitude [m]."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap
 
+    grid, ground = where.grid, np.asarray(where.ground)
+    obstacle = np.asarray(where.occupied) & ~ground
     (x0, y0, _), (x1, y1, _) = grid.lower, grid.upper
-    top, full = tops(obstacle, grid), np.asarray(np.all(obstacle, axis=2))
+    top, full = tops(obstacle, ground, grid)
     inside = slice(*_index_range(grid, 0, view)), slice(*_index_range(grid, 1, view))
     seen, filled = top[inside], full[inside]
     shown = seen[np.isfinite(seen) & ~filled]
@@ -99,13 +102,19 @@ def _space_ticks(axes: Axes) -> None:
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=min(most, 2)))
 
 
-def tops(obstacle: np.ndarray, grid: Grid) -> np.ndarray:
-    """Heights (nx, ny) of the obstacles (nx, ny, nz) seen from the highest free place of each column [m]; NaN: none."""
-    free = ~obstacle
-    under = np.where(free.any(axis=2), grid.shape[2] - free[:, :, ::-1].argmax(axis=2), grid.shape[2])
-    below = obstacle & (np.arange(grid.shape[2]) < under[:, :, None])
+def tops(obstacle: np.ndarray, ground: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (nx, ny) of obstacles seen from the highest free place of each column [m], and which columns are full.
+
+    NaN: there is none. Full is a column that is closed up to the top of the map from its ground, or where it has none
+    from its lowest obstacle; its height is the map's.
+    """
+    levels = np.arange(grid.shape[2])
+    closed = obstacle | ground
+    under = np.where(closed.all(axis=2), 0, grid.shape[2] - (~closed)[:, :, ::-1].argmax(axis=2))
+    below = obstacle & (levels < under[:, :, None])
     top = grid.lower[2] + grid.spacing * (grid.shape[2] - below[:, :, ::-1].argmax(axis=2))
-    return np.where(below.any(axis=2), top, np.nan)
+    full = obstacle.any(axis=2) & ~below.any(axis=2) & ((under == 0) | ~ground.any(axis=2))
+    return np.where(full, grid.upper[2], np.where(below.any(axis=2), top, np.nan)), full
 
 
 def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid: Grid, path: np.ndarray) -> None:

@@ -285,7 +285,7 @@ def test_a_map_of_any_shape_fills_its_page(shape: tuple[int, int, int]) -> None:
     """Little of the page above and beside the map is empty, and no two labels of an axis overlap."""
     obstacle = np.zeros(shape, bool)
     obstacle[1, 1, 1] = True
-    drawn = figure_map(obstacle, Grid(shape, 2.0, (85000.0, 447000.0, 1.0)), title="a map")
+    drawn = figure_map(VoxelMap.on(Grid(shape, 2.0, (85000.0, 447000.0, 1.0)), obstacle), title="a map")
     canvas = FigureCanvasAgg(drawn)
     canvas.draw()
     plan = drawn.axes[0]
@@ -300,11 +300,12 @@ def test_a_map_of_any_shape_fills_its_page(shape: tuple[int, int, int]) -> None:
 
 def test_colours_tell_floors_under_a_ceiling() -> None:
     """What closes a column above its highest free voxel, as where nothing is known, hides nothing of it."""
-    obstacle = np.zeros((4, 3, 8), bool)
-    obstacle[:, :, 6:] = True
-    obstacle[1, :, :2] = True
-    obstacle[2] = True
-    plan, bar = figure_map(obstacle, Grid((4, 3, 8), 2.0, (1.0, 1.0, 1.0))).axes
+    occupied, ground = np.zeros((2, 4, 3, 8), bool)
+    ground[:, :, 0] = True
+    occupied[:, :, 6:] = True
+    occupied[1, :, :2] = True
+    occupied[2] = True  # a tower that reaches the top of the map, from the ground on
+    plan, bar = figure_map(VoxelMap.on(Grid((4, 3, 8), 2.0, (1.0, 1.0, 1.0)), occupied | ground, ground)).axes
     (image, *_) = plan.images
     heights = np.ma.filled(image.get_array().astype(float), np.nan)
     np.testing.assert_array_equal(heights, np.tile([np.nan, 4.0, 16.0, np.nan], (3, 1)))
