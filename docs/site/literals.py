@@ -9,7 +9,7 @@ from __future__ import annotations
 from docutils import nodes
 from sphinx.application import Sphinx
 
-LONGEST = 24  # characters of a word
+LONGEST = 32  # characters of a word
 
 
 def mark_short(app: Sphinx, doctree: nodes.document, name: str) -> None:
