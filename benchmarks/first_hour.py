@@ -61,7 +61,7 @@ def main(config: Config) -> list[Row]:
     """Run what a newcomer types; save and return the rows.
 
     Raises:
-        subprocess.CalledProcessError: for a command that fails, with what it said.
+        subprocess.CalledProcessError: for a command that fails; what it said is on stderr.
         FileNotFoundError: for a city that is not there.
     """
     rows: list[Row] = []

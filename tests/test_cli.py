@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 import pytest
 from planners import bare_plan
+from terminal import Terminal
 
 from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.cli import check, main, report
@@ -62,24 +63,6 @@ def voxel_file(folder: Path, occupied: np.ndarray, origin: Sequence[float] = (0.
 @pytest.fixture
 def small(tmp_path: Path) -> str:
     return str(voxel_file(tmp_path, town()))
-
-
-class Terminal:
-    """Runs the command line in this process."""
-
-    def __init__(self, capfd: pytest.CaptureFixture[str]) -> None:
-        self._capfd = capfd
-
-    def __call__(self, *arguments: object) -> tuple[int, str, str]:
-        """Exit code, stdout, stderr."""
-        self._capfd.readouterr()
-        try:
-            code = main([str(argument) for argument in arguments])
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        out, err = self._capfd.readouterr()
-        assert "Traceback" not in out + err
-        return code, out, err
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(drawing, "city_swaps", swaps)
     for module in (drawing, pictures):
         monkeypatch.setattr(module, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
-    return Terminal(capfd)
+    return Terminal(capfd, "fly")
 
 
 def test_json_tells_what_became_of_every_vehicle(fly: Terminal) -> None:
@@ -104,7 +104,7 @@ def test_the_table_names_who_did_not_arrive_and_the_folder_holds_picture_and_fig
 def test_unusable_fleets_end_with_2_and_a_sentence(
     capfd: pytest.CaptureFixture[str], arguments: list[object], sentence: str
 ) -> None:
-    code, out, err = Terminal(capfd)(*arguments)
+    code, out, err = Terminal(capfd, "fly")(*arguments)
     assert code == 2
     assert not out
     assert sentence in err

@@ -124,7 +124,7 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(module, "_city", lambda name, seed: town())
     monkeypatch.setattr(replay, "watch", fake_watch)
     monkeypatch.setattr(pictures, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
-    return Terminal(capfd)
+    return Terminal(capfd, "fly")
 
 
 def test_json_is_one_object_with_the_summary(fly: Terminal) -> None:

@@ -114,6 +114,13 @@ def test_the_figures_of_flights_are_those_of_the_result_files() -> None:
     assert said in " ".join(TEXT.split())
 
 
+def test_the_first_hour_is_as_short_as_it_is_said_to_be() -> None:
+    *_, whole = json.loads((ROOT / "benchmarks/results/first_hour.json").read_text(encoding="utf-8"))["rows"]
+    assert whole["what"] == "all"
+    assert 120 < whole["median"] <= 180
+    assert "From a clone to there it takes three minutes" in " ".join(TEXT.split())
+
+
 def test_every_link_leads_somewhere() -> None:
     links = [link for link in re.findall(r"\]\(([^)]+)\)", TEXT) if not link.startswith("https://")]
     assert "docs/demo.png" in links

@@ -39,25 +39,22 @@ def compared(problems: Problems, plans: maxjax.Plans, radius: float, axis: int) 
         radius: [voxels].
         axis: that is mirrored.
     """
-    images = (
-        (problems, problems.mirrored(axis)),
-        (problems.embedded((1, 1, 2), _PAD), problems.embedded((2, 2, 1), _PAD)),
-    )
-    mirrored = planned(images[0][1], radius)
-    here, there = planned(images[1][0], radius), planned(images[1][1], radius, _FAR)
+    mirror, near = problems.mirrored(axis), problems.embedded((1, 1, 2), _PAD)
+    far = problems.embedded((2, 2, 1), _PAD)
+    mirrored, here, there = planned(mirror, radius), planned(near, radius), planned(far, radius, _FAR)
     faces, reflected, moved = problems.on_faces, _apart(plans, mirrored), _apart(here, there)
     # Where the field's tolerance decides between ways, a tighter one decides alike.
-    unlike = (reflected > DEARER) & ~faces, moved > DEARER
+    unlike = (problems, mirror, (reflected > DEARER) & ~faces), (near, far, moved > DEARER)
     again = [
-        _apart(*(planned(image.some(which), radius, planner=_ACCURATE) for image in pair)).max(initial=0.0)
-        for pair, which in zip(images, unlike, strict=True)
+        _apart(*(planned(one.some(which), radius, planner=_ACCURATE) for one in pair)).max()
+        for *pair, which in unlike
         if which.any()
     ]
     counts = {
         "images": len(plans),
         "mirrored_otherwise": int((mirrored.status != plans.status).sum()),
         "moved_otherwise": int((here.status != there.status).sum()),
-        "unlike": int(sum(which.sum() for which in unlike)),
+        "unlike": int(sum(which.sum() for *_, which in unlike)),
     }
     worst = reflected[~faces], reflected[faces], moved, np.array(again)
     return counts | {name: round(float(one.max(initial=0.0)), 6) for name, one in zip(WORST, worst, strict=True)}

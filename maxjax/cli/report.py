@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from rich.console import Console
 from rich.table import Table
 
@@ -105,7 +105,7 @@ def explain(plan: Plan, given: MapTask) -> str:
         if plan.status == taken:
             stands = taken_end(given.task.map_at(0), point, given.task.distances.radius)
             sentence += "" if stands is None else f"; {stands.sentence}"
-            if stands is not None and _unknown(given, point):
+            if stands is not None and _unknown(given, np.array([point]))[0]:
                 sentence += ", where nothing of the map's data is: unknown, and closed; --unknown free opens it"
     if given.returns:
         counts = given.returns
@@ -116,11 +116,13 @@ def explain(plan: Plan, given: MapTask) -> str:
     return sentence + "."
 
 
-def _unknown(given: MapTask, point: Point3) -> bool:
-    """Whether a point of the map lies in a column that its data do not cover."""
+def _unknown(given: MapTask, points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Which points of the map lie in columns that its data do not cover."""
+    if given.within is None:
+        return np.zeros(len(points), bool)
     grid = given.task.grid
-    i, j = (math.floor((a - b) / grid.spacing) for a, b in zip(point[:2], grid.lower[:2], strict=True))
-    return given.within is not None and not given.within[i, j]
+    column = np.floor((points[:, :2] - np.array(grid.lower[:2])) / grid.spacing).astype(int)
+    return np.asarray(~given.within[tuple(column.T)])
 
 
 def _xyz(point: Point3) -> str:
@@ -257,15 +259,12 @@ def warn_outside(path: Float64[np.ndarray, "n 3"], given: MapTask) -> None:
 
 def outside_data(path: Float64[np.ndarray, "n 3"], given: MapTask) -> float:
     """How much of a path lies above columns that the map's data do not cover [m]."""
-    if given.within is None:
-        return 0.0
-    grid, total = given.task.grid, 0.0
+    total = 0.0
     for a, b in itertools.pairwise(path):
         length = float(np.linalg.norm(b - a))
-        pieces = max(1, math.ceil(4.0 * length / grid.spacing))
+        pieces = max(1, math.ceil(4.0 * length / given.task.grid.spacing))
         middles = a + (b - a) * ((np.arange(pieces) + 0.5) / pieces)[:, None]
-        column = np.floor((middles[:, :2] - np.array(grid.lower[:2])) / grid.spacing).astype(int)
-        total += length / pieces * np.count_nonzero(~given.within[tuple(column.T)])
+        total += length / pieces * np.count_nonzero(_unknown(given, middles))
     return total
 
 

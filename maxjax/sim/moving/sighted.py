@@ -111,9 +111,14 @@ class Sighted:
 
     def estimate(self, sets: tuple[Array, Array]) -> tuple[Float[Array, "d 3"], Float[Array, "d 3"]]:
         """Likely middle within its sets, and its standard deviation; where beams say nothing, the width of the set."""
-        place, spread = _estimated(self.a, self.b, sets, self.extent, self.across)
+        a, b, across = self.a, self.b, self.across
+        # As deep as it is wide.
+        deep = jnp.clip(0.25 * jnp.sum((b - a)[:, 1:] + across, axis=1), 0.0, 0.5 * self.extent[:, 0])
+        place = jnp.concatenate([(a[:, 0] + deep)[:, None], 0.5 * (a + b)[:, 1:]], axis=1)
+        step = jnp.concatenate([0.5 * jnp.mean(across, axis=1, keepdims=True), across], axis=1)
+        spread = step / np.sqrt(12.0) + _DEPTH * np.array([1.0, 0.0, 0.0])
         bounded = jnp.concatenate([jnp.ones_like(self.front, bool), (self.before <= 2) & (self.after <= 2)], 1)
-        return place, jnp.where(bounded, spread, sets[1] - sets[0])
+        return jnp.clip(place, sets[0], jnp.maximum(*sets)), jnp.where(bounded, spread, sets[1] - sets[0])
 
 
 def sighted(clusters: Clusters, group: Group, points: Array, scan: Scan, rotation: Array, sight: MoverSight) -> Sighted:
@@ -197,14 +202,3 @@ def _overlooked(
     before = jnp.stack([beside(0, -1), beside(-1, 0)], axis=1)
     after = jnp.stack([beside(0, 1), beside(1, 0)], axis=1)
     return jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
-
-
-def _estimated(
-    a: Array, b: Array, sets: tuple[Array, Array], extent: Array, across: Float[Array, "d 2"]
-) -> tuple[Float[Array, "d 3"], Float[Array, "d 3"]]:
-    """Likely middle from its returns, and its standard deviation: as deep as it is wide."""
-    width = (b - a)[:, 1:] + across
-    deep = jnp.clip(0.25 * jnp.sum(width, axis=1), 0.0, 0.5 * extent[:, 0])
-    place = jnp.concatenate([(a[:, 0] + deep)[:, None], 0.5 * (a + b)[:, 1:]], axis=1)
-    step = jnp.concatenate([0.5 * jnp.mean(across, axis=1, keepdims=True), across], axis=1)
-    return jnp.clip(place, sets[0], jnp.maximum(*sets)), step / np.sqrt(12.0) + _DEPTH * np.array([1.0, 0.0, 0.0])
