@@ -101,6 +101,7 @@ def wished(
 
     verified = jnp.where(scored.verified[0], choice.horizon, left.verified)
     holds = (verified >= keeping.step) & (scored.free[0] >= jnp.minimum(verified, choice.horizon)) & scored.allowed[0]
+    holds &= ~scored.near[0]
     fit = clear & scored.verified
     best = jnp.argmin(jnp.where(fit, cost, jnp.inf))
     # Where nothing is verified and the present motion is not either: the longest out of the sets of movers.

@@ -10,8 +10,9 @@ is, that is flagged, and the same is asked of boxes that are likely to hold move
 either, the motion that does for longest is taken; if walls allow none, the one that comes least near to them.
 
 Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
-to be clear; boxes are those that hold a mover at any time of a step. Who is that near to a mover or a wall at the start
-may go along it, and come no nearer.
+to be clear; boxes are those that hold a mover at any time of a step. Who is nearer to the box of some mover than that
+at the start may go on, but come no nearer to this one, and keeps the distance to all others; the promise does not hold
+meanwhile. Who is that near to a wall may go along it.
 """
 
 from __future__ import annotations
@@ -79,13 +80,15 @@ class Scored:
     """What is known of each motion; batch axes lead.
 
     Attributes:
-        verified: against sets, walls and unseen space, for the whole horizon.
+        verified: against sets, walls and unseen space, for the whole horizon; against sets that are too near already,
+            that it comes no nearer.
         free: time up to which it stays out of the sets [s].
         hopeful: time up to which it stays out of where movers are likely to be [s].
         allowed: whether walls and unseen space allow it.
         nearer: how much nearer to walls than it may it comes, in the mean over the horizon [m].
         cost: the less, the better [m].
         margin: least distance to where movers are likely to be [m].
+        near: whether it starts too near to the set of some mover.
     """
 
     verified: Bool[Array, "*batch n"]
@@ -95,6 +98,7 @@ class Scored:
     nearer: Float[Array, "*batch n"]
     cost: Float[Array, "*batch n"]
     margin: Float[Array, "*batch n"]
+    near: Bool[Array, "*batch n"]
 
 
 @jax.tree_util.register_dataclass
@@ -114,6 +118,8 @@ def chosen(
     around: Around, flown: Commitment, choice: MotionSet, bounds: Bounds, keeping: Keeping
 ) -> tuple[Commitment, Bool[Array, ""]]:
     """The motion to fly from now on, and whether its promise holds: no contact while it is verified.
+
+    It does not while the vehicle is too near to some set: what is verified then, is so against all others.
 
     Args:
         around: what is around.
@@ -137,7 +143,7 @@ def chosen(
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
     motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
-    return Commitment(motion, verified), some | keeps
+    return Commitment(motion, verified), (some | keeps) & ~scored.near[0]
 
 
 # (around, flown, choice, bounds, keeping) ↦ (the motion to fly, whether its promise holds)
@@ -151,9 +157,9 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
     place, velocity, _ = jax.vmap(lambda t: at(tried, t), out_axes=1)(times)  # (n, t, 3)
     sweep = 0.5 * keeping.step * jnp.linalg.norm(velocity, axis=-1)
 
-    free, _ = _free(around.tracks, place, sweep, bounds, keeping)
+    free, _, near = _free(around.tracks, place, sweep, bounds, keeping)
     calm = dataclasses.replace(bounds, acceleration=_CALM * bounds.acceleration)
-    hopeful, margin = _free(likely(around.tracks), place, sweep, calm, keeping)
+    hopeful, margin, _ = _free(likely(around.tracks), place, sweep, calm, keeping)
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
@@ -170,34 +176,44 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
     cost = cost_to_go(around.guide, place[:, -1]) + price
-    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin)
+    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin, near)
 
 
 def _free(
     tracks: Tracks, place: Float[Array, "n t 3"], sweep: Float[Array, "n t"], bounds: Bounds, keeping: Keeping
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Time up to which motions stay out of sets [s], the last one and more if throughout; and how near they come."""
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Bool[Array, " n"]]:
+    """Time up to which motions stay out of sets [s], the last one and more if throughout.
+
+    And how near they come [m], and whether they start too near.
+    """
     times = keeping.step * jnp.arange(place.shape[1])
     edges = jnp.maximum(keeping.step * (jnp.arange(len(times) + 1) - 0.5), 0.0)
     least, greatest = reachable(tracks, edges, bounds)
     least, greatest = jnp.minimum(least[:-1], least[1:]), jnp.maximum(greatest[:-1], greatest[1:])
-    apart = _distance(place, least, greatest)
-    # Who is that near already may stay as near, but come no nearer.
-    clear = apart >= jnp.minimum(keeping.radius + sweep, apart[:, :1] - _SLACK)
+    needed = keeping.radius + sweep - _SLACK
+    start = _apart(place[:, 0], least[0], greatest[0])  # (n, s)
+    near = start < needed[:, :1] - _SLACK
+    # Who is that near to a mover already may stay as near to it, but come no nearer.
+    exempt = jnp.where(near, start - _SLACK, jnp.inf)
+
+    def at_time(place: Array, needed: Array, least: Array, greatest: Array) -> tuple[Array, Array]:
+        apart = _apart(place, least, greatest)
+        spare = apart - jnp.minimum(needed[:, None], exempt)
+        return jnp.min(spare, axis=1, initial=jnp.inf), jnp.min(apart, axis=1, initial=jnp.inf)
+
+    spare, apart = jax.vmap(at_time, in_axes=(1, 1, 0, 0), out_axes=1)(place, needed, least, greatest)
+    clear = spare >= 0.0
     free = jnp.where(jnp.all(clear, axis=1), times[-1] + keeping.step, times[jnp.argmin(clear, axis=1)])
-    return free, jnp.min(apart, axis=1)
+    return free, jnp.min(apart, axis=1), jnp.any(near, axis=1)
 
 
-def _distance(place: Float[Array, "n t 3"], least: Array, greatest: Array) -> Float[Array, "n t"]:
-    """From places to the nearest of the boxes of their time [m]; of none: infinity."""
-
-    def to_nearest(place: Float[Array, "n 3"], least: Float[Array, "s 3"], greatest: Array) -> Float[Array, " n"]:
-        outside = jnp.maximum(jnp.maximum(least - place[:, None], place[:, None] - greatest), 0.0)
-        squared = jnp.sum(outside * outside, axis=-1)
-        return jnp.min(jnp.where(jnp.isnan(squared), jnp.inf, squared), axis=1, initial=jnp.inf)
-
-    squared = jax.vmap(to_nearest, in_axes=(1, 0, 0), out_axes=1)(place, least, greatest)
-    return jnp.sqrt(squared)
+def _apart(
+    place: Float[Array, "n 3"], least: Float[Array, "s 3"], greatest: Float[Array, "s 3"]
+) -> Float[Array, "n s"]:
+    """From places to boxes [m]; to those that are NaN: infinity."""
+    outside = jnp.maximum(jnp.maximum(least - place[:, None], place[:, None] - greatest), 0.0)
+    squared = jnp.sum(outside * outside, axis=-1)
+    return jnp.sqrt(jnp.where(jnp.isnan(squared), jnp.inf, squared))
 
 
 def downhill(guide: LocalValue, flown: MotionPrimitive, choice: MotionSet) -> Float[Array, "3"]:

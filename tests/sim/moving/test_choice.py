@@ -171,8 +171,91 @@ def test_who_is_too_near_already_gets_away() -> None:
                                high=jnp.array([[-0.9, 0.0, 0.0]]), slowest=zero, fastest=zero, velocity=zero,
                                rests=jnp.array([True]), half=jnp.full((1, 3), 0.5))  # fmt: skip
     flown, holds = choose(around(near), at_rest(np.zeros(3)))
-    assert holds
+    assert not holds
     assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
+
+
+def boxed(place: list[list[float]], velocity: list[list[float]], width: list[float]) -> Tracks:
+    """Movers of half an edge of 0.5 m whose middles are known to half a width, and velocities well."""
+    count = len(place)
+    where, moves, half = (jnp.asarray(x, jnp.float32) for x in (place, velocity, width))
+    used = jnp.ones(count, bool)
+    return dataclasses.replace(
+        nobody(count), low=where - half[:, None], high=where + half[:, None], slowest=moves - 0.1, fastest=moves + 0.1,
+        half=jnp.full((count, 3), 0.5), place=where, velocity=moves, used=used, confirmed=used,
+    )  # fmt: skip
+
+
+FAST = Bounds(speed=6.0, acceleration=2.0, size=1.0)
+choose_fast = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=FAST, keeping=KEEPING))
+
+
+def test_a_set_around_the_vehicle_excuses_nothing_from_the_others() -> None:
+    """One that was hidden for long, somewhere around the vehicle, and one head-on, 4 m away at 5 m/s."""
+    both = boxed([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [-5.0, 0.0, 0.0]], [1.5, 0.1])
+    hover = jax.tree.map(lambda x: x[None], at_rest(np.zeros(3)).motion)
+    scored = score(around(both), hover, CHOICE, FAST, KEEPING)
+    assert scored.near[0]
+    assert not scored.verified[0]
+    assert float(scored.free[0]) <= (4.0 - 0.5 - KEEPING.radius) / 5.0  # soon the second one is there
+    _, holds = choose_fast(around(both), at_rest(np.zeros(3), verified=2.0))
+    assert not holds
+    # With the first alone the vehicle is as little promised anything, and with the second alone it gets away.
+    first, second = (jax.tree.map(lambda x, k=k: x[k : k + 1], both) for k in (0, 1))
+    assert not choose_fast(around(first), at_rest(np.zeros(3), verified=2.0))[1]
+    assert not score(around(second), hover, CHOICE, FAST, KEEPING).near[0]
+
+
+def test_who_is_too_near_to_one_keeps_out_of_the_way_of_the_others() -> None:
+    """What is chosen then keeps its whole distance to every mover but the one whose set is too near."""
+    rng, kept = np.random.default_rng(5), 0
+    for _ in range(12):
+        others = crowd(rng, 3)
+        here = boxed([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [1.5])
+        tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), here, others)
+        tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
+        found = score(around(tracks), tried, CHOICE, BOUNDS, KEEPING)
+        alone = score(around(others), tried, CHOICE, BOUNDS, KEEPING)
+        np.testing.assert_array_equal(found.verified, alone.verified)
+        assert np.asarray(found.near).all()
+        assert not np.asarray(alone.near).any()
+        flown, holds = choose(around(tracks), at_rest(np.zeros(3)))
+        assert not holds
+        if alone.verified.any():
+            kept += 1
+            assert nearest_approach(rng, flown.motion, others) >= KEEPING.radius - 0.02
+    assert kept > 3
+
+
+def test_a_set_that_is_too_near_is_not_approached() -> None:
+    """0.6 m from a mover of which 0.8 m are asked: nothing that is called verified goes nearer than 0.6 m."""
+    one = dataclasses.replace(boxed([[1.1, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0]), slowest=jnp.zeros((1, 3)),
+                              fastest=jnp.zeros((1, 3)))  # fmt: skip
+    still = Bounds(speed=6.0, acceleration=1e-3, size=1.0)
+    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
+    scored = score(around(one), tried, CHOICE, still, KEEPING)
+    ways = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 23)), float)
+    gap = np.linalg.norm(np.maximum(np.abs(ways - [1.1, 0.0, 0.0]) - 0.5, 0.0), axis=-1).min(axis=1)
+    verified = np.asarray(scored.verified)
+    assert scored.near.all()
+    assert 0.2 < verified.mean() < 0.8
+    assert gap[verified].min() > 0.59
+    assert not verified[gap < 0.58].any()
+
+
+def test_what_keeps_its_distance_is_too_near_to_nobody() -> None:
+    """At 1 cm more than is asked nothing is excused: what goes along a mover keeps its whole distance, too."""
+    away = 0.5 + KEEPING.radius + 0.01
+    one = dataclasses.replace(boxed([[away, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0]), slowest=jnp.zeros((1, 3)),
+                              fastest=jnp.zeros((1, 3)))  # fmt: skip
+    still = Bounds(speed=6.0, acceleration=1e-3, size=1.0)
+    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
+    scored = score(around(one), tried, CHOICE, still, KEEPING)
+    ways = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 220)), float)
+    gap = np.linalg.norm(np.maximum(np.abs(ways - [away, 0.0, 0.0]) - 0.5, 0.0), axis=-1).min(axis=1)
+    assert not scored.near.any()
+    assert gap[np.asarray(scored.verified)].min() >= KEEPING.radius - 2e-3
+    assert choose(around(one), at_rest(np.zeros(3)), bounds=still)[1]
 
 
 def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> None:
