@@ -135,6 +135,7 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
         "at_least": round(float(100.0 * beta.ppf(0.025, arrived, flown - arrived + 1)), 1) if arrived else 0.0,
         "contacts": found["collisions"],
         "unflagged": among.get("contacts_without_a_flag"),
+        "unflagged_at_contact": among.get("contacts_without_a_flag_at_the_moment"),
         "seconds": round(statistics.fmean(ours for ours, _ in both), 2) if both else None,
         "ratio": round(sum(ours for ours, _ in both) / sum(other for _, other in both), 3) if both else None,
         "flagged": among.get("flagged_share"),
@@ -153,22 +154,29 @@ def section(document: Document) -> str:
         lines.append([
             str(row["map"]), f"{row['movers']} {row['kind']}" if row["movers"] else "none",
             "–" if row["speed"] is None else f"{row['speed']:g}", aware, f"{row['arrived']} of {row['flights']}",
-            f"{row['at_least']:.1f}", str(row["contacts"]), "–" if row["unflagged"] is None else str(row["unflagged"]),
+            f"{row['at_least']:.1f}", str(row["contacts"]), counted(row, "unflagged"),
+            counted(row, "unflagged_at_contact"),
             "–" if row["ratio"] is None else f"{row['ratio']:.2f}",
             "–" if row["flagged"] is None else f"{100 * row['flagged']:.1f}",
         ])  # fmt: skip
     heads = ["map", "movers", "speed [m/s]", "planner", "arrived", "at least [%]", "contacts", "unflagged",
-             "time / alone", "flagged [%]"]  # fmt: skip
+             "no flag then", "time / alone", "flagged [%]"]  # fmt: skip
     failures = [f"- `{one}`\n" for row in document["rows"] if row["aware"] and row["again"] for one in _some(row)]
     return (
         f"### Cities with movers ({device(document)})\n\n"
         "By the vehicle's own LiDAR. Unaware: the planner of static worlds, for which movers are nothing but returns.\n"
-        "At least: lower bound of Clopper and Pearson, 95 %. Unflagged: contacts with movers before which no\n"
-        "assumption was known to be broken. Time: of trials that arrive both ways, over that without movers.\n\n"
+        "At least: lower bound of Clopper and Pearson, 95 %. Unflagged: contacts with movers before which, within the\n"
+        "horizon of a motion, no assumption was known to be broken; no flag then: those at whose moment none was.\n"
+        "Time: of trials that arrive both ways, over that without movers.\n\n"
         + table(heads, lines, left=4)
         + ("\nThose that did not arrive, among movers, and the command that flies them again:\n\n" if failures else "")
         + "".join(failures)
     )
+
+
+def counted(row: Row, name: str) -> str:
+    """A count of a row; a dash where it was not made."""
+    return "–" if row.get(name) is None else str(row[name])
 
 
 def _some(row: Row) -> list[str]:

@@ -25,6 +25,7 @@ from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
 from maxjax.sim.disturbances import Disturbances, scan_error
 from maxjax.sim.flight import FlightConfig, stages_of
+from maxjax.sim.flight_state import LOG_PERIOD
 from maxjax.sim.moving.among import Avoidance, Flag
 from maxjax.sim.moving.lidar_perception import LidarPerception
 from maxjax.sim.moving.sets import Bounds
@@ -200,13 +201,16 @@ def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
     duration = float(log["duration"])
     share = float(log["flags.any_seconds"]) / duration if duration > 0.0 else 0.0
     touched = int(log["status"]) == Status.IN_CONTACT
-    recent = bool(np.max(log["flags.last"]) >= duration - how.choice.horizon)
+    last = float(np.max(log["flags.last"]))
+    # Flags stay as they are from one look to the next; times are those of physics steps, which round.
+    at_once = last >= duration - LOG_PERIOD - 0.5 * campaign.flight.vehicle.timestep
     # Without movers only walls are there to be touched.
     wall = float(log.get("to_walls", 0.0)) <= campaign.config.radius + _ROUNDING
     return {
         "flagged": {flag.name: round(float(log["flags.seconds"][flag]), 3) for flag in Flag},
         "flagged_share": round(min(share, 1.0), 5),
-        "flagged_before": recent if touched else None,
+        "flagged_before": last >= duration - how.choice.horizon if touched else None,
+        "flagged_at_contact": at_once if touched else None,
         "touched": ("wall" if wall else "mover") if touched else None,
         "hidden_movers": int(log["hidden"]) if "hidden" in log else None,
     }

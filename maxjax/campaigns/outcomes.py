@@ -20,7 +20,7 @@ INVALID_DRAW = "INVALID_DRAW"
 
 
 # Fields of an outcome that flights without movers lack.
-AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "touched", "hidden_movers")
+AMONG_MOVERS = ("flagged", "flagged_share", "flagged_before", "flagged_at_contact", "touched", "hidden_movers")
 
 
 def _whole(value: Any) -> bool:
@@ -74,6 +74,7 @@ class Outcome:
         flagged: among movers, the seconds that each assumption did not hold, by its name; None without movers.
         flagged_share: of the duration, that some assumption did not hold.
         flagged_before: of a contact, whether one did not within the horizon of motions before it.
+        flagged_at_contact: of a contact, whether one did not at the look before it; None: not recorded.
         touched: of a contact, "wall" or "mover".
         hidden_movers: those without a way in the city.
     """
@@ -98,6 +99,7 @@ class Outcome:
     flagged_before: bool | None = None
     touched: str | None = None
     hidden_movers: int | None = None
+    flagged_at_contact: bool | None = None
 
     @classmethod
     def of(cls, line: Mapping[str, Any]) -> Outcome:
@@ -187,11 +189,13 @@ def _among_movers(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         seconds.update(outcome.flagged or {})
     contacts = [outcome for outcome in outcomes if outcome.touched == "mover"]
     duration = sum(outcome.duration or 0.0 for outcome in outcomes)
+    told = all(one.flagged_at_contact is not None for one in contacts)
     flagged = sum((outcome.flagged_share or 0.0) * (outcome.duration or 0.0) for outcome in outcomes)
     return {
         "contacts": len(contacts),
         "contacts_with_walls": sum(outcome.touched == "wall" for outcome in outcomes),
         "contacts_without_a_flag": sum(not outcome.flagged_before for outcome in contacts),
+        "contacts_without_a_flag_at_the_moment": sum(not one.flagged_at_contact for one in contacts) if told else None,
         "flagged_seconds": {cause: round(total, 3) for cause, total in seconds.items()},
         "flagged_share": round(flagged / duration, 5) if duration else None,
         "hidden": sum(outcome.hidden_movers or 0 for outcome in outcomes),

@@ -270,9 +270,11 @@ def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str
     if among := content.get("movers"):
         causes = {cause: seconds for cause, seconds in among["flagged_seconds"].items() if seconds}
         told = ", ".join(f"{cause} {seconds:.1f} s" for cause, seconds in causes.items())
+        at_once = among.get("contacts_without_a_flag_at_the_moment")
         rows |= {
             "contacts with movers": str(among["contacts"]),
             "without a flag before": str(among["contacts_without_a_flag"]),
+            "no flag at the moment": "" if at_once is None else str(at_once),
             "flagged time": "" if among["flagged_share"] is None else f"{100 * among['flagged_share']:.2f} %",
             "flagged, by cause": told,
             "movers without a way": str(among["hidden"] or ""),

@@ -26,6 +26,7 @@ from jax.errors import JaxRuntimeError
 from short_programs import shorten
 
 from maxjax.campaigns import batch_size
+from maxjax.campaigns import campaign as campaign_module
 from maxjax.campaigns import execution as module
 from maxjax.campaigns import ledger as bookkeeping
 from maxjax.campaigns.campaign import Campaign
@@ -305,11 +306,11 @@ HORIZON = 2.2  # of motions by default [s]
 def fake_fly_among(
     geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig, movers: Movers
 ) -> FlightLog:
-    """As above, with a figure of its movers, and a flag one or four seconds before the end."""
+    """As above, with a figure of its movers, and a flag a moment, one or four seconds before the end."""
     log = fake_fly(geoms, start, goal, key, config)
     assert config.moving is not None
     last = jnp.full(len(Flag), -jnp.inf)
-    ago = jnp.where(jax.random.uniform(jax.random.fold_in(key, 2)) < 0.5, 1.0, 4.0)
+    ago = jnp.array([0.05, 1.0, 4.0, 4.0])[jax.random.randint(jax.random.fold_in(key, 2), (), 0, 4)]
     flags = Flags(jnp.arange(len(Flag)) / 10.0, 0.25 * log.duration, last.at[Flag.NEAR].set(log.duration - ago))
     touches = jnp.where(jax.random.uniform(key) < 0.6, Status.IN_CONTACT, Status.OK).astype(jnp.int32)
     return dataclasses.replace(log, status=touches, clearance=jnp.sum(movers.knots), flags=flags)
@@ -350,7 +351,12 @@ def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_pat
     contacts = [outcome for outcome in flown_ones if outcome.touched == "mover"]
     unexplained = [outcome for outcome in contacts if not outcome.flagged_before]
     assert 0 < len(unexplained) < len(contacts)
+    silent = [outcome for outcome in contacts if not outcome.flagged_at_contact]
+    assert {outcome.trial for outcome in unexplained} < {outcome.trial for outcome in silent}
     found = summarise(list(kept.values()))["movers"]
+    assert found["contacts_without_a_flag_at_the_moment"] == len(silent)
+    before = [dataclasses.replace(outcome, flagged_at_contact=None) for outcome in kept.values()]
+    assert summarise(before)["movers"]["contacts_without_a_flag_at_the_moment"] is None  # lines of older campaigns
     assert (found["contacts"], found["contacts_without_a_flag"]) == (len(contacts), len(unexplained))
     assert found["flagged_share"] == pytest.approx(0.25, abs=1e-4)
     assert found["flagged_seconds"]["NEAR"] == pytest.approx(0.1 * len(flown_ones))
@@ -358,6 +364,22 @@ def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_pat
         dataclasses.replace(campaign, movers=Population(3, 6.0, "encounters")).ledger(tmp_path)
     with pytest.raises(ValueError, match="another campaign: movers was"):
         dataclasses.replace(campaign, movers=Population(4, 5.0, "encounters")).ledger(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ago", "at_once", "before"),
+    [(0.01, True, True), (0.1, True, True), (0.11, False, True), (2.19, False, True), (2.3, False, False)],
+)
+def test_a_flag_at_a_contact_is_one_of_the_look_before_it(ago: float, at_once: bool, before: bool) -> None:
+    """The last look is at most 0.1 s before; its flags stay up until the next one."""
+    campaign = Campaign("suburb", 0, range(1), config=CALM, movers=Population(3, 5.0, "encounters"))
+    duration, last = np.float32(12.34), np.full(len(Flag), -np.inf, np.float32)
+    last[Flag.TRAPPED] = duration - np.float32(ago)
+    log = {"flags.seconds": np.zeros(len(Flag)), "flags.any_seconds": np.float32(0.1), "flags.last": last,
+           "duration": duration, "status": np.int32(Status.IN_CONTACT), "to_walls": np.float32(9.0)}  # fmt: skip
+    told = campaign_module._flags_of(campaign, log)
+    assert (told["touched"], told["flagged_at_contact"], told["flagged_before"]) == ("mover", at_once, before)
+    assert campaign_module._flags_of(campaign, log | {"status": np.int32(Status.OK)})["flagged_at_contact"] is None
 
 
 def test_walls_that_are_touched_are_no_movers() -> None:

@@ -31,7 +31,7 @@ def flights(campaign: Campaign, batch: int | None, folder: Path | None) -> Itera
         flagged = {"flagged": {"TRAPPED": 1.5}, "flagged_share": 0.1}
         yield [outcome(0, "OK", 15.0, **flagged, hidden_movers=0)]
         hit = {"flagged": {"NEAR": 1.0}, "flagged_share": 0.2, "flagged_before": False, "touched": "mover"}
-        yield [outcome(1, "IN_CONTACT", 5.0, **hit, hidden_movers=0)]
+        yield [outcome(1, "IN_CONTACT", 5.0, **hit, flagged_at_contact=False, hidden_movers=0)]
     else:
         yield [outcome(trial, "OK", 12.0 + 8.0 * trial) for trial in reversed(campaign.trials)]
 
@@ -41,12 +41,18 @@ def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypat
     config = Config(trials=2, counts=(10,), speeds=(5.0,), kinds=("drones",), out=tmp_path)
     alone, ours, unaware = main(config)
     assert (alone["arrived"], alone["ratio"], alone["unflagged"]) == (2, 1.0, None)
-    assert (ours["arrived"], ours["contacts"], ours["unflagged"]) == (1, 1, 1)
+    assert (ours["arrived"], ours["contacts"], ours["unflagged"], ours["unflagged_at_contact"]) == (1, 1, 1, 1)
     assert ours["ratio"] == pytest.approx(15.0 / 10.0)
     assert ours["flagged"] == pytest.approx((0.1 * 15.0 + 0.2 * 5.0) / 20.0)
     assert ours["again"] == "fly 1"
     assert unaware["ratio"] == pytest.approx(32.0 / 30.0, abs=1e-3)
-    text = section(json.loads((tmp_path / "moving_cities.json").read_text()))
+    document = json.loads((tmp_path / "moving_cities.json").read_text())
+    text = section(document)
+    assert text.count("no flag then") == 2
+    # Files that were written before that was counted are read as well.
+    for row in document["rows"]:
+        del row["unflagged_at_contact"]
+    assert "| 1 | 1 | – |" in section(document)
     assert "| downtown | 10 drones | 5 | among movers | 1 of 2 |" in text
     assert "| downtown | none | – | alone | 2 of 2 |" in text
     assert "- `fly 1`" in text
