@@ -8,6 +8,11 @@ the mover broke its bound, or the measurement is another one's: the slot is flag
 
 A track of a mover that was not seen is propagated. In plain view it is given up after some looks; hidden, beyond reach
 or outside the field of view it is kept until its set says nothing any more.
+
+What rests is measured as before, and its set grows from rest by the bounds. Where no more is seen of it than that
+something stands where it stopped (at a wall), it is there, give or take the margin m of ranges, and no faster than
+√(4 A m), with which it would have left. Walls that were taken for movers never prove to have moved: no set of a mark
+ever lay beside its first one.
 """
 
 from __future__ import annotations
@@ -42,6 +47,8 @@ class Following:
         estimate: of their places and velocities.
         marks: sets of the middles, those of `tracks`, and of the faces, at `time`.
         history: of these, each when it was measured.
+        first: sets of the marks when each was seen first [m].
+        moved: whether each has moved since, beyond doubt.
         rested: how long each has not moved [s].
         time: of the last look [s]; -infinity before the first.
     """
@@ -50,8 +57,26 @@ class Following:
     estimate: Estimate
     marks: Marks
     history: History
+    first: Marks
+    moved: Bool[Array, "*batch s"]
     rested: Float[Array, "*batch s"]
     time: Float[Array, "*batch"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What a scan shows where each mover is expected; batch axes lead.
+
+    Attributes:
+        plain: it would be seen.
+        stands: something does, in front of its middle.
+        margin: how far what stands there may be from what is measured [m].
+    """
+
+    plain: Bool[Array, "*batch s"]
+    stands: Bool[Array, "*batch s"]
+    margin: Float[Array, "*batch s"]
 
 
 @jax.tree_util.register_dataclass
@@ -75,9 +100,10 @@ class Matches:
 def nobody_followed(sight: MoverSight) -> Following:
     """No tracks."""
     s = sight.slots
-    zero, marks = jnp.zeros((s, 3)), jnp.zeros((3, s, 3))
+    zero, marks = jnp.zeros((s, 3)), Marks(jnp.zeros((3, s, 3)), jnp.zeros((3, s, 3)))
     estimate = Estimate(zero, zero, zero, zero, zero)
-    return Following(nobody(s), estimate, Marks(marks, marks), no_history(s), jnp.zeros(s), jnp.asarray(-jnp.inf))
+    no, never = jnp.zeros(s, bool), jnp.asarray(-jnp.inf)
+    return Following(nobody(s), estimate, marks, no_history(s), marks, no, jnp.zeros(s), never)
 
 
 def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Following:
@@ -89,14 +115,14 @@ def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Foll
 
 
 def followed(
-    state: Following, seen: Visible, plain: Bool[Array, " s"], time: Float[Array, ""], sight: MoverSight
+    state: Following, seen: Visible, view: View, time: Float[Array, ""], sight: MoverSight
 ) -> tuple[Following, Matches]:
     """The tracks after a look.
 
     Args:
         state: after the last look.
         seen: bodies in the scan.
-        plain: slots whose mover, where it is expected, would be seen.
+        view: what the scan shows where movers are expected.
         time: of the end of the scan [s].
         sight: settings. Static.
     """
@@ -104,8 +130,10 @@ def followed(
     chosen = assigned(_cost(later, seen, sight))
     matched = chosen >= 0
     after, broken = _measured(state, later, seen, chosen, sight)
+    stands = parked(state, sight) & ~matched & view.stands
+    after = _standing(state, after, stands, view.margin, sight.bounds)
     tracks, estimate = after.tracks, after.estimate
-    missed = jnp.where(matched, 0, tracks.missed + (plain & ~_covered(tracks, seen)))
+    missed = jnp.where(matched | stands, 0, tracks.missed + (view.plain & ~_covered(tracks, seen)))
     tracks = dataclasses.replace(tracks, seen=tracks.seen + matched, missed=missed)
     confirmed = tracks.used & (tracks.confirmed | (tracks.seen >= 2))
     appeared = confirmed & ~tracks.confirmed
@@ -130,6 +158,30 @@ def followed(
 def stopped(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
     """Slots whose mover has stopped: the map may take it over."""
     return state.tracks.used & (state.rested >= sight.rest)
+
+
+def parked(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
+    """Those of them that were movers once, and may start again."""
+    return stopped(state, sight) & state.moved
+
+
+def _standing(
+    state: Following, after: Following, stands: Bool[Array, " s"], margin: Float[Array, " s"], bounds: Bounds
+) -> Following:
+    """The tracks, of which some stand, give or take a margin [m], where they were measured last."""
+    room = margin[:, None]
+    low, high = state.history.low[0] - room, state.history.high[0] + room
+    top = jnp.minimum(jnp.sqrt(4.0 * bounds.acceleration * room), bounds.speed)
+    there = dataclasses.replace(
+        state.tracks, low=low[0], high=high[0], slowest=jnp.broadcast_to(-top, low[0].shape),
+        fastest=jnp.broadcast_to(top, low[0].shape),
+    )  # fmt: skip
+    tracks, marks, estimate = jax.tree.map(
+        lambda a, b: jnp.where(stands[:, None] if a.ndim > 1 else stands, a, b),
+        (there, Marks(low, high), state.estimate),
+        (after.tracks, after.marks, after.estimate),
+    )
+    return dataclasses.replace(after, tracks=tracks, marks=marks, estimate=estimate)
 
 
 def _cost(later: Following, seen: Visible, sight: MoverSight) -> Float[Array, "s d"]:
@@ -176,13 +228,17 @@ def _measured(
         place=estimate.place, velocity=estimate.velocity,
     )  # fmt: skip
     history = lengthened(forgotten(state.history, empty), marks, when[:, 0], matched[:, 0])
+    beside = jnp.any((marks.low > state.first.high) | (marks.high < state.first.low), axis=(0, 2))
+    moved = state.moved | (beside & matched[:, 0] & ~empty)
+    first = jax.tree.map(lambda a, b: jnp.where(again, a, b), marks, state.first)
     known, marks = _propagated(known, marks, age, bounds)
     tracks, marks, estimate = jax.tree.map(
         lambda a, b: jnp.where(matched if a.ndim > 1 else matched[:, 0], a, b),
         (known, marks, predicted(estimate, age)),
         (later.tracks, later.marks, later.estimate),
     )
-    return dataclasses.replace(later, tracks=tracks, estimate=estimate, marks=marks, history=history), empty
+    found = {"tracks": tracks, "estimate": estimate, "marks": marks, "history": history, "first": first, "moved": moved}
+    return dataclasses.replace(later, **found), empty
 
 
 def _propagated(tracks: Tracks, marks: Marks, time: Array, bounds: Bounds) -> tuple[Tracks, Marks]:
@@ -230,6 +286,7 @@ def _born(
     )  # fmt: skip
     marks, age = Marks(seen.marks.low[:, index], seen.marks.high[:, index]), seen.age[index][:, None]
     history = lengthened(forgotten(state.history, born[:, 0]), marks, (state.time - age)[:, 0], born[:, 0])
+    first = jax.tree.map(lambda a, b: jnp.where(born, a, b), marks, state.first)
     fresh, marks = _propagated(fresh, marks, age, sight.bounds)
     guess = Estimate(seen.place[index], zero, seen.variance[index], zero, zero + top**2 / 3.0)
     guess = predicted(guess, age)
@@ -243,6 +300,8 @@ def _born(
         estimate=jax.tree.map(either, guess, state.estimate),
         marks=jax.tree.map(either, marks, state.marks),
         history=history,
+        first=first,
+        moved=state.moved & ~born[:, 0],
         rested=jnp.where(born[:, 0], 0.0, state.rested),
     )
     return after, jnp.where(born[:, 0], source, chosen).astype(jnp.int32), jnp.sum(new) > jnp.sum(free)

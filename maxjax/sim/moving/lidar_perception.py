@@ -37,17 +37,19 @@ class LidarPerception:
                 "MoverSight: expected the lidar of the flight and the bounds of its avoidance, given "
                 f"{self.sight.lidar} and {self.sight.bounds}"
             )
-        return _seen(nothing_seen(self.sight))
+        return perceived(nothing_seen(self.sight))
 
     def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
         """After the scan in `flight.scan`."""
         assert flight.among is not None
         pose = estimated_position(world, flight), flight.vehicle.rotation
-        return _seen(looked(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
+        return perceived(looked(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
 
 
-def _seen(seeing: Seeing) -> Seen:
-    tracks = dataclasses.replace(seeing.tracks, used=seeing.tracks.used & seeing.tracks.confirmed, rests=seeing.rests)
+def perceived(seeing: Seeing) -> Seen:
+    """What the choice is told: confirmed movers, those that rest as well, and what did not hold."""
+    used = seeing.tracks.used & seeing.tracks.confirmed & ~seeing.walls
+    tracks = dataclasses.replace(seeing.tracks, used=used, rests=seeing.rests)
     up: Bool[Array, " f"] = jnp.zeros(len(Flag), bool)
     up = up.at[Flag.BOUND].set(jnp.any(seeing.broken)).at[Flag.NEAR].set(jnp.any(seeing.near))
     return Seen(tracks, seeing.moving, up.at[Flag.CROWDED].set(seeing.overflow), seeing)

@@ -6,8 +6,8 @@ A return moves if the range images of the last looks saw nothing where it is. Of
 returns count, if a part of it moves or a confirmed track expects its mover there: so the whole body of a slow one is
 found, and one that flies away along the line of sight.
 
-What has rested is left to the map: its returns are no longer a mover's, so that it becomes background, and its track
-fades.
+What has rested is left to the map: its returns are no longer a mover's, so that it becomes background. It is followed
+all the same, if it has been seen to move, for it may start again; what never was is a wall, and its track fades.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.programs.lowering import rotated
 from maxjax.sim.lidar import Scan, directions
 from maxjax.sim.moving.clusters import Clusters, Signs, clustered, gathered
-from maxjax.sim.moving.following import Following, Matches, awaited, followed, nobody_followed, stopped
+from maxjax.sim.moving.following import Following, Matches, View, awaited, followed, nobody_followed, parked, stopped
 from maxjax.sim.moving.range_memory import Memory, margin, nothing_remembered, remembered, was_empty
 from maxjax.sim.moving.sets import Tracks
 from maxjax.sim.moving.sight import MoverSight
@@ -45,7 +45,8 @@ class Seeing:
         moving: rays of the last scan that ended at a confirmed mover: no part of a map.
         broken: slots whose set did not hold what was measured: the mover broke a bound, or two were confused.
         near: slots that were confirmed just now, nearer than `MoverSight.near`.
-        rests: slots whose mover has stopped: the map takes it over.
+        rests: slots whose mover has stopped: the map has it, too.
+        walls: those of them that never moved.
         overflow: whether returns, bodies or tracks were left out for want of room.
     """
 
@@ -55,6 +56,7 @@ class Seeing:
     broken: Bool[Array, "*batch s"]
     near: Bool[Array, "*batch s"]
     rests: Bool[Array, "*batch s"]
+    walls: Bool[Array, "*batch s"]
     overflow: Bool[Array, "*batch"]
 
     @property
@@ -67,7 +69,8 @@ def nothing_seen(sight: MoverSight) -> Seeing:
     """The state before the first look."""
     flags = jnp.zeros(sight.slots, bool)
     moving = jnp.zeros(sight.lidar.rays, bool)
-    return Seeing(nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, jnp.zeros((), bool))
+    none = jnp.zeros((), bool)
+    return Seeing(nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, flags, none)
 
 
 def looked(
@@ -105,8 +108,9 @@ def looked(
     signs = _signs(seeing, points, returned & (scan.distance <= sight.reach), position, expected, sight)
     clusters = clustered(points, scan.distance, signs, sight)
     bodies = visible(clusters, scan, position, rotation, sight)
-    plain = known & _plain(expected, scan, position, rotation, sight)
-    following, matches = followed(seeing.following, bodies, plain, time, sight)
+    view = _view(expected, scan, position, rotation, sight)
+    view = dataclasses.replace(view, plain=known & view.plain, stands=known & view.stands)
+    following, matches = followed(seeing.following, bodies, view, time, sight)
 
     rests = stopped(following, sight)
     moving = _moving(clusters, matches, following.tracks.confirmed & ~rests, sight)
@@ -119,6 +123,7 @@ def looked(
         broken=matches.broken,
         near=matches.appeared & (distance < sight.near),
         rests=rests,
+        walls=rests & ~parked(following, sight),
         overflow=clusters.overflow | matches.left_out,
     )
 
@@ -134,7 +139,7 @@ def _signs(
     near &= points[:, 2] > sight.floor
     moves = near & was_empty(seeing.memory, points, sight)
     size = sight.bounds.edges
-    awaited = tracks.confirmed & ~seeing.rests
+    awaited = tracks.confirmed & ~seeing.walls
     expected, around = jnp.zeros_like(near), jnp.zeros_like(near)
     low, high = tracks.low - tracks.half, tracks.high + tracks.half
     for k in range(sight.slots):
@@ -161,10 +166,10 @@ def _flat(cell: Int32[Array, "*n 3"], edge: Int32[np.ndarray, "3"]) -> Int32[Arr
     return flat
 
 
-def _plain(
+def _view(
     tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: MoverSight
-) -> Bool[Array, " s"]:
-    """Tracks whose mover, where it is expected, lies in the field of view, within reach, and not behind something."""
+) -> View:
+    """What is seen of movers where they are expected: in the field of view, within reach, and not behind something."""
     lidar = sight.lidar
     x, y, z = rotated(rotation.T, tracks.place - position).T
     level = x * x + y * y
@@ -174,8 +179,9 @@ def _plain(
     i = jnp.clip(jnp.round(jnp.where(inside, row, 0.0)), 0, lidar.channels - 1).astype(jnp.int32)
     j = jnp.round(jnp.where(inside, column, 0.0)).astype(jnp.int32) % lidar.columns
     clear = clear_range(scan, lidar).reshape(-1)[i * lidar.columns + j]
-    body = jnp.max(tracks.half, axis=1) + margin(distance, sight) + _HIDDEN
-    return inside & (clear > 0.0) & (clear > distance - body)
+    room = margin(distance, sight)
+    plain = inside & (clear > 0.0) & (clear > distance - jnp.max(tracks.half, axis=1) - room - _HIDDEN)
+    return View(plain, plain & (clear < distance), room)
 
 
 def _moving(clusters: Clusters, matches: Matches, movers: Bool[Array, " s"], sight: MoverSight) -> Bool[Array, " r"]:

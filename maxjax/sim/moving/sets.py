@@ -78,7 +78,7 @@ class Tracks:
         confirmed: whether it was seen often enough to be one.
         place, velocity: best estimate [m], [m/s]; for labels and prices, never for proofs.
         place_deviation, velocity_deviation: standard deviations of these [m], [m/s].
-        rests: whether it was seen to stay where it is: then it is assumed to, as the static map is.
+        rests: whether it was seen to stay where it is; a label, for prices: its set grows from rest by the bounds.
         seen: scans that showed it.
         missed: scans since it was seen last.
     """
@@ -129,7 +129,7 @@ def reachable(
 
 def propagated(tracks: Tracks, time: Array | float, bounds: Bounds) -> Tracks:
     """The tracks a time later [s], one for all or (s, 1), without a measurement."""
-    change = jnp.where(tracks.rests[:, None], 0.0, bounds.acceleration * time)
+    change = bounds.acceleration * time
     down, up = _moved(tracks, time, bounds)
     return dataclasses.replace(
         tracks,
@@ -143,9 +143,7 @@ def propagated(tracks: Tracks, time: Array | float, bounds: Bounds) -> Tracks:
 
 def _moved(tracks: Tracks, time: Array | float, bounds: Bounds) -> tuple[Array, Array]:
     """How far down and up each coordinate of the middle may have moved by a time [m]."""
-    rests = tracks.rests[:, None]
-    down, up = _furthest(-tracks.slowest, time, bounds), _furthest(tracks.fastest, time, bounds)
-    return jnp.where(rests, 0.0, down), jnp.where(rests, 0.0, up)
+    return _furthest(-tracks.slowest, time, bounds), _furthest(tracks.fastest, time, bounds)
 
 
 def _furthest(fastest: Array, time: Array | float, bounds: Bounds) -> Array:

@@ -9,12 +9,13 @@ from scipy.optimize import linear_sum_assignment
 from sim.moving.scenes import SIGHT, arrays
 
 from maxjax.sim.moving.assignment import assigned
-from maxjax.sim.moving.following import followed, nobody_followed
+from maxjax.sim.moving.following import View, followed, nobody_followed
 from maxjax.sim.moving.marks import Marks
 from maxjax.sim.moving.visible import Visible
 
 jit_followed = jax.jit(followed)
-PLAIN = jnp.ones(SIGHT.slots, bool)
+NO, NONE = jnp.zeros(SIGHT.slots, bool), jnp.zeros(SIGHT.slots)
+PLAIN = View(~NO, NO, NONE)
 
 
 def measured(rng: np.random.Generator, place: np.ndarray, age: np.ndarray) -> Visible:
@@ -107,7 +108,7 @@ def test_in_plain_view_a_track_fades_and_hidden_it_grows_until_it_says_nothing()
             lives[plain] += 1
             now = jnp.float32(0.4 + 0.1 * lives[plain])
             nothing = measured(rng, np.zeros((0, 3)), np.zeros(0))
-            state, _ = jit_followed(state, nothing, jnp.full(SIGHT.slots, plain), now, SIGHT)
+            state, _ = jit_followed(state, nothing, View(NO | plain, NO, NONE), now, SIGHT)
             assert not bool(state.tracks.used[0]) or float((state.tracks.high - state.tracks.low)[0].max()) <= 12.0
     assert lives[True] == SIGHT.misses
     assert SIGHT.misses < lives[False] < 60

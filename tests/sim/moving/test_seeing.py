@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,9 @@ import pytest
 from sim.moving.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 from maxjax.sim.lidar import Scan, directions
+from maxjax.sim.moving.lidar_perception import perceived
 from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
+from maxjax.sim.moving.sets import reachable
 from maxjax.worlds.movers import Movers, Moving
 
 
@@ -86,21 +89,74 @@ def test_a_mover_that_is_confirmed_nearby_is_flagged_once() -> None:
         assert sum(bool(seeing.near.any()) for seeing, _ in shown) == times
 
 
-def test_what_has_stopped_is_left_to_the_map() -> None:
-    """It flies for a second and stays: first a mover's returns, in the end none, and no track."""
-    moves = spheres(np.array([[8.0, -2.0, 4.0]]), np.array([[0.0, 2.0, 0.0]]))
-    stays = dataclasses.replace(moves, knots=moves.knots.at[..., 1].set(0.0), velocity=0.0 * moves.velocity)
+MOVES, RESTS, STARTS = 1.5, 4.5, 7.0
+
+
+def stopped_and_went(time: float, out: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """How far a mover has come [m] that brakes at the bound until 1.5 s, rests until 4.5 s, and flees at the bound."""
+    bound, top = SIGHT.bounds.acceleration, SIGHT.bounds.speed
+    before, after = max(MOVES - time, 0.0), max(time - RESTS, 0.0)
+    speeding = min(after, top / bound)
+    return -0.5 * bound * before**2 * out + (0.5 * bound * speeding**2 + top * (after - speeding)) * on
+
+
+@pytest.mark.parametrize(
+    ("middle", "out", "on"),
+    [
+        ([8.0, 0.0, 4.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]),
+        ([8.0, 0.0, 4.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]),
+        ([14.4, 1.0, 4.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]),  # beside a wall
+        ([14.4, 1.0, 4.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]),
+    ],
+)
+def test_what_has_stopped_is_held_by_its_set_when_it_starts_again(
+    middle: list[float], out: list[float], on: list[float]
+) -> None:
+    """At rest for three seconds, of which it takes half to be called so, then away as fast as the bounds allow."""
+    rest, way, flees = (np.array(x) for x in (middle, out, on))
+    size, seeing, rested = 0.45, nothing_seen(SIGHT), 0
+    ahead = np.arange(0.0, 1.6, 0.05)
+    reached = jax.jit(functools.partial(reachable, bounds=SIGHT.bounds))
+
+    def truth(time: float) -> np.ndarray:
+        return rest + stopped_and_went(time, way, flees)
+
+    for k in range(round(10.0 * STARTS) - 15):
+        now = 0.1 * (k + 1)
+        speed = (truth(now) - truth(now - 0.02)) / 0.02  # at the middle of a scan the places differ by a millimetre
+        movers = spheres((truth(now) - now * speed)[None], speed[None], size)
+        result = fast_scan(CITY, LIDAR, pose(0, 0.0), jax.random.key(k), Moving(movers, jnp.float32(now)))
+        seeing = fast_look(seeing, result, *pose(0, 0.0), jnp.float32(now), SIGHT)
+        if k < 8:
+            continue
+        tracks = perceived(seeing).tracks
+        least, greatest = (np.asarray(x) for x in reached(tracks, jnp.asarray(ahead, jnp.float32)))
+        for step, later in enumerate(now + ahead):
+            place = truth(later)
+            held = (least[step] <= place - size + 2e-3) & (place + size - 2e-3 <= greatest[step])
+            assert held.all(axis=1).any(), (now, later, place, least[step], greatest[step])
+        assert not np.asarray(seeing.broken).any()
+        rested += int(np.asarray(seeing.rests).sum())
+        # The map has it as well: what a confirmed mover hides, it would not.
+        assert not np.asarray(seeing.moving).any() or not np.asarray(seeing.rests).any()
+    assert rested > 10
+
+
+def test_what_was_taken_for_a_mover_but_never_moved_is_a_wall_again() -> None:
+    """A thing that appears from nowhere, 8 m away, and stays: at first a mover, then none, and no track."""
+    stays = spheres(np.array([[8.0, 0.0, 4.0]]), np.zeros((1, 3)))
     sight = dataclasses.replace(SIGHT, rest=0.5, misses=4)
     seeing, states = nothing_seen(sight), []
     for k in range(30):
         now = jnp.float32(0.1 * (k + 1))
-        movers = moves if k < 10 else stays
-        result = fast_scan(CITY, LIDAR, pose(0, 0.0), jax.random.key(k), Moving(movers, now))
+        moving = Moving(stays, now) if k >= 6 else None
+        result = fast_scan(CITY, LIDAR, pose(0, 0.0), jax.random.key(k), moving)
         seeing = fast_look(seeing, result, *pose(0, 0.0), now, sight)
         states.append((len(confirmed(seeing)), int(seeing.moving.sum()), bool(seeing.rests.any())))
-    assert states[9][0] == 1
-    assert states[9][1] > 5
+    assert max(count for count, _, _ in states) == 1
+    assert max(count for _, count, _ in states) > 5
     assert any(rests for _, _, rests in states)
+    assert not perceived(seeing).tracks.used.any()
     assert states[-1] == (0, 0, False)
 
 
