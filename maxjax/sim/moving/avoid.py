@@ -25,7 +25,7 @@ from maxjax.sim.moving.choice import Around, Commitment
 from maxjax.sim.moving.hard_set import HardSet, hard_set
 from maxjax.sim.moving.local_value import LocalValue, crowding, local_value
 from maxjax.sim.moving.motions import MotionPrimitive, at, later
-from maxjax.sim.moving.sets import Tracks
+from maxjax.sim.moving.sets import Tracks, reachable
 from maxjax.trajectories.online import Setpoint, profile, straight_course
 
 if TYPE_CHECKING:
@@ -136,11 +136,21 @@ def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"],
     # The end of the way: where it lies in the window, a way may end.
     close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
-    price = crowding(centres, place, how.choice.speed, tracks, how.crowd).reshape(cells)
+    price = crowding(centres, place, how.choice.speed, tracks, kept(tracks, how), how.crowd).reshape(cells)
     # Beside a wall there is hardly room, and none at its corners.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
     walls = how.crowd.wall * share + how.crowd.beside * beside
     return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
+
+
+def kept(tracks: Tracks, how: Avoidance) -> Float[Array, " s"]:
+    """How far motions keep, over their horizon, from where each mover is likely to be [m]; from no confirmed one: 0."""
+    horizon = how.choice.horizon
+    least, greatest = reachable(tracks, jnp.array([horizon]), how.bounds)
+    likely = tracks.place + horizon * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
+    further = jnp.maximum(greatest[0] - tracks.half - likely, likely - least[0] - tracks.half)
+    distance = how.keeping.radius + jnp.maximum(jnp.max(further, axis=1), 0.0)
+    return jnp.where(tracks.used & tracks.confirmed, distance, 0.0)
 
 
 def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:

@@ -48,6 +48,7 @@ class Keeping:
         step: between the samples of a motion [s].
         comfort: distance to a mover from which on nearness costs nothing [m].
         nearness: cost of touching a mover's likely place [m].
+        turning: cost of another target velocity than the present motion's, by as much as the greatest speed [m].
 
     Raises:
         ValueError: unless all are positive.
@@ -58,6 +59,7 @@ class Keeping:
     step: float = 0.1
     comfort: float = 3.0
     nearness: float = 4.0
+    turning: float = 0.3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -132,6 +134,9 @@ def chosen(
     tried = motions(choice, present.place, present.velocity, downhill(around.guide, present, choice))
     every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, bounds, keeping)
+    # What was wanted at the last look is wanted a little more than what is as good.
+    turned = jnp.linalg.norm(every.target - present.target, axis=-1) / choice.speed
+    scored = dataclasses.replace(scored, cost=scored.cost + keeping.turning * turned)
     some = jnp.any(scored.verified)
     best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
     keeps = (flown.verified >= keeping.step) & (scored.free[0] > flown.verified) & scored.allowed[0]

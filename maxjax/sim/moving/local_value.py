@@ -2,9 +2,14 @@
 
     V(x) = min over the 26 neighbours y of  V(y) + ½ (n(x) + n(y)) |x − y|
     V    = what the static way leaves           on the faces of the window, and 0 at a goal inside it
-    n(x) = 1 + a (1 − d(x) / D)²₊               d: to where movers are likely to be when the vehicle can be at x
+    n(x) = 1 + a (1 − d(x) / D)²₊ + b max over movers of (1 − d(x) / k)₊
+                                                d: to where movers are likely to be when the vehicle can be at x
+                                                k: what motions keep of that, for they allow for all that a mover may do
 
-A way along a street leads round a crowd in it, where the static way leads through. V guides: what is safe is decided by
+A way along a street leads round a crowd in it, where the static way leads through; and round what motions may not
+enter: without b a slow mover ahead holds the vehicle up behind it, for the way leads past it nearer than any motion.
+
+V guides: what is safe is decided by
 the motions (`sim.moving.choice`). Its sweeps are those of Bellman and Ford, as many as a way in the window has voxels.
 """
 
@@ -37,6 +42,7 @@ class Crowding:
 
     Attributes:
         price: a, the further cost of a metre at a mover.
+        keeping: b, the further cost of a metre at a mover, by what motions keep of it.
         reach: D, distance from which on it costs nothing [m].
         sweeps: of the dynamic programming.
         shape: of the window, in cells of the dynamic programming.
@@ -47,6 +53,7 @@ class Crowding:
     """
 
     price: float = 10.0
+    keeping: float = 1.0
     reach: float = 3.0
     sweeps: int = 40
     shape: Index3 = (24, 24, 9)
@@ -113,7 +120,12 @@ def local_value(
 
 
 def crowding(
-    centres: Float[Array, "n 3"], place: Float[Array, "3"], speed: float, tracks: Tracks, crowd: Crowding
+    centres: Float[Array, "n 3"],
+    place: Float[Array, "3"],
+    speed: float,
+    tracks: Tracks,
+    kept: Float[Array, " s"],
+    crowd: Crowding,
 ) -> Float[Array, " n"]:
     """N of voxels: by how near movers are likely to be when the vehicle, here now, can be there.
 
@@ -122,17 +134,22 @@ def crowding(
         place: of the vehicle [m].
         speed: of the vehicle [m/s]. Static.
         tracks: of the movers.
+        kept: what motions keep of each [m]; 0: nothing.
         crowd: static.
     """
     soonest = jnp.linalg.norm(centres - place, axis=1) / speed
-    nearest = jnp.full(len(centres), jnp.inf)
+    nearest, share = jnp.full(len(centres), jnp.inf), jnp.zeros(len(centres))
+    keeps = kept > 0.0
     velocity = jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
     for time in (soonest - crowd.earlier, soonest, soonest + 0.5 * crowd.later, soonest + crowd.later):
         likely = tracks.place + jnp.maximum(time, 0.0)[:, None, None] * velocity
         outside = jnp.maximum(jnp.abs(centres[:, None] - likely) - tracks.half, 0.0)
         squared = jnp.where(tracks.used, jnp.sum(outside * outside, axis=-1), jnp.inf)
         nearest = jnp.minimum(nearest, jnp.min(squared, axis=1, initial=jnp.inf))
-    return 1.0 + crowd.price * jnp.square(jnp.maximum(1.0 - jnp.sqrt(nearest) / crowd.reach, 0.0))
+        within = jnp.where(keeps, 1.0 - jnp.sqrt(squared) / jnp.where(keeps, kept, 1.0), 0.0)
+        share = jnp.maximum(share, jnp.max(within, axis=1, initial=0.0))
+    beside = jnp.square(jnp.maximum(1.0 - jnp.sqrt(nearest) / crowd.reach, 0.0))
+    return 1.0 + crowd.price * beside + crowd.keeping * share
 
 
 def cost_to_go(local: LocalValue, points: Float[Array, "n 3"]) -> Float[Array, " n"]:

@@ -68,7 +68,7 @@ def test_a_metre_costs_more_where_a_mover_will_be_when_the_vehicle_can_be_there(
     here = jnp.zeros(3)
     asked = jnp.array([[10.0, 0.0, 0.0], [20.0, 10.0, 0.0], [20.0, 0.0, 0.0], [20.0, 1.0, 0.0]])
     # At 10 m/s the vehicle is at (20, 0, 0) after two seconds, as the mover is; at its present place it is gone.
-    given = np.asarray(crowding(asked, here, 10.0, tracks, crowd))
+    given = np.asarray(crowding(asked, here, 10.0, tracks, jnp.zeros(1), crowd))
     np.testing.assert_allclose(given[[0, 2]], [1.0, 9.0], atol=1e-4)
     assert given[1] == 1.0
     # A metre beside it, a moment later: the distance from the box, priced by the law.
@@ -77,6 +77,17 @@ def test_a_metre_costs_more_where_a_mover_will_be_when_the_vehicle_can_be_there(
     assert 1.0 < given[3] < 9.0
 
 
+def test_what_motions_keep_of_a_mover_costs_too() -> None:
+    """At rest, 6 m of it are kept, of another one nothing: the share that a place is within, of the nearer one."""
+    used = jnp.ones(2, bool)
+    place = jnp.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]])
+    tracks = dataclasses.replace(nobody(2), used=used, place=place, half=jnp.full((2, 3), 0.5))
+    crowd = Crowding(price=8.0, reach=1.0, keeping=3.0)
+    asked = jnp.array([[0.0, 0.0, 0.0], [0.0, 3.5, 0.0], [0.0, -2.0, 0.5], [7.0, 0.0, 0.0], [18.0, 0.0, 0.0]])
+    given = np.asarray(crowding(asked, jnp.array([0.0, 0.0, 50.0]), 5.0, tracks, jnp.array([6.0, 0.0]), crowd))
+    np.testing.assert_allclose(given, [1.0 + 8.0 + 3.0, 1.0 + 3.0 * 0.5, 1.0 + 3.0 * 0.75, 1.0, 1.0], rtol=1e-5)
+
+
 def test_an_empty_sky_costs_what_it_measures() -> None:
     asked = jnp.asarray(np.random.default_rng(1).normal(size=(50, 3)), jnp.float32)
-    assert (crowding(asked, jnp.zeros(3), 5.0, nobody(4), Crowding()) == 1.0).all()
+    assert (crowding(asked, jnp.zeros(3), 5.0, nobody(4), jnp.zeros(4), Crowding()) == 1.0).all()
