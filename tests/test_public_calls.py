@@ -193,6 +193,17 @@ def test_prices_are_a_law_a_function_or_a_number_for_each_voxel() -> None:
     assert same.cost == pytest.approx(law.cost, rel=1e-3)
 
 
+def test_a_derivative_of_a_route_is_refused_with_what_has_one() -> None:
+    city = VoxelMap.of(np.zeros((20, 20, 10), bool), spacing=2.0, origin=(0.0, 0.0, 0.0))
+    start, goal = jnp.array([4.0, 4.0, 4.0]), jnp.array([30.0, 30.0, 10.0])
+    with pytest.raises(TypeError, match=r"plan_route has no derivative.*solve_potential\(sigma, goal_index, price\)"):
+        jax.grad(lambda start: maxjax.plan_route(city, start, goal).length)(start)
+    with pytest.raises(TypeError, match=r"price: expected numbers, given a traced array .*solve_potential"):
+        jax.grad(lambda n: maxjax.plan_route(city, start, goal, distances=Distances(1.0, 4.0, price=n)).length)(
+            jnp.ones((20, 20, 10))
+        )
+
+
 def test_a_field_planner_is_a_value_with_its_solver() -> None:
     from maxjax.solvers.screened import Screened
 

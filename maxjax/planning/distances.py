@@ -118,7 +118,13 @@ class PriceVolume:
 
         Raises:
             ValueError: unless it holds finite numbers of at least 1, one for each voxel.
+            TypeError: for a traced array, as under `jax.grad`.
         """
+        if isinstance(given, jax.core.Tracer):
+            raise TypeError(
+                f"price: expected numbers, given a traced array {given.aval}: a plan has none by prices; differentiate "
+                "-screening_length * maxjax.solve_potential(sigma, goal_index, price).log_phi at the start"
+            )
         price = numbers_of("price", given)
         if price.ndim != 3 or price.dtype.kind not in "iuf":
             raise ValueError(

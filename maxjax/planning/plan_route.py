@@ -51,10 +51,25 @@ def plan_route(
         raise ValueError(f"map: expected one map, given a batch of {single.batch}; use jax.vmap")
     kept, finder = distances.within(single.grid), checked_planner(planner)
     ends = jnp.stack([_index("start", start, single.grid), _index("goal", goal, single.grid)])
+    ends = _without_derivative(ends)
     local = VoxelMap(single.occupied, single.ground, single.closed, single.grid.local)
     _, route = routed(local, ends, kept, finder)
     return dataclasses.replace(
         route, path=single.grid.to_world(jnp.asarray(route.path)), geodesic=jnp.asarray(route.geodesic)
+    )
+
+
+@jax.custom_jvp
+def _without_derivative(ends: Float[Array, "2 3"]) -> Float[Array, "2 3"]:
+    """The ends themselves; a TypeError where a derivative by them is asked for."""
+    return ends
+
+
+@_without_derivative.defjvp
+def _refuse_derivative(primals: Any, tangents: Any) -> Any:
+    raise TypeError(
+        "plan_route has no derivative: a path jumps from one side of a building to the other. Differentiate the cost "
+        "of the way instead: -screening_length * maxjax.solve_potential(sigma, goal_index, price).log_phi at the start"
     )
 
 

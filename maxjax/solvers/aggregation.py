@@ -122,8 +122,22 @@ def correction(links: Links, diagonal: Volume, log_phi: Volume, levels: tuple[Ag
         levels: of `levels_of`.
     """
     total = sum((forward + backward for forward, backward in links), start=jnp.zeros((), log_phi.dtype))
+    residual = jnp.log(jnp.where(total > 0, total / diagonal, 1))
+    return lumped_answer(links, residual, log_phi, levels)
+
+
+@jax.named_scope("lump")
+def lumped_answer(links: Links, residual: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...]) -> Aggregates:
+    """δ on the aggregates: the lumped walk's answer to a residual, in which it is linear.
+
+    Args:
+        links: rates of the walk, of whatever scale in each row; zero outside the component.
+        residual: what a step of the walk from each voxel meets.
+        log_phi: log φ.
+        levels: of `levels_of`.
+    """
+    total = sum((forward + backward for forward, backward in links), start=jnp.zeros((), log_phi.dtype))
     known = total > 0
-    residual = jnp.log(jnp.where(known, total / diagonal, 1))
     axes = levels[0].axes
     phi, below = _in_aggregates(jnp.where(known, log_phi, _NOTHING), axes)
     # A row of rates sums to about d_i: undivided, it is weighted by d_i already.

@@ -1,12 +1,14 @@
-"""The implicit derivative of the potential.
+"""The implicit derivative of log φ.
 
-    F(φ, σ, n, κ) = A φ − q = 0     ⇒     A dφ = −(∂F/∂σ dσ + ∂F/∂n dn + ∂F/∂κ dκ),     d log φ = dφ / φ
+    ρ_i(u, σ, n, κ) = log Σ_j w_ij e^(u_j − u_i) − log d_i = 0,   u = log φ
+    ⇒     (I − P) du = ∂ρ/∂σ dσ + ∂ρ/∂n dn + ∂ρ/∂κ dκ
 
-by the implicit function theorem: one more solve with the same symmetric A. It is written with
-`lax.custom_linear_solve`, so JAX transposes it for reverse mode: the adjoint λ of a loss L solves A λ = ∂L/∂φ, and
-dL/dσ = −λᵀ ∂F/∂σ. Neither iterations nor sweeps are ever differentiated.
+by the implicit function theorem: one more solve, with the walk of `solvers.random_walk`. It is written with
+`lax.custom_linear_solve`, so JAX transposes it for reverse mode: the adjoint λ of a loss L solves (I − Pᵀ) λ = ∂L/∂u,
+and dL/dσ = λᵀ ∂ρ/∂σ. Neither iterations nor sweeps are ever differentiated.
 
-The linear solve is one for φ itself: where φ is below the range of its number format, the derivative is 0.
+All of it is in u: the derivative of log φ is as accurate 300 voxels from the goal as beside it. In walls, and in what
+they seal off, a derivative is 0: give a wall a small conductivity to differentiate through it.
 """
 
 from __future__ import annotations
@@ -21,16 +23,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.fields import stencil
-from maxjax.solvers.krylov import pcg
-from maxjax.solvers.medium import Medium, Progress, Solver, held_system, tolerance_of
+from maxjax.solvers.aggregation import padded
+from maxjax.solvers.medium import Medium, Progress, Solver, pad_medium, tolerance_of
+from maxjax.solvers.random_walk import imbalance, random_walk
 
 # Where a derivative is asked for, which depends on the values, the solve is at least as tight as this; by a number's
 # bytes.
 TIGHT_TOLERANCE = {4: 1e-5, 8: 1e-12}
-# Residual of a derivative solve, largest entry beside the largest of the right-hand side, by a number's bytes. An
-# adjoint decays over as many decades as φ, and what the derivative needs is the product of both, hence so small.
-DERIVATIVE_TOLERANCE = {4: 1e-12, 8: 1e-15}
 
 Solve = Callable[[Solver, Medium, Float[Array, ""]], Progress]
 Leaves = dict[str, Any]
@@ -58,42 +57,29 @@ def _solved(solve: Solve, solver: Solver, static: tuple[Any, ...], arrays: Leave
 
 @_solved.defjvp
 def _solved_jvp(solve, solver, static, primals, tangents):  # type: ignore[no-untyped-def]
-    """Solve A φ̇ = −(∂F/∂σ σ̇ + ∂F/∂n ṅ + ∂F/∂ℓ ℓ̇)."""
+    """Solve (I − P) u̇ = ∂ρ/∂σ σ̇ + ∂ρ/∂n ṅ + ∂ρ/∂ℓ ℓ̇."""
     (arrays, length), (arrays_dot, length_dot) = primals, tangents
     medium = Medium(**arrays, **dict(static))
     tight = min(tolerance_of(solver, medium), TIGHT_TOLERANCE[medium.sigma.dtype.itemsize])
     solver = dataclasses.replace(solver, tolerance=tight)
     solved = _solved(solve, solver, static, arrays, length)
 
-    phi = jnp.where(medium.component, jnp.exp(solved["log_phi"]), 0)
+    u, component = jnp.where(medium.component, solved["log_phi"], 0), medium.component
 
-    def imbalance(sigma: stencil.Volume, price: stencil.Volume | None, length: Float[Array, ""]) -> stencil.Volume:
-        operator, source = held_system(dataclasses.replace(medium, sigma=sigma, price=price), length)
-        return stencil.residual(operator, phi, source)
+    def of_parts(sigma: Array, price: Array | None, length: Array) -> Array:
+        return imbalance(dataclasses.replace(medium, sigma=sigma, price=price), length, u)
 
-    _, right = jax.jvp(
-        imbalance,
-        (medium.sigma, medium.price, solved["length"]),
-        (arrays_dot["sigma"], arrays_dot["price"], length_dot),
+    # Where nothing conducts, in walls and in what they seal off, σ is no variable.
+    sigma_dot = jnp.where(component, arrays_dot["sigma"], 0)
+    parts = medium.sigma, medium.price, solved["length"]
+    _, right = jax.jvp(of_parts, parts, (sigma_dot, arrays_dot["price"], length_dot))
+    walk = random_walk(pad_medium(medium), solved["length"], padded(u))
+    u_dot = lax.custom_linear_solve(
+        walk.apply, padded(right), lambda _, b: walk.solve(b), lambda _, b: walk.solve_transposed(b)
     )
-    operator, _ = held_system(medium, solved["length"])
-    faces, scale = stencil.normalize(operator)
-    tolerance = DERIVATIVE_TOLERANCE[medium.sigma.dtype.itemsize]
-    precondition = solver.preconditioner(medium, operator, faces)
-
-    def solve_linear(matvec, b):  # type: ignore[no-untyped-def]
-        return pcg(
-            matvec,
-            b,
-            precondition=precondition,
-            stop=lambda _, r: jnp.max(jnp.abs(r)) <= tolerance * jnp.max(jnp.abs(b)),
-            max_iterations=solver.max_iterations,
-        ).x
-
-    y_dot = lax.custom_linear_solve(lambda y: y - stencil.inflow(faces, y), scale * right, solve_linear, symmetric=True)
 
     def zero(x: Array) -> Array:
         return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros(x.shape, jax.dtypes.float0)
 
-    log_dot = jnp.where(phi > 0, scale * y_dot / jnp.where(phi > 0, phi, 1), 0)
+    log_dot = jnp.where(component, lax.slice(u_dot, (0, 0, 0), component.shape), 0)
     return solved, {**jax.tree.map(zero, solved), "log_phi": log_dot}

@@ -22,7 +22,7 @@ from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.price import SCREENING_LENGTH, decay
-from maxjax.solvers.krylov import Linear
+from maxjax.solvers.aggregation import padded
 
 
 @jax.tree_util.register_dataclass
@@ -117,9 +117,6 @@ class Solver(Hashable, Protocol):
     def prepared(self, medium: Medium) -> Medium:
         """The medium on the grid that the stages expect."""
 
-    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
-        """Of D^-1/2 A D^-1/2 = I − G, for the derivative; `faces` are those of G (`stencil.normalize`)."""
-
 
 def medium_of(
     sigma: Float[Array, "nx ny nz"],
@@ -132,6 +129,19 @@ def medium_of(
     steps = None if price is None else decay(lax.stop_gradient(price), length) / decay(1.0, length)
     component, distance = geodesic(lax.stop_gradient(sigma) > 0, goal, steps)
     return Medium(sigma, price, goal, component, distance, sigma.shape, grounded)
+
+
+def pad_medium(medium: Medium) -> Medium:
+    """Its component alone, padded with obstacles, so that every level consists of whole aggregates."""
+    sigma = medium.sigma
+    return dataclasses.replace(
+        medium,
+        # What is wrong with it stays.
+        sigma=padded(jnp.where(medium.component | ~jnp.isfinite(sigma), sigma, jnp.minimum(sigma, 0))),
+        price=None if medium.price is None else padded(medium.price),
+        component=padded(medium.component),
+        distance=padded(medium.distance),
+    )
 
 
 def untouched(medium: Medium, length: Float[Array, ""]) -> Progress:

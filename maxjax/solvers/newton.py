@@ -18,7 +18,8 @@ solution is smooth, and every quantity in it is of order one.
 A cycle takes one correction δ, constant on aggregates of 2 × 2 × 2 voxels, and five weighted sweeps of the factor
 ψ = e^δ, ψ_i ← ψ_i + ω (Σ_j p_ij ψ_j − ψ_i); then u ← u + log ψ. Everything stays positive: walls one voxel thick,
 sealed pockets and dead ends need no care. Doors of one voxel in such walls may stall the cycles on deep levels; they
-then end unconverged.
+then end unconverged. A whole step, whose δ is solved to the end (`solvers.random_walk`), takes longer and stalls
+nowhere: Σ_j p_ij is convex in u, so Newton's method converges from any start.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
@@ -35,6 +37,7 @@ from maxjax.programs.batching import settle
 from maxjax.programs.lowering import maximum, repeat
 from maxjax.solvers.aggregation import AggregateLevel, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
+from maxjax.solvers.random_walk import imbalance, random_walk
 
 # Weights of the sweeps after a correction, to damp what an aggregate cannot represent: (1 − 0.6 λ)² (1 − λ)²
 # |1 − 1.7 λ| stays below 0.07 for 0.4 ≤ λ ≤ 1.9. Plain sweeps do not damp what alternates from voxel to voxel, λ = 2.
@@ -46,6 +49,8 @@ _BOUND = 8.0
 # Cycles end when for so many of them the residual has not fallen below this share of the best. From a guess whose
 # prices are rounded it rises first.
 _PATIENCE, _PROGRESS = 8, 0.8
+# Whole steps at most: from cycles that stalled, three or four suffice.
+_MOST_STEPS = 12
 
 
 @jax.tree_util.register_dataclass
@@ -113,6 +118,44 @@ def newton_cycles(medium: Medium, progress: Progress, *, tolerance: float, most:
     )
 
 
+@jax.named_scope("newton steps")
+def newton_steps(medium: Medium, progress: Progress, *, tolerance: float, wanted: Bool[Array, ""]) -> Progress:
+    """Whole Newton steps until no sweep would change any voxel by more than `tolerance` of itself.
+
+    Args:
+        medium, progress, tolerance: as of `newton_cycles`.
+        wanted: whether any step is taken.
+    """
+
+    def going(carry: _CycleCarry) -> Bool[Array, ""]:
+        return wanted & (carry.cycles < _MOST_STEPS) & (carry.change > tolerance)
+
+    def step(carry: _CycleCarry) -> _CycleCarry:
+        walk = random_walk(medium, progress.length, carry.log_phi)
+        residual = imbalance(medium, progress.length, carry.log_phi)
+        log_phi = carry.log_phi + walk.solve(residual)
+        after = imbalance(medium, progress.length, log_phi)
+        change = maximum(_beyond_rounding, after, log_phi)
+        return dataclasses.replace(carry, log_phi=log_phi, cycles=carry.cycles + 1, change=change)
+
+    last = lax.while_loop(going, step, dataclasses.replace(_carry(progress), cycles=jnp.int32(0)))
+    # What is no number has no residual either.
+    better = jnp.isfinite(last.change) & (last.cycles > 0)
+    return dataclasses.replace(
+        progress,
+        log_phi=jnp.where(better, last.log_phi, progress.log_phi),
+        iterations=progress.iterations + last.cycles,
+        residual=jnp.where(better, last.change, progress.residual),
+        converged=progress.converged | (better & (last.change <= tolerance)),
+    )
+
+
+def _beyond_rounding(change: Volume, log_phi: Volume) -> Volume:
+    """How much larger a change is than what the rounding of log φ ≤ 0 itself brings."""
+    ulp = 4 * float(np.finfo(log_phi.dtype).eps)
+    return jnp.maximum(jnp.abs(change) + ulp * jnp.maximum(log_phi, -_FAR), 0)
+
+
 def _system(medium: Medium, length: Float[Array, ""]) -> _System:
     operator = operator_of(medium, length)
     levels = levels_of(operator.faces, medium.component, medium.goal)
@@ -144,13 +187,8 @@ def _cycle(system: _System, carry: _CycleCarry) -> _CycleCarry:
         _, psi = repeat(len(_SWEEPS) - 1, lambda state: (state[0] + 1, sweep(state[1], weights[state[0]])), first)
     with jax.named_scope("change"):
         after = sweep(psi, 1.0)
-        # What the rounding of log φ itself brings is none: log φ ≤ 0.
-        ulp = 4 * float(np.finfo(psi.dtype).eps)
         change = maximum(
-            lambda after, psi, log_phi: jnp.maximum(jnp.abs(after - psi) / psi + ulp * log_phi, 0),
-            after,
-            psi,
-            jnp.maximum(carry.log_phi, -_FAR),
+            lambda after, psi, log_phi: _beyond_rounding((after - psi) / psi, log_phi), after, psi, carry.log_phi
         )
         return _CycleCarry(
             log_phi=carry.log_phi + jnp.log(psi + _SWEEPS[-1] * (after - psi)),

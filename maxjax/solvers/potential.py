@@ -106,8 +106,8 @@ def solve_potential(
             `paper`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). Static.
 
     Returns:
-        A `Potential`; `log_phi` and `phi` are differentiable in sigma, price and screening_length, wherever φ is within
-        the range of its number format.
+        A `Potential`; `log_phi` is differentiable in sigma, price and screening_length at any distance from the goal
+        (`phi` as far as it is within the range of its number format). In walls the derivative is 0.
 
     Raises:
         ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not

@@ -6,33 +6,27 @@ A guess that decays with geodesic distance, then Newton cycles (`solvers.newton`
 voxel by more than a small part of *its own* φ, then positive sweeps until the field is certified (`solvers.certify`).
 Where that is out of reach, as in a maze whose doors stall the cycles, the flood's distance takes its place
 (`solvers.geodesic`): certified as well, its prices rounded, and marked. Where a tolerance is asked for, values count:
-cycles that stall are then followed by conjugate gradients (`solvers.cg`), as far as φ is within the number format.
+cycles that stall are then followed by whole Newton steps (`solvers.newton`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields import stencil
 from maxjax.fields.price import SCREENING_LENGTH, decay
-from maxjax.programs.batching import settle
-from maxjax.programs.lowering import in_this_turn
-from maxjax.solvers.aggregation import padded
 from maxjax.solvers.certify import decide_status, sweep_until_certified
-from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS, ConjugateGradients
+from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS
 from maxjax.solvers.geodesic import or_geodesic
-from maxjax.solvers.krylov import Linear
-from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, tolerance_of
-from maxjax.solvers.newton import newton_cycles
+from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, pad_medium, tolerance_of
+from maxjax.solvers.newton import newton_cycles, newton_steps
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
 # large at the far end, and leave directions alone.
@@ -42,20 +36,6 @@ TOLERANCES = {4: 1e-2, 8: 1e-12}
 _PRICED = 5.0
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class _FallbackCarry:
-    """Carry of the fallback.
-
-    Attributes:
-        progress: of the solve.
-        stalled: whether it is still to be solved by conjugate gradients.
-    """
-
-    progress: Progress
-    stalled: Bool[Array, ""]
-
-
 @dataclasses.dataclass(frozen=True)
 class Screened:
     """The solver `screened`.
@@ -63,7 +43,7 @@ class Screened:
     Attributes:
         tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`,
             and five times as much where there are prices.
-        max_iterations: cap on Newton cycles, and on CG iterations.
+        max_iterations: cap on Newton cycles.
         max_sweeps: cap on positive sweeps.
         or_geodesic: whether the flood's distance takes the place of a field that is not certified.
 
@@ -85,7 +65,7 @@ class Screened:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """Guess, Newton cycles, conjugate gradients, sweeps, the flood's distance, status."""
+        """Guess, Newton cycles, whole Newton steps, sweeps, the flood's distance, status."""
         sweep = functools.partial(sweep_until_certified, most=self.max_sweeps, between=SWEEPS_BETWEEN_LOOKS)
         exact = () if self.tolerance is None else (self.fall_back,)
         last = (or_geodesic,) if self.or_geodesic else ()
@@ -96,20 +76,8 @@ class Screened:
         return jnp.asarray(SCREENING_LENGTH, medium.sigma.dtype)
 
     def prepared(self, medium: Medium) -> Medium:
-        """Its component alone, padded with obstacles, so that every level consists of whole aggregates."""
-        sigma = medium.sigma
-        return dataclasses.replace(
-            medium,
-            # What is wrong with it stays.
-            sigma=padded(jnp.where(medium.component | ~jnp.isfinite(sigma), sigma, jnp.minimum(sigma, 0))),
-            price=None if medium.price is None else padded(medium.price),
-            component=padded(medium.component),
-            distance=padded(medium.distance),
-        )
-
-    def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
-        """That of `cg`: it outdoes the V-cycle, which spans no distance faster."""
-        return self._linear.preconditioner(medium, operator, faces)
+        """On whole aggregates."""
+        return pad_medium(medium)
 
     def iterate(self, medium: Medium, progress: Progress) -> Progress:
         """Newton cycles."""
@@ -119,23 +87,9 @@ class Screened:
         return newton_cycles(medium, progress, tolerance=tolerance, most=self.max_iterations)
 
     def fall_back(self, medium: Medium, progress: Progress) -> Progress:
-        """Conjugate gradients where the cycles stalled; what they do not converge to is dropped."""
-
-        def solve(medium: Medium, carry: _FallbackCarry) -> _FallbackCarry:
-            found = self._linear.iterate(in_this_turn(medium, carry.stalled), carry.progress)
-            # What underflows has no residual either.
-            floor = math.log(float(np.finfo(found.log_phi.dtype).tiny)) + 1
-            better = found.converged & (jnp.min(found.log_phi) > floor)
-            chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, carry.progress)
-            return _FallbackCarry(chosen, jnp.zeros_like(carry.stalled))
-
+        """Whole Newton steps where the cycles stalled."""
         stalled = ~progress.converged & (progress.iterations < self.max_iterations)
-        first = _FallbackCarry(progress, stalled)
-        return settle(lambda _, carry: carry.stalled, solve, medium, first, at_once=4).progress
-
-    @property
-    def _linear(self) -> ConjugateGradients:
-        return ConjugateGradients(self.tolerance, self.max_iterations, self.max_sweeps)
+        return newton_steps(medium, progress, tolerance=tolerance_of(self, medium), wanted=stalled)
 
 
 @jax.named_scope("guess")
