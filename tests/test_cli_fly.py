@@ -25,8 +25,12 @@ from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.trials import Trial
 from maxjax.cli import flying, progress
 from maxjax.cli.flying import command_of
+from maxjax.cli.viewing_flights import again
+from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.methods import planner_named
+from maxjax.planning.problem import Problem
+from maxjax.planning.route import Route
 from maxjax.sim.disturbances import Disturbances
 from maxjax.sim.flight import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.lidar import Scan
@@ -323,3 +327,42 @@ def test_a_replay_command_flies_the_same_campaign(fly: Terminal, monkeypatch: py
         assert fly(*shlex.split(command_of(campaign, campaign.trials[0]))[2:], "--json")[0] == 0
         assert given[-1].configuration() == campaign.configuration()
         assert given[-1].config.planner == campaign.config.planner
+
+
+@dataclasses.dataclass(frozen=True)
+class Stranger:
+    """A planner that the command line does not know."""
+
+    name: str = "hop"
+    batched: bool = True
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
+        raise AssertionError("it is named, and flies nothing")
+
+
+@pytest.mark.parametrize(
+    ("config", "told"),
+    [
+        (FlightConfig(planner=Stranger()), "planner"),
+        (FlightConfig(planner=Stranger("field")), "planner"),
+        (FlightConfig(planner=planner_named("field"), shape=(51, 51, 41), plans=7), "shape, plans"),
+        (FlightConfig(planner=planner_named("field"), stages=()), "stages"),
+    ],
+)
+def test_no_command_is_told_that_would_fly_otherwise(config: FlightConfig, told: str) -> None:
+    command = command_of(Campaign("suburb", 0, range(1), config=config), 0)
+    assert command == f"# flown from Python: no command line flies it again, which cannot give its {told}"
+    # Pasted into a shell it does nothing.
+    assert shlex.split(command, comments=True) == []
+    with pytest.raises(ValueError, match=f"trial 3: it was flown from Python.*its {told}"):
+        again(types.SimpleNamespace(trial=3, command=command))  # type: ignore[arg-type]
+
+
+def test_merged_shares_without_positions_are_told_of(fly: Terminal, tmp_path: Path) -> None:
+    arguments = ("suburb", "--trials", 6, "--batch", 2, "--out", tmp_path)
+    for index in range(2):
+        fly(*arguments, "--shard", f"{index}/2")
+    next((tmp_path / "shards" / "1-of-2" / "positions").glob("*.npz")).unlink()
+    code, _, err = fly(*arguments, "--merge")
+    assert code == 0
+    assert "lacks the positions of" in err

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float, Key
 
 from maxjax.campaigns.batch_size import first_size, halved, round_up
 from maxjax.campaigns.campaign import Campaign, outcome_of
-from maxjax.campaigns.ledger import POSITIONS, ROWS, Ledger
+from maxjax.campaigns.ledger import Ledger
 from maxjax.campaigns.outcomes import Outcome, Table, on_host
 from maxjax.campaigns.trial_movers import movers_key
 from maxjax.campaigns.trials import draw_many
@@ -55,7 +55,8 @@ def fly_trials(
         batch: flights at a time, rounded up to a multiple of the number of devices; None: see `batch_size`.
         folder: where to keep outcomes and positions; made if missing. None: nowhere.
         devices: to fly on; None: all of this host's that this process may use.
-        warn: called with a sentence when a batch did not fit and is split.
+        warn: called with a sentence when a batch did not fit and is split, and when what the folder holds lacks
+            positions or was flown by other sources or versions.
 
     Yields:
         Outcomes, one a trial in all: first those that the folder holds already, then those of trials that cannot be
@@ -73,11 +74,9 @@ def fly_trials(
         raise ValueError(f"batch: expected at least 1, given {batch}")
     ledger = None if folder is None else campaign.ledger(folder)
     with contextlib.nullcontext() if ledger is None else ledger.held():
-        if ledger is not None and (lost := ledger.without_positions()):
-            warn(
-                f"{ledger.folder / POSITIONS}: lacks the positions of {len(lost)} trials that flew, the first of them "
-                f"{lost[0]}; they cannot be shown; remove their lines from {ROWS} and they are flown again"
-            )
+        if ledger is not None:
+            for remark in filter(None, (ledger.lost_positions, ledger.other_makers)):
+                warn(remark)
         yield from _fly_missing(campaign, batch, ledger, devices, warn)
 
 

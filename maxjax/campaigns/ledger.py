@@ -172,6 +172,30 @@ class Ledger:
         kept = {trial for trials, _ in self.batches() for trial in trials}
         return sorted(trial for trial, outcome in self.outcomes.items() if outcome.flown and trial not in kept)
 
+    @property
+    def lost_positions(self) -> str:
+        """What there is to say of flights whose positions are no longer there; empty if nothing is lost."""
+        lost = self.without_positions()
+        if not lost:
+            return ""
+        return (
+            f"{self.folder / POSITIONS}: lacks the positions of {len(lost)} trials that flew, the first of them "
+            f"{lost[0]}; they cannot be shown; remove their lines from {ROWS} and they are flown again"
+        )
+
+    @property
+    def other_makers(self) -> str:
+        """What there is to say where lines were flown by other sources or versions than these; empty if none were."""
+        own = {"sources": sources(), "versions": versions()}
+        others = [one for one in self.flown_by if {name: one.get(name) for name in own} != own]
+        if not others or not self.outcomes:
+            return ""
+        return (
+            f"{self.folder}: of its {len(self.outcomes)} outcomes some were flown by other sources or versions "
+            f"({len(others)} others); they stay, and {CONFIG} names all of them. For outcomes of one kind, choose "
+            "another folder"
+        )
+
     def record_batch_size(self, size: int | None) -> None:
         """Record the size of the batches, with which the campaign is resumed."""
         if size != self.batch:

@@ -107,7 +107,10 @@ def _merge(campaign: Campaign, options: FlyOptions, whole: Path) -> int:
             f"{runs(merged.missing)}; fly those shares again, then merge again. Nothing was written."
         )
         return 1
-    outcomes = list(campaign.ledger(whole).outcomes.values())
+    ledger = campaign.ledger(whole)
+    if lost := ledger.lost_positions:
+        report.complain(lost)
+    outcomes = list(ledger.outcomes.values())
     return _tell(campaign, options, whole, outcomes, ())
 
 
@@ -212,8 +215,13 @@ _OPTIONS = {
 }
 
 
+NO_COMMAND = "# flown from Python: no command line flies it again, which cannot give its"
+
+
 def command_of(campaign: Campaign, trial: int) -> str:
-    """The command line that flies one trial of a campaign again, by itself."""
+    """The command line that flies one trial of a campaign again, by itself; a remark where none does."""
+    if differing := _beyond_options(campaign):
+        return f"{NO_COMMAND} {', '.join(differing)}"
     words = ["maxjax", "fly", campaign.map, "--seed", str(campaign.seed), "--trial", str(trial)]
     config, strengths = campaign.config, campaign.strengths
     if config.planner.name != "field":
@@ -226,6 +234,18 @@ def command_of(campaign: Campaign, trial: int) -> str:
     if (movers := campaign.movers) is not None:
         words += ["--movers", str(movers.count), "--mover-speed", f"{movers.speed:.12g}", "--mover-kind", movers.kind]
     return shlex.join(words)
+
+
+def _beyond_options(campaign: Campaign) -> list[str]:
+    """Settings of a campaign's flights that no option of the command line gives."""
+    config = campaign.config
+    try:
+        planner = planner_named(config.planner.name)
+    except ValueError:
+        return ["planner"]
+    told = FlightConfig(config.disturbances, planner=planner, snapshot=config.snapshot, reactive=config.reactive)
+    names = [field.name for field in dataclasses.fields(config) if field.name != "disturbances"]
+    return [name for name in names if getattr(config, name) != getattr(told, name)]
 
 
 def _fly(campaign: Campaign, options: FlyOptions, out: Path | None) -> tuple[list[Outcome], list[Flight]]:

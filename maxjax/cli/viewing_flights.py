@@ -11,7 +11,7 @@ import tyro
 from maxjax.campaigns.execution import draw_trials, world_of
 from maxjax.campaigns.outcomes import Outcome
 from maxjax.campaigns.trial_movers import movers_of
-from maxjax.cli.flying import campaign_of
+from maxjax.cli.flying import NO_COMMAND, campaign_of
 from maxjax.cli.options import FlyOptions, ViewOptions
 from maxjax.cli.page import wait, write_page
 from maxjax.cli.progress import progress
@@ -70,6 +70,8 @@ def again(outcome: Outcome) -> Sequence[Flight]:
     Raises:
         ValueError: where that is no flight's.
     """
+    if outcome.command.startswith(NO_COMMAND):
+        raise ValueError(f"trial {outcome.trial}: it was {outcome.command.removeprefix('# ')}")
     words = shlex.split(outcome.command)
     if words[:2] != ["maxjax", "fly"]:
         raise ValueError(f"trial {outcome.trial}: expected a command of maxjax fly, given {outcome.command!r}")

@@ -130,7 +130,11 @@ class FlightPage:
         outcome = self._ledger.outcomes[trial]
         if again and outcome.flown and trial not in self._flights:
             self.status.content = f"### Trial {trial}: flying again …\nIts programs are compiled first, once."
-            self._flights[trial] = self._again(outcome)
+            try:
+                self._flights[trial] = self._again(outcome)
+            except ValueError as error:
+                self.status.content = f"### Trial {trial}: not flown again\n{error}"
+                return
         line = self._lines.get(trial)
         self.status.content = f"### Trial {trial}\nIts city and what moves there are computed …"
         with self._lock:

@@ -235,6 +235,24 @@ def test_lost_positions_are_noticed_and_flown_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
+def test_outcomes_of_other_sources_are_told_of_when_others_join_them(tmp_path: Path) -> None:
+    campaign = Campaign("suburb", 0, range(6), config=windy(3.0))
+    said: list[str] = []
+    flown(campaign, batch=3, folder=tmp_path)
+    flown(campaign, folder=tmp_path, warn=said.append)
+    assert not said
+    config = json.loads((tmp_path / bookkeeping.CONFIG).read_text())
+    config["flown_by"][0]["sources"] = "0"
+    (tmp_path / bookkeeping.CONFIG).write_text(json.dumps(config))
+    rows = (tmp_path / bookkeeping.ROWS).read_text().splitlines(keepends=True)
+    (tmp_path / bookkeeping.ROWS).write_text("".join(rows[:3]))
+    flown(campaign, folder=tmp_path, warn=said.append)
+    (sentence,) = said
+    assert "of its 3 outcomes some were flown by other sources or versions (1 others)" in sentence
+    assert len(json.loads((tmp_path / bookkeeping.CONFIG).read_text())["flown_by"]) == 2
+
+
+@pytest.mark.usefixtures("quick")
 def test_each_batch_is_on_the_disk_when_it_is_yielded(tmp_path: Path) -> None:
     campaign = Campaign("suburb", 0, range(9), config=CALM)
     run = fly_trials(campaign, batch=3, folder=tmp_path)

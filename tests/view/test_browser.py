@@ -21,7 +21,9 @@ from flown import folder
 from test_page import town
 
 from benchmarks.common.browser import Window, browser, chromium
+from maxjax.campaigns.outcomes import Outcome
 from maxjax.cli.viewing_flights import caption
+from maxjax.sim.flight import Flight
 from maxjax.view.city import City
 from maxjax.view.download import file_of
 from maxjax.view.flight_page import FlightPage
@@ -192,7 +194,11 @@ def test_flights_play_on_a_timeline_and_a_shared_flight_opens_from_disk(
 ) -> None:
     name, ledger = open_folder(folder(tmp_path))
     server = serve(city_of(name, 0), port=0)
-    page = FlightPage(server, name, ledger, lambda _: (), 0)
+
+    def again(_: Outcome) -> tuple[Flight, ...]:
+        raise ValueError("no command line flies it again")
+
+    page = FlightPage(server, name, ledger, again, 0)
     window = Window(chrome)
     window.page.goto(f"http://127.0.0.1:{server.get_port()}/")
     window.shown("/flown/line")
@@ -203,6 +209,8 @@ def test_flights_play_on_a_timeline_and_a_shared_flight_opens_from_disk(
     window.page.get_by_role("button", name="Pause").click()
     until(lambda: not page.playing)
     window.picture(pages / "flight.png")
+    window.page.get_by_role("button", name="Fly it again").click()
+    window.wait("() => document.body.innerText.includes('no command line flies it again')")
     page.list.value = "1: IN_CONTACT, 64 m"
     window.wait("() => document.body.innerText.includes('Trial 1: IN_CONTACT')")
     page.list.value = "2: not flown"
