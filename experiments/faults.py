@@ -248,7 +248,7 @@ def _row(config: Config, name: str, log: FlightLog, modes: Int32[np.ndarray, "n 
         "unseen": int(np.sum(np.asarray(log.unseen) > 0)),
         "statuses": ", ".join(f"{count} {one}" for one, count in statuses.most_common()),
         "lifting": int(lifting.sum()),
-        "blamed": "; ".join(f"{count} {one}" for one, count in blamed.most_common(40)) or None,
+        "blamed": "; ".join(f"{count} {one}" for one, count in blamed.most_common()) or None,
         "again": "; ".join(
             f"python -m experiments.faults --map {config.map} --seed {config.seed} --cells {name} "
             f"--first {config.first + k} " + ("--flights 0 --random 1" if name == "random" else "--flights 1")
@@ -292,19 +292,12 @@ def section(document: Document) -> str:
         + table(heads, lines, left=1)
         + "".join(
             f"\nContacts at random with motors that lift: {row['lifting']} of {row['flights']}; "
-            f"what failed: {_often(str(row['blamed']))}.\n"
+            f"what failed: {row['blamed']}.\n"
             for row in at_random
         )
         + "\nThe first that did not arrive of each, and the command that flies it again:\n\n"
         + "".join(failures)
     )
-
-
-def _often(blamed: str) -> str:
-    """Combinations that were met more than once, and how many others there are."""
-    each = blamed.split("; ")
-    often = [one for one in each if not one.startswith("1 ")]
-    return "; ".join([*often, f"{len(each) - len(often)} others, once each"] if len(often) < len(each) else often)
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ LARGE = (
     *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "tracking")),
     "sim/fleet/",
     "sim/moving/",
-    *(f"solvers/test_{name}" for name in ("newton", "sharding", "v_cycle")),
+    *(f"solvers/test_{name}" for name in ("newton", "random_walk", "sharding", "v_cycle")),
     "test_cli_interrupted",
     "test_cli_places",
     "campaigns/test_shards",

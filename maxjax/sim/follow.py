@@ -30,6 +30,8 @@ from maxjax.worlds.movers import solids_at
 
 # Slower than this a vehicle has no course [m/s].
 _SLOW = 0.5
+# A clock may be faster than this loop's own steps by so much; what it says beyond is no time that has passed.
+_FASTEST = 1.5
 
 # (world, flight, config, number) ↦ flight with the motion to fly.
 Steer = Callable[[World, Flight, FlightConfig, Int32[Array, ""]], Flight]
@@ -121,6 +123,7 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     if world.faults is not None:
         command, failing = thrusts(world, dataclasses.replace(flight, failing=failing), command, vehicle)
         wind, reference_time = wind + air(world, flight), ticked(world, flight, config)
+    reference_time = paced(flight.reference_time, reference_time, vehicle.timestep)
     after = physics.advance(vehicle, before, command, wind)
     if config.exact:
         yaw = turned(before.rotation, setpoint.velocity, config)
@@ -149,6 +152,15 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
         among=among,
         failing=failing,
     )
+
+
+def paced(before: Float[Array, ""], told: Float[Array, ""], timestep: float) -> Float[Array, ""]:
+    """Advance the time on the reference to what the clock says, as far as a vehicle can follow [s].
+
+    Time never goes back, and never on by more than `_FASTEST` time steps at once: whatever the clock says, set-points
+    move along the reference that was verified, without a jump, and rest at its end.
+    """
+    return before + jnp.clip(told - before, 0.0, _FASTEST * timestep)
 
 
 def turned(rotation: Float[Array, "3 3"], velocity: Float[Array, "3"], config: FlightConfig) -> Float[Array, ""]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,3 +54,16 @@ def test_random_modes_belong_to_the_trial_and_mean_something() -> None:
 def test_an_unknown_cell_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match="given 'lidar-stucked'"):
         cells(dataclasses.replace(faults.TINY, cells=("lidar-stucked",)))
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("trial", [285, 6970])
+def test_a_stuck_planner_with_a_broken_clock_touches_nothing(trial: int, tmp_path: Path) -> None:
+    """Of ten thousand flights with faults at random, the two that touched a wall with healthy motors."""
+    config = faults.Config(flights=0, random=1, first=trial, cells=("random",), out=tmp_path)
+    (modes,) = faults._at_random(config)
+    assert modes[Target.PLANNER]
+    assert modes[Target.CLOCK] == Mode.GARBAGE
+    assert not modes[Target.MOTORS]
+    (row,) = faults.main(config)
+    assert row["contacts"] == row["unseen"] == row["not_numbers"] == 0

@@ -14,9 +14,22 @@ from maxjax.core.status import Status
 from maxjax.methods import planner_named
 from maxjax.planning.distances import Distances
 from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.faults import MEANINGLESS, Failing, Faults, Mode, Target, account, delivered, located, none_yet, thrusts
+from maxjax.sim.faults import (
+    MEANINGLESS,
+    Failing,
+    Faults,
+    Mode,
+    Target,
+    account,
+    delivered,
+    located,
+    none_yet,
+    thrusts,
+    ticked,
+)
 from maxjax.sim.flight import STAGES, Flight, FlightConfig, World, take_off, watch
 from maxjax.sim.flight_state import estimated_position
+from maxjax.sim.follow import paced
 from maxjax.sim.lidar import Lidar, Scan, scan
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
@@ -118,6 +131,28 @@ def test_commands_reach_late_motors_five_steps_later_and_weak_ones_in_part() -> 
             flight = dataclasses.replace(flight, failing=failing)
             told.append(np.asarray(got))
         assert np.allclose(told[5:] if mode == Mode.LATE else told, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mode", [mode for mode in Mode if (Target.CLOCK, mode) not in MEANINGLESS])
+def test_whatever_the_clock_says_set_points_do_not_jump_nor_go_back(mode: Mode) -> None:
+    one = world(Faults.of({Target.CLOCK: mode}, onset=0.0))
+    step = CONFIG.vehicle.timestep
+
+    @jax.jit
+    def times(flight: Flight) -> jax.Array:
+        def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
+            now = paced(flight.reference_time, ticked(one, flight, CONFIG), step)
+            log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
+            return dataclasses.replace(flight, reference_time=now, log=log), now
+
+        return jax.lax.scan(tick, flight, None, round(CONFIG.period / step))[1]
+
+    taken = np.diff(np.asarray(times(take_off(one, CONFIG))), prepend=0.0)
+    assert taken.min() >= 0.0
+    assert taken.max() <= 1.5 * step + 1e-6
+    # Clocks that go at all, however badly, let the vehicle fly.
+    stands = mode in (Mode.OFF, Mode.STUCK, Mode.INTERMITTENT)
+    assert stands or taken.sum() > 0.3 * CONFIG.period
 
 
 def test_what_is_remembered_at_first_is_hovering_at_the_start() -> None:
