@@ -114,8 +114,8 @@ class Replanner:
 
         Nothing is begun that took too long last time to end before the deadline; a program that runs is waited for, so
         a call can be late, and says so. Where a scan holds no return, what is left of the last plan has to pass in the
-        map of the last scan that held one, too. What is left of a plan to another goal, a voxel away or more, is not
-        handed out.
+        map of the last scan that held one, too. What is left of a plan to another goal is led straight on to the one
+        asked for, if that is less than a voxel away; else it is not handed out.
 
         Args:
             points: returns in the world frame [m], as `maxjax.plan_scan` takes them.
@@ -196,7 +196,7 @@ class Replanner:
         if self._last is None or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing:
             return None, math.nan
         last, when = self._last
-        left = remainder(last, start, seen if kept or self._seen is None else self._seen)
+        left = remainder(last, start, goal, seen if kept or self._seen is None else self._seen)
         if left is None or not verify(left.path, seen, radius=left.radius, exemptions=left.exemptions).ok:
             return None, math.nan
         return left, now - when

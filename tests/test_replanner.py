@@ -246,7 +246,11 @@ def test_an_empty_scan_leaves_the_last_plan_as_far_as_the_last_scan_allows(repla
 
 def test_what_is_left_of_a_plan_to_another_goal_is_not_flown(replanner: Replanner) -> None:
     replanner.replan(cloud_of(wall()), BEFORE, GOAL, deadline=math.inf)
-    assert replanner.replan(cloud_of(wall()), BEFORE, GOAL + 0.5, deadline=1e-3).plan is not None
+    beside = replanner.replan(cloud_of(wall()), BEFORE, GOAL + 0.5, deadline=1e-3)
+    assert beside.plan is not None
+    assert beside.status == Status.TIMEOUT
+    np.testing.assert_array_equal(beside.plan.path[-1], GOAL + 0.5)
+    assert passes(beside, wall())
     assert replanner.replan(cloud_of(wall()), BEFORE, GOAL - [0, 6, 0], deadline=1e-3).plan is None
 
 
@@ -360,7 +364,7 @@ def test_the_remainder_of_a_plan_leads_from_beside_it_to_its_goal_and_is_no_long
     for along in rng.uniform(0, edges.sum(), 30):
         place = np.array([np.interp(along, np.concatenate([[0.0], np.cumsum(edges)]), path[:, k]) for k in range(3)])
         here = place + rng.uniform(-0.3, 0.3, 3)
-        left = remainder(plan, here, where)
+        left = remainder(plan, here, GOAL, where)
         assert left is not None
         np.testing.assert_array_equal(left.path[[0, -1]], [here, GOAL])
         assert verify(left.path, where, radius=plan.radius).ok
@@ -375,7 +379,7 @@ def test_an_exemption_shrinks_as_its_end_is_left() -> None:
     where, start = VoxelMap.on(GRID, occupied), at(3, 5.75, 6)  # half a metre off the wall's face
     path = np.stack([start, at(3, 9, 6), GOAL])
     plan = bare_plan(where, path, DISTANCES, exemptions=(3.0, 0.0), clearance_at=np.zeros(3))
-    left = remainder(plan, start + np.array([0.0, 0.2, 0.0]), where)
+    left = remainder(plan, start + np.array([0.0, 0.2, 0.0]), GOAL, where)
     assert left is not None
     assert left.exemptions == pytest.approx((2.8, 0.0))
-    assert remainder(plan, start + np.array([4.0, 0.0, 0.0]), where) is None
+    assert remainder(plan, start + np.array([4.0, 0.0, 0.0]), GOAL, where) is None
