@@ -36,6 +36,7 @@ from maxjax.core.files import atomic_write
 from maxjax.core.provenance import sources
 from maxjax.programs.cache import cache_folder, let_jax_keep, trim
 from maxjax.programs.compilation import compiling
+from maxjax.programs.false_alarm import without_false_alarm
 from maxjax.programs.forked import refuse_after_fork
 from maxjax.programs.lowering import target
 
@@ -153,9 +154,11 @@ def _read(file: Path, count: int) -> Callable[..., Any] | None:
         if stated != _seal(file, content):
             return None
         payload, out_tree = pickle.loads(zlib.decompress(content))
-        found: Callable[..., Any] = serialize_executable.deserialize_and_load(
-            payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=jax.local_devices()[:1]
-        )
+        home = jax.local_devices()[:1]
+        with without_false_alarm():
+            found: Callable[..., Any] = serialize_executable.deserialize_and_load(
+                payload, jax.tree.structure(((0,) * count, {})), out_tree, execution_devices=home
+            )
         return found
     except FileNotFoundError:
         return None
