@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,6 +92,18 @@ def test_a_broken_bound_is_flagged_and_the_set_begins_again() -> None:
             np.testing.assert_allclose(state.tracks.fastest[0], SIGHT.bounds.speed, atol=1e-5)
             return
     raise AssertionError("a mover that turns back at once broke no bound")
+
+
+def test_a_body_that_grows_breaks_the_bound_and_one_that_is_seen_as_before_does_not() -> None:
+    """Half edges of its box, at each look [m]: whatever may be in a larger one was in no set before."""
+    rng, place = np.random.default_rng(4), np.array([[5.0, 0.0, 5.0], [0.0, 9.0, 5.0]])
+    state = nobody_followed(SIGHT)
+    for k, half in enumerate([0.5, 0.5, 0.5, 0.5, 0.8, 0.8, 0.5, 0.5]):
+        seen = measured(rng, place, np.zeros(2))
+        seen = dataclasses.replace(seen, half=seen.half.at[0, 2].set(half))
+        state, matches = jit_followed(state, seen, PLAIN, jnp.float32(0.1 * (k + 1)), SIGHT)
+        slot = int(np.flatnonzero(np.asarray(matches.of_track) == 0)[0])
+        assert np.asarray(matches.broken).tolist() == [j == slot and k == 4 for j in range(SIGHT.slots)], k
 
 
 def test_in_plain_view_a_track_fades_and_hidden_it_grows_until_it_says_nothing() -> None:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import box
+from scenes import box, spheres
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim.lidar import Lidar, scan
@@ -15,6 +15,7 @@ from maxjax.sim.moving.sets import Bounds
 from maxjax.sim.moving.sight import MoverSight
 from maxjax.sim.moving.visible import Visible, visible
 from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
+from maxjax.worlds.movers import Moving
 
 SIGHT = MoverSight(lidar=Lidar(), bounds=Bounds(8.0, 2.0, 1.0), detections=1, points=1024)
 AT = np.array([0.0, 0.0, 12.0])
@@ -76,3 +77,27 @@ def test_middle_and_faces_lie_in_their_sets(shape: str) -> None:
     assert len(faces) > 100
     # One of two faces is seen: it is known better than the depth of a body.
     assert np.median(faces) < 0.6
+
+
+@pytest.mark.parametrize("speed", [-3.0, 3.0])
+def test_what_moves_while_it_is_scanned_lies_in_its_sets_at_the_middle_of_that_time(speed: float) -> None:
+    """A sphere across the seam of the scan: one half of it is measured a turn of the sensor before the other."""
+    sight = MoverSight(lidar=Lidar(range_noise=0.0), bounds=Bounds(3.0, 2.0, 1.0), detections=1, points=1024)
+    radius, end, position = 0.35, 0.7, jnp.asarray(AT, jnp.float32)
+    start, velocity = AT + np.array([7.0, -speed * (end - 0.05), 0.0]), np.array([0.0, speed, 0.0])
+    movers = Moving(spheres(start[None], velocity[None], radius), jnp.float32(end))
+    result = scan(ground_plane(), sight.lidar, position, jnp.eye(3), jax.random.key(0), movers)
+    own = np.asarray(result.hit & (result.distance < 8.0))
+    assert {True, False} == {bool(column < 256) for column in np.flatnonzero(own) % 512}  # both ends of the turn
+    ray = jnp.nonzero(jnp.asarray(own), size=sight.points, fill_value=0)[0].astype(jnp.int32)
+    count = jnp.sum(jnp.asarray(own))
+    cluster = jnp.where(jnp.arange(sight.points) < count, 0, 1)
+    clusters = Clusters(ray, cluster, count[None] > 0, count[None], jnp.zeros((), bool))
+    seen = visible(clusters, result, position, jnp.eye(3), sight)
+    assert not seen.large[0]
+    middle = start + (end - float(seen.age[0])) * velocity
+    truth = np.stack([middle, middle - radius, middle + radius])
+    low, high = np.asarray(seen.marks.low)[:, 0], np.asarray(seen.marks.high)[:, 0]
+    assert float(seen.age[0]) == pytest.approx(0.05, abs=0.003)
+    assert (low - 2e-3 <= truth).all(), (low, truth)
+    assert (truth <= high + 2e-3).all(), (truth, high)
