@@ -53,7 +53,8 @@ def main(config: Config) -> list[Row]:
     Raises:
         OSError: outside a clone of the repository.
     """
-    path = config.out / "history.json"
+    kept, recorded = (folder / "history.json" for folder in (config.out, RESULTS))
+    path = kept if kept.is_file() else recorded
     rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     line = _git("log", "--first-parent", "--reverse", "--format=%h %cs").decode().splitlines()
     numbers = range(config.every, len(line), config.every) if config.every else ()

@@ -1,7 +1,8 @@
 """The closed loop by the thousand: who arrives, over what way, after how many plans, in what weather.
 
     python -m experiments.closed_loop --trials 50 --methods solver astar            # one H200: 3 minutes
-    python -m experiments.closed_loop --trials 10000 --keep OUT                     # one H100: 8 minutes, resumes
+    python -m experiments.closed_loop --trials 10000 --keep OUT --seed $((16#$(git rev-parse --short=7 HEAD)))
+                                                    # fresh trials; one H100: 8 minutes, resumes
     python -m experiments.closed_loop --trials 500 --conditions wind noise dropout dead-sector blackout drift latency
 
 The protocol of the paper's Table I (bottom), on both unseen maps: start and goal 50 to 80 m apart, 3 to 15 m high, 10 m
@@ -23,7 +24,7 @@ from typing import Any
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
-from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.markdown import Document, device, table, trials
 from benchmarks.common.paper import FLOWN
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
@@ -42,7 +43,7 @@ class Config:
 
     Attributes:
         trials: a map.
-        maps: to fly in; nothing was ever tuned or trained on another seed of them.
+        maps: to fly in; no network was trained on them.
         methods: planners by name.
         conditions: names of `maxjax.sim.disturbances.SETS`.
         seed: of the first city; 50 trials share a city.
@@ -170,6 +171,7 @@ def section(document: Document) -> str:
     ]
     text = (
         f"### {_TITLES.get(document['name'], 'Closed loop')} ({device(document)})\n\n"
+        f"These are {trials(document)}.\n"
         "Arrived: within 2 m of the goal, nothing ever within 0.5 m of the vehicle's centre. Flown length and\n"
         "plans are means ± standard deviations over arrivals; / straight: flown length over the straight line, mean\n"
         "and 95th percentile; nearest: least distance from the centre of the vehicle to anything solid, the mean over\n"

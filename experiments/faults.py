@@ -31,7 +31,7 @@ from scipy.stats import beta
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
-from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.markdown import Document, device, table, trials
 from maxjax.campaigns.trials import draw_many
 from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import named
@@ -286,6 +286,7 @@ def section(document: Document) -> str:
     at_random = [row for row in document["rows"] if row["cell"] == "random" and row["blamed"]]
     return (
         f"### Faults in flight ({device(document)})\n\n"
+        f"These are {trials(document)}.\n"
         "What fails and how: the table of `maxjax.sim.faults`; it begins 1 to 8 s after take-off and does not end.\n"
         "No numbers: flights with a state that was none; unseen: those more than a voxel from any seen free.\n"
         "Bounds of Clopper and Pearson, 95 %. Random: each target fails with probability 1/3.\n\n"

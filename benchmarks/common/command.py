@@ -1,9 +1,11 @@
-"""The command line of an experiment or a benchmark: its configuration, or with `--tiny` one that ends in minutes.
+"""The command line of an experiment or a benchmark: its configuration, where results go, and `--tiny` and `--record`.
 
-    python -m experiments.mazes --problems 20            a field of the configuration an option
+    python -m experiments.mazes --problems 20            a field of the configuration an option; writes to build/results
+    python -m experiments.mazes --record                 takes the place of the recorded result
     python -m experiments.offline_table --tiny           begins with TINY, and writes to build/tiny
 
-A tiny run shows that all of it works here; its figures mean nothing, so they never take the place of recorded ones.
+Recorded results are replaced only where that is asked for. A tiny run shows that all of it works here; its figures mean
+nothing, so it never replaces any.
 """
 
 from __future__ import annotations
@@ -19,11 +21,14 @@ import tyro
 
 Config = TypeVar("Config")
 
-FOLDER = Path("build/tiny")
-"""Where results of tiny runs go, below the folder that the command is given in."""
+TINY_FOLDER, FOLDER = Path("build/tiny"), Path("build/results")
+"""Where results of tiny and of other runs go, below the folder that the command is given in."""
 
 _WRITTEN = ("out", "figures", "docs")  # fields that name folders, or a file, to write to
-_TOLD = "With --tiny: a small run that shows that it works, written to build/tiny."
+_TOLD = (
+    f"Results are written to {FOLDER}; with --record they replace the recorded ones. With --tiny: a small run "
+    f"that shows that it works, written to {TINY_FOLDER}."
+)
 
 
 def configured(tiny: Config, words: Sequence[str] | None = None) -> Config:
@@ -34,16 +39,21 @@ def configured(tiny: Config, words: Sequence[str] | None = None) -> Config:
         words: of the command line; None: this process's.
 
     Raises:
-        SystemExit: for options that it does not have.
+        SystemExit: for options that it does not have, or --tiny with --record.
     """
     given = list(sys.argv[1:] if words is None else words)
+    if {"--tiny", "--record"} <= {*given}:
+        raise SystemExit("--tiny and --record: expected one of them, given both: a tiny run has no figures to record")
     named: Any = tiny
-    begin: Any = type(tiny)()
-    if "--tiny" in given:
+    whole: Any = type(tiny)()
+    begin: Any = named if "--tiny" in given else whole
+    if "--record" not in given:
+        folder = TINY_FOLDER if "--tiny" in given else FOLDER
         paths = {name: getattr(named, name) for name in _WRITTEN if hasattr(named, name)}
-        moved = {name: FOLDER / path.name if path.suffix else FOLDER for name, path in paths.items()}
-        begin = dataclasses.replace(named, **moved)
-    told = f"{(inspect.getdoc(type(tiny)) or '').partition('Attributes:')[0].strip()}\n\n{_TOLD}"
-    rest = [word for word in given if word != "--tiny"]
+        moved = {name: folder / path.name if path.suffix else folder for name, path in paths.items()}
+        begin = dataclasses.replace(begin, **moved)
+    purpose = inspect.getdoc(sys.modules[type(tiny).__module__]) or ""
+    told = f"{purpose}\n\n{_TOLD}"
+    rest = [word for word in given if word not in ("--tiny", "--record")]
     found: Config = tyro.cli(type(tiny), args=rest, default=begin, description=told)
     return found

@@ -26,6 +26,14 @@ def device(document: Document) -> str:
     return f"{document['provenance']['cpus']} CPU cores" if is_cpu(document) else name.removeprefix("1 x ")
 
 
+def trials(document: Document) -> str:
+    """Whether a result's trials were drawn after the code that it judges, from its commit, or may have shaped it."""
+    seed, commit = int(document["config"]["seed"]), str(document["provenance"]["commit"] or "")
+    if commit and seed == int(commit[:7], 16):
+        return f"fresh trials: seed {seed} is drawn from commit `{commit[:7]}`, after the code"
+    return f"development trials, seed {seed}: some of them were looked at while the code was written"
+
+
 def is_cpu(document: Document) -> bool:
     """Whether it was measured without an accelerator."""
     return str(document["provenance"]["device"]).lower().endswith("cpu")
