@@ -1,0 +1,168 @@
+"""Break one line at a time, and see whether a test notices.
+
+    python -m tests.mutate --record                # two CPU cores: an hour; goes on where it was interrupted
+    python -m tests.mutate --rooms sets flags      # some rooms alone
+
+`mutations.tsv` lists lines of verifier, certificate, windows, reachable sets, flags, exports, airspace, replanner and
+page, each with what it is broken to: a comparison, a sign, a bound, a unit. Each is put into a copy of the tree, in
+which the tests of its room then run until the first one fails. A mutation that none of them notices has survived.
+
+Expected: a few survive, each for a reason that stands in `SURVIVORS`: it changes nothing that anybody could see.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from benchmarks.common.command import configured
+from benchmarks.common.harness import RESULTS, Row, begun, keep, show
+
+ROOT = Path(__file__).parents[1]
+# The tests of each room, those first that take least.
+TESTS = {
+    "verifier": ("verification/test_verifier.py", "verification"),
+    "certificate": (
+        *("fields/test_certificate.py", "fields/test_stencil.py", "fields/test_connectivity.py"),
+        *("solvers/test_potential.py", "solvers/test_newton.py"),
+    ),
+    "windows": (
+        *("planning/test_boxes_of_maps.py", "planning/test_focus_window.py", "planning/test_corridor.py"),
+        "planning/test_planning_execution.py",
+    ),
+    "sets": ("sim/moving/test_sets.py", "sim/moving/test_hard_set.py", "sim/moving/test_marks.py", "sim/moving"),
+    "flags": ("sim/moving/test_choice.py", "sim/moving/test_following.py", "sim/moving"),
+    "exports": ("missions", "test_cli_export.py"),
+    "airspace": ("airspace", "planning/test_taken_end.py", "missions/test_exports.py"),
+    "replanner": ("test_replanner.py",),
+    "page": ("view/test_border.py", "view/test_page.py", "view"),
+}
+# Why a mutation that no test notices cannot matter, by its file and its line as it is broken.
+SURVIVORS: dict[tuple[str, str], str] = {}
+# A mutation may make a loop endless [s].
+_LONGEST = 900
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        rooms: whose lines are broken; none: all.
+        workers: trees that are tested at a time.
+        out: where the JSON goes.
+    """
+
+    rooms: tuple[str, ...] = ()
+    workers: int = 2
+    out: Path = RESULTS
+
+
+TINY = Config(rooms=("certificate",), workers=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Mutation:
+    """A line of a file, without its indentation, and what it is broken to."""
+
+    room: str
+    file: str
+    line: str
+    broken: str
+
+    def apply(self, tree: Path) -> None:
+        """Break the line in a tree.
+
+        Raises:
+            ValueError: if it does not stand there once.
+        """
+        path = tree / self.file
+        lines = path.read_text(encoding="utf-8").splitlines()
+        places = [k for k, line in enumerate(lines) if line.strip() == self.line]
+        if len(places) != 1:
+            raise ValueError(f"{self.file}: expected {self.line!r} once, found it {len(places)} times; list it anew")
+        (place,) = places
+        lines[place] = lines[place].replace(self.line, self.broken)
+        text = "\n".join(lines) + "\n"
+        path.unlink()  # a link to the file of the tree itself
+        path.write_text(text, encoding="utf-8")
+
+
+def mutations(rooms: tuple[str, ...] = ()) -> list[Mutation]:
+    """Those that are listed, of some rooms or of all."""
+    with (ROOT / "tests" / "mutations.tsv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE))[1:]
+    return [one for one in (Mutation(*row) for row in rows) if not rooms or one.room in rooms]
+
+
+def main(config: Config) -> list[Row]:
+    """Try all that were not tried yet; save and return a row for each."""
+    rows = begun("mutations", config, config.out)
+    done = {(row["file"], row["broken"]) for row in rows}
+    asked = [one for one in mutations(config.rooms) if (one.file, one.broken) not in done]
+    with ThreadPoolExecutor(config.workers) as pool:
+        for row in pool.map(_try, asked):
+            rows.append(row)
+            keep("mutations", config, rows, config.out)
+            print(f"{row['room']}: {row['noticed'] or 'SURVIVED'}, {row['seconds']} s: {row['broken']}", flush=True)
+    show("mutations", [row for row in rows if not row["noticed"]])
+    return rows
+
+
+def _try(mutation: Mutation) -> Row:
+    """Whether a test notices, and which."""
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        _copy(tree)
+        mutation.apply(tree)
+        noticed = next(filter(None, (_failing(tree, tests) for tests in TESTS[mutation.room])), None)
+    seconds = round(time.perf_counter() - began, 1)
+    return {**dataclasses.asdict(mutation), "noticed": noticed, "seconds": seconds}
+
+
+def _copy(tree: Path) -> None:
+    """The tree's own files, as links: what is broken is written anew."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    for name in listed.splitlines():
+        if name.startswith(("maxjax/", "tests/", "benchmarks/", "experiments/", "docs/samples")) or "/" not in name:
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(ROOT / name, tree / name)
+            except OSError:  # another file system
+                shutil.copy(ROOT / name, tree / name)
+
+
+def _failing(tree: Path, tests: str) -> str | None:
+    """The first test that fails there; None where all pass."""
+    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", "-rfE", f"tests/{tests}"]
+    where = {**os.environ, "MAXJAX_DATA": os.environ.get("MAXJAX_DATA", str(ROOT.parent / "shared" / "data"))}
+    try:
+        ended = subprocess.run(
+            [sys.executable, *words], cwd=tree, env=where, capture_output=True, text=True, timeout=_LONGEST, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return "does not end"
+    if ended.returncode == 0:
+        return None
+    return next(_named(ended.stdout), f"{tests}: exit code {ended.returncode}")
+
+
+def _named(text: str) -> Iterator[str]:
+    """Tests that failed, as pytest tells them."""
+    for line in text.splitlines():
+        if line.startswith(("FAILED ", "ERROR ")):
+            yield line.split(" ", 1)[1].split(" - ")[0]
+
+
+if __name__ == "__main__":
+    main(configured(TINY))
