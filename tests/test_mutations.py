@@ -1,4 +1,4 @@
-"""The list of mutations fits the sources: each is one line that stands there once, and what it is broken to compiles."""
+"""The list of mutations fits the sources: each is a line that stands there once, and what it is broken to compiles."""
 
 from __future__ import annotations
 
