@@ -1,12 +1,7 @@
 """Certified flight paths for UAVs in cities: a Maxwell conduction potential, solved and climbed in pure JAX."""
 
 import importlib
-import os
 from typing import TYPE_CHECKING
-
-# XLA reads kept executables with a false alarm about each, on machines with AVX-512 (jax-ml/jax issue 38445), and asks
-# for this level when it is loaded. What is wrong is raised.
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
     from maxjax.airspace.airspace import Airspace, Area
@@ -25,6 +20,7 @@ if TYPE_CHECKING:
     from maxjax.fields.price import Price
     from maxjax.maps.load import LoadedMap, load_map
     from maxjax.maps.reading import Reading
+    from maxjax.missions.autopilot import Autopilot
     from maxjax.missions.export import export
     from maxjax.nn.model import load_model
     from maxjax.nn.planner import Network
@@ -48,6 +44,7 @@ __all__ = [
     "AStar",
     "Airspace",
     "Area",
+    "Autopilot",
     "Distances",
     "Field",
     "FileError",
@@ -135,6 +132,7 @@ _MODULES = {
         "LoadedMap",
         "load_map",
     ),
+    "maxjax.missions.autopilot": ("Autopilot",),
     "maxjax.missions.export": ("export",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.nn.planner": ("Network",),
@@ -179,4 +177,4 @@ if not TYPE_CHECKING:  # which would take any name for a public one
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *__all__})
+        return sorted([*(name for name in globals() if name.startswith("__")), *__all__])

@@ -5,7 +5,8 @@
 What is flown has to be what was planned, to `AWAY`: a home on ground that is not there is refused even where there is
 room to spare. Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's
 set-points, joined by straight lines, keep it but for the sag of these below the curve. A rise and a descent touch
-nothing but the ground.
+nothing but the ground. Waypoints are left within the radius of the autopilots that are to fly them
+(`missions.corners`): so do the corners that these cut.
 
 Numbers in files are rounded. Where that alone, at most a millimetre, makes a line touch something, what was meant is
 judged in its place.
@@ -16,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from jaxtyping import Float64
 
 from maxjax.core.status import Closure
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.missions.autopilot import BOTH, Autopilot
+from maxjax.missions.corners import Waypoints, cut_corners
 from maxjax.missions.read_back import Lines, Points
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
@@ -42,13 +45,20 @@ class AsFlown:
 
     Attributes:
         clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
-        aside: how far it leads from what was planned, at most [m].
-        remarks: sentences on what of the plan the format does not hold.
+        aside: how far it leads from what was planned, but for corners that are cut, at most [m].
+        remarks: sentences on what the format does not hold, and on what the file relies.
+        stops: numbers of the path's points at which a file of waypoints stops, so that their corners are not cut.
+        return_height: above home, from which on a return to launch is clear from everywhere [m]; None where the file
+            counts from no home.
+        autopilots: that it was judged for, with the parameters that it relies on.
     """
 
     clearance: float
     aside: float
     remarks: tuple[str, ...] = ()
+    stops: tuple[int, ...] = ()
+    return_height: float | None = None
+    autopilots: tuple[Autopilot, ...] = ()
 
     def __str__(self) -> str:
         if math.isinf(self.clearance):
@@ -66,7 +76,14 @@ class _Piece:
     sag: float = 0.0
 
 
-def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None, away: float = AWAY) -> AsFlown:
+def judged(
+    file: Path,
+    lines: Lines,
+    mission: Mission,
+    trajectory: Trajectory | None,
+    away: float = AWAY,
+    autopilots: Sequence[Autopilot] = BOTH,
+) -> AsFlown:
     """What the lines of a file keep.
 
     Args:
@@ -75,6 +92,7 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
         mission: that it holds.
         trajectory: where the file holds set-points; None for waypoints.
         away: how far they may lead from what was planned [m].
+        autopilots: that are to fly them, where they are waypoints.
 
     Raises:
         ValueError: if they leave the map, touch something, come nearer to it than the plan may, or lead elsewhere.
@@ -86,16 +104,45 @@ def judged(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | 
     hint = "check the place on Earth and the ground at home, and state it where the map tells it by voxels only"
     for what, line, leg in (("take-off", lines.rise, 0), ("landing", lines.descent, -1)):
         if line is not None and not wrong:
-            upright = _upright(line, mission, leg)
-            clearance = float(np.fmin(clearance, upright.clearance))
-            if not upright.ok:
-                wrong = f"on {what} {_complaint(upright, mission.legs[leg].radius)}"
+            found = upright(line, mission, leg)
+            clearance = float(np.fmin(clearance, found.clearance))
+            if not found.ok:
+                wrong = f"on {what} {_complaint(found, mission.legs[leg].radius)}"
                 hint = f"{what} is straight, to or from the ground: choose another end, or leave both out"
+    if not wrong and lines.holds is not None:
+        for autopilot in autopilots:
+            corners, least = cut_corners(waypoints_of(lines), mission, autopilot)
+            clearance = min(clearance, least)
+            if corners and not wrong:
+                wrong = _cut_too_near(corners, lines, mission, autopilot)
+                hint = (
+                    f"hold there for {autopilot.rests_after:g} s, so that the vehicle stops, or plan with more margin"
+                )
     if not wrong and not aside <= away:
         wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
     if wrong:
         raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
     return AsFlown(clearance, aside)
+
+
+def waypoints_of(lines: Lines) -> Waypoints:
+    """The waypoints of a file that has holds."""
+    assert lines.holds is not None
+    assert lines.accepted is not None
+    return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None)
+
+
+def _cut_too_near(corners: Mapping[int, float], lines: Lines, mission: Mission, autopilot: Autopilot) -> str:
+    """What is wrong with the first of some corners, in words."""
+    k = min(corners)
+    x, y, z = lines.parts[0][k].tolist()
+    where = f"waypoint {k + 1} of {len(lines.parts[0])} (x {x:.1f}, y {y:.1f}, z {z:.1f})"
+    if math.isnan(corners[k]):
+        return f"{autopilot.label} does not stop at {where}, where it has to"
+    return (
+        f"{autopilot.label} cuts the corner at {where} and comes within {corners[k]:.2f} m of something, "
+        f"where {mission.radius:g} m are to be kept"
+    )
 
 
 def _meant(mission: Mission, trajectory: Trajectory | None) -> Lines:
@@ -178,7 +225,7 @@ def _complaint(found: Verification, radius: float) -> str:
     return f"it comes onto the ground or touches something, voxel {found.first_hit}; {near or 'near nothing else'}"
 
 
-def _upright(line: Points, mission: Mission, leg: int) -> Verification:
+def upright(line: Points, mission: Mission, leg: int) -> Verification:
     """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count."""
     where, plan = mission.map, mission.legs[leg]
     ground = np.asarray(where.ground)

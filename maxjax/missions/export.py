@@ -25,14 +25,13 @@ from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.maps.load import LoadedMap
 from maxjax.missions.as_flown import AWAY, AsFlown, judged
+from maxjax.missions.autopilot import BOTH, Autopilot
 from maxjax.missions.drawings import Drawing, geojson_text, kml_text
-from maxjax.missions.fences import fences_of
-from maxjax.missions.items import Feet, items_of
-from maxjax.missions.qgroundcontrol import plan_text
+from maxjax.missions.items import Feet
 from maxjax.missions.read_back import Standing, lines_in, lines_in_bag
 from maxjax.missions.rosbag import check_rosbags, write_bag
 from maxjax.missions.setpoints import LocalOrigin, setpoint_text, tum_text
-from maxjax.missions.waypoint_list import waypoint_text
+from maxjax.missions.waypoint_file import WaypointFile
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
@@ -70,7 +69,7 @@ def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
         check_rosbags()
 
 
-def export(
+def export(  # noqa: PLR0913 (the keywords of a public call)
     file: str | Path,
     flight: Plan | Mission | Trajectory,
     *,
@@ -78,12 +77,14 @@ def export(
     ground: float | None = None,
     airspace: Airspace | None = None,
     takeoff_and_landing: bool = False,
+    autopilot: Autopilot | None = None,
 ) -> AsFlown:
     """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
 
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
     home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
-    waypoints that are hovered at; and the speed of each leg, or that of the trajectory's limits. `.geojson` and `.kml`
+    waypoints that are hovered at, or whose corner an autopilot would cut too near to something; and the speed of each
+    leg, or that of the trajectory's limits. `.geojson` and `.kml`
     have a line for each leg. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU; where the name ends
     in `_ned.csv` in NED, true north, from the ground below the start.
 
@@ -99,6 +100,8 @@ def export(
         airspace: whose areas become the geofence of a `.plan`.
         takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
             ends with a landing, upright from the goal.
+        autopilot: that a `.plan` or a `.waypoints` file is for: `maxjax.Autopilot.px4()` or `.arducopter()`, with
+            parameters of its own or without. None: it is judged for both, each with its defaults.
 
     Returns:
         What the file makes a vehicle fly.
@@ -125,35 +128,76 @@ def export(
         motion = timed.sampled(_EVERY)
         write_bag(file, motion, lambda bag: found.append(judged(file, lines_in_bag(bag), mission, timed)))
         return found[0]
-    remarks: tuple[str, ...] = ()
     if timed is not None and ending in IN_TIME:
         text = _in_time(file, timed, _origin(file, mission, ground, place))
-    else:
-        assert place is not None
-        feet = _feet(file, mission, ground, takeoff_and_landing) if ending in _FROM_HOME else None
-        text, remarks = _on_earth(file, flight, mission, place, feet, airspace)
-        timed = None  # what holds no times is judged as a path
-    flown = _judged(file, text, mission, timed, standings)
-    atomic_write(file, text)
-    return dataclasses.replace(flown, remarks=remarks)
+        flown = _judged(file, text, mission, timed, standings)
+        atomic_write(file, text)
+        return flown
+    assert place is not None
+    speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
+    if ending not in _FROM_HOME:
+        drawings = _drawings(mission, place, speed)
+        text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
+        flown = _judged(file, text, mission, None, standings)
+        atomic_write(file, text)
+        return flown
+    feet = _feet(file, mission, ground, takeoff_and_landing)
+    autopilots = BOTH if autopilot is None else (autopilot,)
+    made = WaypointFile(file, mission, place, speed, feet, airspace, autopilots, standings).made()
+    flown = _judged(file, made.text, mission, None, standings, autopilots)
+    atomic_write(file, made.text)
+    return dataclasses.replace(
+        flown,
+        remarks=made.remarks,
+        stops=made.stops,
+        return_height=made.return_height,
+        autopilots=made.autopilots,
+    )
 
 
-def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> list[Standing]:
+def write_parameters(file: Path, flown: AsFlown) -> list[Path]:
+    """Write the parameters that a file of waypoints relies on beside it, a file for each autopilot.
+
+    Args:
+        file: of waypoints.
+        flown: what `export` said of it.
+
+    Returns:
+        The files: `NAME_arducopter.param` for Mission Planner, `NAME_px4.params` for QGroundControl.
+
+    Raises:
+        OSError: if they cannot be written.
+    """
+    written = []
+    for autopilot in flown.autopilots:
+        ending, text = autopilot.parameter_file
+        beside = file.with_name(f"{file.stem}_{autopilot.name}{ending}")
+        atomic_write(beside, text)
+        written.append(beside)
+    return written
+
+
+def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> tuple[Standing, ...]:
     """Where the vehicle may stand: where only voxels tell the ground, up to a voxel lower as well."""
     terrain = mission.map.terrain
     found = [Standing(earth, terrain, ground)]
     lower = terrain.at(*mission.path[0, :2].tolist()) - terrain.doubt
     if ground is None and terrain.doubt > 0.0 and not math.isnan(lower):
         found.append(Standing(earth, terrain, lower))
-    return found
+    return tuple(found)
 
 
 def _judged(
-    file: Path, text: str, mission: Mission, trajectory: Trajectory | None, standings: Sequence[Standing]
+    file: Path,
+    text: str,
+    mission: Mission,
+    trajectory: Trajectory | None,
+    standings: Sequence[Standing],
+    autopilots: Sequence[Autopilot] = (),
 ) -> AsFlown:
     """The worst of what a text makes a vehicle fly, wherever it may stand."""
     found = [
-        judged(file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt)
+        judged(file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt, autopilots)
         for k, standing in enumerate(standings)
     ]
     return min(found, key=lambda one: one.clearance)
@@ -187,27 +231,6 @@ def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | N
     """Where NED counts from, home; None for a file that is none."""
     x, y, _ = mission.path[0].tolist()
     return LocalOrigin((x, y, _home(file, mission, ground)), earth) if counts_from_home(file) else None
-
-
-def _on_earth(
-    file: Path,
-    flight: Plan | Mission | Trajectory,
-    mission: Mission,
-    earth: Earth,
-    feet: Feet | None,
-    airspace: Airspace | None,
-) -> tuple[str, tuple[str, ...]]:
-    """The text of a format of `ON_EARTH`, and what it could not hold."""
-    speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
-    ending = file.suffix.lower()
-    if feet is None:
-        drawings = _drawings(mission, earth, speed)
-        return (kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)), ()
-    items = items_of(mission, earth, speed, feet)
-    if ending == ".waypoints":
-        return waypoint_text(items), ()
-    fences, remarks = fences_of(airspace, mission.path, earth)
-    return plan_text(items, fences), remarks
 
 
 def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:

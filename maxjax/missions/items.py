@@ -4,9 +4,9 @@ Every point of the path is a NAV_WAYPOINT in the frame GLOBAL_RELATIVE_ALT: lati
 where the mission hovers, it holds for that time. A DO_CHANGE_SPEED stands before a leg whose speed is another one. The
 fourth parameter, the heading, is the course over ground of the way to the point, in degrees from true north.
 
-A vehicle takes a waypoint for reached within its acceptance radius and turns to the next one, so that this is how far
-it may cut a corner; by default autopilots take several metres, which no plan has to spare. Take-off and landing are
-upright ways to the first and from the last point, where they are asked for.
+PX4 takes a waypoint for reached within the acceptance radius of its item and turns to the next one; ArduCopter has a
+radius of its own (`missions.autopilot`). Where a corner may not be cut (`missions.corners`), a hold makes the vehicle
+stop. Take-off and landing are upright ways to the first and from the last point, where they are asked for.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float64
@@ -52,11 +54,13 @@ class Items:
         home: latitude, longitude [degrees] and height above sea level [m] of where it is armed.
         speed: of the first leg [m/s].
         items: what to do, in order.
+        rally: latitude, longitude [degrees] and height above home [m] of where a return to launch leads; None: home.
     """
 
     home: tuple[float, float, float]
     speed: float
     items: tuple[Item, ...]
+    rally: tuple[float, float, float] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +76,9 @@ class Feet:
     landing: float | None = None
 
 
-def items_of(mission: Mission, earth: Earth, speed: float, feet: Feet) -> Items:
+def items_of(
+    mission: Mission, earth: Earth, speed: float, feet: Feet, stops: Mapping[int, float] = MappingProxyType({})
+) -> Items:
     """The items of a mission.
 
     Args:
@@ -80,6 +86,7 @@ def items_of(mission: Mission, earth: Earth, speed: float, feet: Feet) -> Items:
         earth: where the map lies.
         speed: of legs that have none of their own, and the most of those that have [m/s].
         feet: where the ground is.
+        stops: how long to hold at points of the path, at least, by number [s].
     """
     path = mission.path
     latitude, longitude, height = earth.geodetic(np.array([[path[0, 0], path[0, 1], feet.home]]))[0].tolist()
@@ -87,7 +94,11 @@ def items_of(mission: Mission, earth: Earth, speed: float, feet: Feet) -> Items:
     courses = courses_of(on_earth)
     holds = dict(zip(mission.places.tolist(), (waypoint.hover or 0.0 for waypoint in mission.waypoints), strict=True))
     places = [
-        Item(WAYPOINT, RELATIVE, (holds.get(k, 0.0), _ACCEPTANCE, 0.0, courses[k], north, east, up - height))
+        Item(
+            WAYPOINT,
+            RELATIVE,
+            (max(holds.get(k, 0.0), stops.get(k, 0.0)), _ACCEPTANCE, 0.0, courses[k], north, east, up - height),
+        )
         for k, (north, east, up) in enumerate(on_earth.tolist())
     ]
     speeds = [min(waypoint.speed or speed, speed) for waypoint in mission.waypoints[1:]]

@@ -6,22 +6,40 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from maxjax.missions.autopilot import Autopilot
 from maxjax.missions.fences import Fence
 from maxjax.missions.items import RELATIVE, Item, Items
 
-_PX4, _QUADROTOR = 12, 2  # MAV_AUTOPILOT and MAV_TYPE
+_FIRMWARE = {"px4": 12, "arducopter": 3}  # MAV_AUTOPILOT
+_QUADROTOR = 2  # MAV_TYPE
 _ALTITUDE_RELATIVE = 1
 
 
-def plan_text(mission: Items, fences: Sequence[Fence] = ()) -> str:
-    """The text of a `.plan` file: a mission, and the fences around it."""
+def plan_text(
+    mission: Items,
+    fences: Sequence[Fence] = (),
+    autopilots: Sequence[Autopilot] = (),
+    remarks: Sequence[str] = (),
+) -> str:
+    """The text of a `.plan` file.
+
+    Args:
+        mission: what to do.
+        fences: around it.
+        autopilots: for whom it was judged; their parameters stand in it. The first one is whom it is made for.
+        remarks: sentences that stand in it, for whoever reads it; ground stations pass over them.
+    """
     content = {
         "fileType": "Plan",
         "version": 1,
         "groundStation": "QGroundControl",
+        "maxjax": {
+            "parameters": {one.name: dict(one.parameters) for one in autopilots},
+            "remarks": list(remarks),
+        },
         "mission": {
             "version": 2,
-            "firmwareType": _PX4,
+            "firmwareType": _FIRMWARE[autopilots[0].name if autopilots else "px4"],
             "vehicleType": _QUADROTOR,
             "cruiseSpeed": mission.speed,
             "hoverSpeed": mission.speed,
@@ -29,7 +47,7 @@ def plan_text(mission: Items, fences: Sequence[Fence] = ()) -> str:
             "items": [_item(k, item) for k, item in enumerate(mission.items, 1)],
         },
         "geoFence": {"version": 2, "circles": [], "polygons": [_polygon(fence) for fence in fences]},
-        "rallyPoints": {"version": 2, "points": []},
+        "rallyPoints": {"version": 2, "points": [] if mission.rally is None else [list(mission.rally)]},
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 

@@ -80,12 +80,16 @@ class Lines:
         parts: (n, 3) points of the map each [m], in order.
         times: of the points of the only part [s]; None where the file has none.
         rise, descent: to the first point, and from the last one, where the file has them.
+        holds: how long each point of the only part is held [s], and
+        accepted: within which it counts as reached [m], as its item says; None where the file has no such items.
     """
 
     parts: tuple[Points, ...]
     times: Float64[np.ndarray, " n"] | None = None
     rise: Points | None = None
     descent: Points | None = None
+    holds: Float64[np.ndarray, " n"] | None = None
+    accepted: Float64[np.ndarray, " n"] | None = None
 
 
 def lines_in(file: Path, text: str, standing: Standing) -> Lines:
@@ -130,27 +134,32 @@ def lines_in_bag(folder: Path) -> Lines:
 
 def _plan(text: str, standing: Standing) -> Lines:
     mission = json.loads(text)["mission"]
-    items = [(item["command"], item["frame"], item["params"][4:]) for item in mission["items"]]
+    items = [(item["command"], item["frame"], item["params"]) for item in mission["items"]]
     return _items(np.array([mission["plannedHomePosition"]], np.float64), items, standing)
 
 
 def _waypoint_list(text: str, standing: Standing) -> Lines:
     rows = [row.split("\t") for row in text.splitlines()[1:]]
-    items = [(int(row[3]), int(row[2]), [float(word) for word in row[8:11]]) for row in rows]
-    return _items(np.array([items[0][2]]), items[1:], standing)
+    items = [(int(row[3]), int(row[2]), [float(word) for word in row[4:11]]) for row in rows]
+    return _items(np.array([items[0][2][4:]]), items[1:], standing)
 
 
 def _items(home: Points, items: list[tuple[int, int, list[float]]], standing: Standing) -> Lines:
     found: dict[int, list[list[float]]] = {_TAKE_OFF: [], _WAYPOINT: [], _LAND: []}
-    for command, frame, place in items:
+    said = list[list[float]]()
+    for command, frame, params in items:
         if frame == _RELATIVE:
-            found[command].append(place)
+            found[command].append(params[4:])
+        if frame == _RELATIVE and command == _WAYPOINT:
+            said.append(params[:2])
     rise, line, descent = (standing.lifted(home, np.array(places).reshape(-1, 3)) for places in found.values())
     foot = standing.lifted(home, np.array([[*home[0, :2], 0.0]]))
     return Lines(
         (line,),
         rise=np.concatenate([foot, rise, line[:1]]) if len(rise) else None,
         descent=np.concatenate([line[-1:], descent]) if len(descent) else None,
+        holds=np.array(said).reshape(-1, 2)[:, 0],
+        accepted=np.array(said).reshape(-1, 2)[:, 1],
     )
 
 
