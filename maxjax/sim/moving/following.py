@@ -33,6 +33,8 @@ from maxjax.sim.moving.visible import Visible
 
 # A measurement that no set expects, but this near to where a track was expected, is its [m].
 _BROKE = 1.5
+# A mover slower than this that can be told no more from what it is at has come to rest there [m/s].
+_SETTLING = 1.0
 # Looks in which a new track has to be seen again.
 _TENTATIVE = 2
 
@@ -130,7 +132,7 @@ def followed(
     chosen = assigned(_cost(later, seen, sight))
     matched = chosen >= 0
     after, broken = _measured(state, later, seen, chosen, sight)
-    stands = parked(state, sight) & ~matched & view.stands
+    stands = state.moved & _slower(state, _SETTLING) & ~matched & view.stands
     after = _standing(state, after, stands, view.margin, sight.bounds)
     tracks, estimate = after.tracks, after.estimate
     missed = jnp.where(matched | stands, 0, tracks.missed + (view.plain & ~_covered(tracks, seen)))
@@ -143,8 +145,8 @@ def followed(
     tracks = dataclasses.replace(tracks, used=used, confirmed=confirmed & used)
 
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
-    still = used & (jnp.linalg.norm(estimate.velocity, axis=1) < sight.still)
-    rested = jnp.where(still, later.rested + jnp.where(matched, passed, 0.0), 0.0)
+    still = used & _slower(after, sight.still)
+    rested = jnp.where(still, later.rested + jnp.where(matched | stands, passed, 0.0), 0.0)
     after = dataclasses.replace(after, tracks=tracks, rested=rested)
     after, chosen, left_out = _born(after, seen, chosen, sight)
     estimate = after.estimate
@@ -165,6 +167,11 @@ def parked(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
     return stopped(state, sight) & state.moved
 
 
+def _slower(state: Following, speed: float) -> Bool[Array, " s"]:
+    slower: Array = jnp.linalg.norm(state.estimate.velocity, axis=1) < speed
+    return state.tracks.used & slower
+
+
 def _standing(
     state: Following, after: Following, stands: Bool[Array, " s"], margin: Float[Array, " s"], bounds: Bounds
 ) -> Following:
@@ -172,13 +179,11 @@ def _standing(
     room = margin[:, None]
     low, high = state.history.low[0] - room, state.history.high[0] + room
     top = jnp.minimum(jnp.sqrt(4.0 * bounds.acceleration * room), bounds.speed)
-    there = dataclasses.replace(
-        state.tracks, low=low[0], high=high[0], slowest=jnp.broadcast_to(-top, low[0].shape),
-        fastest=jnp.broadcast_to(top, low[0].shape),
-    )  # fmt: skip
+    rest, top = jnp.zeros_like(low[0]), jnp.broadcast_to(top, low[0].shape)
+    there = dataclasses.replace(state.tracks, low=low[0], high=high[0], slowest=-top, fastest=top, velocity=rest)
     tracks, marks, estimate = jax.tree.map(
         lambda a, b: jnp.where(stands[:, None] if a.ndim > 1 else stands, a, b),
-        (there, Marks(low, high), state.estimate),
+        (there, Marks(low, high), dataclasses.replace(state.estimate, velocity=rest)),
         (after.tracks, after.marks, after.estimate),
     )
     return dataclasses.replace(after, tracks=tracks, marks=marks, estimate=estimate)

@@ -175,6 +175,23 @@ def test_who_is_too_near_already_gets_away() -> None:
     assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
 
 
+def test_of_two_sides_that_are_as_good_the_one_that_was_taken_is_kept() -> None:
+    """What the way costs either side differs by centimetres, and by which changes from look to look."""
+    up, down = (jnp.array([3.0, side * 4.0, 0.0]) for side in (1.0, -1.0))
+    for side, other in ((up, down), (down, up)):
+        given = around(nobody(1))
+        lean = jnp.asarray(0.02 * CENTRES[..., 1] * np.sign(float(side[1])), jnp.float32)  # a little dearer this side
+        beside = jnp.asarray(0.6 * np.abs(np.abs(CENTRES[..., 1]) - 8.0), jnp.float32)
+        guide = dataclasses.replace(given.guide, value=given.guide.value + lean + beside)
+        motion = dataclasses.replace(at_rest(np.zeros(3)).motion, target=side, brakes=jnp.float32(0.7))
+        kept, holds = choose(dataclasses.replace(given, guide=guide), Commitment(motion, jnp.float32(2.0)))
+        assert holds
+        assert float(kept.motion.target[1] * side[1]) > 0.0
+        # Without a motion before it is the cheaper one.
+        fresh, _ = choose(dataclasses.replace(given, guide=guide), at_rest(np.zeros(3)))
+        assert float(fresh.motion.target[1] * other[1]) > 0.0
+
+
 def boxed(place: list[list[float]], velocity: list[list[float]], width: list[float]) -> Tracks:
     """Movers of half an edge of 0.5 m whose middles are known to half a width, and velocities well."""
     count = len(place)
