@@ -1,22 +1,28 @@
 """A geofence of the areas of an airspace: polygons without heights and without holes, as autopilots know them.
 
     keep in    its outline, to stay inside of; each of its holes, to stay out of
-    keep out   its outline, to stay out of
+    keep out   its outline, to stay out of; with holes, the pieces of it without holes (`missions.pieces`)
 
 A fence holds at every height. So one that the planned way itself crosses, because it leads over or under its area,
-would stop the flight: it is left out, and named.
+would stop the flight: it is left out, and named. One that a return to launch crosses is named as well.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.airspace.airspace import Airspace, Area
+from maxjax.airspace.airspace import Airspace
 from maxjax.core.earth import Earth
 from maxjax.core.geometry.columns import Ring
+from maxjax.missions.pieces import pieces_of
+
+_APART = 2.0  # between places from which a return is judged [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,7 +41,7 @@ class Fence:
 def fences_of(
     airspace: Airspace | None, path: Float64[np.ndarray, "n 3"], earth: Earth
 ) -> tuple[list[Fence], tuple[str, ...]]:
-    """The fences of an airspace, and a sentence on each area that has none.
+    """The fences of an airspace, and a sentence on each area that has none, or another one than it is.
 
     Args:
         airspace: whose areas; None: there are none.
@@ -43,29 +49,40 @@ def fences_of(
         earth: where the map lies.
     """
     found, remarks = list[Fence](), list[str]()
+    height = float(path[:, 2].mean())  # far above or below, a place has other coordinates: on the level of the way
     for area in () if airspace is None else airspace.areas:
-        for ring, inclusion in _outlines(area):
-            if not inclusion and _crosses(path[:, :2], ring):
-                remarks.append(
-                    f"the area {area.name} is no fence: fences have no heights, and the way leads over or under it"
-                )
-                continue
-            # Far above or below, a place has other coordinates: on the level of the way.
-            flat = np.column_stack([ring, np.full(len(ring), path[:, 2].mean())])
+        kept_in = area.rings[:1] if area.keep_in else ()
+        kept_out = [ring for ring in area.rings[1:] if not _crosses(path[:, :2], (ring,))] if area.keep_in else []
+        over = len(kept_out) < len(area.rings) - 1 if area.keep_in else _crosses(path[:, :2], area.rings)
+        if not area.keep_in and not over:
+            kept_out = list(area.rings) if len(area.rings) == 1 else pieces_of(area.rings)
+        if over:
+            what = "a hole of the area" if area.keep_in else "the area"
+            remarks.append(
+                f"{what} {area.name} is no fence: fences have no heights, and the way leads over or under it"
+            )
+        if not area.keep_in and len(kept_out) > 1:
+            remarks.append(f"the area {area.name} has holes, which no fence has: {len(kept_out)} fences stand for it")
+        if any(_crosses(np.stack([place, path[0, :2]]), (ring,)) for ring in kept_out for place in _along(path)):
+            remarks.append(f"a return to launch crosses the fence of the area {area.name} from some places of the way")
+        for ring, inclusion in [*((ring, True) for ring in kept_in), *((ring, False) for ring in kept_out)]:
+            flat = np.column_stack([ring, np.full(len(ring), height)])
             found.append(Fence(earth.geodetic(flat)[:, :2], inclusion))
     return found, tuple(remarks)
 
 
-def _outlines(area: Area) -> list[tuple[Ring, bool]]:
-    """The rings of an area that are fences, and whether to stay inside of each."""
-    if not area.keep_in:
-        return [(area.rings[0], False)]
-    return [(ring, k == 0) for k, ring in enumerate(area.rings)]
+def _along(path: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 2"]:
+    """Places of a way, no farther apart than `_APART`."""
+    pieces = [
+        np.linspace(a, b, 1 + math.ceil(float(np.linalg.norm(b - a)) / _APART)) for a, b in itertools.pairwise(path)
+    ]
+    return np.concatenate([path, *pieces])[:, :2]
 
 
-def _crosses(path: Float64[np.ndarray, "n 2"], ring: Ring) -> bool:
-    """Whether a way has a point inside of a ring, or crosses an edge of it."""
-    a, b = ring, np.roll(ring, -1, axis=0)
+def _crosses(path: Float64[np.ndarray, "n 2"], rings: Sequence[Ring]) -> bool:
+    """Whether a way has a point inside of some rings, where an odd number surround it, or crosses an edge of one."""
+    a = np.concatenate(list(rings))
+    b = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     x, y = path[:, :1], path[:, 1:]
     spans = (a[:, 1] <= y) != (b[:, 1] <= y)
     run = np.where(spans, b[:, 1] - a[:, 1], 1.0)

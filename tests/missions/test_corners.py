@@ -82,9 +82,9 @@ def plans() -> tuple[Plan, ...]:
 def distance(points: np.ndarray, where: maxjax.VoxelMap) -> float:
     """Least distance of points to the cubes of occupied voxels of 1 m."""
     middles = np.array(where.grid.origin) + np.argwhere(np.asarray(where.occupied))
-    apart, near = spatial.cKDTree(middles).query(points, 60)
+    apart, near = map(np.asarray, spatial.cKDTree(middles).query(points, 60))
     gap = np.maximum(np.abs(points[:, None] - middles[near]) - 0.5, 0.0)
-    least = np.sqrt((gap**2).sum(axis=2)).min(axis=1)
+    least = np.asarray(np.sqrt((gap**2).sum(axis=2)).min(axis=1))
     # No cube is nearer than half its diagonal less than its middle, so that none of the others is the nearest.
     assert (apart[:, -1] - np.sqrt(0.75) >= least).all()
     return float(least.min())
@@ -144,9 +144,9 @@ def over_a_roof() -> Plan:
     occupied[8:20, :, :8] = True
     where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
     path = np.array([[6.5, 4.0, 2.5], [6.5, 4.0, 9.2], [22.0, 4.0, 9.2], [26.0, 4.0, 5.0]])
-    return bare_plan(
-        where, path, maxjax.Distances(1.0, 1.0), length=30.0, clearance=1.2, clearance_at=np.full(len(path), 1.2)
-    )
+    clear = np.full(len(path), 1.2)
+    plan: Plan = bare_plan(where, path, maxjax.Distances(1.0, 1.0), length=30.0, clearance=1.2, clearance_at=clear)
+    return plan
 
 
 def test_a_climb_that_ends_early_meets_the_roof(tmp_path: Path) -> None:
