@@ -348,3 +348,60 @@ def test_a_format_that_counts_from_unknown_ground_asks(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="ground below the goal"):
         maxjax.export(tmp_path / "a.plan", plan, earth=TangentPlane(0.0, 0.0), ground=0.0, takeoff_and_landing=True)
     assert not list(tmp_path.iterdir())
+
+
+def judged_text(folder: Path, flight: maxjax.Trajectory, name: str, text: str) -> None:
+    """What stands in a text, judged as the plan or the set-points of a flight over the quarter."""
+    assert isinstance(flight.plan, Plan)
+    standing = Standing(quarter().earth, quarter().terrain)
+    timed = flight if name.endswith(".csv") else None
+    judged(folder / name, lines_in(folder / name, text, standing), Mission.of_plan(flight.plan), timed)
+
+
+def test_three_centimetres_are_no_rounding(tmp_path: Path) -> None:
+    """1.1 m over the tower where 1.09 are to be kept: of 3 cm less a text is refused, of 0.5 mm less it is not."""
+    path = np.array([[-48.0, 0.0, 42.1], [0.0, 0.0, 42.1]])
+    flight = maxjax.trajectory(planned(quarter(), path, 1.09))
+    maxjax.export(tmp_path / "a.waypoints", flight)
+    text = (tmp_path / "a.waypoints").read_text()
+    assert text.count("\t42.100000\t") == 2
+    judged_text(tmp_path, flight, "a.waypoints", text.replace("\t42.100000\t", "\t42.099500\t"))
+    with pytest.raises(ValueError, match=r"least clearance is 1\.07 m.*where 1\.09 m are to be kept"):
+        judged_text(tmp_path, flight, "a.waypoints", text.replace("\t42.100000\t", "\t42.070000\t"))
+
+
+def test_set_points_may_sag_by_what_they_do(tmp_path: Path) -> None:
+    """At 5 m/s², 0.05 s apart, straight lines lie 1.6 mm below a curve at most: a centimetre is not for them."""
+    path = np.array([[-48.0, 0.0, 42.1], [0.0, 0.0, 42.1]])
+    flight = maxjax.trajectory(planned(quarter(), path, 1.1))
+    maxjax.export(tmp_path / "a.csv", flight)
+    text = (tmp_path / "a.csv").read_text()
+    judged_text(tmp_path, flight, "a.csv", text.replace(",42.100000,", ",42.098600,"))
+    with pytest.raises(ValueError, match=r"least clearance is 1\.09 m.*where 1\.1 m are to be kept"):
+        judged_text(tmp_path, flight, "a.csv", text.replace(",42.100000,", ",42.090000,"))
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_take_off_and_landing_keep_the_radius(tmp_path: Path, end: int) -> None:
+    """A beam 0.5 m beside the upright way between ground and end, 4 m below that end."""
+    occupied = np.zeros((40, 12, 14), bool)
+    occupied[:, :, 0] = True
+    ground = occupied.copy()
+    occupied[(6, 36)[end], 4:8, 3:5] = True
+    where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, -0.5), ground=ground)
+    path = np.array([[5.5, 6.0, 8.0], [35.5, 6.0, 8.0]])
+    earth = TangentPlane(-30.0, 60.0)
+    export = functools.partial(maxjax.export, tmp_path / "a.plan", earth=earth, ground=0.0, takeoff_and_landing=True)
+    what = ("take-off", "landing")[end]
+    with pytest.raises(ValueError, match=rf"on {what} its least clearance is 0\.50 m.*where 1 m are to be kept"):
+        export(planned(where, path))
+    assert export(planned(where, path, 0.4)).clearance == pytest.approx(0.5, abs=1e-3)
+    # An end that stands nearer than the radius is exempt, and no more of the way than that.
+    occupied[(6, 36)[end], 4:8, 3:9] = True
+    near = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, -0.5), ground=ground)
+    away = np.array([[5.5, 6.0, 8.0], [5.5, 2.0, 8.0], [35.5, 2.0, 8.0], [35.5, 6.0, 8.0]])
+    exempt = [0.0, 0.0]
+    exempt[end] = 3.0
+    beside = dataclasses.replace(planned(near, away, 0.4), radius=1.0, exemptions=tuple(exempt))
+    with pytest.raises(ValueError, match=rf"on {what} its least clearance is 0\.50 m.*where 1 m are to be kept"):
+        export(beside)
