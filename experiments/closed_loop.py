@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common.command import configured
-from benchmarks.common.harness import Row, save
+from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
 from benchmarks.common.paper import FLOWN
 from maxjax.campaigns.campaign import Campaign
@@ -91,6 +91,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
                 seconds = time.perf_counter() - started
                 rows.append({"map": name, "method": method, "condition": condition, **figures_of(outcomes)})
                 print(rows[-1], f"{seconds:.0f} s, compilation included", file=sys.stderr, flush=True)
+                keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
     return rows
 
