@@ -308,3 +308,59 @@ def test_three_waypoints_and_a_keep_out_area_in_venice(
     assert aside.any(axis=1).all()
     items = json.loads((tmp_path / "v.plan").read_text())["mission"]["items"]
     assert len(items) == len(content["path"]) + 1
+
+
+def beside_the_wall(town: Path, radius: float, head: str = "") -> str:
+    """A hover of 30 s 2 m from the wall."""
+    middle = "at = [27.0, 16, 10]\nhover = 30.0"
+    return written(town, GOAL, middle, VIA, head=f"radius = {radius}\nground = 2\n{head}")
+
+
+NEAR = (
+    "waypoint 1 (27, 16, 10) stands 2.00 m from an obstacle, nearer than the radius of 2.5 m, which is not kept around "
+    "it, and the mission hovers there for 30 s"
+)
+
+
+def test_a_waypoint_nearer_than_the_radius_is_told_by_every_command(
+    tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = beside_the_wall(town, 2.5, "place = [52.07, 4.3, 10.0]")
+    files = [tmp_path / name for name in ("a.plan", "a.waypoints", "a.geojson", "a.kml")]
+    assert main(["mission", file, "--json", "--export", *map(str, files)]) == 0
+    captured = capsys.readouterr()
+    assert f"Warning: {NEAR}; --keep-radius refuses that." in captured.err
+    (near,) = json.loads(captured.out)["near_waypoints"]
+    assert (near["number"], near["clearance"], near["radius"], near["hover"]) == (1, 2.0, 2.5, 30.0)
+    assert NEAR in json.loads(files[0].read_text())["maxjax"]["remarks"]
+    features = json.loads(files[2].read_text())["features"]
+    assert [one["properties"].get("radius_not_kept") for one in features[:2]] == [NEAR, NEAR]
+    ends = ["--start", "27", "16", "10", "--goal", "40", "8", "12", "--radius", "2.5", "--method", "astar"]
+    assert main(["plan", str(town), *ends]) == 0
+    assert "stands nearer to an obstacle than the radius of 2.5 m" in capsys.readouterr().err
+    assert main(["plan", str(town), *ends, "--via", "40", "20", "12"]) == 0
+    assert "Warning: the start (27, 16, 10) stands 2.00 m from an obstacle" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", ["option", "key"])
+def test_it_is_refused_where_the_radius_is_to_be_kept(
+    tmp_path: Path, town: Path, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    key = "keep_radius = true" if how == "key" else ""
+    file = beside_the_wall(town, 2.0, key)
+    options = ["--keep-radius"] if how == "option" else []
+    out = [*options, "--out", str(tmp_path / "out"), "--export", str(tmp_path / "a.csv")]
+    assert main(["mission", file, *out]) == 0
+    beside_the_wall(town, 2.5, key)
+    capsys.readouterr()
+    before = (tmp_path / "a.csv").read_text()
+    assert main(["mission", file, *out]) == 1
+    assert f"Refused: {NEAR}; move it" in capsys.readouterr().err
+    assert (tmp_path / "a.csv").read_text() == before
+    assert not list((tmp_path / "out").iterdir())
+    if how == "key":
+        assert main(["fly", file]) == 2
+        assert f"maxjax: error: {NEAR}; move it" in capsys.readouterr().err
+    ends = ["--start", "27", "16", "10", "--goal", "40", "8", "12", "--radius", "2.5", "--method", "astar"]
+    assert main(["plan", str(town), *ends, "--keep-radius", "--export", str(tmp_path / "b.csv")]) == 1
+    assert not (tmp_path / "b.csv").exists()

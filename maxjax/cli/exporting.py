@@ -11,7 +11,9 @@ from maxjax.cli.options import PlanOptions
 from maxjax.cli.report import complain
 from maxjax.cli.task import MapTask
 from maxjax.missions.as_flown import AsFlown
-from maxjax.missions.export import ON_EARTH, check_export, counts_from_home, export
+from maxjax.missions.autopilot import Autopilot
+from maxjax.missions.export import ON_EARTH, check_export, counts_from_home, export, write_parameters
+from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
@@ -24,6 +26,8 @@ def check_exports(options: PlanOptions) -> None:
         ValueError: for a file, a place, a reference system or a speed that cannot be used.
         ImportError: where a package is missing that a format needs.
     """
+    if options.autopilot is not None:
+        Autopilot.named(options.autopilot)
     if options.export:
         dataclasses.replace(PX4, speed=options.speed)
         for file in options.export:
@@ -53,13 +57,14 @@ def write(options: PlanOptions, given: MapTask, plan: Plan) -> list[Exported]:
 
 @dataclasses.dataclass(frozen=True)
 class Exported:
-    """A file that was written, and what it makes a vehicle fly."""
+    """A file that was written, what it makes a vehicle fly, and files of the parameters that it relies on."""
 
     file: Path
     flown: AsFlown
+    parameters: tuple[Path, ...] = ()
 
     def __str__(self) -> str:
-        return f"{self.file}: {self.flown}"
+        return "\n".join([f"{self.file}: {self.flown}", *map(str, self.parameters)])
 
 
 def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[Exported]:
@@ -71,7 +76,8 @@ def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[E
     height = given.terrain.at(*given.task.starts[0, :2].tolist())
     # What only voxels tell is left to the judgement, which then takes the ground for up to a voxel lower.
     ground = None if math.isnan(height) or given.terrain.doubt > 0.0 else height
-    done = []
+    autopilot = None if options.autopilot is None else Autopilot.named(options.autopilot)
+    done, told = list[Exported](), {str(one) for one in _mission_of(flown).near}
     for file in options.export:
         found = export(
             file,
@@ -80,10 +86,17 @@ def write_all(options: PlanOptions, given: MapTask, flown: Trajectory) -> list[E
             ground=ground,
             airspace=given.airspace,
             takeoff_and_landing=options.takeoff_and_landing,
+            autopilot=autopilot,
         )
         for remark in found.remarks:
-            complain(f"Note: {file}: {remark}.")
-        done.append(Exported(file, found))
+            if remark not in told:
+                complain(f"Note: {file}: {remark}.")
+        told.update(found.remarks)
+        done.append(Exported(file, found, tuple(write_parameters(file, found)) if options.params else ()))
         if options.json:
             complain(str(done[-1]))
     return done
+
+
+def _mission_of(flown: Trajectory) -> Mission:
+    return flown.plan if isinstance(flown.plan, Mission) else Mission.of_plan(flown.plan)

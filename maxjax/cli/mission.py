@@ -64,6 +64,8 @@ def run_asked(asked: Asked) -> int:
     shown: Mission | None = mission
     if mission.failed:
         shown = first_legs(mission, given.task) if asked.partial else None
+    if options.keep_radius and shown is not None and shown.near:
+        return report.refuse_near(shown.near, options.out, "mission")
     flown = None
     if shown is not None and shown.status == Status.OK:
         with progress("Timing"):
@@ -81,6 +83,7 @@ def run_asked(asked: Asked) -> int:
         if files:
             print(*files, sep="\n")
     if shown is not None and flown is not None:
+        report.warn_near(shown)
         report.warn_outside(shown.path, given)
     return _told(mission, content, asked)
 
@@ -101,6 +104,9 @@ def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
     waypoints = located(asked, given)
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, planner)
+    if options.keep_radius and mission.near:
+        raise ValueError(f"{'; '.join(map(str, mission.near))}; move it, or leave out keep_radius")
+    report.warn_near(mission)
     return mission, limits
 
 
@@ -165,6 +171,7 @@ def _document(
         "duration": None if flown is None else flown.duration,
         "waypoints": [list(waypoint.position) for waypoint in mission.waypoints],
         "times": times,
+        "near_waypoints": [vars(one) for one in whole.near],
         "legs": legs,
         "timings": mission.timings,
         **{name: last[name] for name in ("configuration", "versions", "device")},
@@ -174,7 +181,18 @@ def _document(
 
 
 def _configuration(asked: Asked) -> dict[str, Any]:
-    outputs = ("out", "json", "export", "takeoff_and_landing", "start", "goal", "via")
+    outputs = (
+        "out",
+        "json",
+        "export",
+        "takeoff_and_landing",
+        "autopilot",
+        "params",
+        "keep_radius",
+        "start",
+        "goal",
+        "via",
+    )
     options = {name: value for name, value in vars(asked.options).items() if name not in outputs}
     return {**options, "waypoints": [vars(waypoint) for waypoint in asked.waypoints]}
 

@@ -49,11 +49,11 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "below": ("closed", "open"),
     "unknown": ("occupied", "free"),
 }
-TEXTS = ("crs", "unit", "vertical_unit", "price")
+TEXTS = ("crs", "unit", "vertical_unit", "price", "autopilot")
 WHOLE = ("band",)
 LISTS: Mapping[str, type] = {"drop_class": int, "only": str}
 FILES = ("map", "airspace")
-FLAGS = ("return_to_start", "takeoff_and_landing")
+FLAGS = ("return_to_start", "takeoff_and_landing", "params", "keep_radius")
 _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
 
 
@@ -99,7 +99,10 @@ def read_mission(options: MissionOptions) -> Asked:
     if "airspace" in given:
         given["airspace"] = options.file.parent / given["airspace"]
     given |= {"start": first, "goal": last, "via": tuple(via)}
-    given["takeoff_and_landing"] = options.takeoff_and_landing or given.get("takeoff_and_landing", False)
+    for flag in ("takeoff_and_landing", "params", "keep_radius"):
+        given[flag] = getattr(options, flag) or given.get(flag, False)
+    if options.autopilot is not None:
+        given["autopilot"] = options.autopilot
     planned = PlanOptions(**given, out=options.out, json=options.json, export=options.export)
     return Asked(planned, waypoints, options.partial)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from maxjax.cli.export_options import ExportOptions
 from maxjax.methods import ALIASES, METHODS
 
 Point3 = tuple[float, float, float]
@@ -110,7 +111,7 @@ class RouteOptions:
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanOptions(ReadOptions, RouteOptions):
+class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
     """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
@@ -123,11 +124,6 @@ class PlanOptions(ReadOptions, RouteOptions):
         start: Start of the path [m].
         goal: End of the path [m].
         return_to_start: From the goal back to the start.
-        out: Folder for plan.json, path.csv and plan.png; of a mission for mission.json, path.csv and mission.png.
-        json: Print the content of plan.json or mission.json, and nothing else, on stdout.
-        export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
-            .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
-        takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing.
         speed: Greatest speed of what is exported [m/s].
     """
 
@@ -135,32 +131,20 @@ class PlanOptions(ReadOptions, RouteOptions):
     start: _Xyz = dataclasses.field()
     goal: _Xyz = dataclasses.field()
     return_to_start: _Flag = False
-    out: _OptionalFolder = None
-    json: _Flag = False
-    export: Annotated[tuple[Path, ...], _optional(metavar="FILE ...")] = ()
-    takeoff_and_landing: _Flag = False
     speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
 
 
 @dataclasses.dataclass(frozen=True)
-class MissionOptions:
+class MissionOptions(ExportOptions):
     """Plan a mission: waypoints in order, with hover times, speeds and distances, verified as a whole.
 
     Attributes:
         file: A TOML file with a map, options of plan and waypoints; docs/missions.md tells all.
         partial: Where a leg fails, write the legs before it; else nothing is written.
-        out: Folder for mission.json, path.csv and mission.png.
-        json: Print the content of mission.json, and nothing else, on stdout.
-        export: Files to write the mission to, as for plan.
-        takeoff_and_landing: As for plan.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     partial: _Flag = False
-    out: _OptionalFolder = None
-    json: _Flag = False
-    export: Annotated[tuple[Path, ...], _optional(metavar="FILE ...")] = ()
-    takeoff_and_landing: _Flag = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,13 +15,25 @@ from maxjax.cli.task import MOST_VOXELS, MapTask, check_options, load_source, re
 from maxjax.core.status import Status
 from maxjax.methods import climbs, label_of, method_named, planner_named
 from maxjax.planning.execution import plan_task
+from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan, no_plans
 from maxjax.planning.planner import Planner
 from maxjax.programs.stage_timer import Recorder, added, recording
 from maxjax.viz.figures import Overlay
 from maxjax.viz.planned import figure_plans
 
-_OUTPUTS = ("out", "json", "export", "speed", "takeoff_and_landing", "via", "return_to_start")
+_OUTPUTS = (
+    "out",
+    "json",
+    "export",
+    "speed",
+    "takeoff_and_landing",
+    "autopilot",
+    "params",
+    "keep_radius",
+    "via",
+    "return_to_start",
+)
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -45,6 +57,8 @@ def run_plan(options: PlanOptions) -> int:
     with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, planner, recorder)
     message = report.explain(plan, given)
+    if options.keep_radius and (near := Mission.of_plan(plan).near):
+        return report.refuse_near(near, options.out, "plan")
     configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {method: plan}, None, list[object]()

@@ -11,7 +11,7 @@ import itertools
 import json
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.methods import climbs
 from maxjax.planning.corridor import NEARLY
-from maxjax.planning.mission import Mission
+from maxjax.planning.mission import Mission, NearWaypoint
 from maxjax.planning.plan import Plan
 from maxjax.planning.taken_end import taken_end
 from maxjax.planning.task import Task
@@ -245,6 +245,27 @@ def warn(plan: Plan, task: Task) -> None:
             f"Warning: away from the ends the path comes within {plan.cruise_clearance:.2f} m of an obstacle{place}, "
             f"less than half the margin of {task.distances.margin:g} m."
         )
+
+
+def refuse_near(near: Sequence[NearWaypoint], out: Path | None, name: str) -> int:
+    """Say on stderr why a radius that is to be kept everywhere is not; returns the exit code.
+
+    Args:
+        near: where it is not.
+        out: folder, from which files of an earlier plan go; None: there is none.
+        name: as for `remove_plans`.
+    """
+    if out is not None:
+        remove_plans(out, name)
+    for one in near:
+        complain(f"Refused: {one}; move it, give a smaller --radius, or leave out --keep-radius. Nothing was written.")
+    return 1
+
+
+def warn_near(mission: Mission) -> None:
+    """Say on stderr at which waypoints of a mission its radius is not kept."""
+    for one in mission.near:
+        complain(f"Warning: {one}; --keep-radius refuses that.")
 
 
 def warn_outside(path: Float64[np.ndarray, "n 3"], given: MapTask) -> None:

@@ -122,17 +122,17 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
     if ground is not None and not math.isfinite(ground):
         raise ValueError(f"ground: expected a height in metres, given {ground}")
-    standings = _standings(mission, place, ground)
+    standings, near = _standings(mission, place, ground), tuple(map(str, mission.near))
     if ending == ".rosbag" and timed is not None:
         found: list[AsFlown] = []
         motion = timed.sampled(_EVERY)
         write_bag(file, motion, lambda bag: found.append(judged(file, lines_in_bag(bag), mission, timed)))
-        return found[0]
+        return dataclasses.replace(found[0], remarks=near)
     if timed is not None and ending in IN_TIME:
         text = _in_time(file, timed, _origin(file, mission, ground, place))
         flown = _judged(file, text, mission, timed, standings)
         atomic_write(file, text)
-        return flown
+        return dataclasses.replace(flown, remarks=near)
     assert place is not None
     speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
     if ending not in _FROM_HOME:
@@ -140,7 +140,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
         flown = _judged(file, text, mission, None, standings)
         atomic_write(file, text)
-        return flown
+        return dataclasses.replace(flown, remarks=near)
     feet = _feet(file, mission, ground, takeoff_and_landing)
     autopilots = BOTH if autopilot is None else (autopilot,)
     made = WaypointFile(file, mission, place, speed, feet, airspace, autopilots, standings).made()
@@ -245,8 +245,14 @@ def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:
     places, drawings = earth.geodetic(mission.path), []
     for k, leg in enumerate(mission.legs):
         first, last = mission.places[k : k + 2].tolist()
-        known = {"length_m": leg.length, "radius_m": leg.radius, "clearance_m": _finite(leg.clearance)}
+        known: dict[str, float | str] = {
+            "length_m": leg.length,
+            "radius_m": leg.radius,
+            "clearance_m": _finite(leg.clearance),
+        }
         known["speed_m_s"] = min(mission.waypoints[k + 1].speed or speed, speed)
+        said = "; ".join(str(one) for one in mission.near if one.number in (k, k + 1))
+        known |= {"radius_not_kept": said} if said else {}
         drawings.append(Drawing(f"leg {k + 1}", places[first : last + 1], known))
     for k, waypoint in enumerate(mission.waypoints[1:-1], 1):
         at = mission.places[k]

@@ -85,7 +85,11 @@ class WaypointFile:
         height = self._above_home(back.height)
         autopilots = tuple(autopilot.returning(height) for autopilot in self.autopilots)
         items = items_of(self.mission, self.earth, self.speed, self.feet, stops)
-        remarks = [*self._stop_remarks(stops, needed), *self._return_remarks(back, height)]
+        remarks = [
+            *map(str, self.mission.near),
+            *self._stop_remarks(stops, needed),
+            *self._return_remarks(back, height),
+        ]
         if self.file.suffix.lower() == ".waypoints":
             return Made(waypoint_text(items), (*remarks, *map(_relies, autopilots)), tuple(needed), height, autopilots)
         fences, lost = fences_of(self.airspace, self.mission.path, self.earth)

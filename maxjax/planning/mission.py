@@ -33,6 +33,7 @@ from maxjax.verification.verifier import verify
 LONGEST_HOVER = 3600.0  # [s]
 # Voxels of the largest map in which legs of one goal share a field, which is one of the whole map.
 _LARGEST_SHARED = 2**22
+_NEARLY = 2e-3  # by which a radius is still kept, as the verifier allows it [voxels]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +77,35 @@ class Waypoint:
         """
         radius = others.radius if self.radius is None else self.radius
         return Distances(radius, others.margin if self.margin is None else self.margin, others.price)
+
+
+@dataclasses.dataclass(frozen=True)
+class NearWaypoint:
+    """A waypoint that stands nearer to an obstacle than the radius, so that the path does, too, around it.
+
+    Attributes:
+        number: of the waypoint, the start 0.
+        position: [m].
+        clearance: its distance to the obstacle [m].
+        radius: that was to be kept [m].
+        hover: how long the mission hovers there [s]; None: not at all.
+    """
+
+    number: int
+    position: Point3
+    clearance: float
+    radius: float
+    hover: float | None
+
+    def __str__(self) -> str:
+        """A sentence without its full stop."""
+        place = ", ".join(f"{x:.10g}" for x in np.round(self.position, 3).tolist())
+        hovers = f", and the mission hovers there for {self.hover:g} s" if self.hover else ""
+        what = "the start" if self.number == 0 else f"waypoint {self.number}"
+        return (
+            f"{what} ({place}) stands {self.clearance:.2f} m from an obstacle, nearer than the radius of "
+            f"{self.radius:g} m, which is not kept around it{hovers}"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,6 +158,19 @@ class Mission:
     def cruise_clearance(self) -> float:
         """The least of the legs' [m]; NaN unless all are OK."""
         return float(np.min([leg.cruise_clearance for leg in self.legs]))
+
+    @property
+    def near(self) -> tuple[NearWaypoint, ...]:
+        """The waypoints at which a path that is OK comes nearer to an obstacle than the radius of its leg."""
+        found = dict[Point3, NearWaypoint]()
+        for k, leg in enumerate(self.legs if self.status == Status.OK else ()):
+            for end, reach in ((0, leg.exemptions[0]), (-1, leg.exemptions[1])):
+                x, y, z = leg.path[end].tolist()
+                own, number = float(leg.clearance_at[end]), k - end
+                short = reach > 0.0 and own < leg.radius - _NEARLY * self.map.grid.spacing
+                if short and ((x, y, z) not in found or found[x, y, z].radius < leg.radius):
+                    found[x, y, z] = NearWaypoint(number, (x, y, z), own, leg.radius, self.waypoints[number].hover)
+        return tuple(found.values())
 
     def leg_path(self, k: int) -> Float64[np.ndarray, "s 3"]:
         """The part of the path from waypoint k to waypoint k + 1."""

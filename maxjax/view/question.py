@@ -61,9 +61,12 @@ class Question:
     @property
     def stops(self) -> tuple[Waypoint, ...]:
         """The waypoints with their details."""
-        details = self.details or tuple(map(Waypoint, self.waypoints))
+        if not self.details:
+            return tuple(map(Waypoint, self.waypoints))
+        # The speed of a leg that has none of its own is the mission's, whatever the fastest leg may do.
         return tuple(
-            dataclasses.replace(detail, position=place) for detail, place in zip(details, self.waypoints, strict=True)
+            dataclasses.replace(detail, position=place, speed=detail.speed or self.speed)
+            for detail, place in zip(self.details, self.waypoints, strict=True)
         )
 
 
@@ -180,6 +183,7 @@ def told(found: Answer) -> str:
         f"planned in {1e3 * mission.timings['total']:.0f} ms.",
     ]
     rows += _legs(found)
+    rows += [f"**Radius not kept:** {one}." for one in mission.near]
     if found.beside is not None:
         rival = found.beside
         rows.append(

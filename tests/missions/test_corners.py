@@ -15,7 +15,7 @@ from scipy import ndimage, sparse, spatial
 import maxjax
 from maxjax.core.earth import TangentPlane
 from maxjax.missions.autopilot import BOTH, Autopilot
-from maxjax.missions.corners import SLACK, Waypoints, cut_corners
+from maxjax.missions.corners import SLACK, Waypoints, _kept, cut_corners
 from maxjax.missions.export import export, write_parameters
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
@@ -221,6 +221,19 @@ def test_the_vehicle_may_leave_within_an_exemption_as_near_as_its_end_stands() -
         assert least > 0.9
     early = Waypoints(path[[0, 1, 2]] - [0.0, 1.2, 0.0], np.zeros(3), np.full(3, 0.5))
     assert set(cut_corners(early, mission, Autopilot.arducopter())[0]) == {1}
+
+
+def test_an_exemption_keeps_what_its_end_keeps() -> None:
+    """Inside that of a start 0.3 m off a wall, segments keep 0.3 m but for the slack; outside of it the radius."""
+    occupied = np.zeros((30, 12, 12), bool)
+    occupied[:, 0, :] = True
+    where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
+    path = np.array([[5.0, 1.3, 5.0], [20.0, 3.5, 5.0]])
+    plan = bare_plan(where, path, maxjax.Distances(1.0, 1.0), exemptions=(3.0, 0.0), clearance_at=np.full(2, 1.0))
+    lines = np.array([[[4.0, y, 5.0], [7.0, y, 5.0]] for y in (1.25, 1.15)] + [[[7.0, 1.5, 5.0], [9.0, 1.5, 5.0]]])
+    clearance, passes = _kept(lines, path, Mission.of_plan(plan), 0)
+    assert passes.tolist() == [True, False, False]
+    np.testing.assert_allclose(clearance, [0.25, 0.15, 0.5], atol=1e-9)
 
 
 def test_autopilots_have_names_and_parameters() -> None:

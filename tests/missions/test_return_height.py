@@ -88,6 +88,18 @@ def test_the_least_height_is_the_least(seed: int) -> None:
     assert blocked(where, path, found - 0.05, step=0.05) > 0
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.5, 1.0, 1.4, 1.5, 2.0])
+def test_a_column_beside_the_way_is_passed_at_the_radius(apart: float) -> None:
+    occupied = np.zeros((30, 10, 20), bool)
+    occupied[14, 6, :9] = True
+    where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
+    y = 6.0 - apart if apart else 6.5
+    path = np.array([[3.0, y, 15.0], [27.0, y, 15.0]])
+    plan = bare_plan(where, path, maxjax.Distances(RADIUS, RADIUS), clearance_at=np.full(2, 6.0))
+    wanted = 9.0 + np.sqrt(RADIUS**2 - apart**2) if apart < RADIUS else -np.inf
+    assert return_height(Mission.of_plan(plan)).height == pytest.approx(wanted, abs=1e-9)
+
+
 def test_a_place_below_something_has_no_height() -> None:
     occupied = np.zeros((30, 10, 20), bool)
     occupied[12:16, :, 10:12] = True  # a bridge
