@@ -26,6 +26,13 @@ from maxjax.programs.stage_timer import added, recording
 from maxjax.trajectories.limits import PX4, FlightLimits
 from maxjax.trajectories.trajectory import Trajectory
 
+# Statuses of a leg for its goal, and of the next one, which starts there.
+_ENDS = {
+    Status.GOAL_OCCUPIED: Status.START_OCCUPIED,
+    Status.GOAL_OUTSIDE_MAP: Status.START_OUTSIDE_MAP,
+    Status.GOAL_IN_CLOSED_AREA: Status.START_IN_CLOSED_AREA,
+    Status.GOAL_OUTSIDE_BAND: Status.START_OUTSIDE_BAND,
+}
 # What is in a plan's JSON and stands only once in that of a mission.
 _ONCE = ("configuration", "versions", "device", "timings")
 
@@ -65,7 +72,7 @@ def run_asked(asked: Asked) -> int:
     if mission.failed:
         shown = first_legs(mission, given.task) if asked.partial else None
     if options.keep_radius and shown is not None and shown.near:
-        return report.refuse_near(shown.near, options.out, "mission")
+        return report.refuse_near(shown.near, given.spoken, options.out, "mission")
     flown = None
     if shown is not None and shown.status == Status.OK:
         with progress("Timing"):
@@ -83,7 +90,7 @@ def run_asked(asked: Asked) -> int:
         if files:
             print(*files, sep="\n")
     if shown is not None and flown is not None:
-        report.warn_near(shown)
+        report.warn_near(shown, given.spoken)
         report.warn_outside(shown.path, given)
     return _told(mission, content, asked)
 
@@ -105,8 +112,10 @@ def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, planner)
     if options.keep_radius and mission.near:
-        raise ValueError(f"{'; '.join(map(str, mission.near))}; move it, or leave out keep_radius")
-    report.warn_near(mission)
+        raise ValueError(
+            f"{'; '.join(one.told(given.spoken) for one in mission.near)}; move it, or leave out keep_radius"
+        )
+    report.warn_near(mission, given.spoken)
     return mission, limits
 
 
@@ -136,9 +145,14 @@ def _told(mission: Mission, content: dict[str, Any], asked: Asked) -> int:
     """Say on stderr what went wrong; returns the exit code."""
     if mission.status == Status.OK:
         return 0
-    for leg in content["legs"]:
-        if leg["status"] != Status.OK.name:
-            report.complain(f"Leg {leg['leg']} of {len(mission.legs)}: {leg['message']}")
+    before = Status.OK
+    for leg, plan in zip(content["legs"], mission.legs, strict=True):
+        if plan.status != Status.OK:
+            told = f"Leg {leg['leg']} of {len(mission.legs)}: "
+            same = before in _ENDS and plan.status == _ENDS[before]
+            reason = f"{plan.status.name}: it starts where leg {leg['leg'] - 1} is to end." if same else leg["message"]
+            report.complain(told + reason)
+        before = plan.status
     if not mission.failed:
         report.complain(content["message"])
     elif asked.options.out is not None or asked.options.export:

@@ -32,6 +32,7 @@ from maxjax.maps.reading import PLAIN, Reading
 from maxjax.maps.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.methods import method_named
 from maxjax.planning.distances import Distances
+from maxjax.planning.spoken import Spoken
 from maxjax.planning.task import Task
 from maxjax.programs.stage_timer import timed
 from maxjax.worlds.scenes import MAPS, Scene, make_scene
@@ -55,6 +56,7 @@ class MapTask:
         earth: where the map lies; None where that is unknown.
         airspace: the rules of the air; None where there are none.
         within: columns that lie within the map's data; None: all do.
+        frame: what places are given in, as options say.
     """
 
     task: Task
@@ -64,6 +66,12 @@ class MapTask:
     earth: Earth | None = None
     airspace: Airspace | None = None
     within: Bool[np.ndarray, "nx ny"] | None = None
+    frame: str = "map"
+
+    @property
+    def spoken(self) -> Spoken:
+        """How places are given."""
+        return Spoken(self.frame, self.earth, self.terrain)
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -128,6 +136,7 @@ def task_in(source: Source, options: PlanOptions) -> MapTask:
     if options.ground is not None and not np.isfinite(options.ground):
         raise ValueError(f"--ground: expected a height in metres, given {options.ground}")
     given = _in_city(source, options) if isinstance(source, Scene) else _in_file(source, options)
+    given = dataclasses.replace(given, frame=options.frame)
     airspace = airspace_of(options, given)
     if airspace is None:
         return given

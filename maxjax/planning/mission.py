@@ -26,6 +26,7 @@ from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.fleet import plan_fleet
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner
+from maxjax.planning.spoken import Spoken
 from maxjax.planning.task import Task, points_of
 from maxjax.programs.stage_timer import added, recording, timed
 from maxjax.verification.verifier import verify
@@ -98,13 +99,16 @@ class NearWaypoint:
     hover: float | None
 
     def __str__(self) -> str:
-        """A sentence without its full stop."""
-        place = ", ".join(f"{x:.10g}" for x in np.round(self.position, 3).tolist())
+        return self.told(Spoken())
+
+    def told(self, spoken: Spoken) -> str:
+        """A sentence without its full stop, in the words of whoever gave the waypoint."""
+        x, y, z = np.round(self.position, 3).tolist()
         hovers = f", and the mission hovers there for {self.hover:g} s" if self.hover else ""
         what = "the start" if self.number == 0 else f"waypoint {self.number}"
         return (
-            f"{what} ({place}) stands {self.clearance:.2f} m from an obstacle, nearer than the radius of "
-            f"{self.radius:g} m, which is not kept around it{hovers}"
+            f"{what} {spoken.place((x, y, z))} stands {self.clearance:.2f} m from an obstacle, nearer than the radius "
+            f"of {self.radius:g} m, which is not kept around it{hovers}"
         )
 
 

@@ -17,9 +17,11 @@ from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plans, no_plans
+from maxjax.planning.spoken import Spoken
 from maxjax.planning.task import Task
 
 _INSIDE = 1e-3  # so far within its voxel an end is in it for sure [voxels]
+_STANDING = 0.5  # so near to the ground an end stands on it [m]
 _AROUND = 16  # voxels to each side in which a free place is looked for
 _HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
 
@@ -44,19 +46,34 @@ class TakenEnd:
 
     @property
     def sentence(self) -> str:
-        """What is in the way, by how much, and where there is room."""
+        """What is in the way, by how much, and where there is room, in the map's coordinates."""
+        return self.told(Spoken())
+
+    def told(self, spoken: Spoken) -> str:
+        """What is in the way, by how much, and where there is room, in the words of whoever gave the end."""
         x, y, z = self.point
+        if self._on_ground(spoken):
+            said = f"{spoken.place(self.point)} stands on the ground, from which a vehicle takes off"
+            if self.free_from is not None:
+                said += f": give a height that it takes off to, from {spoken.height((x, y, self.free_from))} on"
+            return f"{said}; --takeoff-and-landing adds the take-off and the landing to .plan and .waypoints"
         what = "the ground" if self.ground else "an obstacle"
-        said = (
-            f"({x:.10g}, {y:.10g}, {z:.10g}) lies in {what}, {self.top - z:.1f} m below its top at z = {self.top:.1f}"
-        )
+        top = spoken.height((x, y, self.top))
+        said = f"{spoken.place(self.point)} lies in {what}, {self.top - z:.1f} m below its top at {top}"
         if self.free_from is not None:
-            said += f"; free from z = {self.free_from:.1f}"
+            said += f"; free from {spoken.height((x, y, self.free_from))}"
         if self.nearest is not None:
-            said += "; nearest free place (" + ", ".join(f"{number:.1f}" for number in self.nearest) + ")"
-        if self.ground and 0.0 <= z < self.top:
+            shown = tuple(round(number, 1) for number in self.nearest)
+            near = f"({', '.join(f'{number:.1f}' for number in shown)})"
+            said += f"; nearest free place {near if spoken.frame == 'map' else spoken.place(self.nearest)}"
+        if self.ground and 0.0 <= z < self.top and spoken.frame == "map":
             said += f"; did you mean {z:g} m above ground, z = {self.top + z:.1f}?"
         return said
+
+    def _on_ground(self, spoken: Spoken) -> bool:
+        """Whether the end is the ground itself, of which the voxels may reach higher."""
+        ground = spoken.ground(self.point)
+        return self.ground and math.isfinite(ground) and abs(self.point[2] - ground) <= _STANDING
 
 
 def taken_end(where: VoxelMap, point: Point3, radius: float) -> TakenEnd | None:
@@ -90,6 +107,31 @@ def taken_end(where: VoxelMap, point: Point3, radius: float) -> TakenEnd | None:
         )
     face = grid.lower[2] + grid.spacing * top
     return TakenEnd(point, bool(where.ground[i, j, k]), face, free_from, nearest)
+
+
+def open_heights(where: VoxelMap, point: Point3) -> tuple[float, float] | None:
+    """Lowest and highest centre of the open voxels of a point's column that lie nearest to it [m]; None: none is.
+
+    Open is what holds nothing and what no rule of the air closes.
+    """
+    grid, barred = where.grid, np.asarray(where.barred)
+    i, j, k = np.floor((np.array(point, np.float64) - np.array(grid.lower)) / grid.spacing).astype(int).tolist()
+    if not (0 <= i < barred.shape[0] and 0 <= j < barred.shape[1]) or barred[i, j].all():
+        return None
+    steps = np.diff(np.r_[True, barred[i, j], True].astype(np.int8))
+    runs = np.column_stack([np.flatnonzero(steps < 0), np.flatnonzero(steps > 0) - 1])
+    apart = np.maximum(runs[:, 0] - k, k - runs[:, 1])
+    low, high = runs[int(apart.argmin())].tolist()
+    return grid.origin[2] + grid.spacing * low, grid.origin[2] + grid.spacing * high
+
+
+def open_sentence(where: VoxelMap, point: Point3, spoken: Spoken) -> str:
+    """Which heights of a point's column the rules of the air leave open."""
+    found = open_heights(where, point)
+    if found is None:
+        return "no height is open there"
+    low, high = (spoken.height((point[0], point[1], z)) for z in found)
+    return f"there {low} to {high} is open" if low != high else f"there {low} is open"
 
 
 def inside(index: Float64[np.ndarray, " 3"], barred: Bool[np.ndarray, "nx ny nz"]) -> bool:

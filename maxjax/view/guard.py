@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from maxjax.view.border import LOG, Border, mark, refuse_strangers
-from maxjax.view.incoming import MOST_BYTES, fault_of
+from maxjax.view.incoming import MOST_BYTES, fault_of, refusal_of
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -24,14 +24,20 @@ MOST_FAULTS = 20
 
 _STARTING = threading.Lock()
 
+# What returns viser's handles of a panel by their ids, and what a user is told by.
+Panel = tuple[Callable[[], Mapping[str, Any]], Callable[[str], None]]
+
 
 @contextlib.contextmanager
-def guarding(border: Border, controls: Callable[[], Mapping[str, Any]]) -> Iterator[None]:
+def guarding(
+    border: Border, controls: Callable[[], Mapping[str, Any]], tell: Callable[[str], None] = lambda _: None
+) -> Iterator[None]:
     """Within, a server that viser starts keeps to the border.
 
     Args:
         border: of the server.
         controls: returns viser's handles of its panel, by their ids.
+        tell: called with a sentence for the user where a control's value is not taken.
 
     Raises:
         ImportError: if viser started it another way; then it is not guarded.
@@ -43,7 +49,7 @@ def guarding(border: Border, controls: Callable[[], Mapping[str, Any]]) -> Itera
     def serve(handler: Any, host: Any = None, port: Any = None, **settings: Any) -> Any:
         guarded.append(True)
         files = settings["process_request"]
-        return plain(handler, host, port, **settings | _settings(border, controls, files))
+        return plain(handler, host, port, **settings | _settings(border, (controls, tell), files))
 
     with _STARTING:
         # viser hands no settings through; it looks the name up when it starts, and is awaited here until it has.
@@ -56,7 +62,7 @@ def guarding(border: Border, controls: Callable[[], Mapping[str, Any]]) -> Itera
         raise ImportError("the page cannot be guarded with this viser; expected viser 1.1: pip install 'viser==1.1.*'")
 
 
-def _settings(border: Border, controls: Callable[[], Mapping[str, Any]], files: Any) -> dict[str, Any]:
+def _settings(border: Border, panel: Panel, files: Any) -> dict[str, Any]:
     def answer(connection: ServerConnection, request: Request) -> Response | None:
         refused = refuse_strangers(border, connection, request)
         if refused is not None:
@@ -68,7 +74,7 @@ def _settings(border: Border, controls: Callable[[], Mapping[str, Any]], files: 
     log.addFilter(_in_one_line)
     return {
         "process_request": answer,
-        "create_connection": functools.partial(_connection_class(), controls),
+        "create_connection": functools.partial(_connection_class(), panel),
         "max_size": MOST_BYTES,
         "logger": log,
     }
@@ -89,9 +95,9 @@ def _connection_class() -> Any:
     class Judged(ServerConnection):
         """A connection that receives only what a page can be told."""
 
-        def __init__(self, controls: Callable[[], Mapping[str, Any]], *args: Any, **settings: Any) -> None:
+        def __init__(self, panel: Panel, *args: Any, **settings: Any) -> None:
             super().__init__(*args, **settings)
-            self._panel, self._faults = controls, 0
+            (self._panel, self._tell), self._faults = panel, 0
 
         async def recv(self, decode: bool | None = None) -> Any:
             """The next message that has no fault."""
@@ -101,6 +107,8 @@ def _connection_class() -> Any:
                 if not fault:
                     return content
                 self._faults += 1
+                if said := refusal_of(content, self._panel()):
+                    self._tell(said)
                 LOG.warning("Dropped a message from %s: it %s", self.remote_address[0], fault)
                 if self._faults == MOST_FAULTS:
                     LOG.warning("Closed the connection to %s after %d faults", self.remote_address[0], MOST_FAULTS)

@@ -42,6 +42,29 @@ def fault_of(content: bytes | str, controls: Mapping[str, Any]) -> str:
     return _fault_of_update(message["uuid"], message["updates"], controls) if kind == "GuiUpdateMessage" else ""
 
 
+def refusal_of(content: bytes | str, controls: Mapping[str, Any]) -> str:
+    """What to tell a user whose control has a value that is not taken, in words; empty where there is no such value.
+
+    Args:
+        content: as it was received.
+        controls: viser's handles of the panel, by their ids.
+    """
+    message = _decoded(content) or {}
+    updates = message.get("updates")
+    uuid = message.get("uuid")
+    control = controls.get(uuid) if message.get("type") == "GuiUpdateMessage" and isinstance(uuid, str) else None
+    if control is None or not isinstance(updates, dict) or updates.keys() != {"value"}:
+        return ""
+    held, props = control._impl.value, control._impl.props
+    if _fits(updates["value"], held, props):
+        return ""
+    low, high = getattr(props, "min", None), getattr(props, "max", None)
+    what = "a text" if isinstance(held, str) else "a number" if isinstance(held, (int, float)) else "such a value"
+    within = f" from {low:g} to {high:g}" if low is not None and high is not None else ""
+    label = getattr(props, "label", None) or "This control"
+    return f"{label}: expected {what}{within}, given {_shown(updates['value'])}; {_shown(held)} stays"
+
+
 def _decoded(content: bytes | str) -> dict[str, Any] | None:
     import msgspec
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _SLOW = 0.5  # after so long the status says that a plan is being made [s]
 _REST = 0.3  # after so long without a move the camera is at rest [s]
 _HANDLE, _REACH = 12.0, 0.15  # length of a handle's arrows: at least [m], and in extents of the waypoints
+_PLAIN = str.maketrans("", "", "<>[]()!`*_#|\\\n")  # what Markdown would not show as it is
 _NAME = 1.15  # height of a name above its waypoint, in lengths of an arrow
 
 # What is written for the user to take away: a file's name and content, of an ending and an answer.
@@ -226,9 +227,16 @@ class PlanPage:
 
     def _typed(self, k: int, event: Any) -> None:
         place = text_place(event.target.value)
-        if event.client is None or place is None or place == self.waypoints[k]:
-            return  # the panel was told, not the page; or not all is typed yet
-        self.move(k % len(self._stops), place)
+        if event.client is None:
+            return  # the panel was told, not the page
+        if place is None:
+            what = "Start" if k == 0 else "Goal"
+            typed = event.target.value[:60].translate(_PLAIN)
+            self._say(f"### Not a place yet\n{what} [m]: expected three numbers, as 10, 20, 30, given “{typed}”.")
+        elif place != self.waypoints[k]:
+            self.move(k % len(self._stops), place)
+        elif self.answer is not None:
+            self._say(told(self.answer))
 
     def _download(self, event: Any, ending: str) -> None:
         """Send a file to the browser that asked for it, or say why there is none."""

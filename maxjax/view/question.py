@@ -20,6 +20,8 @@ from maxjax.fields.price import Price
 from maxjax.methods import planner_named
 from maxjax.planning.distances import Distances
 from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.spoken import Spoken
+from maxjax.planning.taken_end import open_sentence, taken_end
 from maxjax.planning.task import Task
 from maxjax.trajectories.limits import PX4
 from maxjax.verification.verifier import verify
@@ -80,7 +82,7 @@ class Answer:
         beside: by A*; None where it was not asked for.
         clearance: at the points of `dense`, to the nearest obstacle [m].
         dense: points along the path, no farther apart than half a voxel [m].
-        refusal: why the question cannot be planned, or which rule of the air closes an end; empty else.
+        refusal: why the question cannot be planned, or what is in the way of an end; empty else.
         seconds: from question to answer.
     """
 
@@ -137,14 +139,19 @@ def _closed(city: City, band: Band, highest: float | None) -> Reasons:
 
 
 def _closed_end(city: City, question: Question, mission: Mission) -> str:
-    """Which rules close the end of a leg that failed for it; empty where none did."""
+    """What is in the way of the end of a leg that failed for it, and where there is room; empty where nothing is."""
     for k in mission.failed[:1]:
         for end, statuses in enumerate(CLOSED_ENDS):
             if mission.legs[k].status in statuses:
                 place = np.array(question.waypoints[k + end])
                 x, y, z = np.floor((place - city.grid.lower) / city.grid.spacing).astype(int).tolist()
                 rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
-                return f"It lies {' and '.join(rules.reasons_at((x, y, z), city.terrain))}."
+                where = task_of(city, question, slice(k, k + 1)).map_at(0)
+                heights = open_sentence(where, question.waypoints[k + end], Spoken())
+                return f"It lies {' and '.join(rules.reasons_at((x, y, z), city.terrain))}; {heights}."
+            if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
+                stands = taken_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
+                return "" if stands is None else f"{stands.told(Spoken(terrain=city.terrain))}."
     return ""
 
 

@@ -139,12 +139,17 @@ def _server_class() -> Any:
             self.border = border
             self.way: Float[np.ndarray, "n 3"] | None = None
             """What is looked at, in the page's frame [m]; None: the whole map."""
-            with contextlib.redirect_stdout(io.StringIO()), guarding(border, self._controls):
+            with contextlib.redirect_stdout(io.StringIO()), guarding(border, self._controls, self.tell):
                 super().__init__(verbose=False, **settings)
 
         def _controls(self) -> dict[str, Any]:
             gui = self.__dict__.get("gui")  # which it has not while it starts
             return {} if gui is None else gui._gui_input_handle_from_uuid
+
+        def tell(self, sentence: str) -> None:
+            """Show a sentence in every browser."""
+            for client in self.get_clients().values():
+                client.add_notification("Not taken", sentence, color="orange", auto_close_seconds=8.0)
 
         def request_share_url(self, verbose: bool = True) -> str | None:
             """None: the page stays on this machine."""
