@@ -63,13 +63,20 @@ class Question:
     @property
     def stops(self) -> tuple[Waypoint, ...]:
         """The waypoints with their details."""
-        if not self.details:
-            return tuple(map(Waypoint, self.waypoints))
-        # The speed of a leg that has none of its own is the mission's, whatever the fastest leg may do.
+        details = self.details or tuple(map(Waypoint, self.waypoints))
         return tuple(
-            dataclasses.replace(detail, position=place, speed=detail.speed or self.speed)
-            for detail, place in zip(self.details, self.waypoints, strict=True)
+            dataclasses.replace(detail, position=place) for detail, place in zip(details, self.waypoints, strict=True)
         )
+
+    @property
+    def flown(self) -> tuple[Waypoint, ...]:
+        """The waypoints as they are flown: a leg without a speed of its own has the mission's, however fast others are.
+
+        Without details there are no legs with speeds, and the limits of the flight are enough.
+        """
+        if not self.details:
+            return self.stops
+        return tuple(dataclasses.replace(stop, speed=stop.speed or self.speed) for stop in self.stops)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -156,7 +163,7 @@ def _closed_end(city: City, question: Question, mission: Mission) -> str:
 
 
 def _planned(city: City, question: Question, method: str) -> Mission:
-    return plan_mission(task_of(city, question), question.stops, planner_named(method))
+    return plan_mission(task_of(city, question), question.flown, planner_named(method))
 
 
 def refined(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:

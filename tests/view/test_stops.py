@@ -38,7 +38,7 @@ def answered(details: tuple[Waypoint, ...], clear: float = np.inf) -> Answer:
         for k in range(2)
     )
     mission = Mission(
-        maxjax.Status.OK, question.stops, legs, path, np.array([0, 1, 2]), 120.0, clear, {"total": 0.1}, where
+        maxjax.Status.OK, question.flown, legs, path, np.array([0, 1, 2]), 120.0, clear, {"total": 0.1}, where
     )
     return Answer(question, mission, None, path, np.full(3, clear), "", 0.1)
 
