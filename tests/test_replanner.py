@@ -22,6 +22,7 @@ from maxjax.planning import focus_window as focus
 from maxjax.planning.focus_window import View
 from maxjax.planning.remainder import remainder
 from maxjax.planning.route import Routes
+from maxjax.planning.task import Task
 
 GRID = Grid((22, 20, 12), 2.0, (3.0, -7.0, 1.0))
 DISTANCES = Distances(1.0, 4.0)
@@ -252,6 +253,20 @@ def test_what_is_left_of_a_plan_to_another_goal_is_not_flown(replanner: Replanne
     np.testing.assert_array_equal(beside.plan.path[-1], GOAL + 0.5)
     assert passes(beside, wall())
     assert replanner.replan(cloud_of(wall()), BEFORE, GOAL - [0, 6, 0], deadline=1e-3).plan is None
+
+
+def test_of_a_deadline_some_is_kept_for_the_verifier(replanner: Replanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    shapes, asked = replanner._shapes, []
+    real = shapes.route
+
+    def route(task: Task, until: float) -> Any:
+        asked.append(until - time.perf_counter())
+        return real(task, until)
+
+    monkeypatch.setattr(shapes, "route", route)
+    replanner.replan(cloud_of(wall()), BEFORE, GOAL, deadline=5.0)
+    (left,) = asked
+    assert left <= 5.0 - 0.005
 
 
 def test_a_plan_that_is_late_says_so_and_no_other_is_begun_for_a_while(

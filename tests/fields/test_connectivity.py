@@ -90,3 +90,13 @@ def test_vmap_equals_a_loop() -> None:
     seeds = jnp.asarray(rng.integers(0, (9, 8, 31), (5, 3)), jnp.int32)
     batch = jax.vmap(flood)(free, seeds)
     np.testing.assert_array_equal(batch, jnp.stack([fill(f, s) for f, s in zip(free, seeds, strict=True)]))
+
+
+def test_a_flood_that_is_not_over_is_not_given_up_for_the_next_map() -> None:
+    """A way of some three hundred steps, of which a look at the result takes 32, and then a map without walls."""
+    blocked = serpentine(25, 25, 1)
+    maps = jnp.asarray(np.stack([~blocked, np.ones_like(blocked)]))
+    a, b = jnp.array([0, 0, 0]), jnp.array([24, 20, 0])
+    k, joined = first_of(maps, jnp.int32(0), a, b)
+    assert joined
+    assert k == 0

@@ -110,3 +110,31 @@ def test_a_coarse_voxel_is_occupied_by_the_share_of_its_voxels(factor: int, shar
     for index in np.ndindex(*found.shape):
         block = volume[tuple(slice(i * factor, (i + 1) * factor) for i in index)]
         assert found[index] == (block.sum() > share * factor**3)
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4])
+def test_a_coarse_price_is_the_mean_of_its_voxels_and_one_beyond_the_map(factor: int) -> None:
+    price = 1 + np.random.default_rng(2).random((7, 9, 5)).astype(np.float32)
+    found = corridor.coarse_price(price, factor)
+    assert found.shape == tuple(-(-n // factor) for n in price.shape)
+    for index in np.ndindex(*found.shape):
+        block = price[tuple(slice(i * factor, (i + 1) * factor) for i in index)]
+        assert found[index] == pytest.approx((block.sum() + factor**3 - block.size) / factor**3, rel=1e-5)
+
+
+def test_a_guide_is_moved_to_where_there_is_most_room() -> None:
+    occupied, ground = town()
+    task = across(occupied, ground)
+    free = np.argwhere(~task.barred)
+    walls = np.argwhere(task.barred)
+    for point in free[np.random.default_rng(6).permutation(len(free))[:20]]:
+        place = np.array(GRID.origin) + GRID.spacing * point
+        found = (corridor._roomy(task, place, 3.0) - np.array(GRID.origin)) / GRID.spacing
+
+        def score(index: np.ndarray, point: np.ndarray = point) -> float:
+            """Room, as far as it has a price, less half the way there."""
+            room = np.linalg.norm(walls - index, axis=1).min()
+            return min(room, task.distances.margin / GRID.spacing + 1) - 0.5 * float(np.linalg.norm(index - point))
+
+        within = free[np.linalg.norm(free - point, axis=1) <= 3.0]
+        assert score(found) == pytest.approx(max(map(score, within)), abs=1e-6)

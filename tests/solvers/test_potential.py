@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import itertools
 from collections.abc import Callable
@@ -15,11 +16,14 @@ from planners import unchecked as by_itself
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
+from maxjax.fields.certificate import uncertified
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.fields.price import SCREENING_LENGTH
+from maxjax.solvers.certify import sweep_until_certified
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.geodesic import distance_potential
+from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
 
@@ -282,6 +286,23 @@ def test_where_nothing_else_certifies_the_floods_distance_does() -> None:
         joined, steps = geodesic(jnp.asarray(~blocked), jnp.asarray(goal, jnp.int32))
         u = distance_potential(steps, joined, jnp.asarray(1.5))
         assert stuck_voxels(np.asarray(u), component_of(~blocked, tuple(goal)), goal) == 0
+
+
+def test_sweeps_certify_what_is_not() -> None:
+    """A field with dents, which the flood's distance would replace as well: these sweeps mend it themselves."""
+    sigma, goal = scene(3)
+    medium = medium_of(jnp.asarray(sigma), jnp.asarray(goal))
+    solved = solve(sigma, goal)
+    u = np.array(jnp.where(medium.component, solved.log_phi, 0))
+    inside = np.argwhere(np.asarray(medium.component) & (u < -1))[::97]
+    u[tuple(inside.T)] += 3.0
+    dented = dataclasses.replace(untouched(medium, solved.screening_length), log_phi=jnp.asarray(u))
+    assert uncertified(dented.log_phi, medium.component, medium.goal) > 0
+    mended = sweep_until_certified(medium, dented, most=64, between=8)
+    assert mended.uncertified == 0
+    assert 0 < mended.sweeps <= 64
+    assert uncertified(mended.log_phi, medium.component, medium.goal) == 0
+    assert sweep_until_certified(medium, mended, most=64, between=8).sweeps == 0
 
 
 def test_jit_equals_eager() -> None:
