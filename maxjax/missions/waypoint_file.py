@@ -138,7 +138,7 @@ class WaypointFile:
                 f"on the way from {_place(back.origin)} it leads over what is {over:.1f} m high at "
                 f"x {back.over[0]:.1f}, y {back.over[1]:.1f}"
             )
-        found.append(f"a return to launch is clear from {height:.1f} m above home on: {why}")
+        found.append(f"a return to launch is clear {height:.1f} m above home and higher: {why}")
         for autopilot in self.autopilots:
             if autopilot.return_height < height:
                 parameter = "RTL_ALT" if autopilot.name == "arducopter" else "RTL_RETURN_ALT"

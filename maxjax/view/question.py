@@ -155,7 +155,8 @@ def _closed_end(city: City, question: Question, mission: Mission) -> str:
                 rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
                 where = task_of(city, question, slice(k, k + 1)).map_at(0)
                 heights = open_sentence(where, question.waypoints[k + end], Spoken())
-                return f"It lies {' and '.join(rules.reasons_at((x, y, z), city.terrain))}; {heights}."
+                why = " and ".join(rules.reasons_at((x, y, z), city.terrain))
+                return f"It lies {why}. {heights[0].upper()}{heights[1:]}."
             if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
                 stands = taken_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
                 return "" if stands is None else f"{stands.told(Spoken(terrain=city.terrain))}."

@@ -138,7 +138,7 @@ def test_a_file_states_it_and_warns_of_a_default_that_is_lower(tmp_path: Path) -
     remarks, height, rally = exported(tmp_path, Autopilot.arducopter())
     assert height == 23.5
     assert any(
-        one.startswith("a return to launch is clear from 23.5 m above home on: on the way from x ") and "22.0 m" in one
+        one.startswith("a return to launch is clear 23.5 m above home and higher: on the way") and "22.0 m" in one
         for one in remarks
     )
     assert "ArduCopter returns at 15 m and may touch something on its way: set RTL_ALT to 2400" in remarks

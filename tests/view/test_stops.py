@@ -111,4 +111,4 @@ def test_an_end_in_something_is_told_as_on_the_command_line() -> None:
     closed = dataclasses.replace(question, waypoints=((10.0, 20.0, 12.0), (10.0, 50.0, 30.0)), band=(10.0, 40.0))
     text = told(answer(city, closed))
     assert "START_OUTSIDE_BAND" in text
-    assert "; there z = 20.0 to z = 46.0 is open" in text
+    assert ". There z = 20.0 to z = 46.0 is open" in text
