@@ -267,6 +267,9 @@ def _name(modes: Int32[np.ndarray, " 6"]) -> str:
 _FLY = Stored("flights with faults", fly_all_closed_loop)
 
 
+_TITLES = {"faults_random": "Faults at random in flight"}
+
+
 def section(document: Document) -> str:
     """RESULTS.md: who arrived with what fault, and what was never lost."""
     lines = [
@@ -285,7 +288,7 @@ def section(document: Document) -> str:
     ]
     at_random = [row for row in document["rows"] if row["cell"] == "random" and row["blamed"]]
     return (
-        f"### Faults in flight ({device(document)})\n\n"
+        f"### {_TITLES.get(document['name'], 'Faults in flight')} ({device(document)})\n\n"
         f"These are {trials(document)}.\n"
         "What fails and how: the table of `maxjax.sim.faults`; it begins 1 to 8 s after take-off and does not end.\n"
         "No numbers: flights with a state that was none; unseen: those more than a voxel from any seen free.\n"

@@ -25,7 +25,7 @@ from scipy.stats import beta
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
-from benchmarks.common.markdown import Document, device, table
+from benchmarks.common.markdown import Document, device, table, trials
 from maxjax.campaigns.campaign import Campaign
 from maxjax.campaigns.execution import fly_trials
 from maxjax.campaigns.outcomes import Outcome, summarise
@@ -144,6 +144,9 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
     }
 
 
+_TITLES = {"moving_cities_fresh": "Cities with movers, fresh trials"}
+
+
 def section(document: Document) -> str:
     """RESULTS.md: who arrives among whom, how much later, and what was flagged."""
     lines = []
@@ -163,7 +166,8 @@ def section(document: Document) -> str:
              "no flag then", "time / alone", "flagged [%]"]  # fmt: skip
     failures = [f"- `{one}`\n" for row in document["rows"] if row["aware"] and row["again"] for one in _some(row)]
     return (
-        f"### Cities with movers ({device(document)})\n\n"
+        f"### {_TITLES.get(document['name'], 'Cities with movers')} ({device(document)})\n\n"
+        f"These are {trials(document)}.\n"
         "By the vehicle's own LiDAR. Unaware: the planner of static worlds, for which movers are nothing but returns.\n"
         "At least: lower bound of Clopper and Pearson, 95 %. Unflagged: contacts with movers before which, within the\n"
         "horizon of a motion, no assumption was known to be broken; no flag then: those at whose moment none was.\n"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.common.markdown import trials
 from experiments import faults
 from maxjax.planners import Field
 from maxjax.sim.faults import MEANINGLESS, Mode, Target
@@ -67,3 +69,14 @@ def test_a_stuck_planner_with_a_broken_clock_touches_nothing(trial: int, tmp_pat
     assert not modes[Target.MOTORS]
     (row,) = faults.main(config)
     assert row["contacts"] == row["unseen"] == row["not_numbers"] == 0
+
+
+def test_what_the_documentation_says_of_faults_at_random_is_what_was_recorded() -> None:
+    document = json.loads((faults.RESULTS / "faults_random.json").read_text(encoding="utf-8"))
+    (row,) = document["rows"]
+    assert trials(document).startswith("fresh trials")
+    assert row["flights"] == 10_000
+    assert row["not_numbers"] == 0
+    assert all("motors-" in cause for cause in row["blamed"].split("; "))
+    text = (Path(__file__).parents[2] / "docs" / "flight.md").read_text(encoding="utf-8")
+    assert f"all {row['contacts']} contacts have a motor that fails" in " ".join(text.split())
