@@ -45,7 +45,7 @@ TESTS = {
     ),
     "flags": (
         *("sim/moving/test_choice.py", "sim/moving/test_following.py", "sim/moving/test_slow_movers.py"),
-        *("sim/moving/test_flight_among.py", "campaigns/test_execution.py"),
+        "sim/moving/test_flight_among.py",
     ),
     "exports": ("missions", "test_cli_export.py"),
     "airspace": ("airspace", "planning/test_taken_end.py", "missions/test_exports.py"),

@@ -23,8 +23,8 @@ LEAK = SCREENING_LENGTH**-2
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
-    """A conductor with prices, its goal, and where log φ is read."""
+class Conductor:
+    """A conductivity with prices, its goal, and where log φ is read."""
 
     sigma: np.ndarray
     price: np.ndarray
@@ -32,12 +32,12 @@ class Scene:
     start: Voxel
 
 
-def straight(voxels: int) -> Scene:
+def straight(voxels: int) -> Conductor:
     shape = (voxels + 8, 9, 9)
-    return Scene(np.ones(shape), np.ones(shape), (3, 4, 4), (3 + voxels, 4, 4))
+    return Conductor(np.ones(shape), np.ones(shape), (3, 4, 4), (3 + voxels, 4, 4))
 
 
-def city() -> Scene:
+def city() -> Conductor:
     """Towers on a square, a conductivity that varies, and a price beside walls; from corner to corner."""
     rng = np.random.default_rng(8)
     blocked = random_blocks(rng, (72, 72, 1), 60, 12).repeat(20, axis=2)
@@ -45,20 +45,20 @@ def city() -> Scene:
     blocked[:4, :4] = blocked[-4:, -4:] = False
     near = np.clip(1 - ndimage.distance_transform_edt(~blocked) / 4, 0, None)
     sigma = np.where(blocked, 0, 10 ** rng.uniform(0, 1, blocked.shape))
-    return Scene(sigma, 1 + 4 * near**2, (1, 1, 3), (70, 70, 4))
+    return Conductor(sigma, 1 + 4 * near**2, (1, 1, 3), (70, 70, 4))
 
 
-def folded() -> Scene:
+def folded() -> Conductor:
     """A corridor one voxel wide that folds."""
     blocked = serpentine(25, 25, 2)
-    return Scene(1.0 * ~blocked, np.ones(blocked.shape), (0, 0, 0), (24, 20, 1))
+    return Conductor(1.0 * ~blocked, np.ones(blocked.shape), (0, 0, 0), (24, 20, 1))
 
 
 SCENES = {"35 voxels": straight(35), "70 voxels": straight(70), "300 voxels": straight(300), "city": city(),
           "corridor": folded()}  # fmt: skip
 
 
-def slopes_by_elimination(scene: Scene) -> tuple[float, np.ndarray, np.ndarray]:
+def slopes_by_elimination(scene: Conductor) -> tuple[float, np.ndarray, np.ndarray]:
     """Log φ at the start, and its derivatives by log price and by log σ, from λ = A⁻¹ e / φ in float64."""
     leak = LEAK * scene.price**2
     phi = direct_potential(scene.sigma, scene.goal, leak.ravel())
