@@ -17,7 +17,9 @@ TEXTS = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for
 # Folders against which a path may be written.
 BASES = [ROOT, ROOT / "maxjax", ROOT / "benchmarks" / "results", ROOT / "experiments" / "results"]
 # What commands write and read.
-EXAMPLES = {"scan/scan.npz", "demo/plan.png", "mission.json", "build/docs", "build/results", "config.json", "shards/K-of-N"}
+EXAMPLES = {
+    *("scan/scan.npz", "demo/plan.png", "mission.json", "build/docs", "build/results", "config.json", "shards/K-of-N")
+}
 
 
 def found(pattern: str) -> list[tuple[str, str]]:
