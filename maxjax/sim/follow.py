@@ -123,7 +123,7 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     if world.faults is not None:
         command, failing = thrusts(world, dataclasses.replace(flight, failing=failing), command, vehicle)
         wind, reference_time = wind + air(world, flight), ticked(world, flight, config)
-    reference_time = paced(flight.reference_time, reference_time, vehicle.timestep)
+    reference_time = advance_time(flight.reference_time, reference_time, vehicle.timestep)
     after = physics.advance(vehicle, before, command, wind)
     if config.exact:
         yaw = turned(before.rotation, setpoint.velocity, config)
@@ -154,7 +154,7 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     )
 
 
-def paced(before: Float[Array, ""], told: Float[Array, ""], timestep: float) -> Float[Array, ""]:
+def advance_time(before: Float[Array, ""], told: Float[Array, ""], timestep: float) -> Float[Array, ""]:
     """Advance the time on the reference to what the clock says, as far as a vehicle can follow [s].
 
     Time never goes back, and never on by more than `_FASTEST` time steps at once: whatever the clock says, set-points

@@ -29,7 +29,7 @@ from maxjax.sim.faults import (
 )
 from maxjax.sim.flight import STAGES, Flight, FlightConfig, World, take_off, watch
 from maxjax.sim.flight_state import estimated_position
-from maxjax.sim.follow import paced
+from maxjax.sim.follow import advance_time
 from maxjax.sim.lidar import Lidar, Scan, scan
 from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.worlds.solids import upright_boxes
@@ -141,7 +141,7 @@ def test_whatever_the_clock_says_set_points_do_not_jump_nor_go_back(mode: Mode) 
     @jax.jit
     def times(flight: Flight) -> jax.Array:
         def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
-            now = paced(flight.reference_time, ticked(one, flight, CONFIG), step)
+            now = advance_time(flight.reference_time, ticked(one, flight, CONFIG), step)
             log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
             return dataclasses.replace(flight, reference_time=now, log=log), now
 
