@@ -96,7 +96,10 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
 )
 
 # Likewise, of what other people's files and messages do.
-INPUTS: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = ((tables.fuzz, ("fuzz",)),)
+INPUTS: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
+    (tables.fuzz, ("fuzz",)),
+    (tables.mutations, ("mutations",)),
+)
 
 _HEAD = """# Results
 

@@ -171,7 +171,8 @@ def _try(mutation: Mutation) -> Row:
         mutation.apply(tree)
         noticed = next(filter(None, (_failing(tree, tests) for tests in TESTS[mutation.room])), None)
     seconds = round(time.perf_counter() - began, 1)
-    return {**dataclasses.asdict(mutation), "noticed": noticed, "seconds": seconds}
+    why = None if noticed else SURVIVORS.get((mutation.file, mutation.broken))
+    return {**dataclasses.asdict(mutation), "noticed": noticed, "why": why, "seconds": seconds}
 
 
 def _copy(tree: Path) -> None:

@@ -5,7 +5,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 
 from benchmarks.tables.flights import flights, lidar, scaling
 from benchmarks.tables.plans import cities, plans, verdicts
-from benchmarks.tables.processes import first_hour, fuzz, history, page, service, startup
+from benchmarks.tables.processes import first_hour, fuzz, history, mutations, page, service, startup
 from benchmarks.tables.rivals import rivals
 from benchmarks.tables.solves import profile, solves
 
@@ -16,6 +16,7 @@ __all__ = [
     "fuzz",
     "history",
     "lidar",
+    "mutations",
     "page",
     "plans",
     "profile",

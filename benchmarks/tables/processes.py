@@ -19,6 +19,23 @@ def fuzz(document: Document) -> str:
     )
 
 
+def mutations(document: Document) -> str:
+    """Of `tests.mutate`."""
+    rows = document["rows"]
+    rooms = list(dict.fromkeys(row["room"] for row in rows))
+    counted = [(room, [row for row in rows if row["room"] == room]) for room in rooms] + [("all", rows)]
+    lines = [[room, str(len(some)), str(sum(not row["noticed"] for row in some))] for room, some in counted]
+    survivors = [row for row in rows if not row["noticed"]]
+    told = [f"- {row['file']}: `{row['broken']}`. {row.get('why') or 'No reason is known.'}\n" for row in survivors]
+    return (
+        "### Broken lines\n\n"
+        "One line of the sources broken at a time, in a copy of the tree: a comparison, a sign, a bound. Survived: no\n"
+        "test of its room fails.\n\n"
+        + table(["lines of", "broken", "survived"], lines, left=1)
+        + ("\nThose that survived, and why they cannot matter:\n\n" + "".join(told) if told else "")
+    )
+
+
 def startup(*documents: Document) -> str:
     """Of `benchmarks.startup`."""
     lines = []
