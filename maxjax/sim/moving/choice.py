@@ -216,9 +216,10 @@ def _apart(
     place: Float[Array, "n 3"], least: Float[Array, "s 3"], greatest: Float[Array, "s 3"]
 ) -> Float[Array, "n s"]:
     """From places to boxes [m]; to those that are NaN: infinity."""
+    # Asked of what is given: whether a maximum of NaN is NaN depends on the compiler.
+    nobody = jnp.any(jnp.isnan(least) | jnp.isnan(greatest), axis=-1)
     outside = jnp.maximum(jnp.maximum(least - place[:, None], place[:, None] - greatest), 0.0)
-    squared = jnp.sum(outside * outside, axis=-1)
-    return jnp.sqrt(jnp.where(jnp.isnan(squared), jnp.inf, squared))
+    return jnp.where(nobody, jnp.inf, jnp.linalg.norm(jnp.where(nobody[:, None], 0.0, outside), axis=-1))
 
 
 def downhill(guide: LocalValue, flown: MotionPrimitive, choice: MotionSet) -> Float[Array, "3"]:
