@@ -53,8 +53,7 @@ def main(config: Config) -> list[Row]:
     Raises:
         OSError: outside a clone of the repository.
     """
-    kept, recorded = (folder / "history.json" for folder in (config.out, RESULTS))
-    path = kept if kept.is_file() else recorded
+    path = config.out / "history.json"
     rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     line = _git("log", "--first-parent", "--reverse", "--format=%h %cs").decode().splitlines()
     numbers = range(config.every, len(line), config.every) if config.every else ()
