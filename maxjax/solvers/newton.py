@@ -37,11 +37,8 @@ from maxjax.programs.batching import settle
 from maxjax.programs.lowering import maximum, repeat
 from maxjax.solvers.aggregation import AggregateLevel, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
-from maxjax.solvers.random_walk import imbalance, random_walk
+from maxjax.solvers.random_walk import SWEEPS, imbalance, random_walk
 
-# Weights of the sweeps after a correction, to damp what an aggregate cannot represent: (1 − 0.6 λ)² (1 − λ)²
-# |1 − 1.7 λ| stays below 0.07 for 0.4 ≤ λ ≤ 1.9. Plain sweeps do not damp what alternates from voxel to voxel, λ = 2.
-_SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
 # Beyond it [nats] rounding is not excused.
 _FAR = 1e5
 # A correction changes no log φ by more than this: where walls mislead the coarse walks, they overshoot.
@@ -181,17 +178,17 @@ def _cycle(system: _System, carry: _CycleCarry) -> _CycleCarry:
         swept = jnp.maximum(weight * gather(links, psi) + (1 - weight) * here, here / 8)
         return jnp.where(system.held, here, swept) / diagonal
 
-    weights = jnp.asarray(_SWEEPS, psi.dtype)
+    weights = jnp.asarray(SWEEPS, psi.dtype)
     with jax.named_scope("sweep"):
         first = jnp.int32(0), psi
-        _, psi = repeat(len(_SWEEPS) - 1, lambda state: (state[0] + 1, sweep(state[1], weights[state[0]])), first)
+        _, psi = repeat(len(SWEEPS) - 1, lambda state: (state[0] + 1, sweep(state[1], weights[state[0]])), first)
     with jax.named_scope("change"):
         after = sweep(psi, 1.0)
         change = maximum(
             lambda after, psi, log_phi: _beyond_rounding((after - psi) / psi, log_phi), after, psi, carry.log_phi
         )
         return _CycleCarry(
-            log_phi=carry.log_phi + jnp.log(psi + _SWEEPS[-1] * (after - psi)),
+            log_phi=carry.log_phi + jnp.log(psi + SWEEPS[-1] * (after - psi)),
             cycles=carry.cycles + 1,
             change=change,
             best=jnp.minimum(change, carry.best),

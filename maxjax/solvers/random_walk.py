@@ -38,8 +38,9 @@ _MOST = 2000
 # Corrections are left out when for so many cycles the residual has not fallen below this share of the least. Sweeps
 # need no such rule: what they carry along does not shrink before it arrives.
 _PATIENCE, _PROGRESS = 8, 0.8
-# As in `solvers.newton`.
-_SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
+# Weights of the sweeps after a correction, to damp what an aggregate cannot represent: (1 − 0.6 λ)² (1 − λ)²
+# |1 − 1.7 λ| stays below 0.07 for 0.4 ≤ λ ≤ 1.9. Plain sweeps do not damp what alternates from voxel to voxel, λ = 2.
+SWEEPS = (0.6, 1.0, 1.7, 1.0, 0.6)
 
 Norm = Callable[[Volume], Float[Array, ""]]
 
@@ -77,7 +78,7 @@ class RandomWalk:
             return x + weight * jnp.where(self.moving, residual + gather(self.steps, x) - x, 0), None
 
         # A scan, which can be transposed.
-        improved: Volume = lax.scan(sweep, x, jnp.asarray(_SWEEPS, x.dtype))[0]
+        improved: Volume = lax.scan(sweep, x, jnp.asarray(SWEEPS, x.dtype))[0]
         return improved
 
     def solve(self, right: Volume) -> Volume:
