@@ -13,8 +13,8 @@ from jaxtyping import Array, Float, Int32
 
 from experiments.differentiable.field import log_potential
 
-# Width of the gate's edges [voxels]; what a closed wall conducts beside free space.
-_EDGE, _CLOSED = 0.7, 1e-6
+# Width of the gate's edges [voxels].
+_EDGE = 0.7
 
 
 @jax.tree_util.register_dataclass
@@ -28,6 +28,7 @@ class Works:
         goal: voxel.
         starts: voxels.
         length: ℓ [voxels].
+        closed: what the closed wall conducts beside free space.
     """
 
     sigma: Float[Array, "nx ny nz"]
@@ -35,6 +36,7 @@ class Works:
     goal: Int32[Array, " 3"]
     starts: Int32[Array, "n 3"]
     length: Float[Array, ""]
+    closed: Float[Array, ""]
 
 
 def window(gate: Float[Array, " 2"], half: float, shape: tuple[int, ...]) -> Float[Array, "1 ny nz"]:
@@ -48,7 +50,7 @@ def window(gate: Float[Array, " 2"], half: float, shape: tuple[int, ...]) -> Flo
 
 def mean_length(gate: Float[Array, " 2"], works: Works, half: float) -> Float[Array, ""]:
     """L [voxels] of a gate with its middle at (y, z) [voxels]."""
-    opened = _CLOSED + (1 - _CLOSED) * window(gate, half, works.sigma.shape)
+    opened = works.closed + (1 - works.closed) * window(gate, half, works.sigma.shape)
     return _length(works.sigma * (1 - works.wall * (1 - opened)), works)
 
 
@@ -58,6 +60,6 @@ def _length(sigma: Float[Array, "nx ny nz"], works: Works) -> Float[Array, ""]:
 
 def shares(works: Works) -> Float[Array, "nx ny nz"]:
     """Of every voxel of the closed wall, −∂L/∂ log σ: what opening it would take off L, to first order."""
-    closed = works.sigma * (1 - works.wall * (1 - _CLOSED))
+    closed = works.sigma * (1 - works.wall * (1 - works.closed))
     slope: Array = jax.grad(_length)(closed, works)
     return -slope * closed * works.wall

@@ -65,7 +65,7 @@ def test_the_gradient_by_the_gate_equals_central_differences() -> None:
         wall = np.zeros(SHAPE)
         wall[5] = 1
         works = gate_module.Works(
-            double(~BLOCKED), double(wall), jnp.asarray(GOAL), jnp.asarray([START, START - 1]), double(2.0)
+            double(~BLOCKED), double(wall), jnp.asarray(GOAL), jnp.asarray([START, START - 1]), double(2.0), double(1e-6)
         )
         objective = functools.partial(gate_module.mean_length, works=works, half=1.0)
         gate = np.array([4.3, 3.7])

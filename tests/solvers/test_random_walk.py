@@ -104,6 +104,19 @@ def test_derivatives_of_log_phi_are_those_of_float64_at_any_distance(name: str) 
         np.testing.assert_allclose(logarithmic, reference, atol=3e-3 * np.abs(reference).max())
 
 
+@pytest.mark.parametrize("conducts", [1e-2, 1e-3, 1e-6])
+def test_through_a_wall_that_hardly_conducts_a_derivative_is_right_or_no_number(conducts: float) -> None:
+    sigma = np.ones((24, 20, 12))
+    sigma[11:13] = conducts
+    scene = Conductor(sigma, np.ones(sigma.shape), (18, 10, 6), (3, 10, 6))
+    _, _, reference = slopes_by_elimination(scene)
+    slope = jax.grad(lambda x: solve_potential(x, jnp.asarray(scene.goal)).log_phi[scene.start])(jnp.float32(sigma))
+    logarithmic = np.asarray(slope) * sigma
+    if conducts < 1e-3 and np.isnan(logarithmic).all():
+        return
+    assert np.abs(logarithmic - reference).sum() <= 3e-3 * np.abs(reference).sum()
+
+
 @pytest.fixture(scope="module")
 def small() -> tuple[RandomWalk, sparse.csc_array]:
     """A walk among blocks, and I − P with P's rows of the voxels where it moves."""
