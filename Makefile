@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # A file of versions and hashes (.ci/pin): these files are installed then, and no others.
 PINS ?=
 
-.PHONY: setup demo check test docs results lint clean
+.PHONY: setup demo check test nightly docs results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
@@ -30,16 +30,21 @@ demo: setup
 
 # After each step: lint, and what needs no large program (tests/conftest.py).
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not large'
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not large and not nightly and not docs'
 
-# Before a change is proposed: everything.
+# Before a change is proposed: every property, and a small run of every experiment and benchmark.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not nightly and not docs'
+
+# Once a day: what takes long as well, and all that experiments and benchmarks claim at a small size.
+nightly: setup
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not docs'
 
 # Warnings are errors; pages with code are executed, and a cell that fails, fails the build.
 docs: setup
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/site/links.py build/docs
+	$(BIN)/python -m pytest tests/docs
 
 results: setup
 	$(BIN)/python -m experiments.report

@@ -28,7 +28,7 @@ from jaxtyping import Bool
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.sim.worlds.scenes import make_scene, occupancy
 
 SPACING = 2.0
 _TILE = 128

@@ -34,8 +34,8 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
+from maxjax.sim.worlds.scenes import make_scene, occupancy
 from maxjax.solvers.sharding import Window, city_mesh, shard_sigma
-from maxjax.worlds.scenes import make_scene, occupancy
 
 SPACING = 2.0
 # Voxels of the repeated city along x and y: its blocks reach to about 120 m from its middle.

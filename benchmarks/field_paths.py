@@ -24,12 +24,12 @@ from benchmarks.common.scenes import Instance
 from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import uncertified
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.execution import whole_route
-from maxjax.planning.field_planner import climb
-from maxjax.planning.route import Route, Routes, failed, found
-from maxjax.planning.string_pulling import tighten
-from maxjax.planning.verifying import verified
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.route import Route, Routes, failed, found
+from maxjax.planning.path.string_pulling import tighten
+from maxjax.planning.run.execution import whole_route
+from maxjax.planning.run.field_planner import climb
+from maxjax.planning.run.verifying import verified
 
 _climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)

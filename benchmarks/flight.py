@@ -28,12 +28,12 @@ import numpy as np
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import draw_trials, fly_batch, world_of
-from maxjax.campaigns.outcomes import Table
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.sim.flight import Flight, FlightConfig, Stage, World, stages_of, take_off
+from maxjax.sim.loop.flight import Flight, FlightConfig, Stage, World, stages_of, take_off
+from maxjax.sim.trials.batches import draw_trials, fly_batch, world_of
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Table
+from maxjax.ui.methods import planner_named
 
 _STAGES = ("sense", "fuse", "plan", "follow")
 # Iterations before the stages are timed: by then the map is about as full as it gets.

@@ -22,7 +22,7 @@ from pathlib import Path
 from benchmarks.common import history_probe
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, show
-from maxjax.programs.cache import VARIABLE
+from maxjax.compile.cache import VARIABLE
 
 ROOT = Path(__file__).parents[1]
 _QUARTER = ROOT / "docs" / "samples" / "quarter.geojson"

@@ -21,10 +21,10 @@ from jaxtyping import Float
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
-from maxjax.sim.lidar import Lidar, directions, scan
-from maxjax.worlds.mjx_model import cast_rays_mjx, mjx_scene
-from maxjax.worlds.raycast import cast_rays
-from maxjax.worlds.scenes import MAPS, make_scene
+from maxjax.sim.sensors.lidar import Lidar, directions, scan
+from maxjax.sim.worlds.mjx_model import cast_rays_mjx, mjx_scene
+from maxjax.sim.worlds.raycast import cast_rays
+from maxjax.sim.worlds.scenes import MAPS, make_scene
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,17 +24,17 @@ from benchmarks.common import bare_webgl
 from benchmarks.common.browser import HEIGHT, WIDTH, Window, browser
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
-from maxjax.cli.task import city_task, load_scene
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.view.camera import over_map
-from maxjax.view.city import City, first_ends
-from maxjax.view.controls import text_place
-from maxjax.view.draw import city_scene, city_surface
-from maxjax.view.plan_page import PlanPage
-from maxjax.view.question import Answer, Question, answer
-from maxjax.view.server import serve
-from maxjax.view.stage import Stage
+from maxjax.ui.cli.map_task import city_task, load_scene
+from maxjax.ui.page.camera import over_map
+from maxjax.ui.page.controls import text_place
+from maxjax.ui.page.draw import city_scene, city_surface
+from maxjax.ui.page.page_map import City, first_ends
+from maxjax.ui.page.plan_page import PlanPage
+from maxjax.ui.page.question import Answer, Question, answer
+from maxjax.ui.page.server import serve
+from maxjax.ui.page.stage import Stage
 
 # Notes when the mouse moved last and when another path arrived.
 _CLOCK = """() => {

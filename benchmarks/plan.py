@@ -29,11 +29,11 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.core.grid import Index3
-from maxjax.methods import planner_named
-from maxjax.planning.execution import one_by_one, plans_of
-from maxjax.planning.focus_window import View
-from maxjax.planning.task import Task
-from maxjax.worlds.scenes import MAPS
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import one_by_one, plans_of
+from maxjax.planning.windows.focus_window import View
+from maxjax.sim.worlds.scenes import MAPS
+from maxjax.ui.methods import planner_named
 
 _PROBE = """
 import resource, sys, numpy as np, maxjax

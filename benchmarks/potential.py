@@ -56,8 +56,8 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, Timing, keep, measure, save, show, timed_row
 from benchmarks.common.problems import problems
 from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
-from maxjax.planning.problem import formulate
-from maxjax.worlds.scenes import MAPS
+from maxjax.planning.problem.problem import formulate
+from maxjax.sim.worlds.scenes import MAPS
 
 _COPIED = 2**26  # numbers; far beyond any cache
 

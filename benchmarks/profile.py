@@ -42,13 +42,13 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.problems import joined, problems
 from maxjax.fields.conductivity import conductivity
-from maxjax.planning.distances import Distances
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.route import Route
+from maxjax.planning.path.route import Route
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.problem import Problem, formulate
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.sim.worlds.scenes import MAPS
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.potential import solve_potential
-from maxjax.worlds.scenes import MAPS
 
 STEPS = (
     "formulate", "geodesic", "conductivity", "assemble", "guess", "lump", "relax", "sweep", "change", "settle",

@@ -38,15 +38,15 @@ from benchmarks.common.processes import planned_by_processes
 from maxjax import VoxelMap
 from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
-from maxjax.methods import planner_named
-from maxjax.planning.execution import problem_of
-from maxjax.planning.field_planner import potential_field
-from maxjax.planning.fleet import formulate_fleet
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import problem_of
+from maxjax.planning.run.field_planner import potential_field
+from maxjax.planning.run.shared_goal import formulate_fleet
 from maxjax.planning.search import astar, astar_compiled
 from maxjax.planning.search.astar_compiled import Queries, Query, Search
-from maxjax.planning.task import Task
+from maxjax.sim.worlds.scenes import MAPS, make_scene, occupancy
 from maxjax.solvers.potential import solve_potential
-from maxjax.worlds.scenes import MAPS, make_scene, occupancy
+from maxjax.ui.methods import planner_named
 
 NEAR = (20.0, 80.0)  # of a fleet's starts from their goal [m]
 

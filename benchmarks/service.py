@@ -31,11 +31,11 @@ from benchmarks.common.command import configured
 from benchmarks.common.folder_writers import written_at_once
 from benchmarks.common.harness import RESULTS, Row, keep, save
 from maxjax.core.grid import Point3
-from maxjax.view.city import City
-from maxjax.view.draw import root_of
-from maxjax.view.plan_page import PlanPage
-from maxjax.view.question import Question
-from maxjax.view.server import serve
+from maxjax.ui.page.draw import root_of
+from maxjax.ui.page.page_map import City
+from maxjax.ui.page.plan_page import PlanPage
+from maxjax.ui.page.question import Question
+from maxjax.ui.page.server import serve
 
 _SHAPE, _SPACING = (32, 32, 24), 2.0
 _START, _MIDDLE, _GOAL = (6.0, 6.0, 30.0), (34.0, 8.0, 34.0), (56.0, 54.0, 30.0)

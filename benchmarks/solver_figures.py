@@ -31,12 +31,12 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, measure, save
 from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
+from maxjax.sim.worlds.scenes import MAPS
 from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
 from maxjax.solvers.newton import newton_cycles
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
-from maxjax.viz.style import PATHS, STYLE, load_matplotlib, save_figure
-from maxjax.worlds.scenes import MAPS
+from maxjax.ui.figures.style import PATHS, STYLE, load_matplotlib, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""How long a command takes in a process of its own, with and without executables on disk (`programs.executable`).
+"""How long a command takes in a process of its own, with and without executables on disk (`compile.executable`).
 
     python -m benchmarks.startup     # two CPU cores: 10 minutes
 
@@ -31,12 +31,12 @@ import jax
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
+from maxjax.compile.cache import VARIABLE
+from maxjax.compile.lowering import lowered_for, target
 from maxjax.core.grid import Index3
-from maxjax.planning import pipeline
-from maxjax.planning.focus_window import SHAPES
-from maxjax.planning.surroundings import halo_of
-from maxjax.programs.cache import VARIABLE
-from maxjax.programs.lowering import lowered_for, target
+from maxjax.planning.problem.surroundings import halo_of
+from maxjax.planning.run import pipeline
+from maxjax.planning.windows.focus_window import SHAPES
 
 _MODULE = ("-m", "maxjax")
 # What the processes must not take over from this one: caches of JAX's, and the level of its logs.

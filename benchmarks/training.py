@@ -26,7 +26,7 @@ from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
 from maxjax.nn.recipes import RECIPES, Training
 from maxjax.nn.training import copied, data_mesh, epoch_program, start
-from maxjax.planning.problem import formulate
+from maxjax.planning.problem.problem import formulate
 
 # Scenes of the paper's training set, and how many different ones are drawn here.
 _PAPER, _DRAWN = 749, 8

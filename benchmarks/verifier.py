@@ -22,14 +22,14 @@ import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, left_out, save, timed_row, timing_of
 from benchmarks.common.problems import joined, problems
-from maxjax.programs import native
-from maxjax.programs.threads import concurrently
+from maxjax.compile import native
+from maxjax.compile.threads import concurrently
+from maxjax.sim.worlds.scenes import MAPS
 from maxjax.verification.asked import Asked
 from maxjax.verification.compiled import SOURCE, compiled_verdicts
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verdicts
 from maxjax.verification.verifier import plain_verdicts
-from maxjax.worlds.scenes import MAPS
 
 Judge = Callable[[Asked], Verdicts]
 

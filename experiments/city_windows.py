@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.geometry.rings import chain
-from maxjax.maps.footprints import Footprint, Footprints
-from maxjax.maps.readers.cityjson import load_cityjson
-from maxjax.maps.readers.osm import load_osm
-from maxjax.worlds.real_city import crop, footprint_rows, inside, inside_boxes
+from maxjax.io.geo.rings import chain
+from maxjax.io.kinds.footprints import Footprint, Footprints
+from maxjax.io.readers.cityjson import load_cityjson
+from maxjax.io.readers.osm import load_osm
+from maxjax.sim.worlds.real_city import crop, footprint_rows, inside, inside_boxes
 
 # Files of each city, below the folder of public inputs.
 CITIES = {

@@ -42,7 +42,7 @@ from benchmarks.common.markdown import Document, device, number, table
 from experiments.blocks import Blocks
 from experiments.problem_sets import DATA, SETS, Instance, problem_set
 from maxjax.fields.price import Price
-from maxjax.methods import planner_named
+from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 BEFORE = RESULTS / "paths_before.npz"

@@ -26,13 +26,13 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
 from benchmarks.common.paper import FLOWN
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import fly_trials
-from maxjax.campaigns.outcomes import Outcome, summarise
-from maxjax.cli.flying import command_of
-from maxjax.methods import planner_named
-from maxjax.sim.disturbances import SETS
-from maxjax.sim.flight import FlightConfig
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome, summarise
+from maxjax.sim.vehicle.disturbances import SETS
+from maxjax.ui.cli.fly_command import command_of
+from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -45,7 +45,7 @@ class Config:
         trials: a map.
         maps: to fly in; no network was trained on them.
         methods: planners by name.
-        conditions: names of `maxjax.sim.disturbances.SETS`.
+        conditions: names of `maxjax.sim.vehicle.disturbances.SETS`.
         seed: of the first city; 50 trials share a city.
         batch: flights at a time; None: what suits the device.
         name: of the result file.

@@ -32,22 +32,22 @@ from scipy.stats import beta
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
-from maxjax.campaigns.trials import draw_many
+from maxjax.compile.executable import Stored
 from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import named
 from maxjax.core.status import Status
 from maxjax.planners import Field
-from maxjax.planning.field_planner import FieldPlanner
+from maxjax.planning.path.route import Route
 from maxjax.planning.planner import Planner
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route
-from maxjax.programs.executable import Stored
-from maxjax.sim.disturbances import Disturbances
+from maxjax.planning.problem.problem import Problem
+from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.sim.faults import MEANINGLESS, Faults, Mode, Target, account
-from maxjax.sim.flight import STAGES, FlightConfig, FlightLog, World, fly_all_closed_loop, watch
-from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.scenes import make_scene
+from maxjax.sim.loop.flight import STAGES, FlightConfig, FlightLog, World, fly_all_closed_loop, watch
+from maxjax.sim.loop.flight_state import LOG_PERIOD
+from maxjax.sim.trials.trials import draw_many
+from maxjax.sim.vehicle.disturbances import Disturbances
+from maxjax.sim.worlds.geoms import Geoms
+from maxjax.sim.worlds.scenes import make_scene
 
 RESULTS = Path(__file__).parent / "results"
 # When faults begin [s], and the share of targets that fail in random flights.

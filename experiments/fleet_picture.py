@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 
 import maxjax
 from benchmarks.common.command import configured
-from maxjax.viz.plan_view import draw_plan
-from maxjax.viz.style import CLEARANCES, GOAL, STYLE, load_matplotlib, save_figure
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.sim.worlds.scenes import make_scene, occupancy
+from maxjax.ui.figures.plan_view import draw_plan
+from maxjax.ui.figures.style import CLEARANCES, GOAL, STYLE, load_matplotlib, save_figure
 
 _ROOFS = ("#F4F4F4", "#8C8C8C")
 

@@ -5,8 +5,8 @@
 
 Worlds: `circle` and `sphere`, opposite points in open sky: all straight ways meet in one point, but for half a metre by
 which starts are moved; `level`, the circle in a layer of air of 1 m, where nobody can give way upwards; `downtown`,
-`midtown` and `suburb`, pairs 50 to 80 m apart that swap, by their own LiDAR and rolling map (`maxjax.campaigns.swaps`).
-Vehicles: 5 m/s, 3 m/s², radius 0.5 m; motions keep 2 m apart.
+`midtown` and `suburb`, pairs 50 to 80 m apart that swap, by their own LiDAR and rolling map
+(`maxjax.sim.trials.swaps`). Vehicles: 5 m/s, 3 m/s², radius 0.5 m; motions keep 2 m apart.
 
 A contact is counted by the exact distance of bodies at every physics step. Deadlocks: vehicles that did not arrive by
 the end and had not moved 2 m in the last 20 s. Bounds are those of Clopper and Pearson, 95 %, of flights.
@@ -31,20 +31,20 @@ from scipy.stats import beta
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
-from maxjax.campaigns.fleets import FleetTrial, flown_fleet, stuck
-from maxjax.campaigns.swaps import Swaps, antipodal
 from maxjax.core.status import Status
 from maxjax.planners import Field
-from maxjax.sim import rolling_map as mapping
-from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.fleet.fleet_flight import FleetLog, fly_fleet
-from maxjax.sim.fleet.together import Together
-from maxjax.sim.flight import Flight, FlightConfig, World
-from maxjax.sim.follow import follow
-from maxjax.sim.moving.among import Avoidance
-from maxjax.sim.moving.avoid import straight_way
+from maxjax.sim.loop.flight import Flight, FlightConfig, World
+from maxjax.sim.loop.follow import follow
+from maxjax.sim.mapping import rolling_map as mapping
+from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.avoid import straight_way
+from maxjax.sim.swarm.swarm_flight import FleetLog, fly_fleet
+from maxjax.sim.swarm.together import Together
+from maxjax.sim.trials.swaps import Swaps, antipodal
+from maxjax.sim.trials.swarm_trials import FleetTrial, flown_fleet, stuck
+from maxjax.sim.vehicle.disturbances import Disturbances
+from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.trajectories.online import Sampling
-from maxjax.worlds.geoms import ground_plane
 
 RESULTS = Path(__file__).parent / "results"
 OPEN = ("circle", "level", "sphere")

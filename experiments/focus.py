@@ -25,7 +25,7 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
 from experiments.problem_sets import problem_set
-from maxjax.worlds.scenes import MAPS
+from maxjax.sim.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
 

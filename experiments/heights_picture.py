@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common.command import configured
-from maxjax.viz.style import EARTH, FAILED, FIELD, OBSTACLE, PLANNED, STYLE, load_matplotlib, save_figure
+from maxjax.ui.figures.style import EARTH, FAILED, FIELD, OBSTACLE, PLANNED, STYLE, load_matplotlib, save_figure
 
 _START, _POINT, _GOAL = 20.0, 70.0, 155.0  # along the section [m]
 _UP, _ROOF, _SUNK = 38.0, 27.0, 13.0  # of the way, of a roof, and of what is wrong [m]

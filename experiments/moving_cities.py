@@ -26,13 +26,13 @@ from scipy.stats import beta
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import fly_trials
-from maxjax.campaigns.outcomes import Outcome, summarise
-from maxjax.cli.flying import command_of
 from maxjax.planners import Field
-from maxjax.sim.flight import FlightConfig
-from maxjax.worlds.populations import Population
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome, summarise
+from maxjax.sim.worlds.populations import Population
+from maxjax.ui.cli.fly_command import command_of
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -55,21 +55,21 @@ from experiments.moving_worlds import (
 from experiments.orca import orca
 from maxjax.core.status import Status
 from maxjax.planners import Field
-from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop
-from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.sim.follow import follow
-from maxjax.sim.lidar import Lidar
-from maxjax.sim.moving.among import Avoidance, Perception
-from maxjax.sim.moving.avoid import straight_way
-from maxjax.sim.moving.choice import Keeping
-from maxjax.sim.moving.lidar_perception import LidarPerception
-from maxjax.sim.moving.local_value import Crowding
-from maxjax.sim.moving.motions import MotionSet
-from maxjax.sim.moving.sets import Bounds
-from maxjax.sim.moving.sight import MoverSight
-from maxjax.sim.moving.true_tracks import TrueTracks
-from maxjax.sim.sensing import fuse
+from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop
+from maxjax.sim.loop.flight_state import LOG_PERIOD
+from maxjax.sim.loop.follow import follow
+from maxjax.sim.loop.sensing import fuse
+from maxjax.sim.movers.among import Avoidance, Perception
+from maxjax.sim.movers.avoid import straight_way
+from maxjax.sim.movers.choice import Keeping
+from maxjax.sim.movers.lidar_perception import LidarPerception
+from maxjax.sim.movers.local_value import Crowding
+from maxjax.sim.movers.motions import MotionSet
+from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.true_tracks import TrueTracks
+from maxjax.sim.sensors.lidar import Lidar
+from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Sampling
 

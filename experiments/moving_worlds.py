@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
-from maxjax.worlds.movers import Movers, joined, straight, through
+from maxjax.sim.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.movers import Movers, joined, straight, through
 
 SANDO_START, SANDO_GOAL = (0.0, 0.0, 2.0), (105.0, 0.0, 2.0)
 SANDO_HEIGHT = (0.5, 6.0)  # permitted [m]

@@ -2,11 +2,11 @@
 
     python -m experiments.network_accuracy                # 100 scenes a map and price; two CPU cores: an hour
 
-Scenes as in training (`maxjax.sim.scanned_city`: one scan of 32,768 rays from a place in the open, its voxels as a hard
-set, a goal), but of `downtown` and `suburb`: the networks were trained on `midtown` alone. The truth is the solver's
-certified potential, with the planner's prices and without; networks that read no prices are judged without. Errors are
-those of `maxjax.nn.evaluation`, scene by scene; the rows hold means over the scenes.
-`analytic` is the closed law of free space, which the default network adds to: what it says without any network.
+Scenes as in training (`maxjax.sim.mapping.scanned_city`: one scan of 32,768 rays from a place in the open, its voxels
+as a hard set, a goal), but of `downtown` and `suburb`: the networks were trained on `midtown` alone. The truth is the
+solver's certified potential, with the planner's prices and without; networks that read no prices are judged without.
+Errors are those of `maxjax.nn.evaluation`, scene by scene; the rows hold means over the scenes. `analytic` is the
+closed law of free space, which the default network adds to: what it says without any network.
 
 Expected: relative L2 below 0.02 on both maps for the default network with the planner's prices and below 0.01 without,
 where the paper has 0.153 and 0.051.
@@ -34,7 +34,7 @@ from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
 from maxjax.nn.layers import count
 from maxjax.nn.model import load_model, shipped
-from maxjax.sim.scanned_city import TINY_GRID, ScannedCity
+from maxjax.sim.mapping.scanned_city import TINY_GRID, ScannedCity
 
 RESULTS = Path(__file__).parent / "results"
 # The paper, section IV: relative L2 in its dense and its open city.

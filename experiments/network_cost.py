@@ -40,7 +40,7 @@ from maxjax.nn.autoencoder import Params, apply, apply_folded, init_params
 from maxjax.nn.encoding import Known, encode
 from maxjax.nn.layers import count
 from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
-from maxjax.planning.problem import formulate
+from maxjax.planning.problem.problem import formulate
 from maxjax.solvers.potential import Potential, solve_potential
 
 RESULTS = Path(__file__).parent / "results"

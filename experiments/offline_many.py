@@ -6,9 +6,10 @@ r"""Offline by the thousand: how many problems end in a verified path, and on a 
 
 Both unseen maps, offline protocol (`experiments.random_problems`), ten problems a city, margin 8 m or the largest that
 joins the ends. Methods are those of `experiments.offline_methods` that climb a field; each plans the same problems in
-batches (`planning.execution`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels decide).
-Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared with the
-eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified paths.
+batches (`planning.run.execution`). Problems that no margin solves stay in, and are to be proved so (SciPy's labels
+decide). Every `measured`-th solvable problem is judged by `benchmarks.common.oracle`; for these, lengths are compared
+with the eikonal geodesic of the dilated grid. Time a plan is that of its batch, from arrays on the host to verified
+paths.
 
 Expected: the solver solves and certifies every solvable problem, and so do networks with sweeps, at 0.98 of that
 geodesic; networks alone do not: the paper's by its own recipe seldom arrives.
@@ -35,10 +36,10 @@ from benchmarks.common.paper import dilated
 from benchmarks.common.problems import EACH, case_of, joined, problems, solvable
 from experiments.offline_methods import network
 from experiments.offline_table import failures
-from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import FieldPlanner, PotentialFn
 from maxjax.planning.plan import Plan
-from maxjax.planning.task import Task
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.run.field_planner import FieldPlanner, PotentialFn
 from maxjax.solvers.potential import solve_potential
 
 RESULTS = Path(__file__).parent / "results"

@@ -10,16 +10,16 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.methods import ALIASES, METHODS, planner_named
+from maxjax.compile.stage_timer import timed
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.execution import with_longer_ascents
-from maxjax.planning.field_planner import ASCEND, TIGHTEN, FieldPlanner, PotentialFn
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.planner import Planner
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, Routes, failed, found
-from maxjax.programs.stage_timer import timed
+from maxjax.planning.problem.problem import Problem
+from maxjax.planning.run.execution import with_longer_ascents
+from maxjax.planning.run.field_planner import ASCEND, TIGHTEN, FieldPlanner, PotentialFn
+from maxjax.ui.methods import ALIASES, METHODS, planner_named
 
 
 def finder(method: str) -> Planner | str:

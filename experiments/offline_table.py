@@ -40,9 +40,9 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.paper import PAPER, Dilated, dilated
 from benchmarks.common.problems import problems, solvable
 from experiments.offline_methods import finder
-from maxjax.planning.execution import plan_task
 from maxjax.planning.planner import Planner
-from maxjax.planning.task import Task
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
 
 RESULTS = Path(__file__).parent / "results"
 _NAMES = {"solver": "solver", "astar": "A*", "rrtstar": "RRT*(3k)", "apf": "APF"}

@@ -32,10 +32,10 @@ from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from maxjax import Distances, Grid, Replanned, Replanner, VoxelMap
 from maxjax.core.grid import Index3, Point3
-from maxjax.maps.model import PointCloud
-from maxjax.maps.reader import READERS, read_map
-from maxjax.sim.level_scan import measure
-from maxjax.worlds.scenes import make_scene
+from maxjax.io.kinds.point_cloud import PointCloud
+from maxjax.io.reader import READERS, read_map
+from maxjax.sim.sensors.level_scan import measure
+from maxjax.sim.worlds.scenes import make_scene
 
 RESULTS = Path(__file__).parent / "results"
 POSES = "poses.tum"

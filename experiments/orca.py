@@ -18,9 +18,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.moving.choice import Around, Commitment, Keeping, downhill
-from maxjax.sim.moving.motions import MotionPrimitive, MotionSet
-from maxjax.sim.moving.sets import Bounds, Tracks
+from maxjax.sim.movers.choice import Around, Commitment, Keeping, downhill
+from maxjax.sim.movers.motions import MotionPrimitive, MotionSet
+from maxjax.sim.movers.sets import Bounds, Tracks
 
 _SECONDS = 2.0  # τ
 _SWEEPS = 40
@@ -29,7 +29,7 @@ _SWEEPS = 40
 def orca(
     around: Around, flown: Commitment, choice: MotionSet, bounds: Bounds, keeping: Keeping
 ) -> tuple[Commitment, Bool[Array, ""]]:
-    """The motion towards ORCA's velocity; it verifies nothing. Arguments as of `maxjax.sim.moving.choice.chosen`."""
+    """The motion towards ORCA's velocity; it verifies nothing. Arguments as of `maxjax.sim.movers.choice.chosen`."""
     present = flown.motion
     wanted = downhill(around.guide, present, choice)
     change, normal = half_spaces(around.tracks, present.place, present.velocity, keeping.radius)

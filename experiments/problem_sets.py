@@ -21,8 +21,8 @@ from jaxtyping import Bool, Float64
 import maxjax
 from benchmarks.common.problems import draw_ends, problems
 from experiments.city_windows import CITIES, windows
-from maxjax.worlds.real_city import TOLERANCE, city
-from maxjax.worlds.scenes import MAPS, occupancy
+from maxjax.sim.worlds.real_city import TOLERANCE, city
+from maxjax.sim.worlds.scenes import MAPS, occupancy
 
 SETS = (*MAPS, *CITIES)
 DATA = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
@@ -94,7 +94,7 @@ def _in_window(rows: Float64[np.ndarray, "n 7"], seed: list[int], grid: maxjax.G
 
 
 def _distance(rows: Float64[np.ndarray, "n 7"], points: Float64[np.ndarray, "p 3"]) -> Float64[np.ndarray, "p n"]:
-    """Distance [m] from points to upright boxes, rows of `maxjax.worlds.solids.upright_boxes`."""
+    """Distance [m] from points to upright boxes, rows of `maxjax.sim.worlds.solids.upright_boxes`."""
     x, y, length, width, bottom, top, yaw = rows.T
     east, north, up = (points[:, None, k] for k in range(3))
     along = np.cos(yaw) * (east - x) + np.sin(yaw) * (north - y)

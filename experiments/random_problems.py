@@ -29,8 +29,8 @@ from benchmarks.common.oracle import Verdict, judge
 from benchmarks.common.paper import planned
 from benchmarks.common.problems import case_of, moved, problems, seal
 from maxjax.core.grid import Index3
-from maxjax.planning.task import Task
-from maxjax.worlds.scenes import MAPS
+from maxjax.planning.problem.task import Task
+from maxjax.sim.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -4,12 +4,12 @@
     MAXJAX_DATA=... python -m experiments.real_cities --problems 20 --windows 4 --trials 4    # two cores: 6 minutes
 
 Windows of 200 x 200 m, side by side, those with the most built area of each city. Buildings become upright boxes on
-level ground (`maxjax.worlds.real_city`, which says what that covers and loses; `geometry` rows measure it). Outside its
-window a city is empty.
+level ground (`maxjax.sim.worlds.real_city`, which says what that covers and loses; `geometry` rows measure it). Outside
+its window a city is empty.
 
 - `offline`: the protocol and the judges of `experiments.random_problems`: ends 20 to 50 voxels apart, 3 to 15 m high,
   margin 8 m; A* beside the solver on the same problems.
-- `closed loop`: the ends of `maxjax.campaigns.trials` in these solids, flown by `maxjax.sim.flight`: 50 to 80 m
+- `closed loop`: the ends of `maxjax.sim.trials.trials` in these solids, flown by `maxjax.sim.loop.flight`: 50 to 80 m
   apart, 10 m clear of buildings, arrival within 2 m, never within 0.5 m of anything.
 
 Expected: every solvable problem OK and certified at the largest feasible margin, no unsafe path, mean length at most
@@ -44,15 +44,15 @@ from benchmarks.common.problems import case_of, draw_ends
 from experiments import random_problems as offline
 from experiments.city_windows import CITIES, Window, windows
 from maxjax import VoxelMap
-from maxjax.campaigns import trials as rules
-from maxjax.campaigns.outcomes import on_host
-from maxjax.methods import planner_named
-from maxjax.planning.distances import Distances
-from maxjax.planning.task import Task
-from maxjax.sim.flight import FlightConfig, FlightLog, fly_closed_loop
-from maxjax.worlds.geoms import Geoms
-from maxjax.worlds.real_city import TOLERANCE, city
-from maxjax.worlds.scenes import occupancy
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
+from maxjax.sim.trials import trials as rules
+from maxjax.sim.trials.outcomes import on_host
+from maxjax.sim.worlds.geoms import Geoms
+from maxjax.sim.worlds.real_city import TOLERANCE, city
+from maxjax.sim.worlds.scenes import occupancy
+from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 # Boxes are padded to a multiple of this.
@@ -168,7 +168,7 @@ def _offline(name: str, found: list[Window], slots: int, config: Config, pool: A
 
 
 def draw(geoms: Geoms, key: Key[Array, ""], first: int) -> tuple[Array, Array, Array, Array]:
-    """Start, goal, valid and excluded of 50 trials in these solids, by the rules of `maxjax.campaigns.trials`."""
+    """Start, goal, valid and excluded of 50 trials in these solids, by the rules of `maxjax.sim.trials.trials`."""
     occupied, ground = occupancy(geoms, rules.TRUTH)
     air = rules.open_air(jnp.asarray(occupied), jnp.asarray(ground))
     ends: tuple[Array, Array, Array, Array] = rules.draw_in(geoms, air, key, jnp.int32(first))

@@ -34,14 +34,14 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.moving_worlds import trefoils
-from maxjax.sim.lidar import Lidar, scan
-from maxjax.sim.moving.seeing import Seeing, looked, nothing_seen
-from maxjax.sim.moving.sets import Bounds, Tracks
-from maxjax.sim.moving.sight import MoverSight
-from maxjax.worlds.distance import distance
-from maxjax.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
-from maxjax.worlds.movers import Movers, Moving
-from maxjax.worlds.scenes import make_scene
+from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
+from maxjax.sim.movers.sets import Bounds, Tracks
+from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.sensors.lidar import Lidar, scan
+from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.movers import Movers, Moving
+from maxjax.sim.worlds.scenes import make_scene
+from maxjax.sim.worlds.solid_distance import distance
 
 RESULTS = Path(__file__).parent / "results"
 Array3 = Float64[np.ndarray, "m 3"]

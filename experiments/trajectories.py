@@ -44,8 +44,8 @@ from benchmarks.common.jerk_oracle import fastest_time_with_jerk
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.time_oracle import fastest_time
 from experiments.problem_sets import Instance, problem_set
-from maxjax.sim.tracking import tracked
-from maxjax.worlds.scenes import MAPS
+from maxjax.sim.loop.trajectory_flight import tracked
+from maxjax.sim.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
 FREE = 1000.0  # a jerk that is no limit [m/s³]
@@ -67,7 +67,7 @@ class Config:
     """Settings.
 
     Attributes:
-        maps: of `maxjax.worlds.scenes.MAPS`.
+        maps: of `maxjax.sim.worlds.scenes.MAPS`.
         problems: a map.
         half: half extent of a map [m].
         seed: of cities and ends.

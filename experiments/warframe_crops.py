@@ -20,7 +20,7 @@ import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, number, table
-from maxjax.methods import planner_named
+from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
-from maxjax.maps.readers.moving_ai import load_3dmap
+from maxjax.io.readers.moving_ai import load_3dmap
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -22,13 +22,13 @@ from typing import Any
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import fly_trials
-from maxjax.campaigns.outcomes import Outcome
-from maxjax.cli.flying import command_of
 from maxjax.core.status import Status
 from maxjax.planners import Field
-from maxjax.sim.flight import FlightConfig
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome
+from maxjax.ui.cli.fly_command import command_of
 
 RESULTS = Path(__file__).parent / "results"
 

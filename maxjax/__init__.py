@@ -4,13 +4,10 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxjax.airspace.airspace import Airspace, Area
-    from maxjax.airspace.geojson import load_airspace
     from maxjax.api import plan, plan_batch, plan_fleet, plan_mission, plan_route, plan_scan, trajectory
     from maxjax.baselines.apf import APF
     from maxjax.baselines.astar_planner import AStar
     from maxjax.baselines.rrt_star import RRTStar
-    from maxjax.core.earth import Projected, TangentPlane
     from maxjax.core.files import FileError
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
@@ -18,21 +15,24 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
-    from maxjax.maps.load import LoadedMap, load_map
-    from maxjax.maps.reading import Reading
-    from maxjax.missions.autopilot import Autopilot
-    from maxjax.missions.export import export
+    from maxjax.io.airspace.airspace import Airspace, Area
+    from maxjax.io.airspace.zone_files import load_airspace
+    from maxjax.io.export.autopilot import Autopilot
+    from maxjax.io.export.export import export
+    from maxjax.io.geo.earth import Projected, TangentPlane
+    from maxjax.io.load import LoadedMap, load_map
+    from maxjax.io.reading import Reading
     from maxjax.nn.model import load_model
-    from maxjax.nn.planner import Network
+    from maxjax.nn.network import Network
     from maxjax.planners import Field
-    from maxjax.planning.distances import Distances
     from maxjax.planning.mission import Mission, Waypoint
+    from maxjax.planning.path.route import Route
     from maxjax.planning.plan import Plan, Plans
     from maxjax.planning.planner import Planner
-    from maxjax.planning.problem import Problem
-    from maxjax.planning.route import Route
+    from maxjax.planning.problem.distances import Distances
+    from maxjax.planning.problem.problem import Problem
     from maxjax.replanner import Replanned, Replanner
-    from maxjax.sim.tracking import Tracking, fly
+    from maxjax.sim.loop.trajectory_flight import Tracking, fly
     from maxjax.solvers.potential import Potential, solve_potential
     from maxjax.trajectories.limits import FlightLimits
     from maxjax.trajectories.trajectory import Trajectory
@@ -95,11 +95,11 @@ __all__ = [
 # Modules that define the public names. A name is imported when it is first used, so that the command line handles
 # Ctrl-C and shows its help before JAX is loaded.
 _MODULES = {
-    "maxjax.airspace.airspace": (
+    "maxjax.io.airspace.airspace": (
         "Airspace",
         "Area",
     ),
-    "maxjax.airspace.geojson": ("load_airspace",),
+    "maxjax.io.airspace.zone_files": ("load_airspace",),
     "maxjax.api": (
         "plan",
         "plan_batch",
@@ -112,7 +112,7 @@ _MODULES = {
     "maxjax.baselines.apf": ("APF",),
     "maxjax.baselines.astar_planner": ("AStar",),
     "maxjax.baselines.rrt_star": ("RRTStar",),
-    "maxjax.core.earth": (
+    "maxjax.io.geo.earth": (
         "Projected",
         "TangentPlane",
     ),
@@ -127,17 +127,17 @@ _MODULES = {
         "voxelize",
     ),
     "maxjax.fields.price": ("Price",),
-    "maxjax.maps.reading": ("Reading",),
-    "maxjax.maps.load": (
+    "maxjax.io.reading": ("Reading",),
+    "maxjax.io.load": (
         "LoadedMap",
         "load_map",
     ),
-    "maxjax.missions.autopilot": ("Autopilot",),
-    "maxjax.missions.export": ("export",),
+    "maxjax.io.export.autopilot": ("Autopilot",),
+    "maxjax.io.export.export": ("export",),
     "maxjax.nn.model": ("load_model",),
-    "maxjax.nn.planner": ("Network",),
+    "maxjax.nn.network": ("Network",),
     "maxjax.planners": ("Field",),
-    "maxjax.planning.distances": ("Distances",),
+    "maxjax.planning.problem.distances": ("Distances",),
     "maxjax.planning.mission": (
         "Mission",
         "Waypoint",
@@ -147,13 +147,13 @@ _MODULES = {
         "Plans",
     ),
     "maxjax.planning.planner": ("Planner",),
-    "maxjax.planning.problem": ("Problem",),
-    "maxjax.planning.route": ("Route",),
+    "maxjax.planning.problem.problem": ("Problem",),
+    "maxjax.planning.path.route": ("Route",),
     "maxjax.replanner": (
         "Replanned",
         "Replanner",
     ),
-    "maxjax.sim.tracking": (
+    "maxjax.sim.loop.trajectory_flight": (
         "Tracking",
         "fly",
     ),

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from maxjax.cli import main
+from maxjax.ui.cli import main
 
 sys.exit(main())

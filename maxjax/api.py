@@ -10,25 +10,25 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Real
 
-from maxjax.airspace.airspace import Airspace
+from maxjax.compile.forked import refuse_after_fork
+from maxjax.compile.stage_timer import added, recording, timed
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.fields.occupancy import filled_up, voxelize
+from maxjax.io.airspace.airspace import Airspace
 from maxjax.planners import Field
 from maxjax.planning import mission as missions
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.fleet import plan_fleet as plan_starts
 from maxjax.planning.mission import Mission, Waypoint, legs_of
+from maxjax.planning.path.route import Route
 from maxjax.planning.plan import Plan, Plans, no_plans
-from maxjax.planning.plan_route import plan_route as route_in
 from maxjax.planning.planner import Planner, checked_planner
-from maxjax.planning.route import Route
-from maxjax.planning.task import Task, points_of
-from maxjax.programs.forked import refuse_after_fork
-from maxjax.programs.stage_timer import added, recording, timed
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task, points_of
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.plan_route import plan_route as route_in
+from maxjax.planning.run.shared_goal import plan_fleet as plan_starts
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
 from maxjax.trajectories.mission_schedule import scheduled_mission

@@ -1,6 +1,6 @@
 """The planner of this package: `Field`, which climbs the exact conduction potential.
 
-The others: `nn.planner.Network` climbs a predicted one; `baselines` has the rivals `AStar`, `RRTStar` and `APF`.
+The others: `nn.network.Network` climbs a predicted one; `baselines` has the rivals `AStar`, `RRTStar` and `APF`.
 `methods` gives them the names of the command line.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
-from maxjax.planning.field_planner import FieldPlanner, PotentialFn
+from maxjax.planning.run.field_planner import FieldPlanner, PotentialFn
 from maxjax.solvers.medium import Solver
 from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.screened import Screened

@@ -4,7 +4,7 @@
                                                  ↘ none, or too late:  what is left of the last plan, verified anew
 
 Shapes are fixed. Clouds are filled up to one number of points; windows of the map come from a list
-(`planning.fixed_shapes`); the grid may lie elsewhere in each call, as it may follow the vehicle. Scans are not
+(`planning.windows.fixed_shapes`); the grid may lie elsewhere in each call, as it may follow the vehicle. Scans are not
 gathered: what is known from earlier ones is for the caller to say.
 """
 
@@ -24,14 +24,14 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, checked_map
 from maxjax.fields.occupancy import filled_up, voxelize
 from maxjax.planners import Field
-from maxjax.planning.distances import Distances
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.fixed_shapes import FixedShapes
 from maxjax.planning.plan import Plan, no_plans
-from maxjax.planning.remainder import remainder
-from maxjax.planning.taken_end import plans_of_taken_ends
-from maxjax.planning.task import Task, points_of
-from maxjax.planning.verifying import verified, with_closures
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.taken_end import plans_of_taken_ends
+from maxjax.planning.problem.task import Task, points_of
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.remainder import remainder
+from maxjax.planning.run.verifying import verified, with_closures
+from maxjax.planning.windows.fixed_shapes import FixedShapes
 from maxjax.verification.verifier import verify
 
 _LARGEST = 2**22

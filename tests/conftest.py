@@ -38,7 +38,7 @@ import pytest
 # Shapes and dtypes of all signatures are checked in tests, and only there.
 jaxtyping.install_import_hook("maxjax", "beartype.beartype")
 # A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
-UNCHECKED = ("benchmarks", "campaigns", "docs", "experiments", "view", "viz", "test_cli", "test_readme", "test_origins")
+UNCHECKED = ("benchmarks", "sim/trials", "docs", "experiments", "ui", "test_readme", "test_origins")
 
 # Left out by `make check`, with what is marked so by itself: large programs, and the world that moves.
 LARGE = (
@@ -46,39 +46,42 @@ LARGE = (
     "planning/test_astar_compiled",
     *(f"benchmarks/test_{name}" for name in ("benchmarks", "history", "page_benchmark", "potential_benchmark")),
     "benchmarks/test_service",
-    "campaigns/test_fleets",
-    "campaigns/test_trials",
+    "sim/trials/test_fleets",
+    "sim/trials/test_trials",
     *(f"experiments/test_{name}" for name in ("ablations", "clearance", "differentiable", "experiments", "fleet")),
     *(f"experiments/test_{name}" for name in ("long", "moving", "network", "offline", "paper", "problem", "real")),
     *(f"experiments/test_{name}" for name in ("tracking_movers", "trajectories", "warframe")),
     "experiments/test_hard_maps.py::test_problems_are_solved",
     "experiments/test_hard_maps.py::test_ten_thousand",
-    "maps/test_reference.py::test_texts",
-    "missions/test_as_flown",
+    "io/test_reference.py::test_texts",
+    "io/export/test_as_flown",
     *(f"nn/test_{name}" for name in ("autoencoder", "dataset", "training", "weights")),
     *(f"planning/test_{name}" for name in ("corridor", "fleet", "kept_radius", "pipeline", "stored_paths")),
     *(f"planning/test_{name}" for name in ("narrow_streets", "windowed_route")),
     "planning/test_focus_window.py::test_the_public_argument",
     "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
     "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
-    "programs/test_lowering",
+    "compile/test_lowering",
     *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "tracking")),
-    "sim/fleet/",
-    "sim/moving/",
+    "sim/swarm/",
+    "sim/movers/",
     *(f"solvers/test_{name}" for name in ("newton", "random_walk", "sharding", "v_cycle")),
-    "test_cli_interrupted",
-    "test_cli_places",
-    "campaigns/test_shards",
+    "ui/cli/test_cli_interrupted",
+    "ui/cli/test_cli_places",
+    "sim/trials/test_shards",
     "test_origins",
-    "view/test_browser",
+    "ui/page/test_browser",
     "test_readme.py::test_scans_maps_and_plans",
     "test_replanner.py::test_nothing_compiles",
     "test_public_calls.py::test_a_strangers_planner",
     "test_public_calls.py::test_routes_under_vmap",
     "test_public_calls.py::test_the_calls_that_the_design_names",
     "trajectories/test_trajectory.py::test_it_is_twice_continuously_differentiable",
-    *(f"worlds/test_{name}" for name in ("movers", "populations")),
+    *(f"sim/worlds/test_{name}" for name in ("movers", "populations")),
 )
+
+# Left out by `make test`, run by `make nightly`.
+NIGHTLY: tuple[str, ...] = ()
 
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
 KEPT = 14 * 86400.0
@@ -112,7 +115,7 @@ def compiled_astar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
     """The library of the verifier, as `compiled_astar`."""
-    from maxjax.programs import native
+    from maxjax.compile import native
     from maxjax.verification.compiled import SOURCE
 
     with compiled(SOURCE, tmp_path_factory):
@@ -121,9 +124,9 @@ def compiled_verifier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctyp
 
 @pytest.fixture(scope="module")
 def compiled_boxes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
-    """The library of `planning.boxes`, as `compiled_astar`."""
-    from maxjax.planning.boxes import SOURCE
-    from maxjax.programs import native
+    """The library of `planning.windows.subvolumes`, as `compiled_astar`."""
+    from maxjax.compile import native
+    from maxjax.planning.windows.subvolumes import SOURCE
 
     with compiled(SOURCE, tmp_path_factory):
         yield native.library(SOURCE)
@@ -132,7 +135,7 @@ def compiled_boxes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.
 @contextlib.contextmanager
 def compiled(source: Path, folders: pytest.TempPathFactory) -> Iterator[None]:
     """The library of a source, built once a session."""
-    from maxjax.programs import native
+    from maxjax.compile import native
 
     folder = folders.getbasetemp() / "libraries"
     folder.mkdir(exist_ok=True)
@@ -152,10 +155,11 @@ def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of large files."""
+    """Mark the tests of pages, of large files, and of those that wait for the night."""
     for item in items:
-        if of(item, LARGE):
-            item.add_marker(pytest.mark.large)
+        for mark, places in (("docs", ("docs/",)), ("large", LARGE), ("nightly", NIGHTLY)):
+            if of(item, places):
+                item.add_marker(mark)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -192,7 +196,7 @@ def resident() -> int:
 
 def forget_programs() -> None:
     """Drop all compiled programs, and give their memory back."""
-    from maxjax.programs.executable import Stored
+    from maxjax.compile.executable import Stored
 
     for program in [one for one in gc.get_objects() if isinstance(one, Stored)]:
         program._ready.clear()

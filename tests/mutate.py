@@ -40,17 +40,17 @@ TESTS = {
         "planning/test_planning_execution.py",
     ),
     "sets": (
-        *("sim/moving/test_sets.py", "sim/moving/test_hard_set.py", "sim/moving/test_marks.py"),
-        *("sim/moving/test_choice.py", "sim/moving/test_seeing.py"),
+        *("sim/movers/test_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_marks.py"),
+        *("sim/movers/test_choice.py", "sim/movers/test_seeing.py"),
     ),
     "flags": (
-        *("sim/moving/test_choice.py", "sim/moving/test_following.py", "sim/moving/test_slow_movers.py"),
-        "sim/moving/test_flight_among.py",
+        *("sim/movers/test_choice.py", "sim/movers/test_following.py", "sim/movers/test_slow_movers.py"),
+        "sim/movers/test_flight_among.py",
     ),
-    "exports": ("missions", "test_cli_export.py"),
-    "airspace": ("airspace", "planning/test_taken_end.py", "missions/test_exports.py"),
+    "exports": ("io/export", "ui/cli/test_cli_export.py"),
+    "airspace": ("io/airspace", "planning/test_taken_end.py", "io/export/test_exports.py"),
     "replanner": ("test_replanner.py",),
-    "page": ("view/test_border.py", "view/test_page.py", "view"),
+    "page": ("ui/page/test_border.py", "ui/page/test_page.py", "ui/page"),
 }
 # Why a mutation that no test notices cannot matter, by its file and its line as it is broken.
 SURVIVORS: dict[tuple[str, str], str] = {
@@ -67,11 +67,11 @@ SURVIVORS: dict[tuple[str, str], str] = {
         "return reach > 8 or len(pieces.zone) * (2 * reach + _PIECE) ** 3 <= occupied[0].size",
     ): "It chooses between two ways to the same distance, the quicker one.",
     (
-        "maxjax/planning/fixed_shapes.py",
+        "maxjax/planning/windows/fixed_shapes.py",
         "far = np.minimum(shape, self.grid.shape) + 1",
     ): "The ends of the problem that is planned before the first flight, a quarter from the faces, move by a voxel.",
     (
-        "maxjax/planning/fixed_shapes.py",
+        "maxjax/planning/windows/fixed_shapes.py",
         "best = found if found.ok.any() else best",
     ): "A replanner asks one problem at a time.",
 }

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from maxjax import Distances, Grid, Plan, Status, VoxelMap
+from maxjax.planning.path.route import Route
 from maxjax.planning.plan import no_plans
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route
-from maxjax.planning.task import Task
+from maxjax.planning.problem.problem import Problem
+from maxjax.planning.problem.task import Task
 
 
 @dataclasses.dataclass(frozen=True)

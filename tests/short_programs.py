@@ -1,6 +1,6 @@
 """Programs as tests compile them: the same values, with less to trace and to compile (tests/conftest.py).
 
-Turns of a loop are compiled once instead of several times over, and of what `programs.lowering` has in two forms only
+Turns of a loop are compiled once instead of several times over, and of what `compile.lowering` has in two forms only
 that of a CPU is traced, which would otherwise be chosen behind both. Forms of accelerators have tests of their own.
 """
 
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import jax
 
-from maxjax.programs import lowering
-from maxjax.worlds import raycast
+from maxjax.compile import lowering
+from maxjax.sim.worlds import raycast
 
 _WHOLE = raycast._UNROLL, lowering._TARGET
 _SHORT = 1, jax.make_user_context("cpu")

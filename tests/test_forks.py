@@ -1,4 +1,4 @@
-"""What is written for the compiler stands in two files of programs: no other forks on a device or holds XLA back."""
+"""What is written for the compiler stands in two files of `compile/`: no other forks on a device or holds XLA back."""
 
 from __future__ import annotations
 
@@ -8,19 +8,7 @@ from pathlib import Path
 import pytest
 
 MAXJAX = Path(__file__).parents[1] / "maxjax"
-ROOMS = (
-    "core",
-    "verification",
-    "trajectories",
-    "baselines",
-    "fields",
-    "solvers",
-    "planning",
-    "nn",
-    "sim",
-    "worlds",
-    "campaigns",
-)
+ROOMS = ("core", "fields", "verification", "solvers", "planning", "trajectories", "baselines", "nn", "io", "sim", "ui")
 # Names of JAX that fork on a device, stop fusion, rule over batches or name a memory; `by_target` is their own fork.
 FORKS = {"platform_dependent", "default_backend", "optimization_barrier", "custom_vmap", "Space", "by_target"}
 
@@ -45,8 +33,8 @@ def test_no_room_forks_on_a_device(room: str) -> None:
     assert {file: forks for file, forks in found.items() if forks} == {}
 
 
-def test_programs_fork_in_two_files() -> None:
-    forking = {file.name for file in (MAXJAX / "programs").glob("*.py") if names(file.read_text()) & FORKS}
+def test_compile_forks_in_two_files() -> None:
+    forking = {file.name for file in (MAXJAX / "compile").glob("*.py") if names(file.read_text()) & FORKS}
     assert forking == {"batching.py", "lowering.py"}
 
 

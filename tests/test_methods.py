@@ -7,10 +7,10 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from maxjax.cli.options import FlyOptions, PlanOptions
-from maxjax.methods import ALIASES, METHODS, climbs, label_of, method_named, planner_named
-from maxjax.planning.field_planner import FieldPlanner
 from maxjax.planning.planner import Planner, checked_planner, in_flight
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.ui.cli.options import FlyOptions, PlanOptions
+from maxjax.ui.methods import ALIASES, METHODS, climbs, label_of, method_named, planner_named
 
 
 @pytest.mark.parametrize("name", list(METHODS))

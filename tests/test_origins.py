@@ -25,7 +25,7 @@ from maxjax import (
     verify,
     voxelize,
 )
-from maxjax.methods import METHODS, planner_named
+from maxjax.ui.methods import METHODS, planner_named
 
 # The least that the network takes.
 GRID = Grid((32, 32, 32), 2.0, (-10.0, 3.0, 1.0))

@@ -14,10 +14,10 @@ from planners import unchecked
 
 import maxjax
 from maxjax import Distances, Grid, Problem, Route, Status, VoxelMap
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.sim import flight as flights
-from maxjax.sim.flight import Flight, FlightConfig, World
-from maxjax.worlds.scenes import make_scene
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.sim.loop import flight as flights
+from maxjax.sim.loop.flight import Flight, FlightConfig, World
+from maxjax.sim.worlds.scenes import make_scene
 
 QUARTER = Path(__file__).parents[1] / "docs" / "samples" / "quarter.geojson"
 
@@ -138,8 +138,8 @@ def test_a_strangers_planner_plans_alone_in_a_batch_and_as_a_route(planner: Over
 
 
 def test_a_strangers_batched_planner_goes_through_a_device_in_chunks() -> None:
-    from maxjax.planning.execution import plan_task
-    from maxjax.planning.task import Task
+    from maxjax.planning.problem.task import Task
+    from maxjax.planning.run.execution import plan_task
 
     where, rng = town(), np.random.default_rng(5)
     starts, goals = (rng.uniform((-22, y, 6), (22, y + 3, 28), (5, 3)) for y in (-18, 14))

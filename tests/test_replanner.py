@@ -17,12 +17,12 @@ from references import random_blocks
 
 import maxjax
 from maxjax import Distances, Field, Grid, Problem, Replanned, Replanner, Route, Status, VoxelMap, plan_scan, verify
-from maxjax.planning import fixed_shapes
-from maxjax.planning import focus_window as focus
-from maxjax.planning.focus_window import View
-from maxjax.planning.remainder import remainder
-from maxjax.planning.route import Routes
-from maxjax.planning.task import Task
+from maxjax.planning.path.route import Routes
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.remainder import remainder
+from maxjax.planning.windows import fixed_shapes
+from maxjax.planning.windows import focus_window as focus
+from maxjax.planning.windows.focus_window import View
 
 GRID = Grid((22, 20, 12), 2.0, (3.0, -7.0, 1.0))
 DISTANCES = Distances(1.0, 4.0)

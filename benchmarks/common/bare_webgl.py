@@ -14,7 +14,7 @@ import json
 import numpy as np
 
 from maxjax.core.grid import Point3
-from maxjax.view.nodes import Surface
+from maxjax.ui.page.nodes import Surface
 
 _PAGE = """<body style="margin:0"><canvas id="c" width="%(width)d" height="%(height)d"></canvas><script>
 const gl = c.getContext('webgl2', {antialias: true});

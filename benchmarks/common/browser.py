@@ -1,4 +1,4 @@
-"""Headless Chromium on a page of `maxjax.view`: started, read, driven with the mouse; WebGL is computed in software."""
+"""Headless Chromium on a page of `maxjax.ui.page`: started, read, driven with the mouse; WebGL in software."""
 
 from __future__ import annotations
 

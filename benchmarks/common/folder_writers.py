@@ -1,4 +1,4 @@
-"""Processes that write one folder of executables at once (`programs.cache`), which is full of what was used long ago.
+"""Processes that write one folder of executables at once (`compile.cache`), which is full of what was used long ago.
 
 Each process compiles programs that all of them need and programs of its own, beginning at the same moment. Afterwards
 the folder has to hold no more than its limit, and as many processes again have to find all their programs there.
@@ -17,8 +17,8 @@ from typing import Any
 
 import maxjax
 from benchmarks.common.harness import Row
+from maxjax.compile.cache import LIMIT, VARIABLE, cache_folder
 from maxjax.core.grid import Point3
-from maxjax.programs.cache import LIMIT, VARIABLE, cache_folder
 
 Problem = tuple[maxjax.VoxelMap, Point3, Point3]
 

@@ -20,10 +20,10 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.oracle import blocked_at, distance
 from maxjax import VoxelMap
-from maxjax.methods import planner_named
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.task import Task
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
+from maxjax.ui.methods import planner_named
 
 
 @dataclasses.dataclass(frozen=True)

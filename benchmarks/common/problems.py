@@ -17,10 +17,10 @@ import maxjax
 from benchmarks.common.oracle import Case
 from benchmarks.common.paper import ladder
 from maxjax import VoxelMap
-from maxjax.methods import planner_named
-from maxjax.planning.distances import Distances
-from maxjax.planning.task import Task
-from maxjax.worlds.scenes import MAPS, make_scene, occupancy
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.sim.worlds.scenes import MAPS, make_scene, occupancy
+from maxjax.ui.methods import planner_named
 
 EACH = 10  # problems a city
 

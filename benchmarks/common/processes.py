@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from typing import Any
 
 import maxjax
-from maxjax.methods import planner_named
-from maxjax.planning.execution import plan_task
-from maxjax.planning.task import Task
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
+from maxjax.ui.methods import planner_named
 
 
 def planned_by_processes(tasks: Sequence[Task], method: str, count: int, repeats: int) -> tuple[list[float], int]:

@@ -17,10 +17,10 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common.problems import EACH, problems
 from maxjax import VoxelMap
-from maxjax.planning.distances import Distances
-from maxjax.planning.problem import Problem, formulate
-from maxjax.planning.task import Task
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.problem import Problem, formulate
+from maxjax.planning.problem.task import Task
+from maxjax.sim.worlds.scenes import make_scene, occupancy
 
 _WIDTH = 200.0  # of the city of `city_at` [m]
 

@@ -11,9 +11,9 @@ path is verified before the same judge. What the library leaves out on purpose i
 - `plain` smoothing: the Gaussian filter of log φ without regard to walls, where walls and what no current reaches hold
   the least log φ of the rest, as zero does in a normalised field. `walls` is the library's.
 - guards. `ours`: steps keep to free voxels, never to lower φ of the exact field, discrete step behind them; tightened
-  (`planning.ascent`, `planning.string_pulling`). `smoothed`: the same, but φ *is* the smoothed field. `none`: the
-  paper's bare ascent, x ← x + η m; it fails as soon as it enters a voxel within the margin, where there is no field (in
-  the paper a reactive layer stands behind it, and the field is a network's; here it is exact).
+  (`planning.path.ascent`, `planning.path.string_pulling`). `smoothed`: the same, but φ *is* the smoothed field. `none`:
+  the paper's bare ascent, x ← x + η m; it fails as soon as it enters a voxel within the margin, where there is no field
+  (in the paper a reactive layer stands behind it, and the field is a network's; here it is exact).
 - `uniform` conductivity: the same wherever current flows.
 
 The paper's ascent is momentum on gradients smoothed by a plain Gaussian of 5 voxels; its predecessor's is ADAM. A field

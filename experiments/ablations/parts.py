@@ -20,7 +20,7 @@ import maxjax
 from experiments.ablations.variants import Kernel, Rule
 from maxjax.core.interpolation import CORNERS, corner_weights
 from maxjax.fields import gradient as slope
-from maxjax.planning.ascent import Ascent
+from maxjax.planning.path.ascent import Ascent
 
 _ADAM_BETA2 = 0.999
 # Outcomes of the bare ascent.
@@ -92,7 +92,7 @@ def bare(
     goal: Float[Array, " 3"],
     settings: Bare,
 ) -> tuple[Float[Array, "t 3"], Int32[Array, ""]]:
-    """The ascent of `planning.ascent` without any guard: nothing keeps it out of walls, off lower ground or on the map.
+    """The ascent of `planning.path.ascent` without any guard: it may enter walls and leave the map.
 
     Args:
         gradient: of the log-potential; between centres of voxels it is interpolated among those that are free.

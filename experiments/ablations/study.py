@@ -24,26 +24,26 @@ from benchmarks.common.problems import case_of, problems
 from experiments.ablations.parts import Bare, bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
 from experiments.closed_loop import figures_of
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import fly_trials
-from maxjax.campaigns.outcomes import summarise
 from maxjax.fields.certificate import uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
 from maxjax.fields.gradient import gradient
-from maxjax.methods import planner_named
 from maxjax.nn.model import load_model, predict_potential, shipped
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import problem_of, whole_route
-from maxjax.planning.field_planner import climb
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.route import Route, Routes, failed, found
+from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.plan import Plan
-from maxjax.planning.problem import Problem as Formulated
-from maxjax.planning.route import Route, Routes, failed, found
-from maxjax.planning.string_pulling import tighten
-from maxjax.planning.task import Task
-from maxjax.planning.verifying import verified
-from maxjax.sim.flight import FlightConfig
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.problem import Problem as Formulated
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import problem_of, whole_route
+from maxjax.planning.run.field_planner import climb
+from maxjax.planning.run.verifying import verified
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import summarise
 from maxjax.solvers.potential import Potential, solve_potential
+from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parents[1] / "results"
 _STEPS = 2048

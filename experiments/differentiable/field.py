@@ -23,9 +23,9 @@ from scipy import ndimage
 import maxjax
 from benchmarks.common import markdown
 from maxjax.core.files import atomic_write
+from maxjax.sim.worlds.scenes import make_scene, occupancy
 from maxjax.solvers.derivative import TIGHT_TOLERANCE
-from maxjax.viz import marks, plan_view, style
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.ui.figures import marks, plan_view, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,7 +131,7 @@ def metres(voxels: np.ndarray, grid: maxjax.Grid) -> Float[np.ndarray, "..."]:
 
 @contextlib.contextmanager
 def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """A figure in the style of `maxjax.viz`, written as a PNG of 150 dots an inch when its block ends."""
+    """A figure in the style of `maxjax.ui.figures`, written as a PNG of 150 dots an inch when its block ends."""
     rc_context, new_figure = style.load_matplotlib()
     with rc_context(style.STYLE):
         drawn = new_figure(figsize=(width, height))
@@ -149,7 +149,7 @@ def draw_city(
     altitude: float,
     around: np.ndarray | None = None,
 ) -> None:
-    """The plan view of `maxjax.viz`, of the whole grid or of a square around some points [m]."""
+    """The plan view of `maxjax.ui.figures`, of the whole grid or of a square around some points [m]."""
     lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
     if around is not None:
         low, high = around[:, :2].min(axis=0), around[:, :2].max(axis=0)

@@ -45,8 +45,8 @@ from experiments.differentiable.field import (
     metres,
     table,
 )
-from maxjax.worlds.geoms import BOX, Geoms
-from maxjax.worlds.scenes import make_scene, occupancy
+from maxjax.sim.worlds.geoms import BOX, Geoms
+from maxjax.sim.worlds.scenes import make_scene, occupancy
 
 NAME = "differentiable_inverse"
 # Half the width of the model's edges [voxels], and what its box conducts beside free space.

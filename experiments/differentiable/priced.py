@@ -18,8 +18,8 @@ from jaxtyping import Array, Bool, Float, Int32
 import maxjax
 from maxjax.fields import stencil
 from maxjax.fields.gradient import gradient
-from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.line_of_sight import sight_of
+from maxjax.planning.path.ascent import Ascent, ascend
+from maxjax.planning.path.line_of_sight import sight_of
 from maxjax.solvers.derivative import TIGHT_TOLERANCE
 from maxjax.solvers.potential import Potential
 

@@ -116,8 +116,8 @@ def _one(rng: Rng, kind: str, radius: float) -> tuple[np.ndarray, np.ndarray]:
 def _end(rng: Rng, free: np.ndarray, voxel: np.ndarray) -> np.ndarray:
     """The centre of a voxel, a point between centres that are all free, or one of its faces, edges or corners.
 
-    There the end itself keeps the radius: distance is least at a centre (`maxjax.planning.inflation`). It stays half a
-    voxel within the map.
+    There the end itself keeps the radius: distance is least at a centre (`maxjax.planning.problem.inflation`). It stays
+    half a voxel within the map.
     """
     offset = rng.choice([np.zeros(3), rng.uniform(-0.5, 0.5, 3), rng.choice([-0.5, 0.0, 0.5], 3)])
     reach = voxel + np.sign(offset).astype(int)

@@ -14,9 +14,9 @@ from jaxtyping import Float
 import maxjax
 from experiments.differentiable.field import city, draw_city, figure
 from experiments.paper_figures.slices import draw_legend
-from maxjax.campaigns.ledger import Ledger
-from maxjax.campaigns.outcomes import Outcome
-from maxjax.viz import marks, style
+from maxjax.sim.trials.ledger import Ledger
+from maxjax.sim.trials.outcomes import Outcome
+from maxjax.ui.figures import marks, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

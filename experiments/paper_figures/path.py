@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.differentiable.field import COLORS, figure
 from experiments.paper_figures.planned import Planned, dense, ends
-from maxjax.viz import marks, plan_view
+from maxjax.ui.figures import marks, plan_view
 
 _ELEVATION = 34.0  # of the eye [degrees]
 

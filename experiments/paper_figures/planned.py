@@ -14,9 +14,9 @@ import maxjax
 from benchmarks.common.paper import dilated
 from benchmarks.common.paper import planned as plan_of
 from benchmarks.common.problems import problems
-from maxjax.planning.field_planner import potential_field
-from maxjax.planning.task import Task
-from maxjax.viz import plan_view
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.field_planner import potential_field
+from maxjax.ui.figures import plan_view
 
 
 @dataclasses.dataclass(frozen=True)

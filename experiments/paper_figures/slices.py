@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.differentiable.field import figure
 from experiments.paper_figures.planned import Planned, ends
-from maxjax.viz import marks, plan_view
+from maxjax.ui.figures import marks, plan_view
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,11 +15,11 @@ What the paper does not say is read in two ways, each a loop of its own:
 - `gradients`: gradients are taken of the field outside walls, are zero within, and both are smoothed.
 - `field`: walls hold the least value of the field, so that their gradients point away from them and repel.
 
-The reactive layer is maxjax's (`sim.reactive`): it pushes across the way and brakes, but never turns the vehicle round.
-Then come the layers, each on top of the last: the last 10 m flown straight (both ends are 10 m clear of buildings),
-smoothing that sees walls, steps that stay out of walls and the discrete step, sweeps, certificate and solver behind
-them, verification; and the whole planner of maxjax, first with the same scan, network and reactive layer, then with the
-map of all scans, then by its exact field.
+The reactive layer is maxjax's (`sim.loop.reactive`): it pushes across the way and brakes, but never turns the vehicle
+round. Then come the layers, each on top of the last: the last 10 m flown straight (both ends are 10 m clear of
+buildings), smoothing that sees walls, steps that stay out of walls and the discrete step, sweeps, certificate and
+solver behind them, verification; and the whole planner of maxjax, first with the same scan, network and reactive layer,
+then with the map of all scans, then by its exact field.
 
 A flight whose plan leads nowhere ten times in a row, at rest, is over: it would be the same for ever.
 

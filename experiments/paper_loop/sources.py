@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.nn.model import MAX_SWEEPS, load_model, network_potential, predict_potential
-from maxjax.planning.field_planner import PotentialFn
+from maxjax.planning.run.field_planner import PotentialFn
 from maxjax.solvers.certify import swept
 from maxjax.solvers.medium import medium_of
 from maxjax.solvers.potential import Potential, solve_potential

@@ -24,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from experiments.ablations.parts import Bare, bare, gaussian, smooth
 from experiments.paper_loop.sources import potential_from
+from maxjax.compile.batching import settle
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
@@ -31,11 +32,10 @@ from maxjax.fields.connectivity import first_joined
 from maxjax.fields.gradient import gradient
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.line_of_sight import clear, sight_of
-from maxjax.programs.batching import settle
-from maxjax.sim import rolling_map as mapping
-from maxjax.sim.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
+from maxjax.planning.path.ascent import Ascent, ascend
+from maxjax.planning.path.line_of_sight import clear, sight_of
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
+from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.trajectories.online import Reference, profile, sample, setpoint_at
 
 # Dilation of obstacles, and of the ground [voxels].
@@ -81,7 +81,8 @@ class Loop:
         smoothing: "gradients" of the field outside walls, by the Gaussian that sees none; gradients of the "field"
             whose walls hold its least value, by the same; "walls", as the library smooths a field.
         near: distance along each axis from which the goal is flown to straight [voxels].
-        guarded: whether the ascent is that of `planning.ascent`, which enters neither walls nor lower ground and has
+        guarded: whether the ascent is that of `planning.path.ascent`, which enters neither walls nor lower ground and
+            has
             the discrete step. It smooths by "walls".
         verified: whether only a path that is clear all the way to the goal is flown; without one the vehicle brakes.
     """

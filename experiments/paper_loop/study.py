@@ -15,16 +15,16 @@ from benchmarks.common.harness import Row, keep, save
 from experiments.closed_loop import figures_of
 from experiments.paper_loop.sources import SWEEPS, potential_from
 from experiments.paper_loop.stage import Loop
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.execution import fly_trials
-from maxjax.campaigns.ledger import CONFIG, Ledger
-from maxjax.campaigns.outcomes import INVALID_DRAW, Outcome
 from maxjax.core.provenance import device
-from maxjax.nn.planner import Network
+from maxjax.nn.network import Network
 from maxjax.planners import Field
 from maxjax.planning.planner import Planner
-from maxjax.sim.flight import STAGES, FlightConfig
-from maxjax.sim.replan import plan
+from maxjax.sim.loop.flight import STAGES, FlightConfig
+from maxjax.sim.loop.replan import plan
+from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.ledger import CONFIG, Ledger
+from maxjax.sim.trials.outcomes import INVALID_DRAW, Outcome
 
 RESULTS = Path(__file__).parents[1] / "results"
 # Gain of the reactive layer [m/s²].

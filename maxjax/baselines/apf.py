@@ -29,11 +29,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from maxjax.baselines.rrt_star import line_of_sight
+from maxjax.compile.stage_timer import timed
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, failed, found
-from maxjax.programs.stage_timer import timed
+from maxjax.planning.path.route import Route, failed, found
+from maxjax.planning.problem.problem import Problem
 
 # The best of what was tried on the training map (d₀ 1 to 5, η 0.001 to 10, D 0.5 to 5): 20 of 30 problems. More
 # repulsion only stalls sooner: the distance that a flight needs is in the dilated grid already.

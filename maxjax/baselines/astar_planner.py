@@ -14,13 +14,13 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.compile.stage_timer import timed
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, failed, found
+from maxjax.planning.path.route import Route, failed, found
+from maxjax.planning.problem.problem import Problem
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.search.astar import astar
-from maxjax.programs.stage_timer import timed
 
 
 @dataclasses.dataclass(frozen=True)

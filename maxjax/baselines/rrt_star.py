@@ -20,7 +20,7 @@ each half voxel of it. OMPL asks for the cost of every edge to a neighbour, a mi
 **Which edges are clear.** OMPL checks an edge at states that are 1 % of the map apart, nearly two voxels, and would cut
 corners. Here it is checked exactly, so every edge passes `verify` and no path has to be mended: it is cut into pieces
 of at most a quarter of a voxel along each axis, and all voxels have to be free that the box around a piece meets, grown
-by the room that a path keeps (`planning.line_of_sight`: none, which leaves at most two along each axis, or half a
+by the room that a path keeps (`planning.path.line_of_sight`: none, which leaves at most two along each axis, or half a
 voxel, which leaves three). That refuses what passes an edge of a blocked voxel, so grown, by less than a quarter. A
 check is a dozen NumPy calls, called back from C++, and all of them are about half of the run time without a price: a
 validator in C++ would at best halve it.
@@ -39,12 +39,12 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
+from maxjax.compile.stage_timer import timed
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.line_of_sight import TOUCH
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, failed, found
-from maxjax.programs.stage_timer import timed
+from maxjax.planning.path.line_of_sight import TOUCH
+from maxjax.planning.path.route import Route, failed, found
+from maxjax.planning.problem.problem import Problem
 
 _PIECE = 0.25  # [voxels]
 

@@ -48,7 +48,7 @@ class Status(enum.IntEnum):
 
 
 class Closure(enum.IntEnum):
-    """Why a voxel of the airspace is closed (`airspace.airspace`)."""
+    """Why a voxel of the airspace is closed (`io.airspace.airspace`)."""
 
     OPEN = 0
     BAND = 1

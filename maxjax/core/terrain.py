@@ -1,7 +1,8 @@
 """How high the ground of a map is: one height a column, as numbers, under everything that counts from the ground.
 
-Heights above ground, floors and ceilings, home and take-off all count from it. A map's file says it (`maps.terrain`).
-Where only voxels do, it is the upper face of a column's highest one, and the ground itself lies up to a voxel below.
+Heights above ground, floors and ceilings, home and take-off all count from it. A map's file says it
+(`io.kinds.bare_ground`). Where only voxels do, it is the upper face of a column's highest one, and the ground itself
+lies up to a voxel below.
 """
 
 from __future__ import annotations

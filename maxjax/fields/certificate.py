@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.programs.lowering import neighbours
+from maxjax.compile.lowering import neighbours
 
 
 def best_neighbour(phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"]) -> Float[Array, "nx ny nz"]:

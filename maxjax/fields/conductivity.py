@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.compile.forked import refuse_after_fork
 from maxjax.core.grid import Grid
-from maxjax.programs.forked import refuse_after_fork
 
 SIGMA_GOAL = 1e6
 SIGMA_FREE = 1e2

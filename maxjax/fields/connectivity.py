@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int32, UInt32
 
+from maxjax.compile.lowering import Arrays, repeat
 from maxjax.fields import packed
-from maxjax.programs.lowering import Arrays, repeat
 
 # Steps of a flood between two looks at what it reached.
 _STEPS = 32

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Integer
 
-from maxjax.programs.lowering import materialise, shifted
+from maxjax.compile.lowering import materialise, shifted
 
 
 @jax.named_scope("distance")

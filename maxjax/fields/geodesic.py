@@ -20,10 +20,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt32
 
+from maxjax.compile import sharded_volume as slabs
+from maxjax.compile.batching import batched_by
+from maxjax.compile.lowering import repeat
 from maxjax.fields import packed
-from maxjax.programs import sharded_volume as slabs
-from maxjax.programs.batching import batched_by
-from maxjax.programs.lowering import repeat
 
 # The largest toll.
 DEAREST = 4

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
+from maxjax.compile.forked import refuse_after_fork
+from maxjax.compile.lowering import materialise, shifted
 from maxjax.core.grid import Grid
-from maxjax.programs.forked import refuse_after_fork
-from maxjax.programs.lowering import materialise, shifted
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
 _INCLUSIVE = 1e-4

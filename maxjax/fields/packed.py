@@ -11,8 +11,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
+from maxjax.compile.lowering import shifted
 from maxjax.fields.stencil import cell
-from maxjax.programs.lowering import shifted
 
 WORD = 32
 

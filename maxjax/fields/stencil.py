@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.programs.lowering import shifted
+from maxjax.compile.lowering import shifted
 
 Volume = Float[Array, "nx ny nz"]
 

@@ -21,6 +21,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int32
 
+from maxjax.compile import lowering
+from maxjax.compile.forked import refuse_after_fork
 from maxjax.core.files import brief
 from maxjax.core.serialization import load_metadata, load_pytree, save_pytree
 from maxjax.core.status import Status
@@ -31,8 +33,6 @@ from maxjax.nn.architecture import CONFIGS, Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
-from maxjax.programs import lowering
-from maxjax.programs.forked import refuse_after_fork
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 from jaxtyping import PRNGKeyArray
 
+from maxjax.compile.lowering import target
 from maxjax.core.files import atomic_write
 from maxjax.core.grid import Grid
 from maxjax.core.provenance import device, versions
@@ -22,7 +23,6 @@ from maxjax.nn.dataset import Chunks, Draw, Scenes, generate, usable
 from maxjax.nn.model import save_model
 from maxjax.nn.recipes import RECIPES, Training
 from maxjax.nn.training import LOG, Run, train
-from maxjax.programs.lowering import target
 
 
 @dataclasses.dataclass(frozen=True)

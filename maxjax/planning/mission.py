@@ -17,18 +17,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from maxjax.compile.stage_timer import added, recording, timed
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.fleet import plan_fleet
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner
-from maxjax.planning.spoken import Spoken
-from maxjax.planning.task import Task, points_of
-from maxjax.programs.stage_timer import added, recording, timed
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.task import Task, points_of
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.shared_goal import plan_fleet
 from maxjax.verification.verifier import verify
 
 LONGEST_HOVER = 3600.0  # [s]

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float64, Int32, Int64
 
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.task import Task
+from maxjax.planning.problem.task import Task
 
 # Seconds of each problem by stage; NaN where it had none of that stage.
 Seconds = Mapping[str, Float64[np.ndarray, " b"]]
@@ -45,8 +45,8 @@ class Plan:
         potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
             "geodesic"; "" where it climbed none.
         ratio: of a route across a map too large for a window, its cost over that of what guided it: the cheapest path
-            from voxel to voxel, or the straight line where there is no compiled A* (`planning.corridor`); NaN where
-            nothing had to guide it, as a window proves its route the cheapest.
+            from voxel to voxel, or the straight line where there is no compiled A* (`planning.windows.corridor`); NaN
+            where nothing had to guide it, as a window proves its route the cheapest.
         margin: distance from which on a metre costs no more than its length [m].
         timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way back
             from the device; `device` is all of that in one program), `compile` apart, and `total` without it.

@@ -30,10 +30,10 @@ from jaxtyping import Float, Int32, Num
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.line_of_sight import clear, sight_of
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, RouteFn, failed
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.line_of_sight import clear, sight_of
+from maxjax.planning.path.route import Route, RouteFn, failed
+from maxjax.planning.problem.problem import Problem
 
 # Paths of all planners have one length in flight, so that a flight's arrays do.
 POINTS = Ascent().steps + 1

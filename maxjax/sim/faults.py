@@ -33,12 +33,12 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.sim import rolling_map as mapping
-from maxjax.sim.lidar import Lidar, Scan
-from maxjax.sim.vehicle import Vehicle
+from maxjax.sim.mapping import rolling_map as mapping
+from maxjax.sim.sensors.lidar import Lidar, Scan
+from maxjax.sim.vehicle.quadrotor import Vehicle
 
 if TYPE_CHECKING:
-    from maxjax.sim.flight_state import Flight, FlightConfig, World
+    from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 
 # How late: scans, positions, the clock [s].
 _SCAN_LAG, _POSE_LAG, _CLOCK_LAG = 0.3, 0.5, 0.3

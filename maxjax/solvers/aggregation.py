@@ -26,9 +26,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.compile.lowering import repeat
+from maxjax.compile.sharded_volume import on_every_device
 from maxjax.fields.stencil import Faces, Links, Volume, cell, gather
-from maxjax.programs.lowering import repeat
-from maxjax.programs.sharded_volume import on_every_device
 
 Mask = Bool[Array, "nx ny nz"]
 Aggregates = Float[Array, "mx my mz"]  # one number an aggregate

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.compile.lowering import in_this_turn
 from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.certificate import uncertified
-from maxjax.programs.lowering import in_this_turn
 from maxjax.solvers.medium import Medium, Progress, operator_of
 
 

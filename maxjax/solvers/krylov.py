@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.programs.lowering import once
+from maxjax.compile.lowering import once
 
 Vector = Float[Array, "..."]
 Linear = Callable[[Vector], Vector]

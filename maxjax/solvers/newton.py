@@ -32,9 +32,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.compile.batching import settle
+from maxjax.compile.lowering import maximum, repeat
 from maxjax.fields.stencil import Operator, Volume, cell, gather, rates
-from maxjax.programs.batching import settle
-from maxjax.programs.lowering import maximum, repeat
 from maxjax.solvers.aggregation import AggregateLevel, correction, levels_of, spread
 from maxjax.solvers.medium import Medium, Progress, operator_of
 from maxjax.solvers.random_walk import SWEEPS, imbalance, random_walk

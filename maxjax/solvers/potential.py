@@ -25,9 +25,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.compile.forked import refuse_after_fork
+from maxjax.compile.lowering import maximum
 from maxjax.core.status import Status
-from maxjax.programs.forked import refuse_after_fork
-from maxjax.programs.lowering import maximum
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.derivative import differentiable
 from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, run, untouched
@@ -59,7 +59,8 @@ class Potential:
         certified: every voxel of the goal's component but the goal has a strictly higher face neighbour, in `log_phi`.
         uncertified: number of voxels that have none.
         screening_length: ℓ that was used [voxels].
-        geodesic: `log_phi` is no solution but the flood's distance (`solvers.geodesic`), where none was certified.
+        geodesic: `log_phi` is no solution but the flood's distance (`solvers.geodesic_solver`), where none was
+            certified.
     """
 
     log_phi: Float[Array, "*batch nx ny nz"]

@@ -5,8 +5,8 @@
 A guess that decays with geodesic distance, then Newton cycles (`solvers.newton`) until one more sweep would change no
 voxel by more than a small part of *its own* φ, then positive sweeps until the field is certified (`solvers.certify`).
 Where that is out of reach, as in a maze whose doors stall the cycles, the flood's distance takes its place
-(`solvers.geodesic`): certified as well, its prices rounded, and marked. Where a tolerance is asked for, values count:
-cycles that stall are then followed by whole Newton steps (`solvers.newton`).
+(`solvers.geodesic_solver`): certified as well, its prices rounded, and marked. Where a tolerance is asked for, values
+count: cycles that stall are then followed by whole Newton steps (`solvers.newton`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from maxjax.fields import stencil
 from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS
-from maxjax.solvers.geodesic import or_geodesic
+from maxjax.solvers.geodesic_solver import or_geodesic
 from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, pad_medium, tolerance_of
 from maxjax.solvers.newton import newton_cycles, newton_steps
 

@@ -12,7 +12,7 @@ that N is a multiple of n · 2^`halvings` along x; along y and z any size will d
     with jax.set_mesh(mesh):
         potential = jax.jit(solve_potential)(shard_sigma(sigma, mesh), goal_index)
 
-Where the mesh is set, the solver knows of the slabs and exchanges less often (`programs.sharded_volume`): the flood
+Where the mesh is set, the solver knows of the slabs and exchanges less often (`compile.sharded_volume`): the flood
 fetches a word of voxels for every eight rounds, if slabs consist of whole words, and small levels are relaxed by every
 device alone.
 
@@ -31,7 +31,7 @@ import numpy.typing as npt
 from jax.sharding import Mesh, NamedSharding
 from jaxtyping import Array, Float
 
-from maxjax.programs.sharded_volume import AXIS, SPEC
+from maxjax.compile.sharded_volume import AXIS, SPEC
 from maxjax.solvers.aggregation import halvings
 
 Window = tuple[slice, slice, slice]

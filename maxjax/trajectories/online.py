@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.programs.lowering import matmul
+from maxjax.compile.lowering import matmul
 from maxjax.trajectories.corner_rounding import blend, widths_within
 from maxjax.trajectories.limits import FlightLimits
 

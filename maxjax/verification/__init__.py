@@ -1,1 +1,1 @@
-"""The verifier of every path: exact, in float64, on `core` and `programs.native` alone."""
+"""The verifier of every path: exact, in float64, on `core` and `compile.native` alone."""

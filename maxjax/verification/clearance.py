@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Integer
 from numpy.lib.stride_tricks import as_strided
 
-from maxjax.verification.exemptions import ZONES, Parts, dot
+from maxjax.verification.exempt_parts import ZONES, Parts, dot
 
 _PIECE = 4.0  # longest piece of a segment [voxels]
 _REACHES = (2.0, 4.0, 8.0, 16.0, 32.0)  # half widths of the windows that are tried, as long as they are small [voxels]

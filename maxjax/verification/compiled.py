@@ -1,6 +1,6 @@
 """The verdicts of `verifier.plain_verdicts` by `verifier.cpp`: the same, many times as fast, where there is a compiler.
 
-The library is built in a thread when a verdict is first asked for, and kept (`programs.native`); until it is there, the
+The library is built in a thread when a verdict is first asked for, and kept (`compile.native`); until it is there, the
 plain verifier judges. A call of it leaves the interpreter to other threads.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.programs import native
+from maxjax.compile import native
 from maxjax.verification.asked import Asked
 from maxjax.verification.verdicts import Verdicts
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Integer
 
 from maxjax.verification.clearance import clearances
-from maxjax.verification.exemptions import Parts
+from maxjax.verification.exempt_parts import Parts
 
 _FACES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Integer
 
 from maxjax.core.grid import Grid
-from maxjax.verification.exemptions import Parts, cut, dot
+from maxjax.verification.exempt_parts import Parts, cut, dot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

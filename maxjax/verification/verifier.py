@@ -9,14 +9,14 @@ A path is the closed polyline through its points. It passes if it is finite, lie
     inside one                keeps the end's own such distance where that is less (`verification.own_distance`); and
                               touches voxels beside the ground only if the end does
 
-Its exemptions are balls around its first and its last point (`verification.exemptions`): the path is cut where it
+Its exemptions are balls around its first and its last point (`verification.exempt_parts`): the path is cut where it
 enters and leaves them. The own distance of an end is measured here, whatever its planner took it to be.
 
 **Tolerance.** Of a contact, doubt counts against the path: cubes are grown by the rounding that it may carry, which
 `verification.contacts` states. Of the radius it counts for the path: a thousandth of a voxel and that rounding, by
 which exemptions are larger and the distance that is kept may be shorter. Planning keeps half a voxel less
-`planning.line_of_sight.TOUCH`, 2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is half a
-voxel. Length and clearance have no tolerance.
+`planning.path.line_of_sight.TOUCH`, 2.5e-4 of a voxel, from the centre lines of blocked voxels, where the radius is
+half a voxel. Length and clearance have no tolerance.
 
 `plain_verdicts` below is the verifier; where there is a compiler, `verifier.cpp` gives the same verdicts in a fraction
 of the time (`verification.compiled`), path by path by the same operations, so that no plan depends on which was asked.
@@ -34,7 +34,7 @@ from maxjax.verification import compiled
 from maxjax.verification.asked import Asked
 from maxjax.verification.clearance import clearances, distances_at
 from maxjax.verification.contacts import contacts
-from maxjax.verification.exemptions import ZONES, Parts
+from maxjax.verification.exempt_parts import ZONES, Parts
 from maxjax.verification.own_distance import beside_ground, exempt_shortfall
 from maxjax.verification.polylines import Paths, Polylines
 from maxjax.verification.verdicts import Verdicts, Verification

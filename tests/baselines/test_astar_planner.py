@@ -12,11 +12,11 @@ import pytest
 from maxjax.baselines.astar_planner import AStar
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.distances import Distances
-from maxjax.planning.line_of_sight import clear, sight_of
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.line_of_sight import clear, sight_of
 from maxjax.planning.planner import POINTS, corners_of, in_flight
-from maxjax.planning.problem import Problem, formulate
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.search.astar import astar
 
 

@@ -11,9 +11,9 @@ from scipy import ndimage
 
 from maxjax import Grid, Plan, RRTStar, Status, VoxelMap, plan, verify
 from maxjax.baselines.rrt_star import _grow, cost_of_segments, line_of_sight
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.task import Task
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
 
 GRID = Grid((25, 25, 25), 1.0, (0.0, 0.0, 0.0))
 START, GOAL = np.array([3, 12, 12], np.float32), np.array([21, 12, 12], np.float32)

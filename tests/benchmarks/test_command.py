@@ -1,11 +1,14 @@
-"""Options of experiments and benchmarks: recorded results are replaced only where `--record` asks for it."""
+"""Commands of experiments and benchmarks: what their options mean, and that a small run of each ends with figures."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.common.command import FOLDER, TINY_FOLDER, configured
@@ -68,3 +71,39 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
     file = Path(str(module.__file__))
     started = file.with_name("__main__.py") if file.with_name("__main__.py").exists() else file
     assert "main(configured(TINY))" in started.read_text(encoding="utf-8")
+
+
+# A small run of these flies, or takes minutes.
+BY_NIGHT: set[str] = set()
+
+
+def numbers(thing: object) -> Iterator[float]:
+    """All that there are in rows, in lists of them, and in arrays."""
+    if isinstance(thing, dict):
+        thing = list(thing.values())
+    if isinstance(thing, float):
+        yield thing
+    elif isinstance(thing, list | tuple | np.ndarray):
+        for part in thing:
+            yield from numbers(part)
+
+
+@pytest.mark.large
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.nightly] if name in BY_NIGHT else []) for name in commands()]
+)
+def test_a_small_run_ends_with_finite_figures(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    try:
+        module = importlib.import_module(name)
+        given = {key: value for key, value in vars(module.TINY).items() if key in ("out", "figures", "docs")}
+        changes = {key: tmp_path / path.name if path.suffix else tmp_path for key, path in given.items()}
+        if hasattr(module.TINY, "data"):
+            changes["data"] = request.getfixturevalue("data")
+        rows = module.main(dataclasses.replace(module.TINY, **changes))
+    except ModuleNotFoundError as missing:
+        if str(missing.name).split(".")[0] in ("maxjax", "experiments", "benchmarks"):
+            raise
+        pytest.skip(f"needs {missing.name}: pip install 'maxjax[bench]'")
+    assert any(tmp_path.iterdir())
+    assert rows is None or len(rows) > 0
+    assert all(math.isfinite(number) for number in numbers(rows))

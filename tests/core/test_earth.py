@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from maxjax.core.earth import Degrees, Projected, TangentPlane, project
+from maxjax.io.geo.earth import Degrees, Projected, TangentPlane, project
 
 PLACES = [(52.07, 4.3, 10.0), (0.0, 0.0, 0.0), (-33.9, 151.2, 80.0), (89.9, -120.0, 0.0), (45.4, -179.9999, 2000.0)]
 

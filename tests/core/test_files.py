@@ -13,19 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maxjax.airspace.geojson import load_airspace
-from maxjax.campaigns.ledger import CONFIG, POSITIONS, ROWS, Ledger
-from maxjax.cli.mission_file import read_mission
-from maxjax.cli.options import MissionOptions, ViewOptions
-from maxjax.cli.viewing_source import opened
-from maxjax.core.earth import TangentPlane
 from maxjax.core.files import FileError, open_regular, open_to_append, read_bytes
 from maxjax.core.grid import Grid
 from maxjax.core.serialization import load_metadata, read_npz
-from maxjax.maps.reader import READERS, read_map
-from maxjax.maps.reading import PLAIN
+from maxjax.io.airspace.zone_files import load_airspace
+from maxjax.io.geo.earth import TangentPlane
+from maxjax.io.reader import READERS, read_map
+from maxjax.io.reading import PLAIN
 from maxjax.nn import checkpoint
 from maxjax.nn.model import load_model
+from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
+from maxjax.ui.cli.mission_file import read_mission
+from maxjax.ui.cli.options import MissionOptions, ViewOptions
+from maxjax.ui.cli.viewing_source import opened
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
 
@@ -183,7 +183,7 @@ def test_lines_are_appended_behind_those_that_are_there(tmp_path: Path) -> None:
 SHRINKING = """
 import os, sys
 from pathlib import Path
-from maxjax.maps.readers import ply
+from maxjax.io.readers import ply
 path, whole = Path(sys.argv[1]), ply._read_header
 
 def header(*given):

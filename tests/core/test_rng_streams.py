@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from maxjax.core.rng_streams import ITERATIONS, Stream, named, stream
-from maxjax.methods import planner_named
-from maxjax.sim.flight import FlightConfig, fly_closed_loop
-from maxjax.worlds.geoms import ground_plane
+from maxjax.sim.loop.flight import FlightConfig, fly_closed_loop
+from maxjax.sim.worlds.geoms import ground_plane
+from maxjax.ui.methods import planner_named
 
 KEY = jax.random.key(7)
 PER_ITERATION = (Stream.SCAN, Stream.VIEWPOINT, Stream.GUSTS, Stream.FAULTS)

@@ -10,11 +10,11 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 
 import maxjax
-from maxjax.core.geometry.triangles import crests
 from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
-from maxjax.maps.contents import PointCloud
-from maxjax.maps.terrain import terrain_of
+from maxjax.io.geo.triangles import crests
+from maxjax.io.kinds.bare_ground import terrain_of
+from maxjax.io.kinds.contents import PointCloud
 
 GRID = Grid((12, 9, 8), 2.0, (3.0, -5.0, 10.0))
 

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from maxjax.core.geometry.triangles import enclosed, touched
 from maxjax.core.grid import Grid
+from maxjax.io.geo.triangles import enclosed, touched
 
 GRID = Grid((12, 13, 11), 0.7, (-3.0, -4.0, -2.0))
 

@@ -21,9 +21,9 @@ from experiments.ablations.parts import Bare, bare, smooth
 from experiments.ablations.study import TINY, main
 from experiments.ablations.tables import section
 from experiments.ablations.variants import FLIGHTS, GROUPS
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.outcomes import Outcome
 from maxjax.fields.gradient import gradient
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome
 
 SHAPE = (24, 20, 16)
 
@@ -71,6 +71,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.nightly
 def test_every_variant_has_a_row_or_a_reason(document: dict[str, Any]) -> None:
     rows = {(row["group"], row["setting"]): row for row in document["rows"]}
     assert set(rows) == {(group, setting) for group in TINY.groups for setting in GROUPS[group]}
@@ -87,6 +88,7 @@ def test_every_variant_has_a_row_or_a_reason(document: dict[str, Any]) -> None:
     assert rows["rule", "momentum, κ = 0, σ = 5 plain; guards none (the paper's)"]["certified"] == 0
 
 
+@pytest.mark.nightly
 def test_the_section_has_every_row_and_what_is_left_out(document: dict[str, Any]) -> None:
     text = section(document)
     for row in document["rows"]:

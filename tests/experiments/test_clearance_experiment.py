@@ -18,6 +18,7 @@ from maxjax import Grid, Status, VoxelMap
 NONE = np.zeros((0, 3))
 
 
+@pytest.mark.nightly
 def test_a_tiny_run_plans_keeps_judges_and_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("skfmm", reason="fast marching is scikit-fmm's: pip install 'maxjax[bench]'")
     stored = tmp_path / "paths.npz"
@@ -35,6 +36,7 @@ def test_a_tiny_run_plans_keeps_judges_and_reports(tmp_path: Path, monkeypatch: 
     assert "| suburb | astar | 2 of 2 | 0 | 0 |" in text
 
 
+@pytest.mark.nightly
 def test_a_run_that_was_ended_goes_on_with_the_block_that_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

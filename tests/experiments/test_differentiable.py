@@ -65,7 +65,12 @@ def test_the_gradient_by_the_gate_equals_central_differences() -> None:
         wall = np.zeros(SHAPE)
         wall[5] = 1
         works = gate_module.Works(
-            double(~BLOCKED), double(wall), jnp.asarray(GOAL), jnp.asarray([START, START - 1]), double(2.0), double(1e-6)
+            double(~BLOCKED),
+            double(wall),
+            jnp.asarray(GOAL),
+            jnp.asarray([START, START - 1]),
+            double(2.0),
+            double(1e-6),
         )
         objective = functools.partial(gate_module.mean_length, works=works, half=1.0)
         gate = np.array([4.3, 3.7])
@@ -120,6 +125,7 @@ def run(module: ModuleType, folder: Path) -> tuple[list[Row], str]:
     return rows, module.section({"rows": rows, "config": settings})
 
 
+@pytest.mark.nightly
 def test_an_obstacle_on_the_way_costs_more_than_one_elsewhere(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rows, text = run(sensitivity, tmp_path)
@@ -128,6 +134,7 @@ def test_an_obstacle_on_the_way_costs_more_than_one_elsewhere(tmp_path: Path) ->
     assert str(rows[-1]["path_m"]) in text
 
 
+@pytest.mark.nightly
 def test_a_gate_is_found_that_is_no_worse_than_where_the_search_began(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rows, text = run(design, tmp_path)
@@ -136,6 +143,7 @@ def test_a_gate_is_found_that_is_no_worse_than_where_the_search_began(tmp_path: 
     assert "brute force" in text
 
 
+@pytest.mark.nightly
 def test_probes_find_more_of_the_building_than_the_guess(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     (guess, found), text = run(inverse, tmp_path)
@@ -143,6 +151,7 @@ def test_probes_find_more_of_the_building_than_the_guess(tmp_path: Path) -> None
     assert f"{found['iou_mean']:g}" in text
 
 
+@pytest.mark.nightly
 def test_learning_lowers_the_loss_and_every_path_arrives(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rows, text = run(learning, tmp_path)

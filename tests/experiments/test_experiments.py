@@ -11,6 +11,7 @@ import pytest
 from experiments import focus, mazes, warframe_crops
 
 
+@pytest.mark.nightly
 def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Path) -> None:
     config = dataclasses.replace(warframe_crops.TINY, data=data, out=tmp_path)
     rows = {(row["crop"], row["method"]): row for row in warframe_crops.main(config)}
@@ -23,6 +24,7 @@ def test_warframe_subset_is_solved_certified_and_short(data: Path, tmp_path: Pat
         assert rival["off_optimum"] == 0
 
 
+@pytest.mark.nightly
 def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
     from experiments import random_problems
@@ -38,6 +40,7 @@ def test_random_problems_hold_before_independent_judges(tmp_path: Path) -> None:
     assert sealed["proved_unsolvable"] == sealed["problems"]
 
 
+@pytest.mark.nightly
 def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> None:
     """The same problems on a map that lies at a Dutch easting and northing."""
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
@@ -54,12 +57,14 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
     assert here == away
 
 
+@pytest.mark.nightly
 def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
     (row,) = focus.main(dataclasses.replace(focus.TINY, out=tmp_path))
     assert row["same_status"] == row["ok"] == row["certified"] == 3
     assert row["length_worst"] <= 1.02
 
 
+@pytest.mark.nightly
 def test_mazes_are_planned_and_certified(tmp_path: Path) -> None:
     rows = mazes.main(dataclasses.replace(mazes.TINY, out=tmp_path))
     assert [row["map"] for row in rows] == ["downtown", "noise, 40%", "noise, 50%", "3 doors", "snake"]

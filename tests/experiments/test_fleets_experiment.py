@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import dataclasses
 import json
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from experiments.fleets import TINY, main, open_swaps, section
 
 
+@pytest.mark.nightly
 def test_a_row_says_who_arrived_and_how_to_fly_a_failure_again(tmp_path: Path) -> None:
     (row,) = main(dataclasses.replace(TINY, out=tmp_path))
     assert row["arrived"] == row["flights"] == 4

@@ -90,6 +90,7 @@ def test_the_judge_finds_what_is_wrong() -> None:
     assert judge(Answer(occupied, ends, 1.0, "NO_VALID_PATH", np.nan, nothing)).right
 
 
+@pytest.mark.nightly
 def test_problems_are_solved_exactly_when_they_can_be(tmp_path: Path) -> None:
     config = dataclasses.replace(TINY, keep=tmp_path / "kept", out=tmp_path)
     rows = main(config)
@@ -107,6 +108,7 @@ def test_problems_are_solved_exactly_when_they_can_be(tmp_path: Path) -> None:
     assert "Numbers of failures" not in text
 
 
+@pytest.mark.nightly
 def test_ten_thousand_problems_are_solved_exactly_when_they_can_be(tmp_path: Path) -> None:
     """In a process of its own, with the optimisations that users have."""
     words = ("--problems", "10000", "--slice", "100", "--images", "10", "--workers", "0", "--out", str(tmp_path))

@@ -11,8 +11,8 @@ import pytest
 
 from experiments import moving_cities
 from experiments.moving_cities import Config, main, section
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.outcomes import Outcome
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome
 
 
 def outcome(trial: int, status: str, duration: float, **among: Any) -> Outcome:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import dataclasses
 import json
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from experiments.moving_protocols import TINY, main, section
 
 
+@pytest.mark.nightly
 def test_a_row_says_who_arrived_and_how_to_fly_a_contact_again(tmp_path: Path) -> None:
     rows = main(dataclasses.replace(TINY, out=tmp_path))
     assert len(rows) == 1

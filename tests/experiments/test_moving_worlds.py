@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from experiments.moving_worlds import P2M_SECONDS, p2m, sando
-from maxjax.worlds.distance import distance
-from maxjax.worlds.geoms import BOX, CAPSULE
-from maxjax.worlds.movers import places, solids_at
+from maxjax.sim.worlds.geoms import BOX, CAPSULE
+from maxjax.sim.worlds.movers import places, solids_at
+from maxjax.sim.worlds.solid_distance import distance
 
 
 @pytest.mark.parametrize("count", [50, 200])

@@ -18,6 +18,7 @@ from maxjax.nn.recipes import RECIPES
 ERRORS = ("l2", "l2_worst", "l2_normalised", "angle_median_deg", "angle_95_deg")
 
 
+@pytest.mark.nightly
 def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) -> None:
     (tmp_path / "tiny").mkdir()
     save_model(tmp_path / "tiny" / "tiny.npz", "tiny", init_params(jax.random.key(0), CONFIGS["tiny"]))
@@ -37,6 +38,7 @@ def test_accuracy_has_a_row_for_the_closed_law_and_each_network(tmp_path: Path) 
     assert "0.153" not in text.split("3DMaxConvNet")[0]
 
 
+@pytest.mark.nightly
 def test_certificates_of_every_start(tmp_path: Path) -> None:
     # The networks' own rows are made alike; `tests/nn/test_weights.py` has them certified at full size.
     config = dataclasses.replace(network_cost.TINY, out=tmp_path)

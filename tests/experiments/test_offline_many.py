@@ -18,7 +18,7 @@ from benchmarks.common.problems import problems, seal
 from experiments import offline_many
 from experiments.offline_many import TINY, cities_of, draw, main, section
 from maxjax import VoxelMap
-from maxjax.planning.task import Task
+from maxjax.planning.problem.task import Task
 from maxjax.solvers.potential import Potential, solve_potential
 
 GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), TINY.shape, 2.0)
@@ -39,6 +39,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.nightly
 def test_solver_solves_what_scipy_calls_solvable(document: dict[str, Any]) -> None:
     solver, doubted = document["rows"]
     assert solver["ok"] == solver["certified"] == solver["solvable"] == TINY.problems - solver["proved_unsolvable"]
@@ -52,6 +53,7 @@ def test_solver_solves_what_scipy_calls_solvable(document: dict[str, Any]) -> No
     assert doubted["certified"] == 0
 
 
+@pytest.mark.nightly
 def test_a_sealed_problem_is_proved_unsolvable_and_named(document: dict[str, Any]) -> None:
     """Two open problems and a sealed one, over two batches."""
     first, second, *_ = draw(("suburb", 0, GRID, TINY.margin))

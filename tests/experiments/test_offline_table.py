@@ -29,6 +29,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.nightly
 def test_every_method_has_a_row_or_a_reason(document: dict[str, Any]) -> None:
     rows = document["rows"]
     assert {row["method"] for row in rows} == set(TINY.methods)
@@ -38,6 +39,7 @@ def test_every_method_has_a_row_or_a_reason(document: dict[str, Any]) -> None:
         assert all(value is None or isinstance(value, str | int | float) for value in row.values())
 
 
+@pytest.mark.nightly
 def test_what_the_rows_say_of_solver_and_rivals(document: dict[str, Any]) -> None:
     rows = {row["method"]: row for row in document["rows"] if row["map"] == "suburb"}
     ours, rival, marched = rows["solver"], rows["astar"], rows["fast marching"]
@@ -52,6 +54,7 @@ def test_what_the_rows_say_of_solver_and_rivals(document: dict[str, Any]) -> Non
         assert row["ok"] == row["problems"] or row["failures"]
 
 
+@pytest.mark.nightly
 def test_the_section_names_every_row_and_what_is_left_out(document: dict[str, Any]) -> None:
     text = section(document)
     for row in document["rows"]:
@@ -63,6 +66,7 @@ def test_the_section_names_every_row_and_what_is_left_out(document: dict[str, An
     assert "nan" not in text
 
 
+@pytest.mark.nightly
 def test_where_a_peer_wins_the_text_says_so(document: dict[str, Any]) -> None:
     rows = [dict(row) for row in document["rows"] if row["method"] in ("solver", "astar")]
     ours, rival = rows
@@ -110,6 +114,7 @@ def test_unknown_methods_are_refused() -> None:
             finder(name)
 
 
+@pytest.mark.nightly
 def test_at_own_distances_paths_keep_the_radius_and_pay_for_clearance(document: dict[str, Any], tmp_path: Path) -> None:
     main(dataclasses.replace(TINY, own=True, methods=("solver", "astar"), out=tmp_path))
     own: dict[str, Any] = json.loads((tmp_path / "offline_table_own.json").read_text())

@@ -38,6 +38,7 @@ def judged(folder: Path, tmp_path: Path, **changes: float) -> dict[str, object]:
     return dict(row)
 
 
+@pytest.mark.nightly
 def test_scans_of_the_sensor_are_brought_into_the_world(tmp_path: Path) -> None:
     folder, lines = tmp_path / "scans", []
     folder.mkdir()
@@ -57,6 +58,7 @@ def test_scans_of_the_sensor_are_brought_into_the_world(tmp_path: Path) -> None:
         poses_of(folder / "poses.tum")
 
 
+@pytest.mark.nightly
 def test_without_poses_the_vehicle_flies_along_its_plans_until_it_is_there(tmp_path: Path) -> None:
     folder = tmp_path / "scans"
     folder.mkdir()

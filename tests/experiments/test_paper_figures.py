@@ -18,12 +18,12 @@ from experiments.paper_figures.architecture import volumes_of, weights_of
 from experiments.paper_figures.flights import worst_flights
 from experiments.paper_figures.planned import Choice, planned
 from experiments.paper_figures.study import TINY, main
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.outcomes import Outcome
-from maxjax.methods import planner_named
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import apply, init_params
-from maxjax.sim.flight import FlightConfig
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome
+from maxjax.ui.methods import planner_named
 
 
 def outcome(trial: int, status: str, flown: float) -> Outcome:
@@ -76,6 +76,7 @@ def test_the_boxes_of_the_architecture_are_its_volumes(name: str) -> None:
     assert boxes[-1].voxels == -(-101 // network.patch)
 
 
+@pytest.mark.nightly
 def test_all_figures_are_drawn_and_small(folder: Path, tmp_path: Path) -> None:
     files = main(dataclasses.replace(TINY, flights=(folder,), out=tmp_path))
     names = ["path", "training_map", "architecture", "fields", "flights"]

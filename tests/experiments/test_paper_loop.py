@@ -16,8 +16,8 @@ from scipy import ndimage
 from experiments.paper_loop.stage import Loop, before_walls, dilated, smoothed_gradients
 from experiments.paper_loop.study import BEFORE, FEW, LAYERS, LOOPS, TINY, Config, flight_of, main, row_of
 from experiments.paper_loop.tables import section
-from maxjax.campaigns.outcomes import Outcome
 from maxjax.fields.gradient import gradient
+from maxjax.sim.trials.outcomes import Outcome
 
 SHAPE = (24, 20, 16)
 LADDER = (4, 3, 2, 1, 0)
@@ -125,6 +125,7 @@ def test_the_section_holds_every_loop_and_its_interval() -> None:
     assert FEW == 50
 
 
+@pytest.mark.nightly
 def test_a_tiny_run_flies_and_reports_what_was_kept(tmp_path: Path) -> None:
     kept = dataclasses.replace(TINY, keep=tmp_path / "kept", out=tmp_path)
     (row,) = main(kept)

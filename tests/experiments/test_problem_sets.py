@@ -12,8 +12,8 @@ import pytest
 from benchmarks.common.problems import voxels_of
 from experiments import problem_sets
 from experiments.city_windows import windows
-from maxjax.worlds.distance import distance
-from maxjax.worlds.real_city import TOLERANCE, city
+from maxjax.sim.worlds.real_city import TOLERANCE, city
+from maxjax.sim.worlds.solid_distance import distance
 
 
 def test_ends_in_a_surveyed_city_stand_off_its_solids(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

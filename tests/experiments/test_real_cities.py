@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import pytest
 
 from maxjax.core.status import Status
-from maxjax.sim.flight import FlightConfig, FlightLog
-from maxjax.worlds.distance import distance
-from maxjax.worlds.geoms import Geoms
+from maxjax.sim.loop.flight import FlightConfig, FlightLog
+from maxjax.sim.worlds.geoms import Geoms
+from maxjax.sim.worlds.solid_distance import distance
 
 
 def fake_fly(geoms: Geoms, start: jax.Array, goal: jax.Array, key: jax.Array, config: FlightConfig) -> FlightLog:
@@ -40,6 +40,7 @@ def fake_draw(geoms: Geoms, key: jax.Array, first: int) -> tuple[jax.Array, ...]
     return start, start + jnp.array([60.0, 0.0, 0.0]), valid, jnp.zeros(50, jnp.int32)
 
 
+@pytest.mark.nightly
 def test_a_tiny_run_plans_flies_and_reports(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("skfmm", reason="the eikonal oracle needs scikit-fmm: pip install 'maxjax[bench]'")
     from experiments import real_cities as module

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import dataclasses
 import json
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from experiments.tracking import TINY, field, main, section
-from maxjax.worlds.movers import places
+from maxjax.sim.worlds.movers import places
 
 
+@pytest.mark.nightly
 def test_it_runs_and_writes_its_section(tmp_path: Path) -> None:
     (row,) = main(dataclasses.replace(TINY, out=tmp_path))
     assert (row["world"], row["looks"]) == ("suburb", 2)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.nightly
 def test_trajectories_hold_before_independent_judges(tmp_path: Path) -> None:
     for name in ("toppra", "casadi", "crazyflow"):
         if importlib.util.find_spec(name) is None:

@@ -14,6 +14,7 @@ from experiments import warframe_full as module
 from maxjax.planning.search.astar import astar
 
 
+@pytest.mark.nightly
 def test_a_few_scenarios_are_solved_and_the_section_says_so(data: Path, tmp_path: Path) -> None:
     rows = module.main(dataclasses.replace(module.TINY, data=data, out=tmp_path))
     assert [(row["map"], row["method"]) for row in rows] == [("Simple", "solver"), ("Simple", "astar")]

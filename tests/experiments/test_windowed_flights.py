@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from experiments import windowed_flights as module
-from maxjax.campaigns.campaign import Campaign
-from maxjax.campaigns.outcomes import Outcome
 from maxjax.planners import Field
+from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.outcomes import Outcome
 
 
 def outcome(trial: int, status: str, flown: float) -> Outcome:

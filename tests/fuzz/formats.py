@@ -15,15 +15,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from maxjax.campaigns.ledger import CONFIG, POSITIONS, ROWS, Ledger
-from maxjax.campaigns.outcomes import summarise
-from maxjax.cli.mission_file import read_mission
-from maxjax.cli.options import MissionOptions, ViewOptions
-from maxjax.cli.viewing_source import opened
 from maxjax.core.files import FileError
 from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.nn.checkpoint import MANIFEST, load_checkpoint, load_metadata, save_checkpoint
-from maxjax.view.incoming import fault_of
+from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
+from maxjax.sim.trials.outcomes import summarise
+from maxjax.ui.cli.mission_file import read_mission
+from maxjax.ui.cli.options import MissionOptions, ViewOptions
+from maxjax.ui.cli.viewing_source import opened
+from maxjax.ui.page.incoming import fault_of
 from tests.fuzz import map_files
 
 TREE = {"kernel": np.arange(12, dtype=np.float32).reshape(3, 4), "step": np.int32(7)}

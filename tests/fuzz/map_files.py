@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, load_airspace
-from maxjax.core.earth import TangentPlane
 from maxjax.core.files import FileError
-from maxjax.maps import read_map
-from maxjax.maps.contents import facts
+from maxjax.io import read_map
+from maxjax.io.geo.earth import TangentPlane
+from maxjax.io.kinds.contents import facts
 
 # Where areas are looked at.
 AIR = Grid((60, 60, 20), 4.0, (-118.0, -118.0, 2.0))

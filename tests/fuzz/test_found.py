@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("viser", reason="messages need the extra view: pip install 'maxjax[view]'")
 
-from maxjax.campaigns.ledger import CONFIG, TIMES, Ledger
+from maxjax.sim.trials.ledger import CONFIG, TIMES, Ledger
 from tests.fuzz.formats import FORMATS
 
 LONG = 500 * b"9"

@@ -15,12 +15,12 @@ import pytest
 from nn.scenes import GRID, MINI, Boxes
 
 from maxjax import Distances, Network, Status, VoxelMap, conductivity, plan, plan_batch, solve_potential
-from maxjax.methods import planner_named
 from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init_params
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
-from maxjax.planning.field_planner import PotentialLike
+from maxjax.planning.run.field_planner import PotentialLike
+from maxjax.ui.methods import planner_named
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.nn import model as model_module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
-from maxjax.planning.execution import problem_of
+from maxjax.planning.run.execution import problem_of
 
 pytestmark = pytest.mark.full_speed
 

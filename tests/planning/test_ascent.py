@@ -13,8 +13,8 @@ import pytest
 from references import component_of, direct_potential, keeps, random_blocks, random_free, serpentine
 
 from maxjax import Grid, VoxelMap, verify
-from maxjax.planning.ascent import Ascent, ascend
-from maxjax.planning.line_of_sight import sight_of
+from maxjax.planning.path.ascent import Ascent, ascend
+from maxjax.planning.path.line_of_sight import sight_of
 
 SHAPE = (16, 18, 20)
 SETTINGS = {

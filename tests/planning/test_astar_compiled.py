@@ -15,11 +15,11 @@ from scipy.sparse.csgraph import dijkstra
 
 import maxjax
 from maxjax import Status
+from maxjax.compile import native
+from maxjax.compile.native import NotCompiledError
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.search.astar import AstarResult, astar
 from maxjax.planning.search.astar_compiled import Queries, Query, Search
-from maxjax.programs import native
-from maxjax.programs.native import NotCompiledError
 
 Index = tuple[int, int, int]
 PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maxjax.planning.boxes import Boxes, lowest_open, voxels_in
-from maxjax.programs import native
+from maxjax.compile import native
+from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
 
 
 @pytest.fixture(params=[True, False])

@@ -8,14 +8,14 @@ import pytest
 from maxjax import AStar, VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.planning import corridor
-from maxjax.planning import execution as execute
-from maxjax.planning import focus_window as focus
-from maxjax.planning.distances import Distances
 from maxjax.planning.plan import Plan
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import execution as execute
 from maxjax.planning.search import astar_compiled
-from maxjax.planning.task import Task
+from maxjax.planning.windows import corridor
+from maxjax.planning.windows import focus_window as focus
+from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
 
 GRID = Grid((66, 44, 14), 2.0, (5.0, -3.0, 1.0))

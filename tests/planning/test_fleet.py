@@ -11,11 +11,11 @@ import pytest
 from references import random_blocks, random_free, serpentine
 
 from maxjax import AStar, Grid, Plans, Potential, Status, VoxelMap, dilate, plan, plan_fleet, solve_potential, verify
-from maxjax.planning import fleet as fleet_module
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.distances import Distances
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.task import Task
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import shared_goal as fleet_module
+from maxjax.planning.run.field_planner import FieldPlanner
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 RADIUS, MARGIN = 2.0, 4.0
@@ -102,7 +102,7 @@ def test_a_wrong_goal_fails_all(occupied: np.ndarray, starts: np.ndarray) -> Non
         (np.argwhere(occupied)[0], Status.GOAL_OCCUPIED),
         ((2, 2, 2), Status.NO_VALID_PATH),
     ):
-        with patch("maxjax.planning.fleet.potential_field", side_effect=AssertionError):  # nothing is solved
+        with patch("maxjax.planning.run.shared_goal.potential_field", side_effect=AssertionError):  # nothing is solved
             found = plan_fleet(
                 VoxelMap.on(GRID, occupied),
                 starts[len(WRONG) :],

@@ -8,16 +8,16 @@ import pytest
 
 import maxjax
 from maxjax import VoxelMap
+from maxjax.compile import native
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.planning import execution as execute
-from maxjax.planning import focus_window as focus
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
 from maxjax.planning.plan import Plans
-from maxjax.planning.task import Task
-from maxjax.programs import native
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import execution as execute
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.windows import focus_window as focus
+from maxjax.ui.methods import planner_named
 
 SMALL = ((10, 10, 8), (16, 16, 12))
 # One grid for most tests, so that they share programs.

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, generate_binary_structure
 
 from maxjax.fields.distance import cube_distance
 from maxjax.fields.occupancy import squared_distance
-from maxjax.planning.inflation import inflated_obstacles, least_quarters
+from maxjax.planning.problem.inflation import inflated_obstacles, least_quarters
 
 SHAPE = (10, 9, 8)
 

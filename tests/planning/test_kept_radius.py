@@ -12,7 +12,7 @@ from scipy import ndimage
 
 import maxjax
 from maxjax import Grid, Plan, Status, VoxelMap
-from maxjax.methods import planner_named
+from maxjax.ui.methods import planner_named
 
 SAMPLES = 0.02  # apart [voxels]
 SLACK = 1.3e-3  # what the verifier allows [voxels]

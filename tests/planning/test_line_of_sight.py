@@ -12,8 +12,8 @@ from references import keeps, touched
 from scipy import ndimage
 
 from maxjax import Grid
-from maxjax.planning.line_of_sight import TOUCH, clear, clear_and_paid, sight_of, stands_free, visibility
-from maxjax.programs.lowering import lowered_for
+from maxjax.compile.lowering import lowered_for
+from maxjax.planning.path.line_of_sight import TOUCH, clear, clear_and_paid, sight_of, stands_free, visibility
 from maxjax.verification.contacts import touched_voxels
 
 SHAPE = (5, 6, 4)

@@ -7,7 +7,7 @@ import pytest
 
 import maxjax
 from maxjax.core.status import Status
-from maxjax.planning import focus_window
+from maxjax.planning.windows import focus_window
 
 SPACING, SHAPE = 2.0, (560, 560, 96)
 BLOCK, STREET = 20, 4  # voxels: houses of 40 m, streets of 8 m

@@ -7,13 +7,13 @@ import pytest
 from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plans, Status, VoxelMap, solve_potential, verify
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.focus_window import View
-from maxjax.planning.pipeline import pipelined
-from maxjax.planning.task import Task
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.pipeline import pipelined
+from maxjax.planning.windows.focus_window import View
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 7

@@ -14,15 +14,15 @@ from planners import ByFunction
 from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, VoxelMap, plan, solve_potential, verify
-from maxjax.planning import execution as execute
-from maxjax.planning.ascent import Ascent
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task, with_longer_ascents
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.problem import Problem
-from maxjax.planning.route import Route, RouteFn, Routes, failed, found
-from maxjax.planning.task import Task
-from maxjax.planning.verifying import verified
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.route import Route, RouteFn, Routes, failed, found
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.problem import Problem
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import execution as execute
+from maxjax.planning.run.execution import plan_task, with_longer_ascents
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.verifying import verified
 from maxjax.solvers.screened import Screened
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))

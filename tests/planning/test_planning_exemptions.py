@@ -13,10 +13,10 @@ from references import component_of, distances_to_cubes, inflated, random_blocks
 from scipy import ndimage
 
 from maxjax import Grid, Price, Status
-from maxjax.planning.exemptions import last_level
-from maxjax.planning.problem import Problem, formulate, largest_joining
-from maxjax.planning.surroundings import halo_of
-from maxjax.planning.task import Distances
+from maxjax.planning.problem.exemptions import last_level
+from maxjax.planning.problem.problem import Problem, formulate, largest_joining
+from maxjax.planning.problem.surroundings import halo_of
+from maxjax.planning.problem.task import Distances
 
 SHAPE = (12, 10, 8)
 GRID, PART = Grid(SHAPE, 1.0, (0.0, 0.0, 0.0)), Grid((8, 8, 6), 1.0, (0.0, 0.0, 0.0))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxjax import Status
-from maxjax.planning.route import Route, Routes, without_padding
+from maxjax.planning.path.route import Route, Routes, without_padding
 
 
 def padded(rng: np.random.Generator, counts: np.ndarray, width: int) -> Route:

@@ -15,10 +15,10 @@ import numpy as np
 import maxjax
 from maxjax import VoxelMap
 from maxjax.fields.geodesic import geodesic
-from maxjax.planning.distances import Distances
-from maxjax.planning.execution import plan_task
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.task import Task
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.execution import plan_task
+from maxjax.planning.run.field_planner import FieldPlanner
 
 GRID = maxjax.Grid((49, 49, 33), 2.0, (-48.0, -48.0, 0.0))
 

@@ -13,9 +13,9 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from maxjax import Grid, Status, VoxelMap, verify
-from maxjax.planning.line_of_sight import clear_and_paid, sight_of
+from maxjax.planning.path.line_of_sight import clear_and_paid, sight_of
+from maxjax.planning.path.string_pulling import WINDOW, tighten
 from maxjax.planning.search.astar import astar
-from maxjax.planning.string_pulling import WINDOW, tighten
 
 SHAPE = (16, 18, 20)
 ROOM = 200  # length of the arrays

@@ -7,10 +7,10 @@ import pytest
 
 import maxjax
 from maxjax.core.status import Status
-from maxjax.planning import execution
-from maxjax.planning.distances import Distances
-from maxjax.planning.taken_end import taken_end
-from maxjax.planning.task import Task
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.taken_end import taken_end
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import execution
 
 SPACING = 2.0
 

@@ -11,8 +11,8 @@ import pytest
 from planners import unchecked
 
 from maxjax import Grid, VoxelMap
-from maxjax.planning.distances import Distances
-from maxjax.planning.task import Task
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
 
 GRID = Grid((4, 5, 6), 2.0, (84_888.25, 447_501.5, -3.0))
 EMPTY = np.zeros(GRID.shape, bool)

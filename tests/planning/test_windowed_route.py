@@ -12,11 +12,11 @@ import maxjax
 from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.planning import windowed_route as windowed
-from maxjax.planning.distances import Distances
-from maxjax.planning.field_planner import FieldPlanner
-from maxjax.planning.plan_route import routed
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.plan_route import routed
+from maxjax.planning.windows import windowed_route as windowed
+from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
 
 GRID = Grid((34, 30, 20), 2.0, (0.0, 0.0, 0.0))

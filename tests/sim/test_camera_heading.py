@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from maxjax.planners import Field
-from maxjax.sim import vehicle as physics
-from maxjax.sim.flight import FlightConfig
-from maxjax.sim.follow import turned
-from maxjax.sim.lidar import Lidar
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.loop.follow import turned
+from maxjax.sim.sensors.lidar import Lidar
+from maxjax.sim.vehicle import quadrotor as physics
 
 CAMERA = FlightConfig(planner=Field(), lidar=Lidar(width=76.0), exact=True)
 RATE, STEP = CAMERA.limits.yaw_rate, CAMERA.vehicle.timestep

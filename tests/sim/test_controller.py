@@ -13,9 +13,9 @@ from jax import lax
 from jaxtyping import Array
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim import controller as control
-from maxjax.sim.controller import Controller, Observer, mix
-from maxjax.sim.vehicle import Gusts, State, Vehicle, advance, gust, hover
+from maxjax.sim.vehicle import controller as control
+from maxjax.sim.vehicle.controller import Controller, Observer, mix
+from maxjax.sim.vehicle.quadrotor import Gusts, State, Vehicle, advance, gust, hover
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Sampling, Setpoint, profile, sample, setpoint_at
 

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.disturbances import SETS, Disturbances, degrade, mean_wind, outage, position_error
-from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.worlds.solids import upright_boxes
+from maxjax.sim.sensors.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.vehicle.disturbances import SETS, Disturbances, degrade, mean_wind, outage, position_error
+from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.solids import upright_boxes
 
 LIDAR = Lidar(rays=8192, channels=64)
 START = np.array([-24.0, 1.0, 6.0], np.float32)

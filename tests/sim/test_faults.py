@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.planning.distances import Distances
-from maxjax.sim.disturbances import Disturbances
+from maxjax.planning.problem.distances import Distances
 from maxjax.sim.faults import (
     MEANINGLESS,
     Failing,
@@ -27,12 +25,14 @@ from maxjax.sim.faults import (
     thrusts,
     ticked,
 )
-from maxjax.sim.flight import STAGES, Flight, FlightConfig, World, take_off, watch
-from maxjax.sim.flight_state import estimated_position
-from maxjax.sim.follow import advance_time
-from maxjax.sim.lidar import Lidar, Scan, scan
-from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.worlds.solids import upright_boxes
+from maxjax.sim.loop.flight import STAGES, Flight, FlightConfig, World, take_off, watch
+from maxjax.sim.loop.flight_state import estimated_position
+from maxjax.sim.loop.follow import advance_time
+from maxjax.sim.sensors.lidar import Lidar, Scan, scan
+from maxjax.sim.vehicle.disturbances import Disturbances
+from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.solids import upright_boxes
+from maxjax.ui.methods import planner_named
 
 LIDAR = Lidar(rays=4096, channels=64)
 CONFIG = FlightConfig(

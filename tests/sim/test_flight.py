@@ -11,17 +11,17 @@ import pytest
 from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.methods import planner_named
-from maxjax.planning.distances import Distances
-from maxjax.sim import rolling_map as mapping
-from maxjax.sim.disturbances import Disturbances
-from maxjax.sim.flight import Flight, FlightConfig, World, watch
-from maxjax.sim.flight_state import LOG_PERIOD
-from maxjax.sim.lidar import Lidar
+from maxjax.planning.problem.distances import Distances
+from maxjax.sim.loop.flight import Flight, FlightConfig, World, watch
+from maxjax.sim.loop.flight_state import LOG_PERIOD
+from maxjax.sim.mapping import rolling_map as mapping
+from maxjax.sim.sensors.lidar import Lidar
+from maxjax.sim.vehicle.disturbances import Disturbances
+from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.scenes import scene_xml
+from maxjax.sim.worlds.solids import upright_boxes
+from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
-from maxjax.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.worlds.scenes import scene_xml
-from maxjax.worlds.solids import upright_boxes
 
 LIDAR = Lidar(rays=8192, channels=64)
 CONFIG = FlightConfig(

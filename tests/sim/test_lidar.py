@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.worlds.scenes import make_scene
+from maxjax.sim.sensors.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.worlds.scenes import make_scene
 
 CLEAN = Lidar(range_noise=0.0, dropout=0.0)
 POSE = (jnp.array([3.0, 4.0, 30.0]), jnp.eye(3))

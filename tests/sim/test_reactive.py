@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maxjax.sim.reactive import RANGE, push
+from maxjax.sim.loop.reactive import RANGE, push
 
 WALL = np.stack(np.meshgrid([0.0], np.linspace(-6, 6, 61), np.linspace(-6, 6, 61), indexing="ij"), -1).reshape(-1, 3)
 WALL_POINTS = jnp.asarray(WALL, jnp.float32)

@@ -13,12 +13,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim.lidar import Lidar, Scan, directions, scan
-from maxjax.sim.range_image import arctan2
-from maxjax.sim.rolling_map import RollingMap, empty, fused, ground, occupied, origin, recentre, seen
-from maxjax.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
-from maxjax.worlds.raycast import cast_rays
-from maxjax.worlds.scenes import occupancy
+from maxjax.sim.mapping.rolling_map import RollingMap, empty, fused, ground, occupied, origin, recentre, seen
+from maxjax.sim.sensors.lidar import Lidar, Scan, directions, scan
+from maxjax.sim.sensors.range_image import arctan2
+from maxjax.sim.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.raycast import cast_rays
+from maxjax.sim.worlds.scenes import occupancy
 
 SHAPE = (41, 41, 21)
 CLEAN = Lidar(range_noise=0.0, dropout=0.0)

@@ -11,7 +11,7 @@ import pytest
 from jax import lax
 from jaxtyping import Array
 
-from maxjax.sim.vehicle import GRAVITY, Gusts, State, Vehicle, advance, gust, hover, mujoco_model
+from maxjax.sim.vehicle.quadrotor import GRAVITY, Gusts, State, Vehicle, advance, gust, hover, mujoco_model
 
 VEHICLE = Vehicle()
 STEPS = 100

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.lidar import Lidar
-from maxjax.sim.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
+from maxjax.sim.mapping.viewpoint import MapView, UnseenPath, next_viewpoint, still_reachable
+from maxjax.sim.sensors.lidar import Lidar
 
 SHAPE = (16, 16, 16)
 HERE = np.array([8.0, 8.0, 4.0], np.float32)

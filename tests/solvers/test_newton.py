@@ -13,7 +13,7 @@ import pytest
 from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.programs.lowering import lowered_for
+from maxjax.compile.lowering import lowered_for
 from maxjax.solvers.aggregation import padded
 from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Progress, medium_of, untouched

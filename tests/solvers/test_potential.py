@@ -22,7 +22,7 @@ from maxjax.fields.gradient import gradient, log_potential
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import sweep_until_certified
 from maxjax.solvers.cg import ConjugateGradients
-from maxjax.solvers.geodesic import distance_potential
+from maxjax.solvers.geodesic_solver import distance_potential
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened

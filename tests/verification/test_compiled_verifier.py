@@ -15,7 +15,7 @@ import pytest
 from references import random_blocks, to_world
 
 from maxjax import Grid, VoxelMap
-from maxjax.programs.threads import concurrently
+from maxjax.compile.threads import concurrently
 from maxjax.verification import compiled
 from maxjax.verification.asked import Asked
 from maxjax.verification.clearance import distances_at

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from maxjax import Grid, VoxelMap
 from maxjax.verification.asked import CRUISE
-from maxjax.verification.exemptions import cut
+from maxjax.verification.exempt_parts import cut
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verification
 from maxjax.verification.verifier import verify, verify_paths

@@ -2,7 +2,7 @@
 
     queries → Queries (as the C++ reads them) → run on a `Search` a thread → AstarResult
 
-The library is built when it is first asked for and kept (`programs.native`). Nothing here is needed: without one
+The library is built when it is first asked for and kept (`compile.native`). Nothing here is needed: without one
 `astar.astar` gives the same answers.
 """
 
@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, Shaped, UInt8, UInt32
 
+from maxjax.compile import native
+from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.search.astar import AstarResult, checked, no_path, path_found, status_of_ends
 from maxjax.planning.search.steps import AT_START, STEPS, rules
-from maxjax.programs import native
-from maxjax.programs.threads import concurrently
 
 SOURCE = Path(__file__).with_name("astar.cpp")
 _ROOM, _TOGETHER = 512, 16  # steps of a path that are kept at first; queries that a thread takes at a time
@@ -65,7 +65,7 @@ class Search:
     """What one thread searches maps of one shape with; kept, it spares later queries their first touch of memory.
 
     Raises:
-        NotCompiledError: as `programs.native.library`.
+        NotCompiledError: as `compile.native.library`.
         MemoryError: where 16 bytes a voxel of address space cannot be had; used are those of the voxels reached.
     """
 
@@ -178,7 +178,7 @@ def compiled_astar(
     """`planning.search.astar.astar`, compiled: the same arguments, results and errors.
 
     Raises:
-        NotCompiledError: as `programs.native.library`.
+        NotCompiledError: as `compile.native.library`.
         MemoryError: as `Search` and `Queries.result`.
     """
     checked(blocked, start, goal, price)

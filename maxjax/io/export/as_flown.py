@@ -1,0 +1,257 @@
+"""The judgement on what a file makes a vehicle fly: its lines on the true ground, against the map.
+
+    text → lines in the map (`io.export.read_back`) → verifier → what is kept, or a refusal
+
+What is flown has to be what was planned, to `AWAY`: a home on ground that is not there is refused even where there is
+room to spare. Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's
+set-points, joined by straight lines, keep it but for the sag of these below the curve. A rise and a descent touch
+nothing but the ground. Waypoints are left within the radius of the autopilots that are to fly them
+(`io.export.corners`): so do the corners that these cut.
+
+Numbers in files are rounded. Where that alone, at most a millimetre, makes a line touch something, what was meant is
+judged in its place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from maxjax.core.status import Closure
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.io.export.autopilot import BOTH, Autopilot
+from maxjax.io.export.corners import Waypoints, cut_corners
+from maxjax.io.export.read_back import Lines, Points
+from maxjax.planning.mission import Mission
+from maxjax.trajectories.clear_curve import project
+from maxjax.trajectories.trajectory import Trajectory
+from maxjax.verification.verdicts import Verification
+from maxjax.verification.verifier import verify
+
+AWAY = 0.05  # from what was planned, at most [m]
+_ROUNDED = 1e-3  # [m]
+_FINE = 0.005  # between samples of what was meant [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class AsFlown:
+    """What a file makes a vehicle fly.
+
+    Attributes:
+        clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
+        aside: how far it leads from what was planned, but for corners that are cut, at most [m].
+        remarks: sentences on what the format does not hold, and on what the file relies.
+        stops: numbers of the path's points at which a file of waypoints stops, so that their corners are not cut.
+        return_height: above home, from which on a return to launch is clear from everywhere [m]; None where the file
+            counts from no home.
+        autopilots: that it was judged for, with the parameters that it relies on.
+    """
+
+    clearance: float
+    aside: float
+    remarks: tuple[str, ...] = ()
+    stops: tuple[int, ...] = ()
+    return_height: float | None = None
+    autopilots: tuple[Autopilot, ...] = ()
+
+    def __str__(self) -> str:
+        if math.isinf(self.clearance):
+            return "as flown: nothing in the map to come near to"
+        return f"as flown: least clearance {self.clearance:.2f} m"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+    """A line with what it has to keep, but for its sag below the curve that is meant [m]."""
+
+    points: Points
+    radius: float
+    exemptions: tuple[float, float]
+    sag: float = 0.0
+
+
+def judged(
+    file: Path,
+    lines: Lines,
+    mission: Mission,
+    trajectory: Trajectory | None,
+    away: float = AWAY,
+    autopilots: Sequence[Autopilot] = BOTH,
+) -> AsFlown:
+    """What the lines of a file keep.
+
+    Args:
+        file: for messages.
+        lines: read from it.
+        mission: that it holds.
+        trajectory: where the file holds set-points; None for waypoints.
+        away: how far they may lead from what was planned [m].
+        autopilots: that are to fly them, where they are waypoints.
+
+    Raises:
+        ValueError: if they leave the map, touch something, come nearer to it than the plan may, or lead elsewhere.
+    """
+    clearance, wrong = _verdict(_pieces(file, lines, mission, trajectory), mission.map)
+    aside = _aside(lines, mission, trajectory)
+    if wrong and aside <= _ROUNDED:
+        wrong = _verdict(_pieces(file, _meant(mission, trajectory), mission, trajectory), mission.map)[1]
+    hint = "check the place on Earth and the ground at home, and state it where the map tells it by voxels only"
+    for what, line, leg in (("take-off", lines.rise, 0), ("landing", lines.descent, -1)):
+        if line is not None and not wrong:
+            found = upright(line, mission, leg)
+            clearance = float(np.fmin(clearance, found.clearance))
+            if not found.ok:
+                wrong = f"on {what} {_complaint(found, mission.legs[leg].radius)}"
+                hint = f"{what} is straight, to or from the ground: choose another end, or leave both out"
+    if not wrong and lines.holds is not None:
+        for autopilot in autopilots:
+            corners, least = cut_corners(waypoints_of(lines), mission, autopilot)
+            clearance = min(clearance, least)
+            if corners and not wrong:
+                wrong = _cut_too_near(corners, lines, mission, autopilot)
+                hint = (
+                    f"hold there for {autopilot.rests_after:g} s, so that the vehicle stops, or plan with more margin"
+                )
+    if not wrong and not aside <= away:
+        wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
+    if wrong:
+        raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
+    return AsFlown(clearance, aside)
+
+
+def waypoints_of(lines: Lines) -> Waypoints:
+    """The waypoints of a file that has holds."""
+    assert lines.holds is not None
+    assert lines.accepted is not None
+    return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None)
+
+
+def _cut_too_near(corners: Mapping[int, float], lines: Lines, mission: Mission, autopilot: Autopilot) -> str:
+    """What is wrong with the first of some corners, in words."""
+    k = min(corners)
+    x, y, z = lines.parts[0][k].tolist()
+    where = f"waypoint {k + 1} of {len(lines.parts[0])} (x {x:.1f}, y {y:.1f}, z {z:.1f})"
+    if math.isnan(corners[k]):
+        return f"{autopilot.label} does not stop at {where}, where it has to"
+    return (
+        f"{autopilot.label} cuts the corner at {where} and comes within {corners[k]:.2f} m of something, "
+        f"where {mission.radius:g} m are to be kept"
+    )
+
+
+def _meant(mission: Mission, trajectory: Trajectory | None) -> Lines:
+    if trajectory is None:
+        return Lines((mission.path,))
+    motion = trajectory.sampled(_FINE)
+    return Lines((motion.position,), motion.time)
+
+
+def _pieces(file: Path, lines: Lines, mission: Mission, trajectory: Trajectory | None) -> list[_Piece]:
+    if trajectory is not None and lines.times is not None:
+        return list(_stretches(lines.parts[0], lines.times, mission, trajectory))
+    parts = lines.parts
+    if len(parts) == 1 and len(mission.legs) > 1:
+        (line,) = parts
+        if len(line) != len(mission.path):
+            raise ValueError(f"{file}: expected {len(mission.path)} waypoints, read back {len(line)}")
+        parts = tuple(line[first : last + 1] for first, last in itertools.pairwise(mission.places.tolist()))
+    if len(parts) != len(mission.legs):
+        raise ValueError(f"{file}: expected lines of {len(mission.legs)} legs, read back {len(parts)}")
+    found = []
+    for k, (line, leg) in enumerate(zip(parts, mission.legs, strict=True)):
+        # Where two legs' ends differ by what they were moved, the exemption covers both.
+        joint = math.dist(mission.path[mission.places[k]], leg.path[0])
+        start, goal = (reach + joint if reach else 0.0 for reach in leg.exemptions)
+        found.append(_Piece(line, leg.radius, (start, goal)))
+    return found
+
+
+def _stretches(
+    points: Points, times: Float64[np.ndarray, " n"], mission: Mission, trajectory: Trajectory
+) -> Iterator[_Piece]:
+    """Set-points from one waypoint where something changes to the next, where the vehicle is at rest."""
+    exempt, legs = trajectory.exemptions, mission.legs
+    cuts = [k for k in range(1, len(legs)) if exempt[k] > 0.0 or legs[k - 1].radius != legs[k].radius]
+    for first, last in itertools.pairwise([0, *cuts, len(legs)]):
+        begin = -math.inf if first == 0 else float(trajectory.passes[first])
+        end = math.inf if last == len(legs) else float(trajectory.passes[last])
+        inside = points[(times > begin) & (times < end)]
+        cut = [_at(time, times, points) if math.isfinite(time) else points[:0] for time in (begin, end)]
+        line = np.concatenate([cut[0], inside, cut[1]])
+        yield _Piece(line, legs[first].radius, (exempt[first], exempt[last]), _sag(trajectory, times))
+
+
+def _at(time: float, times: Float64[np.ndarray, " n"], points: Points) -> Points:
+    return np.array([[np.interp(time, times, column) for column in points.T]])
+
+
+def _sag(trajectory: Trajectory, times: Float64[np.ndarray, " n"]) -> float:
+    """How far a curve lies from the straight lines between some of its points, at most: a t² / 8 [m].
+
+    It is the curve's that was meant, not that of what a file holds: that may be anything.
+    """
+    fastest = np.linalg.norm(trajectory.at(times).acceleration, axis=1).max()
+    return float(fastest * np.diff(times, prepend=times[0]).max() ** 2) / 8.0
+
+
+def _verdict(pieces: list[_Piece], where: VoxelMap) -> tuple[float, str]:
+    """Least clearance [m], and what is wrong in words; empty where nothing is."""
+    whole = verify(np.concatenate([piece.points for piece in pieces]), where)
+    if not whole.ok:
+        return whole.clearance, _complaint(whole, 0.0)
+    for piece in pieces:
+        kept = max(piece.radius - piece.sag, 0.0)
+        found = verify(piece.points, where, radius=kept, exemptions=piece.exemptions)
+        if not found.ok:
+            return whole.clearance, _complaint(found, piece.radius)
+    return whole.clearance, ""
+
+
+def _complaint(found: Verification, radius: float) -> str:
+    if not found.inside:
+        return "it leaves the map"
+    near = ""
+    if found.nearest is not None:
+        x, y, z = found.nearest
+        near = f"its least clearance is {found.clearance:.2f} m, at x {x:.1f}, y {y:.1f}, z {z:.1f}"
+    if found.too_near:
+        return f"{near}, where {radius:g} m are to be kept"
+    return f"it comes onto the ground or touches something, voxel {found.first_hit}; {near or 'near nothing else'}"
+
+
+def upright(line: Points, mission: Mission, leg: int) -> Verification:
+    """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count."""
+    where, plan = mission.map, mission.legs[leg]
+    ground = np.asarray(where.ground)
+    obstacles = VoxelMap(np.asarray(where.occupied) & ~ground, np.zeros_like(ground), None, where.grid)
+    if where.closed is not None:
+        areas = np.where(np.asarray(where.closed) == Closure.AREA, np.uint8(Closure.AREA), np.uint8(Closure.OPEN))
+        obstacles = obstacles.closing(areas)
+    # Below the map's lowest layer is ground.
+    low = where.grid.lower[2] + 1e-6 * where.grid.spacing
+    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], low)])
+    # A rise ends where the plan starts, a descent begins where it ends.
+    exemptions = (plan.exemptions[1], 0.0) if leg else (0.0, plan.exemptions[0])
+    return verify(clipped, obstacles, radius=plan.radius, exemptions=exemptions)
+
+
+def _aside(lines: Lines, mission: Mission, trajectory: Trajectory | None) -> float:
+    """Greatest distance between what was read and what was meant [m]: at each time, else of points to lines."""
+    if trajectory is not None and lines.times is not None:
+        return float(np.linalg.norm(trajectory.at(lines.times).position - lines.parts[0], axis=1).max())
+    read, meant = _moving(np.concatenate(lines.parts)), _moving(mission.path)
+    if min(len(read), len(meant)) < 2:
+        return float(np.linalg.norm(read[0] - meant[0]))
+    return float(max(project(read, meant)[0].max(), project(meant, read)[0].max()))
+
+
+def _moving(points: Points) -> Points:
+    """Points without those that are the one before."""
+    found: Points = points[np.r_[True, (points[1:] != points[:-1]).any(axis=1)]]
+    return found

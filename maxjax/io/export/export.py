@@ -1,0 +1,264 @@
+"""Plans, missions and trajectories as files, the format by the name's ending; each written whole or not at all.
+
+Each is read back as what it is to fly, and judged against the map, before it takes its place.
+
+.plan         QGroundControl's mission       needs a place on Earth
+.waypoints    "QGC WPL 110"                  needs a place on Earth
+.geojson      lines, RFC 7946                needs a place on Earth
+.kml          lines, KML 2.2                 needs a place on Earth
+.csv          set-points, ENU                needs a trajectory
+_ned.csv      set-points, NED                needs a trajectory
+.tum          poses                          needs a trajectory
+.rosbag       nav_msgs/Path, ROS 2           needs a trajectory
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from maxjax.core.files import atomic_write
+from maxjax.core.status import Status
+from maxjax.io.airspace.airspace import Airspace
+from maxjax.io.export.as_flown import AWAY, AsFlown, judged
+from maxjax.io.export.autopilot import BOTH, Autopilot
+from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
+from maxjax.io.export.items import Feet
+from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
+from maxjax.io.export.rosbag import check_rosbags, write_bag
+from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
+from maxjax.io.export.waypoint_file import WaypointFile
+from maxjax.io.geo.earth import Earth
+from maxjax.io.load import LoadedMap
+from maxjax.planning.mission import Mission
+from maxjax.planning.plan import Plan
+from maxjax.trajectories.trajectory import Trajectory
+
+ON_EARTH = (".plan", ".waypoints", ".geojson", ".kml")
+_FROM_HOME = (".plan", ".waypoints")
+IN_TIME = (".csv", ".tum", ".rosbag")
+_EVERY = 0.05  # between set-points and poses [s]
+_SPEED = 5.0  # of a mission whose plan has no trajectory [m/s]; PX4's MPC_XY_CRUISE
+
+
+def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
+    """Find out before the work whether a plan can be written to a file.
+
+    Args:
+        file: to write.
+        on_earth: whether it is known where the map lies.
+        in_time: whether there will be a trajectory.
+
+    Raises:
+        ValueError: if the ending names no format, or its format needs a place on Earth or times that are missing.
+        ImportError: where a package is missing that the format needs.
+    """
+    ending = file.suffix.lower()
+    if ending not in ON_EARTH + IN_TIME:
+        known = ", ".join((*ON_EARTH, *IN_TIME))
+        raise ValueError(f"{file}: expected a name that ends in one of {known}, given {ending or 'no ending'!r}")
+    if ending in ON_EARTH and not on_earth:
+        raise ValueError(f"{file}: expected a place on Earth for {ending}: latitude, longitude and height of the map")
+    if ending in IN_TIME and not in_time:
+        raise ValueError(f"{file}: expected a trajectory for {ending}; make one with maxjax.trajectory")
+    if not file.absolute().parent.is_dir():
+        raise ValueError(f"{file}: expected a folder {file.absolute().parent} to write it to; make it first")
+    if ending == ".rosbag":
+        check_rosbags()
+
+
+def export(  # noqa: PLR0913 (the keywords of a public call)
+    file: str | Path,
+    flight: Plan | Mission | Trajectory,
+    *,
+    earth: Earth | None = None,
+    ground: float | None = None,
+    airspace: Airspace | None = None,
+    takeoff_and_landing: bool = False,
+    autopilot: Autopilot | None = None,
+) -> AsFlown:
+    """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
+
+    `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
+    home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
+    waypoints that are hovered at, or whose corner an autopilot would cut too near to something; and the speed of each
+    leg, or that of the trajectory's limits. `.geojson` and `.kml`
+    have a line for each leg. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU; where the name ends
+    in `_ned.csv` in NED, true north, from the ground below the start.
+
+    Before it takes its place, what is written is read back, put on the map's own ground and judged against the map
+    (`io.export.as_flown`); a file that would lead elsewhere is not written.
+
+    Args:
+        file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
+        flight: what to write; formats with times need a trajectory.
+        earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
+            `io.geo.earth.Degrees`. None: where its file says.
+        ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
+        airspace: whose areas become the geofence of a `.plan`.
+        takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
+            ends with a landing, upright from the goal.
+        autopilot: that a `.plan` or a `.waypoints` file is for: `maxjax.Autopilot.px4()` or `.arducopter()`, with
+            parameters of its own or without. None: it is judged for both, each with its defaults.
+
+    Returns:
+        What the file makes a vehicle fly.
+
+    Raises:
+        ValueError: if the plan has no path, the ground is no height or unknown, the file would come nearer to something
+            than the plan may, or for what `check_export` finds.
+        ImportError: if a package is missing that the format needs.
+        OSError: if it cannot be written.
+    """
+    file = Path(file)
+    timed = flight if isinstance(flight, Trajectory) else None
+    plan = flight.plan if isinstance(flight, Trajectory) else flight
+    place = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
+    check_export(file, on_earth=place is not None, in_time=timed is not None)
+    if plan.status != Status.OK:
+        raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
+    mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
+    if ground is not None and not math.isfinite(ground):
+        raise ValueError(f"ground: expected a height in metres, given {ground}")
+    standings, near = _standings(mission, place, ground), tuple(map(str, mission.near))
+    if ending == ".rosbag" and timed is not None:
+        found: list[AsFlown] = []
+        motion = timed.sampled(_EVERY)
+        write_bag(file, motion, lambda bag: found.append(judged(file, lines_in_bag(bag), mission, timed)))
+        return dataclasses.replace(found[0], remarks=near)
+    if timed is not None and ending in IN_TIME:
+        text = _in_time(file, timed, _origin(file, mission, ground, place))
+        flown = _judged(file, text, mission, timed, standings)
+        atomic_write(file, text)
+        return dataclasses.replace(flown, remarks=near)
+    assert place is not None
+    speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
+    if ending not in _FROM_HOME:
+        drawings = _drawings(mission, place, speed)
+        text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
+        flown = _judged(file, text, mission, None, standings)
+        atomic_write(file, text)
+        return dataclasses.replace(flown, remarks=near)
+    feet = _feet(file, mission, ground, takeoff_and_landing)
+    autopilots = BOTH if autopilot is None else (autopilot,)
+    made = WaypointFile(file, mission, place, speed, feet, airspace, autopilots, standings).made()
+    flown = _judged(file, made.text, mission, None, standings, autopilots)
+    atomic_write(file, made.text)
+    return dataclasses.replace(
+        flown,
+        remarks=made.remarks,
+        stops=made.stops,
+        return_height=made.return_height,
+        autopilots=made.autopilots,
+    )
+
+
+def write_parameters(file: Path, flown: AsFlown) -> list[Path]:
+    """Write the parameters that a file of waypoints relies on beside it, a file for each autopilot.
+
+    Args:
+        file: of waypoints.
+        flown: what `export` said of it.
+
+    Returns:
+        The files: `NAME_arducopter.param` for Mission Planner, `NAME_px4.params` for QGroundControl.
+
+    Raises:
+        OSError: if they cannot be written.
+    """
+    written = []
+    for autopilot in flown.autopilots:
+        ending, text = autopilot.parameter_file
+        beside = file.with_name(f"{file.stem}_{autopilot.name}{ending}")
+        atomic_write(beside, text)
+        written.append(beside)
+    return written
+
+
+def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> tuple[Standing, ...]:
+    """Where the vehicle may stand: where only voxels tell the ground, up to a voxel lower as well."""
+    terrain = mission.map.terrain
+    found = [Standing(earth, terrain, ground)]
+    lower = terrain.at(*mission.path[0, :2].tolist()) - terrain.doubt
+    if ground is None and terrain.doubt > 0.0 and not math.isnan(lower):
+        found.append(Standing(earth, terrain, lower))
+    return tuple(found)
+
+
+def _judged(
+    file: Path,
+    text: str,
+    mission: Mission,
+    trajectory: Trajectory | None,
+    standings: Sequence[Standing],
+    autopilots: Sequence[Autopilot] = (),
+) -> AsFlown:
+    """The worst of what a text makes a vehicle fly, wherever it may stand."""
+    found = [
+        judged(file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt, autopilots)
+        for k, standing in enumerate(standings)
+    ]
+    return min(found, key=lambda one: one.clearance)
+
+
+def counts_from_home(file: Path) -> bool:
+    """Whether heights in a file count from the ground at home."""
+    ending = file.suffix.lower()
+    return ending in _FROM_HOME or (ending == ".csv" and file.stem.lower().endswith("_ned"))
+
+
+def _home(file: Path, mission: Mission, ground: float | None) -> float:
+    """Height of the ground below the start [m]; raises a `ValueError` where it is unknown."""
+    x, y, _ = mission.path[0].tolist()
+    home = mission.map.terrain.at(x, y) if ground is None else ground
+    if math.isnan(home):
+        raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
+    return home
+
+
+def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:
+    """Where the ground is; raises a `ValueError` where that is unknown."""
+    home, (x, y, _) = _home(file, mission, ground), mission.path[-1].tolist()
+    goal = mission.map.terrain.at(x, y)
+    if landing and math.isnan(goal):
+        raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
+    return Feet(home, goal if landing else None)
+
+
+def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:
+    """Where NED counts from, home; None for a file that is none."""
+    x, y, _ = mission.path[0].tolist()
+    return LocalOrigin((x, y, _home(file, mission, ground)), earth) if counts_from_home(file) else None
+
+
+def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:
+    motion = trajectory.sampled(_EVERY)
+    if file.suffix.lower() == ".tum":
+        return tum_text(motion)
+    return setpoint_text(motion, origin)
+
+
+def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:
+    """A line for each leg, and a point for each waypoint between them."""
+    places, drawings = earth.geodetic(mission.path), []
+    for k, leg in enumerate(mission.legs):
+        first, last = mission.places[k : k + 2].tolist()
+        known: dict[str, float | str] = {
+            "length_m": leg.length,
+            "radius_m": leg.radius,
+            "clearance_m": _finite(leg.clearance),
+        }
+        known["speed_m_s"] = min(mission.waypoints[k + 1].speed or speed, speed)
+        said = "; ".join(str(one) for one in mission.near if one.number in (k, k + 1))
+        known |= {"radius_not_kept": said} if said else {}
+        drawings.append(Drawing(f"leg {k + 1}", places[first : last + 1], known))
+    for k, waypoint in enumerate(mission.waypoints[1:-1], 1):
+        at = mission.places[k]
+        drawings.append(Drawing(f"waypoint {k}", places[at : at + 1], {"hover_s": waypoint.hover or 0.0}))
+    return drawings
+
+
+def _finite(number: float) -> float | str:
+    return number if math.isfinite(number) else "infinite"

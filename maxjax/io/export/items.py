@@ -1,0 +1,133 @@
+"""A mission as MAVLink's mission items, which two file formats hold.
+
+Every point of the path is a NAV_WAYPOINT in the frame GLOBAL_RELATIVE_ALT: latitude, longitude, and height above home;
+where the mission hovers, it holds for that time. A DO_CHANGE_SPEED stands before a leg whose speed is another one. The
+fourth parameter, the heading, is the course over ground of the way to the point, in degrees from true north.
+
+PX4 takes a waypoint for reached within the acceptance radius of its item and turns to the next one; ArduCopter has a
+radius of its own (`io.export.autopilot`). Where a corner may not be cut (`io.export.corners`), a hold makes the vehicle
+stop. Take-off and landing are upright ways to the first and from the last point, where they are asked for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float64
+
+from maxjax.io.geo.earth import Earth, TangentPlane
+from maxjax.planning.mission import Mission
+
+# MAVLink's numbers.
+WAYPOINT, LAND, TAKE_OFF, CHANGE_SPEED = 16, 21, 22, 178
+GLOBAL, MISSION, RELATIVE = 0, 2, 3
+_GROUND_SPEED, _SAME_THROTTLE = 1.0, -1.0
+_ACCEPTANCE = 0.5  # [m]
+_UPRIGHT = 1e-3  # from one point to the next, below which a way has no course [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """A mission item.
+
+    Attributes:
+        command, frame: MAVLink's numbers.
+        params: seven; the last three are latitude, longitude [degrees] and height [m] where it is a place. None: the
+            vehicle's own choice.
+    """
+
+    command: int
+    frame: int
+    params: tuple[float | None, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Items:
+    """What an autopilot is sent.
+
+    Attributes:
+        home: latitude, longitude [degrees] and height above sea level [m] of where it is armed.
+        speed: of the first leg [m/s].
+        items: what to do, in order.
+        rally: latitude, longitude [degrees] and height above home [m] of where a return to launch leads; None: home.
+    """
+
+    home: tuple[float, float, float]
+    speed: float
+    items: tuple[Item, ...]
+    rally: tuple[float, float, float] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Feet:
+    """Heights of the ground [m], in the map's coordinates.
+
+    Attributes:
+        home: below the first point.
+        landing: below the last point, where a take-off and a landing are asked for; None where they are not.
+    """
+
+    home: float
+    landing: float | None = None
+
+
+def items_of(
+    mission: Mission, earth: Earth, speed: float, feet: Feet, stops: Mapping[int, float] = MappingProxyType({})
+) -> Items:
+    """The items of a mission.
+
+    Args:
+        mission: one that is OK, in the map's coordinates.
+        earth: where the map lies.
+        speed: of legs that have none of their own, and the most of those that have [m/s].
+        feet: where the ground is.
+        stops: how long to hold at points of the path, at least, by number [s].
+    """
+    path = mission.path
+    latitude, longitude, height = earth.geodetic(np.array([[path[0, 0], path[0, 1], feet.home]]))[0].tolist()
+    on_earth = earth.geodetic(path)
+    courses = courses_of(on_earth)
+    holds = dict(zip(mission.places.tolist(), (waypoint.hover or 0.0 for waypoint in mission.waypoints), strict=True))
+    places = [
+        Item(
+            WAYPOINT,
+            RELATIVE,
+            (max(holds.get(k, 0.0), stops.get(k, 0.0)), _ACCEPTANCE, 0.0, courses[k], north, east, up - height),
+        )
+        for k, (north, east, up) in enumerate(on_earth.tolist())
+    ]
+    speeds = [min(waypoint.speed or speed, speed) for waypoint in mission.waypoints[1:]]
+    items, last = [], None
+    for k, own in enumerate(speeds):
+        if own != last:
+            items.append(Item(CHANGE_SPEED, MISSION, (_GROUND_SPEED, own, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)))
+        items += places[mission.places[k] + (k > 0) : mission.places[k + 1] + 1]
+        last = own
+    if feet.landing is not None:
+        north, east, up = on_earth[0].tolist()
+        foot = earth.geodetic(np.array([[path[-1, 0], path[-1, 1], feet.landing]]))[0].tolist()
+        items.insert(0, Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, courses[0], north, east, up - height)))
+        items.append(Item(LAND, RELATIVE, (0.0, 0.0, 0.0, courses[-1], foot[0], foot[1], foot[2] - height)))
+    return Items((latitude, longitude, height), speeds[0], tuple(items))
+
+
+def courses_of(places: Float64[np.ndarray, "n 3"]) -> list[float]:
+    """Course of the way to each point, and from the first one [degrees from true north, 0 to 360].
+
+    An upright way has that of the one before, the first ones that of the first that leads anywhere; without any, 0.
+
+    Args:
+        places: latitude, longitude [degrees] and height [m].
+    """
+    found: list[float | None] = [None]
+    for here, there in itertools.pairwise(places):
+        ((east, north, _),) = TangentPlane(*here.tolist()).local(there[None]).tolist()
+        upright = math.hypot(east, north) < _UPRIGHT
+        found.append(found[-1] if upright else math.degrees(math.atan2(east, north)) % 360.0)
+    first = next((course for course in found if course is not None), 0.0)
+    return [first if course is None else course for course in found]

@@ -1,0 +1,187 @@
+"""Files of waypoints, `.plan` and `.waypoints`, made so that the autopilots that are to fly them keep the radius.
+
+    text → read back → corners that are cut too near (`io.export.corners`) → a stop at each → text
+
+Inserted points would not do: an autopilot passes over those within its radius. A hold does, since it comes to rest for
+one. What a file relies on, and the height of a return to launch that is clear, are stated in it and beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from maxjax.io.airspace.airspace import Airspace
+from maxjax.io.export.as_flown import upright, waypoints_of
+from maxjax.io.export.autopilot import Autopilot
+from maxjax.io.export.corners import cut_corners
+from maxjax.io.export.fences import fences_of
+from maxjax.io.export.items import Feet, Items, items_of
+from maxjax.io.export.qgroundcontrol import plan_text
+from maxjax.io.export.read_back import Standing, lines_in
+from maxjax.io.export.return_height import ReturnHeight, return_height
+from maxjax.io.export.waypoint_list import waypoint_text
+from maxjax.io.geo.earth import Earth
+from maxjax.planning.mission import Mission
+
+_SHOWN = 3  # places that a sentence names
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WaypointFile:
+    """What a file of waypoints is to hold.
+
+    Attributes:
+        file: whose name says the format.
+        mission: in the map.
+        earth: where the map lies.
+        speed: of legs that have none of their own, and the most of those that have [m/s].
+        feet: where the ground is.
+        airspace: whose areas become a geofence, where the format has one.
+        autopilots: that are to fly it, each by itself.
+        standings: where the vehicle may stand.
+    """
+
+    file: Path
+    mission: Mission
+    earth: Earth
+    speed: float
+    feet: Feet
+    airspace: Airspace | None
+    autopilots: tuple[Autopilot, ...]
+    standings: tuple[Standing, ...]
+
+    def made(self) -> Made:
+        """The text, with as many stops as it needs."""
+        back = return_height(self.mission)
+        hold = max(autopilot.rests_after for autopilot in self.autopilots)
+        stops = {} if self.feet.landing is None else dict.fromkeys((0, len(self.mission.path) - 1), hold)
+        needed = dict[int, float]()
+        while True:
+            draft = self._draft(stops, back, needed)
+            found = self._too_near(draft.text)
+            if not found.keys() - stops.keys():
+                return draft
+            needed |= {k: found[k] for k in found.keys() - stops.keys()}
+            stops |= dict.fromkeys(found, hold)
+
+    def _too_near(self, text: str) -> dict[int, float]:
+        """Least clearance at the corners that lead too near to something, by number, for any autopilot and standing."""
+        found = dict[int, float]()
+        for standing in self.standings:
+            waypoints = waypoints_of(lines_in(self.file, text, standing))
+            if len(waypoints.places) != len(self.mission.path):
+                continue  # which the judgement refuses
+            for autopilot in self.autopilots:
+                corners, _ = cut_corners(waypoints, self.mission, autopilot)
+                found |= {k: float(np.fmin(found.get(k, math.nan), least)) for k, least in corners.items()}
+        return found
+
+    def _draft(self, stops: Mapping[int, float], back: ReturnHeight, needed: Mapping[int, float]) -> Made:
+        height = self._above_home(back.height)
+        autopilots = tuple(autopilot.returning(height) for autopilot in self.autopilots)
+        items = items_of(self.mission, self.earth, self.speed, self.feet, stops)
+        remarks = [
+            *map(str, self.mission.near),
+            *self._stop_remarks(stops, needed),
+            *self._return_remarks(back, height),
+        ]
+        if self.file.suffix.lower() == ".waypoints":
+            return Made(waypoint_text(items), (*remarks, *map(_relies, autopilots)), tuple(needed), height, autopilots)
+        fences, lost = fences_of(self.airspace, self.mission.path, self.earth)
+        remarks = [*lost, *remarks]
+        text = plan_text(self._with_rally(items, height), fences, autopilots, remarks)
+        return Made(text, (*remarks, *map(_relies, autopilots)), tuple(needed), height, autopilots)
+
+    def _above_home(self, height: float) -> float:
+        """A height of the map above the ground at home, as low as that may be [m], rounded up to 0.1 m."""
+        doubt = self.standings[0].terrain.doubt if len(self.standings) > 1 else 0.0
+        return (
+            max(0.0, math.ceil(10.0 * (height - self.feet.home + doubt) - 1e-6) / 10.0) if height > -math.inf else 0.0
+        )
+
+    def _with_rally(self, items: Items, height: float) -> Items:
+        """The items with a rally point at home, where they are made for one autopilot.
+
+        ArduCopter flies to a rally point at its height; PX4 counts its return height from there.
+        """
+        if len(self.autopilots) > 1:
+            return items
+        north, east, _ = items.home
+        above = height if self.autopilots[0].name == "arducopter" else 0.0
+        return dataclasses.replace(items, rally=(north, east, above))
+
+    def _stop_remarks(self, stops: Mapping[int, float], needed: Mapping[int, float]) -> list[str]:
+        if not needed:
+            return []
+        least = float(np.nanmin([*needed.values(), math.inf]))
+        shown = sorted(needed)[:_SHOWN]
+        places = "; ".join(_place(self.mission.path[k].tolist()) for k in shown)
+        more = f" and {len(needed) - len(shown)} more" if len(needed) > len(shown) else ""
+        names = " or ".join(autopilot.label for autopilot in self.autopilots)
+        return [
+            f"the vehicle stops for {max(stops.values()):g} s at {len(needed)} of {len(self.mission.path)} waypoints, "
+            f"{places}{more}: flown through, {names} would cut their corners and come within {least:.2f} m of "
+            f"something, where {self.mission.radius:g} m are to be kept; more margin makes them wider"
+        ]
+
+    def _return_remarks(self, back: ReturnHeight, height: float) -> list[str]:
+        found = []
+        why = "nothing stands on the way from anywhere"
+        if height > 0.0:
+            over = self._above_home(back.top)
+            why = (
+                f"on the way from {_place(back.origin)} it leads over what is {over:.1f} m high at "
+                f"x {back.over[0]:.1f}, y {back.over[1]:.1f}"
+            )
+        found.append(f"a return to launch is clear {height:.1f} m above home and higher: {why}")
+        for autopilot in self.autopilots:
+            if autopilot.return_height < height:
+                parameter = "RTL_ALT" if autopilot.name == "arducopter" else "RTL_RETURN_ALT"
+                value = autopilot.returning(height).parameters[parameter]
+                found.append(
+                    f"{autopilot.label} returns at {autopilot.return_height:g} m and may touch something on its way: "
+                    f"set {parameter} to {value:g}"
+                )
+        if back.covered:
+            found.append(
+                f"from {len(back.covered)} of {back.places} places of the way no return to launch is clear, since "
+                f"something stands above them, first at {_place(back.covered[0])}"
+            )
+        x, y, z = self.mission.path[0].tolist()
+        if not upright(np.array([[x, y, self.feet.home], [x, y, z]]), self.mission, 0).ok:
+            found.append("home is not clear: a descent from the start to the ground below it would touch something")
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A file of waypoints.
+
+    Attributes:
+        text: of the file.
+        remarks: sentences on what it does not hold, and on what it relies.
+        stops: numbers of the path's points that are stopped at for their corners.
+        return_height: above home, from which on a return to launch is clear [m].
+        autopilots: with the parameters that it relies on.
+    """
+
+    text: str
+    remarks: tuple[str, ...]
+    stops: tuple[int, ...]
+    return_height: float
+    autopilots: tuple[Autopilot, ...]
+
+
+def _relies(autopilot: Autopilot) -> str:
+    listed = ", ".join(f"{name} {value:g}" for name, value in autopilot.parameters.items())
+    return f"flown by {autopilot.label} it relies on {listed}"
+
+
+def _place(point: Sequence[float]) -> str:
+    x, y, z = point
+    return f"x {x:.1f}, y {y:.1f}, z {z:.1f}"

@@ -1,0 +1,1 @@
+"""From a potential to a path: ascent, string pulling, line of sight."""

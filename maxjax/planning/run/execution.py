@@ -1,0 +1,277 @@
+"""How a task is carried out: the same plans, in the way that the device runs best.
+
+    staged           formulate | solve | ascend | tighten | price, each by itself    a CPU
+    on the host      formulate | the planner's own search                        planners that are not batched
+    single program   all of it in one, one message in, one out                   one problem, accelerator
+    pipelined        chunks of problems (`planning.run.pipeline`)                    many problems, accelerator
+
+and in all of them the verifier at the end, once for all paths. On a CPU a few problems are planned at a time, each on a
+core. A field is solved in a window of the map wherever that proves the same (`planning.windows.focus_window`). Where an
+ascent runs out of steps, it is made again with four times as many, in every way by `with_longer_ascents`: a maze can
+need more of them than a city.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Int64
+
+from maxjax.compile.lowering import target
+from maxjax.compile.program import Program
+from maxjax.compile.stage_timer import Recorder, recording, timed
+from maxjax.compile.threads import concurrently
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.planning.path.ascent import Ascent
+from maxjax.planning.path.route import Route, RouteFn, Routes, failed, found, whole
+from maxjax.planning.plan import Plans
+from maxjax.planning.planner import Planner
+from maxjax.planning.problem.problem import Problem
+from maxjax.planning.problem.taken_end import plans_of_taken_ends
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run import pipeline
+from maxjax.planning.run.field_planner import ASCEND, TIGHTEN, FieldPlanner, potential_field
+from maxjax.planning.run.verifying import verified, with_closures
+from maxjax.planning.windows.corridor import in_corridor
+from maxjax.planning.windows.focus_window import View, in_windows
+
+# Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
+_CHUNK = 32
+# Windows are small, and their kernels short: as many at a time as have so many voxels, and how many those may be.
+_VOXELS, _WINDOWS = 2**26, 512
+# Voxels of the largest map that is solved as a whole where no window answers.
+_LARGEST_WHOLE = 2**22
+# Steps of the further ascents, in terms of those of the first one, until one arrives.
+_FACTORS = (4, 16, 64, 256, 1024)
+
+
+def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plans:
+    """Plan all problems of a task, and verify their paths together.
+
+    Args:
+        task: what to plan.
+        planner: how. A `FieldPlanner` is carried out as suits the target, in windows if it has `focus`; of any other
+            the whole map is asked.
+        chunk: problems that go through a device at a time. None: what suits the target; on a CPU one by one.
+
+    Returns:
+        One plan a problem. In chunks each has an equal share of the `timings`, and so it has of `verify`.
+    """
+    if (taken := plans_of_taken_ends(task, planner.name)) is not None:
+        spent = {name: np.full(len(task), s) for name, s in Recorder().report().items()}
+        return with_closures(dataclasses.replace(taken, timings=spent))
+    routes = routes_of(task, planner, chunk=chunk)
+    return plans_of(routes, task, planner.name)
+
+
+def plans_of(routes: Routes, task: Task, method: str) -> Plans:
+    """Plans of routes: verified, with a radius that joins where the one asked for does not, and with closures."""
+    with recording() as recorder:
+        plans = verified(routes.route, task, method)
+        plans = with_closures(with_largest_radii(plans))
+    spent, share = recorder.report(), np.arange(len(task))
+    timings = routes.spending(share, {name: np.full(len(task), s / len(task)) for name, s in spent.items()}).timings
+    return dataclasses.replace(plans, timings=timings, ratio=np.where(plans.ok, routes.ratio, math.nan))
+
+
+def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Routes:
+    """Routes of all problems of a task, not yet verified; arguments as those of `plan_task`."""
+    chunked = planner.batched and (chunk is not None or target() != "cpu")
+
+    def find(view: View) -> Routes:
+        return _in_chunks(view, planner, chunk) if chunked else one_by_one(view, planner)
+
+    def find_all(views: list[View]) -> list[Routes]:
+        # One shape is compiled beside the others.
+        return list(concurrently(find, views, len(views))) if chunked and len(views) > 1 else list(map(find, views))
+
+    def otherwise(some: Task) -> Routes:
+        """Routes of what no window answers."""
+        if math.prod(some.grid.shape) <= _LARGEST_WHOLE:
+            return find(View(some))
+        found = Routes.blank(len(some))
+        for k in range(len(some)):
+            found = found.put(np.array([k]), _routed(some.some(slice(k, k + 1))))
+        return found
+
+    def _routed(one: Task) -> Routes:
+        """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
+        guided = in_corridor(one, find_all, problem_shown)
+        if guided.ok.all():
+            return guided
+        return find(View(one)).spending(np.arange(1), guided.timings)
+
+    focused = isinstance(planner, FieldPlanner) and planner.focus
+    return in_windows(task, find_all, otherwise) if focused else find(View(task))
+
+
+def with_largest_radii(plans: Plans) -> Plans:
+    """The plans; those that end as NO_SAFE_PATH with a radius that joins their ends."""
+    task, radius = plans.task, plans.radius.copy()
+    for k in np.flatnonzero(plans.status == Status.NO_SAFE_PATH).tolist():
+        view = View(task.some(slice(k, k + 1)))
+        radius[k] = _LARGEST(pipeline.parts_of(view), layout=pipeline.layout_of(view))
+    return dataclasses.replace(plans, radius=radius)
+
+
+def one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> Routes:
+    """Routes of a view problem by problem; those of a batched planner on all cores, by a finder if one is given."""
+    find = finder or _host_finder(planner)
+
+    def one(k: int) -> tuple[Route, dict[str, float]]:
+        with recording() as recorder:
+            shown = view.some(slice(k, k + 1))
+            problem = problem_shown(shown)
+            status = fetched(problem.status)
+            route = failed(status) if status != Status.OK else find(problem, view.grid)
+            route = whole_route(problem, route, view.grid)
+        return route, recorder.report()
+
+    # The first by itself: it may compile.
+    results = [one(0)]
+    cores = (os.cpu_count() or 1) if planner.batched else 1
+    results += concurrently(one, range(1, len(view)), cores)
+    routes, timings = zip(*results, strict=True)
+    found = Routes.of(routes, timings)
+    return Routes(view.placed(found.route), found.timings)
+
+
+def _host_finder(planner: Planner) -> RouteFn:
+    """How routes are found one by one: by stages, by one program, or by the planner's own search."""
+    if isinstance(planner, FieldPlanner):
+        return staged(planner)
+    if not planner.batched:
+        return planner.route
+
+    def find(problem: Problem, grid: Grid) -> Route:
+        route: Route = _ROUTE(problem, grid=grid, planner=planner)
+        return jax.tree.map(np.asarray, route)  # type: ignore[no-any-return]
+
+    return find
+
+
+def _route(problem: Problem, grid: Grid, planner: Planner) -> Route:
+    return planner.route(problem, grid)
+
+
+def problem_of(task: Task) -> Problem:
+    """The only problem of a task, formulated in its whole map."""
+    return problem_shown(View(task))
+
+
+def problem_shown(view: View) -> Problem:
+    """The only problem that a device is shown."""
+    problem: Problem = _FORMULATE(pipeline.parts_of(view), layout=pipeline.layout_of(view))
+    return problem
+
+
+def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
+    """`route.completed` on the host."""
+    if route.status != Status.OK:
+        return dataclasses.replace(route, path=np.zeros((0, 3), np.float32))
+    path = np.asarray(route.path)
+    path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
+    (path, cost), exemptions = fetched((_PRICE(problem.ends, problem.price, path), problem.exemptions))
+    return dataclasses.replace(
+        route, path=path, exemptions=exemptions, cost=np.asarray(grid.spacing * cost, np.float32)
+    )
+
+
+# Paths are filled up to whole multiples of so many points, so that searches share programs.
+_POINTS = 128
+
+_FORMULATE = Program("formulate", pipeline.formulated, static=("layout",))
+_LARGEST = Program("largest radius", pipeline.largest, static=("layout",))
+_PRICE = Program("price", whole)
+_ROUTE = Program("route", _route, static=("grid", "planner"))
+
+
+def fetched(tree: Any) -> Any:
+    """Arrays on the host, all at once: on an accelerator every fetch costs as much as a short program."""
+    with timed("transfer"):
+        return jax.device_get(tree)
+
+
+def staged(planner: FieldPlanner, factors: Sequence[int] = _FACTORS) -> RouteFn:
+    """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
+
+    def find(problem: Problem, grid: Grid) -> Route:
+        field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, planner.potential)
+        room = problem.room
+
+        def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
+            ends = problem.start, problem.goal
+            path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings, room=room)
+            taut = TIGHTEN(sight.codes, path, problem.price, room=room)
+            verdict = field.status, field.certified, field.geodesic
+            (status, certified, geodesic), on_goal, points = fetched((verdict, arrived, taut))
+            if status == Status.OK and on_goal:
+                return Routes.of([found(points, bool(certified), bool(geodesic))])
+            return Routes.of([failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))])
+
+        return with_longer_ascents(attempt, 1, planner.ascent, factors).one(0)
+
+    return find
+
+
+def with_longer_ascents(
+    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], Routes],
+    count: int,
+    settings: Ascent,
+    factors: Sequence[int] = _FACTORS,
+) -> Routes:
+    """Attempt several problems; those that stall go again, by themselves, with longer ascents.
+
+    Args:
+        attempt: (which of them, settings) ↦ a route for each.
+        count: how many there are.
+        settings: of the first attempt.
+        factors: how many times as many steps each further attempt has.
+    """
+    results = attempt(np.arange(count), settings)
+    for factor in factors:
+        waiting = np.flatnonzero(results.route.status == Status.PATH_STALLED)
+        if not waiting.size:
+            break
+        results = results.put(waiting, attempt(waiting, dataclasses.replace(settings, steps=settings.steps * factor)))
+    return results
+
+
+def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
+    """Routes of a view as whole programs; those that stall by themselves again, in chunks of fewer sizes."""
+
+    def attempt(which: Int64[np.ndarray, " n"], settings: Ascent | None) -> Routes:
+        some = view.some(which)
+        longer = planner if settings is None else dataclasses.replace(planner, ascent=settings)  # type: ignore[type-var]
+        with recording() as recorder:
+            if len(which) == 1:
+                route = pipeline.single(some, longer)
+            else:
+                first = settings is None or settings == getattr(planner, "ascent", None)
+                route = pipeline.pipelined(some, longer, _sizes(some, chunk, first))
+        spent = recorder.report(len(which))
+        return Routes(route, {name: np.full(len(which), seconds) for name, seconds in spent.items()})
+
+    if not isinstance(planner, FieldPlanner):
+        return attempt(np.arange(len(view)), None)
+    return with_longer_ascents(attempt, len(view), planner.ascent)
+
+
+def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:
+    """How many problems each chunk has room for: few different numbers, since each is a program by itself."""
+    count, small = len(view), chunk or _CHUNK
+    if view.windows is None:
+        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
+        most = count if first else 1 << (count - 1).bit_length()
+        return [-(-most // -(-most // small))] * -(-most // small)
+    large = max(min(_VOXELS // math.prod(view.grid.shape), _WINDOWS), small) if chunk is None else small
+    few, rest = divmod(count, large)
+    # A problem takes up to twice as long in a small chunk; one that fills up a large chunk takes as long as any.
+    return [large] * few + ([large] if 2 * rest > large else [small] * -(-rest // small))

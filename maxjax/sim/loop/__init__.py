@@ -1,0 +1,1 @@
+"""The closed loop of one flight: its state and its stages."""

@@ -1,0 +1,1 @@
+"""Maps that a flight builds of its scans."""

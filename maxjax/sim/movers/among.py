@@ -1,0 +1,183 @@
+"""The data of a flight among movers: how it is flown, what it knows, and what it assumed in vain.
+
+No contact with a mover before the motion that is flown has ended, unless a flag is up:
+
+    BOUND     a measurement outside the set of its track: the mover broke its bounds
+    NEAR      a mover first confirmed nearer than what confirming it and an escape take
+    DRIFTED   the vehicle further from its motion than assumed
+    TRAPPED   the motion that was verified has ended, or is not any more, and no other one is
+    CROWDED   more movers than there are slots for
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.sim.movers.choice import Chooser, Commitment, Keeping, chosen
+from maxjax.sim.movers.local_value import Crowding
+from maxjax.sim.movers.motions import MotionSet
+from maxjax.sim.movers.sets import Bounds, Tracks, nobody, reachable
+
+AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Shares of the horizon at which a record says where movers may be."""
+
+
+class Flag(enum.IntEnum):
+    """What did not hold."""
+
+    BOUND = 0
+    NEAR = 1
+    DRIFTED = 2
+    TRAPPED = 3
+    CROWDED = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Flags:
+    """How long each flag was up, and when last; batch axes lead.
+
+    Attributes:
+        seconds: that each flag was up [s], by `Flag`.
+        any_seconds: that some flag was up [s].
+        last: time at which each was up last [s]; minus infinity: never.
+    """
+
+    seconds: Float[Array, "*batch f"]
+    any_seconds: Float[Array, "*batch"]
+    last: Float[Array, "*batch f"]
+
+
+def no_flags() -> Flags:
+    """None was up."""
+    return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf, jnp.float32))
+
+
+def raised(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: float) -> Flags:
+    """The flags after some were up for a while.
+
+    Args:
+        flags: before.
+        up: which.
+        time: since when [s].
+        lasts: for so long [s].
+    """
+    return Flags(
+        flags.seconds + lasts * up,
+        flags.any_seconds + lasts * jnp.any(up),
+        jnp.where(up, time, flags.last),
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """What a look has shown; batch axes lead.
+
+    Attributes:
+        tracks: of the movers.
+        returns: rays of the scan that met movers: the static map is not told of them.
+        flags: which of the assumptions about movers broke.
+        memory: what the next look needs.
+    """
+
+    tracks: Tracks
+    returns: Bool[Array, "*batch r"]
+    flags: Bool[Array, "*batch f"]
+    memory: Any
+
+
+def nobody_seen(rays: int) -> Seen:
+    """What is known where nobody looks."""
+    return Seen(nobody(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+
+
+@runtime_checkable
+class Perception(Protocol):
+    """Who finds movers; static, hashable."""
+
+    def start(self, world: Any, flight: Any, config: Any) -> Seen:
+        """What is known before the first look."""
+        ...
+
+    def look(self, world: Any, flight: Any, config: Any) -> Seen:
+        """What is known after the scan in `flight.scan`."""
+        ...
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Avoidance:
+    """How to fly among movers; static.
+
+    Attributes:
+        perception: who finds them, ten times a second; None: nobody looks for any.
+        bounds: that they are assumed to keep.
+        choice: motions that are tried.
+        keeping: distances that motions keep.
+        crowd: what nearness costs on the way.
+        drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
+        within: least and greatest coordinates of the air that may be flown in [m]; None: any.
+        chooser: of motions; another one may take its place, as rivals do.
+    """
+
+    perception: Perception | None
+    bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
+    choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
+    keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)
+    crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
+    drift: float = 0.4
+    within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    chooser: Chooser = chosen
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """What was known and chosen at a look, for drawings; batch axes lead, the last of them that of looks.
+
+    Attributes:
+        least, greatest: coordinates of the boxes that may hold the movers, at `AHEAD` of the horizon [m]; NaN: nobody.
+        flown: the motion, from the look on.
+        up: flags that were up with it.
+    """
+
+    least: Float[Array, "*batch h s 3"]
+    greatest: Float[Array, "*batch h s 3"]
+    flown: Commitment
+    up: Bool[Array, "*batch f"]
+
+
+def record_of(seen: Seen, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> Record:
+    """That of one look."""
+    return Record(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Among:
+    """What evolves in a flight among movers; batch axes lead.
+
+    Attributes:
+        seen: by the latest look.
+        flown: the motion that is flown.
+        since: time since its start [s].
+        record: of each look of the present planning period.
+    """
+
+    seen: Seen
+    flown: Commitment
+    since: Float[Array, "*batch"]
+    record: Record
+
+
+def recorded(among: Among, record: Record, number: Int32[Array, ""]) -> Among:
+    """With what was known and chosen at a look, by its number in its planning period."""
+    every = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, record)
+    return dataclasses.replace(among, record=every)

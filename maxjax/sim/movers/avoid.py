@@ -1,0 +1,172 @@
+"""Steer among movers: the cost-to-go around the vehicle, and the motion to fly from now on.
+
+The static plan, made once a second, says where the way leads; ten times a second the motion is chosen anew
+(`sim.movers.choice`) from where the present one is by now. Frame: world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from maxjax.core.grid import Index3
+from maxjax.planning.windows.windowed_route import boxed, corner_around
+from maxjax.sim.loop.flight_state import estimated_position
+from maxjax.sim.mapping import rolling_map as mapping
+from maxjax.sim.movers.among import Among, Avoidance, Flag
+from maxjax.sim.movers.choice import Around, Commitment
+from maxjax.sim.movers.hard_set import HardSet, hard_set
+from maxjax.sim.movers.local_value import LocalValue, crowding, local_value
+from maxjax.sim.movers.motions import MotionPrimitive, at, later
+from maxjax.sim.movers.sets import Tracks, reachable
+from maxjax.trajectories.online import Setpoint, profile, straight_course
+
+if TYPE_CHECKING:
+    from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
+
+# Cost of a metre beside the static way, in metres of it.
+_ASIDE = 1.5
+# Time that it takes to confirm a mover [s]: two looks, and the time of a scan.
+_CONFIRMING = 0.3
+
+
+def resting(position: Float[Array, "3"], how: Avoidance) -> Commitment:
+    """To stay where one is."""
+    zero = jnp.zeros(3)
+    return Commitment(
+        MotionPrimitive(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration)), jnp.float32(0.0)
+    )
+
+
+def setpoint_of(among: Among, lead: float) -> Setpoint:
+    """Of the motion that is flown; acceleration that much later [s]."""
+    place, velocity, acceleration = at(among.flown.motion, among.since)
+    if lead:
+        acceleration = at(among.flown.motion, among.since + lead)[2]
+    return Setpoint(place, velocity, acceleration, jnp.zeros((), place.dtype))
+
+
+def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
+    """The motion from now on, and the flags that are up with it."""
+    how, among = config.moving, flight.among
+    assert how is not None
+    assert among is not None
+    left = later(among.flown.motion, among.since)
+    # Where it believes to be: map, sets and motions are in that frame.
+    position = estimated_position(world, flight)
+    drifted = jnp.linalg.norm(left.place - position) > how.drift
+    # Far from its motion the vehicle begins another one from where it is.
+    here = MotionPrimitive(position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
+    left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
+    hard, appeared = hard_around(flight, config, left.place)
+    guide = guide_around(flight, config, left.place, among.seen.tracks)
+    around = Around(among.seen.tracks, hard, guide, how.within)
+    verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
+    flown, holds = how.chooser(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
+    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds).at[Flag.NEAR].max(appeared)
+    return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
+
+
+def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> tuple[HardSet, Bool[Array, ""]]:
+    """The map as far as motions lead, with what the last scan met; and whether that is new, and near.
+
+    The map learns of a scan once a second. Until then, and until it is confirmed as a mover, what was met is blocked.
+    """
+    how, rolling_map = config.moving, flight.rolling_map
+    assert how is not None
+    furthest = how.choice.speed * how.choice.horizon
+    half = math.ceil(furthest / config.spacing) + 1
+    shape = (2 * half + 1,) * 3
+    corner = corner_around((place - mapping.origin(rolling_map)) / config.spacing, half)
+    blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    origin = mapping.origin(rolling_map) + config.spacing * corner
+    blocked, seen = boxed(blocked, corner, shape, beyond=True), boxed(mapping.seen(rolling_map), corner, shape)
+    if how.perception is None:  # each scan is fused at once
+        return hard_set(blocked, seen, origin, config.spacing), jnp.array(False)
+    met = _met(flight, config, origin, shape)
+    # Air that was free, with nothing beside it that the map knows.
+    beside = lax.reduce_window(blocked, False, lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
+    centres = jnp.stack(jnp.meshgrid(*(jnp.arange(n) - n // 2 for n in shape), indexing="ij"), -1)
+    near = config.spacing * jnp.max(jnp.abs(centres), axis=-1) < how.keeping.radius + _CONFIRMING * how.bounds.speed
+    return hard_set(blocked | met, seen, origin, config.spacing), jnp.any(met & seen & ~beside & near)
+
+
+def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape: Index3) -> Bool[Array, "bx by bz"]:
+    """Voxels of a box in which the last scan met something, but movers."""
+    assert flight.among is not None
+    still = flight.scan.hit & ~flight.among.seen.returns
+    points = jnp.where(still[:, None], flight.scan.points, jnp.inf)
+    index = jnp.floor((points - origin) / config.spacing + 0.5)
+    inside = jnp.all((index >= 0) & (index < np.asarray(shape)), axis=1)
+    voxel = jnp.where(inside[:, None], index, -1.0).astype(jnp.int32)
+    flat = (voxel[:, 0] * shape[1] + voxel[:, 1]) * shape[2] + voxel[:, 2]
+    size = math.prod(shape)
+    met = jnp.zeros(size, bool).at[jnp.where(inside, flat, size)].set(True, mode="drop")
+    return met.reshape(shape)
+
+
+def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
+    """Cost-to-go around a place, dearer near those who move: where the window ends, along the static way."""
+    how, rolling_map = config.moving, flight.rolling_map
+    assert how is not None
+    cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
+    base = mapping.origin(rolling_map)
+    corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
+    corner -= jnp.asarray([size * (n // 2) + size // 2 for n in cells])
+    blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    blocked = boxed(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
+    # A large cell is dear where some of it is blocked, and closed where most is.
+    share = jnp.mean(blocked.reshape(cells[0], size, cells[1], size, cells[2], size), axis=(1, 3, 5))
+    origin = base + config.spacing * (corner + 0.5 * (size - 1))
+    centres = origin + spacing * jnp.stack(jnp.meshgrid(*map(jnp.arange, cells), indexing="ij"), -1).reshape(-1, 3)
+    free = (share <= 0.5) & _within(centres, how).reshape(cells)
+
+    every = max(round(spacing / 2 / config.sampling.spacing), 1)
+    course = jax.tree.map(lambda x: x[::every], flight.reference.course)
+    points, s = course.points, flight.reference.course.arclength[-1] - course.arclength
+    ends = jnp.min(s + _ASIDE * jnp.linalg.norm(centres[:, None] - points, axis=-1), axis=1).reshape(cells)
+    inner = jnp.zeros(cells, bool).at[1:-1, 1:-1, 1:-1].set(True)
+    # The end of the way: where it lies in the window, a way may end.
+    close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
+    ends = jnp.where(inner & ~close, jnp.inf, ends)
+    price = crowding(centres, place, how.choice.speed, tracks, kept(tracks, how), how.crowd).reshape(cells)
+    # Beside a wall there is hardly room, and none at its corners.
+    beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
+    walls = how.crowd.wall * share + how.crowd.beside * beside
+    return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
+
+
+def kept(tracks: Tracks, how: Avoidance) -> Float[Array, " s"]:
+    """How far motions keep, over their horizon, from where each mover is likely to be [m]; from no confirmed one: 0."""
+    horizon = how.choice.horizon
+    least, greatest = reachable(tracks, jnp.array([horizon]), how.bounds)
+    likely = tracks.place + horizon * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
+    further = jnp.maximum(greatest[0] - tracks.half - likely, likely - least[0] - tracks.half)
+    distance = how.keeping.radius + jnp.maximum(jnp.max(further, axis=1), 0.0)
+    return jnp.where(tracks.used & tracks.confirmed, distance, 0.0)
+
+
+def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:
+    """Whether points lie in the air that may be flown in."""
+    if how.within is None:
+        return jnp.ones(len(points), bool)
+    low, high = (jnp.asarray(x, points.dtype) for x in how.within)
+    return jnp.all((points >= low) & (points <= high), axis=1)
+
+
+def straight_way(world: World, flight: Flight, config: FlightConfig) -> Flight:
+    """A stage in place of the plan, for worlds whose goal no map reaches: the way is the straight line to the goal."""
+    start, log = flight.vehicle.position, flight.log
+    path = start + jnp.linspace(0.0, 1.0, len(flight.path))[:, None] * (world.goal - start)
+    course = straight_course(start, world.goal, config.sampling)
+    reference = profile(course, jnp.full(len(course.arclength), config.limits.speed), jnp.float32(0.0), config.limits)
+    number = log.planning_iterations + 1
+    log = dataclasses.replace(log, planning_iterations=number)
+    return dataclasses.replace(flight, path=path, reference=reference, reference_time=jnp.float32(0.0), log=log)

@@ -1,0 +1,55 @@
+"""Perception of movers by the flight's own LiDAR: ten looks a second, at the estimated pose."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
+from maxjax.sim.movers.among import Flag, Seen
+from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
+from maxjax.sim.movers.sight import MoverSight
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class LidarPerception:
+    """Tracks of confirmed movers; static.
+
+    Attributes:
+        sight: settings; its sensor is the flight's, its bounds are those that motions are verified with.
+    """
+
+    sight: MoverSight = MoverSight()  # noqa: RUF009 (frozen)
+
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+        """Nobody.
+
+        Raises:
+            ValueError: for another sensor than the flight's, or other bounds.
+        """
+        assert config.moving is not None
+        if self.sight.lidar != config.lidar or self.sight.bounds != config.moving.bounds:
+            raise ValueError(
+                "MoverSight: expected the lidar of the flight and the bounds of its avoidance, given "
+                f"{self.sight.lidar} and {self.sight.bounds}"
+            )
+        return perceived(nothing_seen(self.sight))
+
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+        """After the scan in `flight.scan`."""
+        assert flight.among is not None
+        pose = estimated_position(world, flight), flight.vehicle.rotation
+        return perceived(looked(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
+
+
+def perceived(seeing: Seeing) -> Seen:
+    """What the choice is told: confirmed movers, those that rest as well, and what did not hold."""
+    used = seeing.tracks.used & seeing.tracks.confirmed & ~seeing.walls
+    tracks = dataclasses.replace(seeing.tracks, used=used, rests=seeing.rests)
+    up: Bool[Array, " f"] = jnp.zeros(len(Flag), bool)
+    up = up.at[Flag.BOUND].set(jnp.any(seeing.broken)).at[Flag.NEAR].set(jnp.any(seeing.near))
+    return Seen(tracks, seeing.moving, up.at[Flag.CROWDED].set(seeing.overflow), seeing)

@@ -1,0 +1,91 @@
+"""Movers as they are: the perception that makes no mistake, for ceilings and for telling apart what limits a flight.
+
+What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from maxjax.sim.movers.among import Flag, Seen
+from maxjax.sim.movers.sets import Bounds, Tracks, nobody
+from maxjax.sim.worlds.geoms import half_edges
+from maxjax.sim.worlds.movers import Movers, places, solids_at
+
+# Returns so near to a mover's box are its own [m], and how far it went during a turn of the sensor besides.
+_ROUND = 0.15
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class TrueTracks:
+    """Tracks of the movers themselves; static.
+
+    Attributes:
+        reach: of sight [m].
+        slots: movers that are followed, the nearest ones.
+        place, velocity: half widths of their sets [m], [m/s].
+    """
+
+    reach: float = 45.0
+    slots: int = 32
+    place: float = 0.02
+    velocity: float = 0.1
+
+    def start(self, world: object, flight: object, config: object) -> Seen:
+        """Nobody."""
+        return self._seen(nobody(self.slots), config)
+
+    def look(self, world: object, flight: object, config: object) -> Seen:
+        """All movers within reach."""
+        movers, log = world.movers, flight.log  # type: ignore[attr-defined]
+        if movers is None:
+            return self._seen(nobody(self.slots), config)
+        position = flight.vehicle.position  # type: ignore[attr-defined]
+        bounds = config.moving.bounds  # type: ignore[attr-defined]
+        tracks = tracks_of(movers, log.duration, position, bounds, self)
+        seen, points = self._seen(tracks, config), flight.scan.points  # type: ignore[attr-defined]
+        room = tracks.half + _ROUND + config.lidar.turn * jnp.abs(tracks.velocity)  # type: ignore[attr-defined]
+        hit = jnp.zeros_like(seen.returns)
+        for k in range(self.slots):
+            hit |= tracks.used[k] & jnp.all(jnp.abs(points - tracks.place[k]) <= room[k], axis=1)
+        return dataclasses.replace(seen, returns=hit)
+
+    def _seen(self, tracks: Tracks, config: object) -> Seen:
+        rays = config.lidar.rays  # type: ignore[attr-defined]
+        return Seen(tracks, jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+
+
+def tracks_of(
+    movers: Movers, time: Float[Array, ""], position: Float[Array, "3"], bounds: Bounds, how: TrueTracks
+) -> Tracks:
+    """The movers nearest to a position, as sets that hold them."""
+    place, velocity = places(movers, time)
+    half = half_edges(solids_at(movers, time))
+    apart = jnp.linalg.norm(jnp.maximum(jnp.abs(place - position) - half, 0.0), axis=1)
+    count = min(how.slots, movers.count)
+    _, nearest = jax.lax.top_k(-apart, count)
+    used = apart[nearest] < how.reach
+    place, velocity, half = place[nearest], velocity[nearest], half[nearest]
+    found = Tracks(
+        low=place - how.place,
+        high=place + how.place,
+        slowest=jnp.maximum(velocity - how.velocity, -bounds.speed),
+        fastest=jnp.minimum(velocity + how.velocity, bounds.speed),
+        half=half,
+        used=used,
+        confirmed=used,
+        place=place,
+        velocity=velocity,
+        place_deviation=jnp.full_like(place, 0.5 * how.place),
+        velocity_deviation=jnp.full_like(place, 0.5 * how.velocity),
+        rests=jnp.all(movers.amplitude == 0.0, axis=(1, 2))[nearest] & jnp.all(velocity == 0.0, axis=1),
+        seen=jnp.ones(count, jnp.int32),
+        missed=jnp.zeros(count, jnp.int32),
+    )
+    filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, nobody(how.slots))
+    return filled

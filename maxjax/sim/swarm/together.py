@@ -1,0 +1,168 @@
+"""The stage of a fleet that moves: as `sim.loop.follow`, along motions that are swapped by the agreement.
+
+It runs under `vmap` with the axis `FLEET`, over which messages and places are gathered: what a vehicle is told of the
+others is `Together.wait` looks old. Nobody leaves the motion that it is committed to but by a swap; where that is not
+clear of movers or walls any more, or the vehicle is not where it leads, a flag is up. Who has arrived flies the motion
+to its end, at which it stays in the air. Contacts are counted by the exact distance of bodies at every physics step.
+Frame: world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int32
+
+from maxjax.core.status import Status
+from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
+from maxjax.sim.loop.follow import flown_period, step_alone, unless
+from maxjax.sim.movers.among import Avoidance, Flag, raised, record_of, recorded
+from maxjax.sim.movers.avoid import guide_around, hard_around
+from maxjax.sim.movers.choice import Around, Commitment
+from maxjax.sim.movers.motions import MotionSet, later
+from maxjax.sim.movers.sets import Tracks, propagated
+from maxjax.sim.swarm.agreement import Agreement, proposing, swapped
+from maxjax.sim.swarm.member import NOBODY, committed_place, saying
+from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, wished
+from maxjax.sim.swarm.separation import Sampled, Scheduled
+
+FLEET = "fleet"
+"""Axis of the vehicles."""
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Together:
+    """A planning period of a vehicle of a fleet; static, a stage.
+
+    Attributes:
+        delay: of messages at most [s]. Besides, what is decided at a look is known to nobody before the next one.
+        neighbours: vehicles that a proposal looks at, the nearest ones; a swap looks at all.
+
+    Raises:
+        ValueError: for a delay that is not a finite number of at least 0, or no neighbours.
+    """
+
+    delay: float = 0.0
+    neighbours: int = 16
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.delay < math.inf:
+            raise ValueError(f"delay: expected a finite number of seconds, at least 0, given {self.delay}")
+        if self.neighbours < 1:
+            raise ValueError(f"neighbours: expected at least 1, given {self.neighbours}")
+
+    @property
+    def wait(self) -> int:
+        """Looks from a proposal to its swap: as old as messages may be."""
+        return 1 + math.ceil(self.delay / LOG_PERIOD - 1e-6)
+
+    def motions(self, choice: MotionSet = MotionSet()) -> MotionSet:  # noqa: B008 (frozen)
+        """Motions that go on until the next but one proposal can replace them, with the limits of a set."""
+        brakes = tuple(round(LOG_PERIOD * self.wait + more, 3) for more in (0.1, 0.4))
+        return dataclasses.replace(
+            choice, brakes=brakes, horizon=math.ceil(10.0 * (brakes[-1] + choice.speed / choice.acceleration)) / 10.0
+        )
+
+    def agreement(self, how: Avoidance) -> Agreement:
+        """What all vehicles agree on that fly like this."""
+        steps = math.ceil(how.choice.horizon / LOG_PERIOD)
+        return Agreement(self.wait, 2.0 * how.keeping.radius, Sampled(LOG_PERIOD, steps, how.choice.acceleration))
+
+    def __call__(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """One planning period."""
+        return flown_period(world, flight, config, self._steer, _step)
+
+    def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+        """Swap, propose, and send the message of this look; `number`: of it in its period."""
+        how, member, among = config.moving, flight.member, flight.among
+        assert how is not None
+        assert member is not None
+        assert among is not None
+        agreement, index = self.agreement(how), lax.axis_index(FLEET)
+        told, own = lax.all_gather(member.oldest, FLEET), member.latest
+        look = own.sent + 1
+        due = own.proposed + self.wait == look
+        own, swaps = swapped(own, told, index, look, agreement)
+
+        since = LOG_PERIOD * (look - own.committed.start).astype(jnp.float32)
+        verified = jnp.where(swaps, how.choice.horizon, among.flown.verified - among.since)
+        start = look + self.wait
+        present = later(own.committed.motion, since + LOG_PERIOD * self.wait)
+        near = nearest_of(others_told(told, index), present.place, start, self.neighbours, agreement)
+        ahead = LOG_PERIOD * self.wait
+        around, appeared = _around(
+            flight, config, present.place, as_tracks(near, start, agreement, config.radius), ahead
+        )
+        wish = wished(around, Commitment(present, verified - ahead), near, start, how, agreement)
+        own = proposing(own, Scheduled(wish.motion, start), wish.wanted & ~flight.done, look)
+
+        flown = Commitment(own.committed.motion, wish.verified + ahead + since)
+        counted = dataclasses.replace(member, swaps=member.swaps + swaps, dropped=member.dropped + (due & ~swaps))
+        up = _up(world, flight, config, appeared, ~wish.holds)
+        from_now = Commitment(later(flown.motion, since), flown.verified - since)
+        among = dataclasses.replace(among, flown=flown, since=since)
+        among = recorded(among, record_of(among.seen, from_now, up, how), number)
+        assert flight.log.flags is not None
+        log = dataclasses.replace(flight.log, flags=raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
+        after = dataclasses.replace(flight, among=among, log=log)
+        after = unless(flight.done, flight, after)
+        return dataclasses.replace(after, member=saying(counted, own))
+
+
+def _around(
+    flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float
+) -> tuple[Around, Bool[Array, ""]]:
+    """What is around a place that the vehicle is at some time ahead [s], and whether something appeared near it.
+
+    The way is dear where others may be.
+    """
+    how, among = config.moving, flight.among
+    assert how is not None
+    assert among is not None
+    tracks = propagated(among.seen.tracks, ahead, how.bounds)
+    priced = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), tracks, others)
+    guide = guide_around(flight, config, place, priced)
+    hard, appeared = hard_around(flight, config, place)
+    return Around(tracks, hard, guide, how.within), appeared
+
+
+def _up(
+    world: World, flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]
+) -> Bool[Array, " f"]:
+    """The flags that are up."""
+    how, among, member = config.moving, flight.among, flight.member
+    assert how is not None
+    assert among is not None
+    assert member is not None
+    # Where it believes to be: map, sets and motions are in that frame.
+    position = estimated_position(world, flight)
+    drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - position) > how.drift
+    return among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
+
+
+def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
+    """One time step, and how near the others are after it."""
+    flight = step_alone(world, flight, config, noise)
+    assert flight.member is not None
+    member = dataclasses.replace(flight.member, since=flight.member.since + config.vehicle.timestep)
+    place = jnp.where(flight.done, committed_place(member, LOG_PERIOD), flight.vehicle.position)
+    places = lax.all_gather(place, FLEET)
+    others = jnp.arange(len(places)) != lax.axis_index(FLEET)
+    gaps = jnp.where(others, jnp.linalg.norm(places - place, axis=-1) - 2.0 * config.radius, jnp.inf)
+    nearest = jnp.argmin(gaps)
+    touches = gaps[nearest] <= 0.0
+    first = touches & (member.touched == NOBODY)
+    member = dataclasses.replace(
+        member,
+        gap=jnp.minimum(member.gap, gaps[nearest]),
+        touched=jnp.where(first, nearest, member.touched).astype(jnp.int32),
+    )
+    # Whoever has arrived and is touched there was in contact.
+    status = jnp.where(touches, Status.IN_CONTACT, flight.log.status).astype(jnp.int32)
+    log = dataclasses.replace(flight.log, status=status)
+    return dataclasses.replace(flight, member=member, done=flight.done | touches, log=log)

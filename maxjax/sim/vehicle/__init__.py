@@ -1,0 +1,1 @@
+"""The quadrotor, its controller, and what disturbs them."""

@@ -1,0 +1,250 @@
+"""`maxjax mission FILE` and `maxjax plan … --via X Y Z`: a mission, its trajectory, and its files.
+
+Where a leg fails, it is named, and nothing is written; with `--partial` the legs before it are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from maxjax.api import trajectory
+from maxjax.compile.stage_timer import added, recording
+from maxjax.core.status import Status
+from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
+from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.trajectories.trajectory import Trajectory
+from maxjax.ui.cli import exporting, report
+from maxjax.ui.cli.map_task import MapTask, check_options, load_source, reading_of, task_in
+from maxjax.ui.cli.mission_file import Asked, options_as_keys, read_mission
+from maxjax.ui.cli.options import MissionOptions
+from maxjax.ui.cli.progress import progress
+from maxjax.ui.methods import planner_named
+
+# Statuses of a leg for its goal, and of the next one, which starts there.
+_ENDS = {
+    Status.GOAL_OCCUPIED: Status.START_OCCUPIED,
+    Status.GOAL_OUTSIDE_MAP: Status.START_OUTSIDE_MAP,
+    Status.GOAL_IN_CLOSED_AREA: Status.START_IN_CLOSED_AREA,
+    Status.GOAL_OUTSIDE_BAND: Status.START_OUTSIDE_BAND,
+}
+# What is in a plan's JSON and stands only once in that of a mission.
+_ONCE = ("configuration", "versions", "device", "timings")
+
+
+def run_mission(options: MissionOptions) -> int:
+    """Read a mission's file, and run it. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    asked = read_mission(options)
+    with options_as_keys(options.file):
+        return run_asked(asked)
+
+
+def run_asked(asked: Asked) -> int:
+    """Plan a mission, show and write it. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    options = asked.options
+    report.check_output(options.out)
+    exporting.check_exports(options)
+    check_options(options)
+    planner, limits = planner_named(options.method), _limits(asked)
+    with progress(f"Reading {options.map}"), recording() as recorder:
+        given = task_in(load_source(options.map, reading_of(options)), options)
+    exporting.check_place(options, given)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    waypoints = located(asked, given)
+    with progress(f"Planning, method {options.method}"):
+        mission = plan_mission(given.task, waypoints, planner)
+    mission = dataclasses.replace(mission, timings=added(recorder.report(), mission.timings))
+    shown: Mission | None = mission
+    if mission.failed:
+        shown = first_legs(mission, given.task) if asked.partial else None
+    if options.keep_radius and shown is not None and shown.near:
+        return report.refuse_near(shown.near, given.spoken, options.out, "mission")
+    flown = None
+    if shown is not None and shown.status == Status.OK:
+        with progress("Timing"):
+            flown = trajectory(shown, limits)
+    content = _document(mission, shown, flown, given, asked)
+    files: list[object] = []
+    if options.out is not None:
+        files += _written(options.out, content, (shown, flown), given, Path(options.map).name)
+    if shown is not None and flown is not None:
+        files += exporting.write_all(options, given, flown)
+    if options.json:
+        sys.stdout.write(report.dumps(content))
+    else:
+        report.show(_table(mission, flown, Path(options.map).name))
+        if files:
+            print(*files, sep="\n")
+    if shown is not None and flown is not None:
+        report.warn_near(shown, given.spoken)
+        report.warn_outside(shown.path, given)
+    return _told(mission, content, asked)
+
+
+def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
+    """The mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
+
+    Raises:
+        ValueError, OSError, ImportError: as `run_asked`.
+    """
+    options = asked.options
+    check_options(options)
+    planner, limits = planner_named(options.method), _limits(asked)
+    with progress(f"Reading {options.map}"):
+        given = task_in(load_source(options.map, reading_of(options)), options)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    waypoints = located(asked, given)
+    with progress(f"Planning, method {options.method}"):
+        mission = plan_mission(given.task, waypoints, planner)
+    if options.keep_radius and mission.near:
+        raise ValueError(
+            f"{'; '.join(one.told(given.spoken) for one in mission.near)}; move it, or leave out keep_radius"
+        )
+    report.warn_near(mission, given.spoken)
+    return mission, limits
+
+
+def _limits(asked: Asked) -> FlightLimits:
+    """Those of the trajectory: the speed is the greatest that is asked for.
+
+    Raises:
+        ValueError: for a speed that is not positive.
+    """
+    limits = dataclasses.replace(PX4, speed=asked.options.speed)
+    return dataclasses.replace(limits, speed=max([limits.speed, *(w.speed or 0.0 for w in asked.waypoints)]))
+
+
+def located(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
+    """The waypoints where the task has them, back to the start if asked, each with the speed of the leg to it."""
+    task, waypoints = given.task, asked.waypoints
+    if asked.options.return_to_start:
+        waypoints = (*waypoints, Waypoint(waypoints[0].position))
+    places = [task.starts[0], *task.goals]
+    return tuple(
+        dataclasses.replace(waypoint, position=tuple(place.tolist()), speed=waypoint.speed or asked.options.speed)
+        for waypoint, place in zip(waypoints, places, strict=True)
+    )
+
+
+def _told(mission: Mission, content: dict[str, Any], asked: Asked) -> int:
+    """Say on stderr what went wrong; returns the exit code."""
+    if mission.status == Status.OK:
+        return 0
+    before = Status.OK
+    for leg, plan in zip(content["legs"], mission.legs, strict=True):
+        if plan.status != Status.OK:
+            told = f"Leg {leg['leg']} of {len(mission.legs)}: "
+            same = before in _ENDS and plan.status == _ENDS[before]
+            reason = f"{plan.status.name}: it starts where leg {leg['leg'] - 1} is to end." if same else leg["message"]
+            report.complain(told + reason)
+        before = plan.status
+    if not mission.failed:
+        report.complain(content["message"])
+    elif asked.options.out is not None or asked.options.export:
+        written = "the legs before it were written" if asked.partial and mission.failed[0] else "nothing was written"
+        hint = "" if asked.partial else "; --partial writes the legs before it"
+        report.complain(f"Leg {mission.failed[0] + 1} failed, and {written}{hint}.")
+    return 1
+
+
+def _document(
+    mission: Mission, shown: Mission | None, flown: Trajectory | None, given: MapTask, asked: Asked
+) -> dict[str, Any]:
+    """Content of mission.json: the mission, a plan for each leg, and what is needed to run it again."""
+    legs = []
+    for k, leg in enumerate(mission.legs):
+        one = dataclasses.replace(given, task=given.task.some(slice(k, k + 1)))
+        full = report.document(leg, one, report.explain(leg, one), {})
+        speed, hover = mission.waypoints[k + 1].speed, mission.waypoints[k + 1].hover
+        legs.append({"leg": k + 1, "speed": speed, "hover": hover, **{n: full[n] for n in full if n not in _ONCE}})
+    whole = mission if shown is None else shown
+    times = None if flown is None else np.round(flown.passes, 6).tolist()
+    last = report.document(mission.legs[0], given, "", _configuration(asked))
+    content = {
+        "status": mission.status.name,
+        "message": mission.status.advice,
+        "path": np.round(whole.path, 6).tolist(),
+        **report.places_of(whole, given.earth),
+        "length": whole.length,
+        "clearance": whole.clearance,
+        "duration": None if flown is None else flown.duration,
+        "waypoints": [list(waypoint.position) for waypoint in mission.waypoints],
+        "times": times,
+        "near_waypoints": [vars(one) for one in whole.near],
+        "legs": legs,
+        "timings": mission.timings,
+        **{name: last[name] for name in ("configuration", "versions", "device")},
+    }
+    filled: dict[str, Any] = report.plain(content)
+    return filled
+
+
+def _configuration(asked: Asked) -> dict[str, Any]:
+    outputs = (
+        "out",
+        "json",
+        "export",
+        "takeoff_and_landing",
+        "autopilot",
+        "params",
+        "keep_radius",
+        "start",
+        "goal",
+        "via",
+    )
+    options = {name: value for name, value in vars(asked.options).items() if name not in outputs}
+    return {**options, "waypoints": [vars(waypoint) for waypoint in asked.waypoints]}
+
+
+def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:
+    """One row a leg, and one for all."""
+    heads = ("leg", "to", "status", "length\n[m]", "clearance\n[m]", "speed\n[m/s]", "arrives\n[s]", "hovers\n[s]")
+    rows = []
+    for k, leg in enumerate(mission.legs):
+        waypoint, ok = mission.waypoints[k + 1], leg.status == Status.OK
+        lengths = [f"{x:.1f}" if ok else "" for x in (leg.length, leg.clearance)]
+        arrives = f"{flown.passes[k + 1]:.1f}" if flown is not None and k + 1 < len(flown.passes) else ""
+        hover = "" if waypoint.hover is None else f"{waypoint.hover:g}"
+        place = ", ".join(f"{round(x, 2):.10g}" for x in waypoint.position)
+        rows.append([str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover])
+    if mission.status == Status.OK and flown is not None:
+        lengths = [f"{x:.1f}" for x in (mission.length, mission.clearance)]
+        rows.append(["all", "", mission.status.name, *lengths, "", f"{flown.duration:.1f}", ""])
+    # Columns in which nothing stands are left out, and places break between coordinates: so 80 columns hold the rest.
+    shown = [k for k in range(len(heads)) if any(row[k] for row in rows)]
+    table = Table(title=title, title_justify="left")
+    for k in shown:
+        table.add_column(heads[k], justify="left" if heads[k] == "status" else "right", no_wrap=heads[k] != "to")
+    for row in rows:
+        table.add_row(*(row[k] for k in shown), style="bold" if row[0] == "all" else None)
+    return table
+
+
+def _written(
+    out: Path, content: dict[str, Any], shown: tuple[Mission | None, Trajectory | None], given: MapTask, title: str
+) -> list[Path]:
+    """The files of a mission in a folder; without a mission to show none, and those of an earlier one go."""
+    mission, flown = shown
+    if mission is None or flown is None:
+        report.remove_plans(out, "mission")
+        return []
+    from maxjax.ui.figures.missions import figure_mission
+
+    with progress("Drawing"):
+        figure = figure_mission(mission, flown, title, given.within)
+    return report.write_plan(out, content, figure, "mission")

@@ -1,0 +1,334 @@
+"""The options of each command: what is typed, with its help. Nothing here imports JAX."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from maxjax.ui.cli.export_options import ExportOptions
+from maxjax.ui.methods import ALIASES, METHODS
+
+Point3 = tuple[float, float, float]
+_optional = functools.partial(tyro.conf.arg, help_behavior_hint="")  # what its absence means, the help says
+_Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
+_Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
+_OptionalXyz = Annotated[Point3 | None, _optional(metavar="X Y Z")]
+_Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+_OptionalMetres = Annotated[float | None, _optional(metavar="Z")]
+_OptionalUnit = Annotated[str | None, _optional(metavar="UNIT")]
+_OptionalMetre = Annotated[float | None, _optional(metavar="M")]
+_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, _optional(metavar="X0 Y0 Z0 X1 Y1 Z1")]
+_Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
+_Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+_OptionalFolder = Annotated[Path | None, _optional(metavar="DIR")]
+_Count = Annotated[int | None, _optional(metavar="N")]
+_Seed = Annotated[int, tyro.conf.arg(metavar="S")]
+_Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+if TYPE_CHECKING:
+    _Planner = str
+else:  # the choices of the registry; solver is another word for field
+    _Planner = Literal[(*METHODS, *ALIASES)]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """What a map becomes.
+
+    Attributes:
+        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; in simulated cities by default between ends.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
+        unknown: What space is that a file tells nothing of (OctoMap, surface model, survey); by default occupied.
+        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
+        unit: Unit of the map's coordinates: m, ft, us-ft, or a number of metres; by default the file's own.
+        vertical_unit: Unit of its heights; by default the file's own.
+        band: Band of a raster that holds heights, from 1 on; by default the only one.
+        drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
+        only: What to take of a city model, in place of all that stands: building, man_made, power, barrier, natural,
+            aerialway or other of OpenStreetMap and GeoJSON, types of CityJSON; several, each with its own --only.
+    """
+
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
+    center: _OptionalXyz = None
+    ground: _OptionalMetres = None
+    below: Annotated[Literal["closed", "open"] | None, _optional(metavar="{closed,open}")] = None
+    unknown: Annotated[Literal["occupied", "free"] | None, _optional(metavar="{occupied,free}")] = None
+    crs: Annotated[str | None, _optional(metavar="CODE")] = None
+    unit: _OptionalUnit = None
+    vertical_unit: _OptionalUnit = None
+    band: _Count = None
+    drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
+    only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class RouteOptions:
+    """What is planned in a map, how, and by which rules of the air.
+
+    Attributes:
+        map: A map.
+        start: Start of the path [m].
+        goal: End of the path [m].
+        via: A place to fly through on the way [m]; several in order, each with its own --via.
+        frame: What start, goal and places on the way are. map: x, y, z of the map; local-agl: x, y of the map and
+            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; amsl: latitude,
+            longitude and height above sea level.
+        method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
+        radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
+        margin: Distance where obstacles cost nothing [m].
+        price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
+            none: its length.
+        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
+        floor: Least height above ground [m].
+        ceiling: Greatest height above ground [m].
+        ceiling_above_start: Greatest height above the start [m].
+        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
+    """
+
+    map: _Map
+    start: _OptionalXyz = None
+    goal: _OptionalXyz = None
+    via: _Via = ()
+    frame: Literal["map", "local-agl", "agl", "amsl"] = "map"
+    method: _Planner = "field"
+    radius: _Metres = 1.0
+    margin: _Metres = 8.0
+    price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
+    airspace: Annotated[Path | None, _optional(metavar="FILE")] = None
+    floor: _OptionalMetre = None
+    ceiling: _OptionalMetre = None
+    ceiling_above_start: _OptionalMetre = None
+    place: Annotated[Point3 | None, _optional(metavar="LAT LON H")] = None
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
+    """Plan a path through a map and verify it; with --via a mission, leg by leg.
+
+    Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
+    option --frame, latitude, longitude and height). A simulated city is a grid of 101 x 101 x 101 voxels of 2 m; a file
+    is as large as it is and the ends need.
+
+    Attributes:
+        map: A file (.npz, .ply, .pcd, .las, .laz, .obj, .stl, .glb, .json, .osm, .geojson, .bt, .ot, .tif, .3dmap,
+            .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+        start: Start of the path [m].
+        goal: End of the path [m].
+        return_to_start: From the goal back to the start.
+        speed: Greatest speed of what is exported [m/s].
+    """
+
+    # Without the default that the base has.
+    start: _Xyz = dataclasses.field()
+    goal: _Xyz = dataclasses.field()
+    return_to_start: _Flag = False
+    speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
+
+
+@dataclasses.dataclass(frozen=True)
+class MissionOptions(ExportOptions):
+    """Plan a mission: waypoints in order, with hover times, speeds and distances, verified as a whole.
+
+    Attributes:
+        file: A TOML file with a map, options of plan and waypoints; docs/missions.md tells all.
+        partial: Where a leg fails, write the legs before it; else nothing is written.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    partial: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class MapOptions(ReadOptions):
+    """Say what a map file holds, and draw it from above.
+
+    Attributes:
+        map: A file, as for plan.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the whole map, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds.
+        crs: Coordinate reference system, as EPSG:28992, in place of the file's.
+        at: A place of the map, x and y [m]: say at what heights something stands there.
+        out: Folder for map.png.
+        json: Print all as JSON, and nothing else, on stdout.
+    """
+
+    map: _Map
+    at: Annotated[tuple[float, float] | None, _optional(metavar="X Y")] = None
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class ScanOptions:
+    """Simulate one LiDAR scan in a city: 32,768 rays, 100 m range, level attitude.
+
+    Attributes:
+        map: A simulated city: midtown:SEED, downtown:SEED, suburb:SEED; its ground is z = 0.
+        pose: Position of the sensor [m].
+        out: Folder for scan.npz (its points, which `maxjax plan` reads) and scan.png.
+        json: Print the counts as JSON, and nothing else, on stdout.
+    """
+
+    map: _Map
+    pose: _Xyz
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class FlyOptions:
+    """Fly a plan's trajectory in simulation with the map given, or trials in closed loop.
+
+    With --start and --goal, in any map that plan reads: plan, give times, and follow that with a simulated quadrotor
+    that sees nothing; reported are tracking error and clearance. The exit code is 0 if it touched nothing.
+
+    Without, in a simulated city: sense, map, plan, follow, until the goal, contact, or no plan is left. Ends are 50 to
+    80 m apart, 3 to 15 m high; 50 trials share a city. Started again with the same --out, a campaign goes on.
+
+    Attributes:
+        map: A map as for plan, with --start and --goal; a mission's TOML file; else midtown, downtown or suburb.
+        start: Start of the flight [m].
+        goal: End of the flight [m].
+        spacing: As for plan.
+        bounds: As for plan.
+        ground: As for plan.
+        radius: As for plan.
+        margin: As for plan.
+        speed: Greatest speed of the trajectory [m/s].
+        trials: Number of trials, from trial 0 on; 1 by default.
+        seed: Seed of the first city; of the wind.
+        method: As for plan.
+        batch: Flights at a time; by default what suits the device.
+        wind: Mean speed of the wind [m/s], with gusts in proportion.
+        noise: Standard deviation of measured distances [m].
+        dropout: Share of returns lost, 0 to 1.
+        dead_sector: Width of a sector without any returns [deg].
+        blackout: How long no scan holds any return, some seconds after take-off [s].
+        drift: Greatest error of the believed position [m].
+        latency: Fly each plan one planning period late.
+        snapshot: Plan from the latest scan alone.
+        reactive: Gain of the reactive layer [m/s^2]; 0 leaves it out.
+        movers: Number of movers around the way, 1 to 256, which the vehicle's own LiDAR has to find; by default none.
+        mover_speed: Their greatest speed [m/s].
+        mover_kind: drones, birds, cars, cranes, mixed, or encounters, which meet the vehicle's nominal way.
+        fleet: Number of vehicles that swap their places in one city, in pairs, each told the others' motions.
+        delay: Greatest delay of what the vehicles of a fleet tell each other [s].
+        trial: Fly this trial only; with --out, film it.
+        shard: Fly the share K of N of the trials, K from 0 to N - 1, into a folder of its own below --out.
+        merge: Fly nothing: make the folder --out from those of all its shares.
+        distributed: Fly the share of this process of jax.distributed (docs/flight.md), and merge when all are done.
+        out: Folder for flight.json, flight.csv and flight.png; of trials for trials.jsonl, summary.json, flights.png
+            and, of one trial, flight.gif; of a fleet for fleet.json and flights.png.
+        json: Print the content of flight.json or summary.json, and nothing else, on stdout.
+    """
+
+    map: _Map
+    start: _OptionalXyz = None
+    goal: _OptionalXyz = None
+    spacing: _OptionalMetre = None
+    bounds: _Bounds = None
+    ground: _OptionalMetres = None
+    radius: _Metres = 1.0
+    margin: _Metres = 8.0
+    speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
+    trials: _Count = None
+    seed: _Seed = 0
+    method: _Planner = "field"
+    batch: _Count = None
+    wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
+    noise: _Metres = 0.0
+    dropout: Annotated[float, tyro.conf.arg(metavar="P")] = 0.0
+    dead_sector: Annotated[float, tyro.conf.arg(metavar="DEG")] = 0.0
+    blackout: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
+    drift: _Metres = 0.0
+    latency: _Flag = False
+    snapshot: _Flag = False
+    reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0
+    movers: _Count = None
+    mover_speed: Annotated[float, tyro.conf.arg(metavar="V")] = 5.0
+    mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
+    fleet: _Count = None
+    delay: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
+    trial: Annotated[int | None, _optional(metavar="K")] = None
+    shard: Annotated[str | None, _optional(metavar="K/N")] = None
+    merge: _Flag = False
+    distributed: _Flag = False
+    out: _OptionalFolder = None
+    json: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class ViewOptions(ReadOptions, RouteOptions):
+    """Plan by hand in a map, or play flights, on a page in the browser (extra view).
+
+    Start and goal are dragged, waypoints added by click; the path, its figures and slices of the field follow.
+
+    Attributes:
+        map: A map as for plan; a plan.json, a mission.json or the TOML file of a mission, whose options hold but for
+            those given here; or a folder that fly has written.
+        start: Start of the first plan [m]; by default a free place.
+        goal: Its end [m].
+        trial: Number of the flight to begin with, of a folder.
+        share: One HTML file to write in place of serving a page; it plays in any browser, without network.
+        host: Address to serve the page at; beyond this machine a browser needs the token that is printed.
+        port: To serve it at, or the next that is free.
+        dark: A dark page.
+    """
+
+    trial: Annotated[int | None, _optional(metavar="K")] = None
+    share: Annotated[Path | None, _optional(metavar="FILE")] = None
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
+    port: Annotated[int, tyro.conf.arg(metavar="N")] = 8080
+    dark: _Flag = False
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions:
+    """Train networks that predict the potential, on simulated scans of midtown.
+
+    A run that was killed goes on from its last checkpoint, bit for bit.
+
+    Attributes:
+        config: Networks and their recipes: paper, paper_difference, paper_large, maxjax, maxjax_no_flood.
+        out: Folder; each network has its own in it, with weights, log and checkpoint.
+        tiny: A small network on a few scenes of 33 x 33 x 33 voxels, to see that all works.
+        epochs: By default those of the recipe, 200.
+        scenes: Number of training scenes.
+        cache: Folder to keep the scenes in.
+        seed: Seed of scenes and weights.
+    """
+
+    config: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ("maxjax",)
+    out: _Folder = Path("maxjax-train")
+    tiny: _Flag = False
+    epochs: _Count = None
+    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = 749
+    cache: _OptionalFolder = None
+    seed: _Seed = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class DemoOptions:
+    """Plan around a street corner from one simulated LiDAR scan, by the field and by A*.
+
+    Attributes:
+        out: Folder for plan.json, path.csv and plan.png.
+        seed: Seed of the city, of the scan's noise and of the choice of the corner.
+    """
+
+    out: _Folder = Path("maxjax-demo")
+    seed: _Seed = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckOptions:
+    """Show versions and devices, and solve and certify a small potential."""

@@ -1,0 +1,28 @@
+"""What pages share: they are served until Ctrl-C, or written as one file."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from maxjax.core.files import atomic_write
+from maxjax.ui.cli.options import ViewOptions
+
+
+def wait(server: Any) -> None:
+    """Say where the page is, and serve it until Ctrl-C."""
+    from maxjax.ui.page.server import address_of
+
+    print(f"{address_of(server)}   Ctrl-C ends it", flush=True)
+    try:
+        while True:
+            time.sleep(3600.0)
+    finally:
+        server.stop()
+
+
+def write_page(options: ViewOptions, page: str) -> None:
+    """Write what is shared, whole or not at all, and say how large it is."""
+    assert options.share is not None
+    atomic_write(options.share, page)
+    print(f"{options.share}   {len(page.encode()) / 1e6:.1f} MB")

@@ -1,0 +1,105 @@
+"""`maxjax plan`: a path through a city, a scan or a voxel map; with waypoints on the way a mission."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from pathlib import Path
+
+from maxjax.compile.stage_timer import Recorder, added, recording
+from maxjax.core.status import Status
+from maxjax.planning.mission import Mission
+from maxjax.planning.plan import Plan, no_plans
+from maxjax.planning.planner import Planner
+from maxjax.planning.run.execution import plan_task
+from maxjax.ui.cli import exporting, report
+from maxjax.ui.cli import mission_command as mission
+from maxjax.ui.cli.map_task import MOST_VOXELS, MapTask, check_options, load_source, reading_of, task_in
+from maxjax.ui.cli.mission_file import Asked
+from maxjax.ui.cli.options import PlanOptions
+from maxjax.ui.cli.progress import progress
+from maxjax.ui.figures.figures import Overlay
+from maxjax.ui.figures.planned import figure_plans
+from maxjax.ui.methods import climbs, label_of, method_named, planner_named
+
+_OUTPUTS = (
+    "out",
+    "json",
+    "export",
+    "speed",
+    "takeoff_and_landing",
+    "autopilot",
+    "params",
+    "keep_radius",
+    "via",
+    "return_to_start",
+)
+_AROUND = 45.0  # [m]; enough of a town to recognise it
+
+
+def run_plan(options: PlanOptions) -> int:
+    """Plan, show and write. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    if options.via or options.return_to_start:
+        return mission.run_asked(Asked.of(options))
+    report.check_output(options.out)
+    exporting.check_exports(options)
+    check_options(options)
+    method, planner = method_named(options.method).name, planner_named(options.method)
+    with progress(f"Reading {options.map}"), recording() as recorder:
+        given = task_in(load_source(options.map, reading_of(options)), options)
+    exporting.check_place(options, given)
+    for remark in given.remarks:
+        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    with progress(f"Planning, method {options.method}"):
+        plan = plan_in(given, planner, recorder)
+    message = report.explain(plan, given)
+    if options.keep_radius and (near := Mission.of_plan(plan).near):
+        return report.refuse_near(near, given.spoken, options.out, "plan")
+    configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
+    content = report.document(plan, given, message, configuration)
+    plans, figure, files = {method: plan}, None, list[object]()
+    if options.out is not None and plan.status == Status.OK:
+        with progress("Drawing"):
+            if climbs(method) and math.prod(given.task.grid.shape) <= MOST_VOXELS:
+                plans["astar"] = plan_in(given, planner_named("astar"))
+            overlay = Overlay(title=Path(options.map).name, around=_AROUND, within=given.within)
+            figure = figure_plans(given.task, plans, overlay)
+    if options.out is not None:
+        files += report.write_plan(options.out, content, figure)
+    if options.export and plan.status == Status.OK:
+        with progress("Timing and exporting"):
+            files += exporting.write(options, given, plan)
+    if options.json:
+        sys.stdout.write(report.dumps(content))
+    else:
+        columns = {label_of(name): report.describe(found, given.task) for name, found in plans.items()}
+        report.show(report.table(Path(options.map).name, columns))
+        if files:
+            print(*files, sep="\n")
+    if plan.status == Status.OK:
+        report.warn(plan, given.task, given.spoken)
+        report.warn_outside(plan.path, given)
+        return 0
+    report.complain(message)
+    return 1
+
+
+def plan_in(given: MapTask, planner: Planner, before: Recorder | None = None) -> Plan:
+    """Plan a problem.
+
+    Args:
+        given: the problem; where no return of its scan lies inside the grid, the status is EMPTY_SCAN.
+        planner: as in `maxjax.plan`.
+        before: time already spent on making voxels, added to the plan's.
+    """
+    if given.returns and given.returns["inside"] == 0:
+        nothing = no_plans(given.task, Status.EMPTY_SCAN, planner.name)[0]
+        found = dataclasses.replace(nothing, timings=Recorder().report())
+    else:
+        found = plan_task(given.task, planner)[0]
+    return found if before is None else dataclasses.replace(found, timings=added(before.report(), found.timings))

@@ -1,0 +1,307 @@
+"""The page to plan on: ends and waypoints dragged by hand, a new plan at once.
+
+controls and handles → Question → worker → Answer → scene, status in words
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maxjax.core.grid import Point3
+from maxjax.planning.mission import Waypoint
+from maxjax.ui.page.air import air_lines, air_scene
+from maxjax.ui.page.camera import hiding
+from maxjax.ui.page.controls import add_controls, legend, place_text, reach, text_place
+from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
+from maxjax.ui.page.nodes import point3
+from maxjax.ui.page.page_map import City, hit
+from maxjax.ui.page.question import Answer, Question, answer, told
+from maxjax.ui.page.server import look_at, set_theme
+from maxjax.ui.page.slices import Field, Slice, field_of, picture
+from maxjax.ui.page.stage import Stage
+from maxjax.ui.page.worker import Worker
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+_SLOW = 0.5  # after so long the status says that a plan is being made [s]
+_REST = 0.3  # after so long without a move the camera is at rest [s]
+_HANDLE, _REACH = 12.0, 0.15  # length of a handle's arrows: at least [m], and in extents of the waypoints
+_PLAIN = str.maketrans("", "", "<>[]()!`*_#|\\\n")  # what Markdown would not show as it is
+_NAME = 1.15  # height of a name above its waypoint, in lengths of an arrow
+
+# What is written for the user to take away: a file's name and content, of an ending and an answer.
+Exporter = Callable[[str, Answer], tuple[str, bytes]]
+
+
+class PlanPage:
+    """A page to plan on; it answers as long as its server runs.
+
+    Args:
+        server: with an empty scene.
+        city: the map.
+        question: the first one.
+        export: makes a file of an answer, by its ending, or `.html`; raises ValueError where it cannot.
+        on_earth: whether the map's place on Earth is known.
+        dark: whether the page is dark.
+    """
+
+    def __init__(
+        self,
+        server: ViserServer,
+        city: City,
+        question: Question,
+        export: Exporter,
+        *,
+        on_earth: bool = False,
+        dark: bool = False,
+    ) -> None:
+        self._server, self._city, self._export = server, city, export
+        self._stage = Stage(server.scene)
+        self._stage.show("/map", city_scene(city, dark=dark))
+        look_at(server, city, _surroundings(city, question))
+        self._eye: Point3 = point3(np.asarray(server.initial_camera.position))
+        self._hiding = np.zeros(city.grid.shape[:2], bool)
+        self._resting = threading.Timer(_REST, self.ask)
+        self._stops = list(question.stops)
+        self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(question.waypoints), axis=0).max()))
+        self._handles: dict[str, Any] = {}
+        self._field: tuple[tuple[Any, ...], Field | None] = (), None
+        self._lock = threading.RLock()
+        self.answer: Answer | None = None
+        """The last one; None before the first."""
+        self.controls = add_controls(server.gui, city, question, on_earth=on_earth, dark=dark)
+        self.worker: Worker[tuple[Question, Slice | None]] = Worker(self._work)
+        self._listen()
+        self._place_handles()
+        self.ask()
+
+    @property
+    def waypoints(self) -> tuple[Point3, ...]:
+        """Start, places to visit and goal [m]."""
+        return tuple(stop.position for stop in self._stops)
+
+    def ask(self) -> None:
+        """Ask what handles and controls say."""
+        with self._lock:
+            self.worker.ask((self.controls.question(tuple(self._stops)), self.controls.wanted(self._city)))
+
+    def move(self, k: int, place: Point3) -> None:
+        """Put the waypoint k elsewhere [m] and plan anew."""
+        with self._lock:
+            self._stops[k] = dataclasses.replace(self._stops[k], position=place)
+            self._handles[self._name(k)].position = point3(self._city.frame.page(place))
+        self.ask()
+
+    def add(self, place: Point3) -> None:
+        """Visit a place [m] before the goal."""
+        with self._lock:
+            self._stops.insert(len(self._stops) - 1, Waypoint(place))
+            self._place_handles()
+        self.ask()
+
+    def remove(self) -> None:
+        """Leave out the last place to visit."""
+        with self._lock:
+            if len(self._stops) > 2:
+                del self._stops[-2]
+                self._place_handles()
+        self.ask()
+
+    def _place_handles(self) -> None:
+        """A handle to drag for each waypoint, with its ball and name; those that are there stay."""
+        names = [self._name(k) for k in range(len(self._stops))]
+        with self._server.atomic():
+            for name in [name for name in self._handles if name not in names]:
+                self._stage.show(root_of(name), {})
+                self._handles.pop(name).remove()
+            for name, place in zip(names, self.waypoints, strict=True):
+                if name not in self._handles:
+                    self._handles[name] = self._handle(name, place)
+                    self._stage.show(root_of(name), end_scene(root_of(name), name, high=_NAME * self._arrow))
+        self.controls.undo.disabled = len(self._stops) < 3
+
+    def _handle(self, name: str, place: Point3) -> Any:
+        at = point3(self._city.frame.page(place))
+        handle = self._server.scene.add_transform_controls(
+            root_of(name), scale=self._arrow, line_width=6.0, disable_rotations=True, depth_test=False, position=at
+        )
+
+        # Coroutines keep the order of a drag's events; none of them waits.
+        @handle.on_update
+        async def _(event: Any) -> None:
+            with self._lock:
+                names = [self._name(k) for k in range(len(self._stops))]
+                if name not in names:
+                    return  # removed while it is dragged
+                k = names.index(name)
+                place = point3(np.round(self._city.frame.map(np.asarray(event.target.position)), 3))
+                self._stops[k] = dataclasses.replace(self._stops[k], position=place)
+            self.ask()
+            if event.phase == "end":
+                self._write_ends()
+
+        return handle
+
+    def _name(self, k: int) -> str:
+        return end_name(k, len(self._stops))
+
+    def _write_ends(self) -> None:
+        """Say in the panel where start and goal are."""
+        self.controls.start.value, self.controls.goal.value = (place_text(self.waypoints[k]) for k in (0, -1))
+
+    def _listen(self) -> None:
+        """Ask anew whenever a control changes."""
+        controls = self.controls
+        for control in (
+            controls.method,
+            controls.radius,
+            controls.margin,
+            controls.beside,
+            controls.keep,
+            controls.band,
+        ):
+            control.on_update(lambda _: self.ask())
+        controls.band.on_update(lambda _: controls.say_band())
+        for control in (controls.slice, controls.place):
+            control.on_update(lambda _: self.ask())
+        for k, control in ((0, controls.start), (-1, controls.goal)):
+            control.on_update(lambda event, k=k: self._typed(k, event))
+
+        controls.axis.on_update(lambda _: self._turned())
+        controls.undo.on_click(lambda _: self.remove())
+        controls.through.on_update(lambda _: self._show_map())
+        controls.dark.on_update(lambda _: self._darken())
+        self._server.on_client_connect(self._watch)
+        self._server.scene.on_click()(self._clicked)
+        controls.export.on_click(lambda event: self._download(event, event.target.value))
+        controls.share.on_click(lambda event: self._download(event, ".html"))
+
+    def _turned(self) -> None:
+        reach(self._city, self.controls)
+        self.ask()
+
+    async def _watch(self, client: Any) -> None:
+        """Ask anew when a camera has come to rest: other buildings may hide the way from there."""
+
+        async def moved(camera: Any) -> None:
+            self._eye = point3(np.asarray(camera.position))
+            self._resting.cancel()
+            self._resting = threading.Timer(_REST, self.ask)
+            self._resting.daemon = True
+            self._resting.start()
+
+        client.camera.on_update(moved)
+
+    def _darken(self) -> None:
+        set_theme(self._server, dark=self.controls.dark.value)
+        self._show_map()
+
+    def _show_map(self) -> None:
+        opacity = THROUGH if self.controls.through.value else 1.0
+        self._stage.show("/map", city_scene(self._city, opacity, self._hiding, dark=self.controls.dark.value))
+
+    def _see_through(self) -> None:
+        """Draw the buildings see-through that hide the path from where the camera is."""
+        if self.answer is None or not self.answer.ok:
+            return
+        between = hiding(self._city, self._eye, self._city.frame.page(self.answer.dense))
+        if (between != self._hiding).any():
+            self._hiding = between
+            self._show_map()
+
+    def _clicked(self, event: Any) -> None:
+        """A place to visit above what is clicked, where clicks add some."""
+        if not self.controls.click.value:
+            return
+        origin = point3(self._city.frame.map(np.asarray(event.ray_origin)))
+        met = hit(self._city, origin, event.ray_direction)
+        if met is not None:
+            self.add((met[0], met[1], met[2] + float(self.controls.above.value)))
+
+    def _typed(self, k: int, event: Any) -> None:
+        place = text_place(event.target.value)
+        if event.client is None:
+            return  # the panel was told, not the page
+        if place is None:
+            what = "Start" if k == 0 else "Goal"
+            typed = event.target.value[:60].translate(_PLAIN)
+            self._say(f"### Not a place yet\n{what} [m]: expected three numbers, as 10, 20, 30, given “{typed}”.")
+        elif place != self.waypoints[k]:
+            self.move(k % len(self._stops), place)
+        elif self.answer is not None:
+            self._say(told(self.answer))
+
+    def _download(self, event: Any, ending: str) -> None:
+        """Send a file to the browser that asked for it, or say why there is none."""
+        try:
+            if self.answer is None or not self.answer.ok:
+                raise ValueError("there is no path to take away; move an end, or lower the radius")
+            name, content = self._export(ending, self.answer)
+        except (ValueError, ImportError) as error:
+            event.client.add_notification("Nothing to download", str(error), color="orange", auto_close_seconds=8.0)
+            return
+        event.client.send_file_download(name, content)
+
+    def _work(self, asked: tuple[Question, Slice | None]) -> None:
+        question, wanted = asked
+        if self.answer is None or question != self.answer.question:
+            slow = threading.Timer(_SLOW, self._say, ["### Planning …\nThe first plan of a size is compiled, once."])
+            slow.start()
+            found = answer(self._city, question)
+            slow.cancel()
+            self._show(found, wanted)
+        else:
+            self._say_legend(self.answer, wanted)
+        if not self.worker.stale:
+            self._see_through()
+            self._slice(question, wanted)
+
+    def _show(self, found: Answer, wanted: Slice | None) -> None:
+        with self._server.atomic():
+            self._stage.show("/plan", answer_scene(found, self._city.frame))
+            self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.question))
+            self._say(told(found))
+            self._say_legend(found, wanted)
+        self.answer = found
+
+    def _say(self, text: str) -> None:
+        self.controls.status.content = text
+
+    def _say_legend(self, found: Answer, wanted: Slice | None) -> None:
+        question = found.question
+        text = legend(question, wanted, air_lines(self._city, question), path=found.ok)
+        if self.controls.legend.content != text:
+            self.controls.legend.content = text
+
+    def _slice(self, question: Question, wanted: Slice | None) -> None:
+        """Show the slice, of a field that is solved where the question's last leg is another one."""
+        if wanted is None:
+            self._stage.show("/slice", {})
+            return
+        highest = self._city.highest(question.waypoints[0])
+        key = (*question.stops[-2:], question.radius, question.margin, question.band, highest)
+        if self._field[0] != key:
+            try:
+                self._field = key, field_of(self._city, question)
+            except ValueError as error:
+                self._say(f"### No slice\n{error}")
+                self._field = key, None
+        field = self._field[1]
+        nodes = {} if field is None else {"/slice/plane": picture(field, wanted, self._city.grid, self._city.frame)}
+        self._stage.show("/slice", nodes)
+
+
+def _surroundings(city: City, question: Question) -> np.ndarray:
+    """The straight legs with some of the map around them, in the page's frame [m]."""
+    ends = city.frame.page(np.array(question.waypoints))
+    room = 0.15 * max(float(np.ptp(ends, axis=0).max()), 40.0)
+    along = np.linspace(0.0, 1.0, 12)[:, None]
+    legs = [start + along * (stop - start) for start, stop in itertools.pairwise(ends)]
+    return np.concatenate([ends.min(axis=0, keepdims=True) - room, *legs, ends.max(axis=0, keepdims=True) + room])

@@ -1,0 +1,222 @@
+"""What a page asks and what it is answered: a pure function of the map and the question.
+
+(City, Question) ↦ Answer
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import time
+
+import numpy as np
+from jaxtyping import Float
+
+from maxjax.core.grid import Point3
+from maxjax.core.status import Status
+from maxjax.fields.price import Price
+from maxjax.io.airspace.airspace import Airspace, Reasons
+from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.taken_end import open_sentence, taken_end
+from maxjax.planning.problem.task import Task
+from maxjax.trajectories.limits import PX4
+from maxjax.ui.methods import planner_named
+from maxjax.ui.page.page_map import Band, City
+from maxjax.verification.verifier import verify
+
+# Statuses of a start and of a goal that a rule of the air closes.
+CLOSED_ENDS = (
+    (Status.START_IN_CLOSED_AREA, Status.START_OUTSIDE_BAND),
+    (Status.GOAL_IN_CLOSED_AREA, Status.GOAL_OUTSIDE_BAND),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Question:
+    """What is to be planned.
+
+    Attributes:
+        waypoints: start, places to visit, goal [m].
+        method: by name.
+        radius, margin: [m].
+        beside: whether A* plans the same.
+        band: least and greatest height above ground [m]; None: any.
+        details: of a mission's file, for each waypoint: how long to hover, and speed, radius and margin of the leg that
+            leads there; empty: none of this is given.
+        speed: greatest on the way [m/s].
+        price: what a metre costs below the margin.
+    """
+
+    waypoints: tuple[Point3, ...]
+    method: str = "field"
+    radius: float = 1.0
+    margin: float = 8.0
+    beside: bool = False
+    band: Band | None = None
+    details: tuple[Waypoint, ...] = ()
+    speed: float = PX4.speed
+    price: Price = Price()  # noqa: RUF009 (frozen)
+
+    @property
+    def stops(self) -> tuple[Waypoint, ...]:
+        """The waypoints with their details."""
+        details = self.details or tuple(map(Waypoint, self.waypoints))
+        return tuple(
+            dataclasses.replace(detail, position=place) for detail, place in zip(details, self.waypoints, strict=True)
+        )
+
+    @property
+    def flown(self) -> tuple[Waypoint, ...]:
+        """The waypoints as they are flown: a leg without a speed of its own has the mission's, however fast others are.
+
+        Without details there are no legs with speeds, and the limits of the flight are enough.
+        """
+        if not self.details:
+            return self.stops
+        return tuple(dataclasses.replace(stop, speed=stop.speed or self.speed) for stop in self.stops)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Answer:
+    """What was planned.
+
+    Attributes:
+        question: that was asked.
+        mission: its plan; None where the question itself cannot be planned.
+        beside: by A*; None where it was not asked for.
+        clearance: at the points of `dense`, to the nearest obstacle [m].
+        dense: points along the path, no farther apart than half a voxel [m].
+        refusal: why the question cannot be planned, or what is in the way of an end; empty else.
+        seconds: from question to answer.
+    """
+
+    question: Question
+    mission: Mission | None
+    beside: Mission | None
+    dense: Float[np.ndarray, "n 3"]
+    clearance: Float[np.ndarray, " n"]
+    refusal: str
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a verified path."""
+        return self.mission is not None and self.mission.status == Status.OK
+
+
+def answer(city: City, question: Question) -> Answer:
+    """Plan what is asked, by the method and, where wanted, by A* beside it."""
+    began = time.perf_counter()
+    nothing = np.zeros((0, 3)), np.zeros(0)
+    try:
+        mission = _planned(city, question, question.method)
+        rival = _planned(city, question, "astar") if question.beside and question.method != "astar" else None
+    except (ValueError, ImportError, MemoryError, RuntimeError) as error:
+        return Answer(question, None, None, *nothing, str(error).partition("\n")[0], time.perf_counter() - began)
+    along = nothing
+    if mission.status == Status.OK:
+        dense = densify(mission.path, 0.5 * city.grid.spacing)
+        along = dense, verify(dense, city.voxels).clearance_at
+    why = _closed_end(city, question, mission)
+    return Answer(question, mission, rival, *along, why, time.perf_counter() - began)
+
+
+def task_of(city: City, question: Question, ends: slice = slice(None)) -> Task:
+    """The task of a question's legs, or of some of them, with what the rules of the air close.
+
+    Raises:
+        ValueError: for distances or rules that the map cannot have.
+    """
+    starts, goals = legs_of(question.stops)
+    distances = Distances(question.radius, question.margin, question.price)
+    task = Task.of(city.voxels, starts[ends], goals[ends], distances)
+    highest = city.highest(question.waypoints[0])
+    if question.band is None and highest is None and not city.areas:
+        return task
+    closed = _closed(city, question.band or (None, None), highest)
+    return dataclasses.replace(task, map=task.map.closing(closed))
+
+
+@functools.lru_cache(maxsize=8)
+def _closed(city: City, band: Band, highest: float | None) -> Reasons:
+    return Airspace(*band, highest, city.areas).closed_over(city.terrain)
+
+
+def _closed_end(city: City, question: Question, mission: Mission) -> str:
+    """What is in the way of the end of a leg that failed for it, and where there is room; empty where nothing is."""
+    for k in mission.failed[:1]:
+        for end, statuses in enumerate(CLOSED_ENDS):
+            if mission.legs[k].status in statuses:
+                place = np.array(question.waypoints[k + end])
+                x, y, z = np.floor((place - city.grid.lower) / city.grid.spacing).astype(int).tolist()
+                rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
+                where = task_of(city, question, slice(k, k + 1)).map_at(0)
+                heights = open_sentence(where, question.waypoints[k + end], Spoken())
+                why = " and ".join(rules.reasons_at((x, y, z), city.terrain))
+                return f"It lies {why}. {heights[0].upper()}{heights[1:]}."
+            if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
+                stands = taken_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
+                return "" if stands is None else f"{stands.told(Spoken(terrain=city.terrain))}."
+    return ""
+
+
+def _planned(city: City, question: Question, method: str) -> Mission:
+    return plan_mission(task_of(city, question), question.flown, planner_named(method))
+
+
+def densify(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:
+    """A polyline with further points, none farther than a step [m] from the next."""
+    pieces = []
+    for a, b in itertools.pairwise(path):
+        count = max(1, int(np.ceil(np.linalg.norm(b - a) / step)))
+        pieces.append(np.linspace(a, b, count, endpoint=False))
+    return np.concatenate([*pieces, path[-1:]])
+
+
+def told(found: Answer) -> str:
+    """An answer in words: Markdown, a headline and the figures."""
+    if found.mission is None:
+        return f"### Cannot be planned\n{found.refusal}"
+    mission = found.mission
+    if not found.ok:
+        failed = mission.failed
+        leg = f" (leg {failed[0] + 1} of {len(mission.legs)})" if failed and len(mission.legs) > 1 else ""
+        lines = [f"### No path{leg}", f"**{mission.status.name}** {mission.status.advice}"]
+        if failed and mission.status == Status.NO_SAFE_PATH:
+            lines.append(f"At most a radius of {mission.legs[failed[0]].radius:g} m joins them.")
+        if found.refusal:
+            lines.append(found.refusal)
+        return "\n\n".join(lines)
+    certified = all(leg.certified for leg in mission.legs)
+    rows = [
+        f"### Verified path{', certified' if certified else ''}",
+        f"**{mission.length:.1f} m** long, **{mission.cruise_clearance:.1f} m** clear away from the ends, "
+        f"{mission.clearance:.1f} m at the least; radius {mission.radius:g} m, "
+        f"planned in {1e3 * mission.timings['total']:.0f} ms.",
+    ]
+    rows += _legs(found)
+    rows += [f"**Radius not kept:** {one}." for one in mission.near]
+    if found.beside is not None:
+        rival = found.beside
+        rows.append(
+            f"A\\* beside it: {rival.length:.1f} m long, {rival.cruise_clearance:.1f} m clear away from the ends."
+            if rival.status == Status.OK
+            else f"A\\* beside it: no path, {rival.status.name}."
+        )
+    return "\n\n".join(rows)
+
+
+def _legs(found: Answer) -> list[str]:
+    """A line for each leg of a mission with details."""
+    assert found.mission is not None
+    rows = []
+    for k, (leg, stop) in enumerate(zip(found.mission.legs, found.mission.waypoints[1:], strict=True), 1):
+        words = [f"{leg.length:.1f} m"]
+        words += [f"at most {stop.speed:g} m/s"] if stop.speed is not None else []
+        words += [f"hovers {stop.hover:g} s"] if stop.hover is not None else []
+        words += [f"radius {leg.radius:g} m"] if stop.radius is not None else []
+        rows.append(f"{k}. {', '.join(words)}")
+    return ["\n".join(rows)] if found.question.details else []

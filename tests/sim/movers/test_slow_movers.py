@@ -1,0 +1,85 @@
+"""One slow mover in the open: the vehicle passes it, instead of staying behind or giving way to it for ever."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from sim.movers.scenes import spheres
+
+from maxjax.core.status import Status
+from maxjax.planners import Field
+from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
+from maxjax.sim.loop.flight_state import LOG_PERIOD
+from maxjax.sim.loop.follow import follow
+from maxjax.sim.loop.sensing import fuse, sense
+from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.avoid import kept, straight_way
+from maxjax.sim.movers.sets import Bounds, nobody
+from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
+from maxjax.sim.sensors.lidar import Lidar
+from maxjax.sim.worlds.geoms import ground_plane
+from maxjax.trajectories.limits import FlightLimits
+from maxjax.trajectories.online import Sampling
+
+pytestmark = pytest.mark.large
+
+START, GOAL = np.array([-25.0, 0.0, 8.0]), np.array([25.0, 0.0, 8.0])
+BOUNDS = Bounds(speed=5.5, acceleration=2.2, turn=0.0)
+# Places and velocities known as by the LiDAR at ten metres.
+HOW = Avoidance(TrueTracks(slots=1, place=0.2, velocity=1.0), BOUNDS, within=((-60.0, -60.0, 2.0), (60.0, 60.0, 30.0)))
+CONFIG = FlightConfig(
+    planner=Field(),
+    moving=HOW,
+    lidar=Lidar(channels=16, rays=1024, reports_misses=True),
+    exact=True,
+    shape=(41, 41, 17),
+    plans=40,
+    limits=FlightLimits(speed=5.0, acceleration=8.0),
+    sampling=Sampling(0.5, 256),
+    stages=(sense, fuse, straight_way, follow),
+)
+
+
+@functools.cache
+def fast_flight() -> jax.stages.Wrapped:
+    ends = jnp.asarray(START, jnp.float32), jnp.asarray(GOAL, jnp.float32)
+    key = jax.random.key(0)
+    return jax.jit(lambda movers: fly_closed_loop(ground_plane(), *ends, key, CONFIG, movers))
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity"),
+    [
+        ([-12.0, -0.8, 7.4], [0.7, 0.2, 0.1]),  # ahead, the same way
+        ([0.0, 0.2, 8.0], [-1.3, 0.0, 0.0]),  # against it
+        ([-10.0, -2.0, 8.5], [0.5, 0.3, 0.0]),  # aslant
+    ],
+)
+def test_a_slow_mover_is_passed(place: list[float], velocity: list[float]) -> None:
+    log: FlightLog = fast_flight()(spheres(np.array([place]), np.array([velocity])))
+    assert Status(int(log.status)) == Status.OK
+    # 10 s at 5 m/s, and a way round of some metres.
+    assert float(log.duration) < 16.0
+    assert log.flags is not None
+    assert float(log.flags.any_seconds) == 0.0
+    line = np.asarray(log.position, float)
+    line = line[np.isfinite(line[:, 0])]
+    # The way on is not turned round again and again.
+    ahead = np.diff(line[:, 0])
+    assert (ahead < -0.05).sum() * LOG_PERIOD < 2.0
+    gaps = np.linalg.norm(line - (place + LOG_PERIOD * np.arange(len(line))[:, None] * velocity), axis=1) - 0.45
+    assert gaps.min() > HOW.keeping.radius
+
+
+def test_what_motions_keep_of_a_mover_is_its_set_at_the_horizon_and_the_radius() -> None:
+    """Of one at 1 ± 1 m/s, known to 2 cm, backwards most: from 0 m/s it does not reach the bound on speed."""
+    movers = spheres(np.array([[0.0, 0.0, 8.0]]), np.array([[1.0, 0.0, 0.0]]))
+    tracks = tracks_of(movers, jnp.float32(0.0), jnp.zeros(3), BOUNDS, TrueTracks(slots=2, velocity=1.0))
+    horizon = HOW.choice.horizon
+    expected = HOW.keeping.radius + 0.02 + 1.0 * horizon + 0.5 * BOUNDS.acceleration * horizon**2
+    np.testing.assert_allclose(kept(tracks, HOW), [expected, 0.0], rtol=1e-5)
+    assert (kept(nobody(3), HOW) == 0.0).all()
