@@ -12,6 +12,7 @@ import pytest
 from benchmarks import city_plan, first_hour, lidar, plan, profile, rivals, startup, tables, training, verifier
 
 
+@pytest.mark.nightly
 def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
     rows = lidar.main(dataclasses.replace(lidar.TINY, out=tmp_path))
     document = json.loads((tmp_path / "lidar.json").read_text())
@@ -22,6 +23,7 @@ def test_lidar_benchmark_writes_its_rows(tmp_path: Path) -> None:
     assert {"jax", "mujoco", "python"} <= set(document["provenance"]["versions"])
 
 
+@pytest.mark.nightly
 def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None:
     rows = {row["what"]: row for row in plan.main(dataclasses.replace(plan.TINY, out=tmp_path))}
     assert rows["plan, solver: total"]["solved"] == rows["plan, astar: total"]["solved"] == 1
@@ -32,6 +34,7 @@ def test_plan_benchmark_times_plans_alone_and_in_batches(tmp_path: Path) -> None
     assert 0 < sum(stages) <= batch["median"]
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("compiled_astar")
 def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     rows = {str(row["what"]): row for row in rivals.main(dataclasses.replace(rivals.TINY, out=tmp_path))}
@@ -46,6 +49,7 @@ def test_the_benchmark_of_the_rivals_has_all_of_them(tmp_path: Path) -> None:
     assert "| one plan, priced |" in tables.rivals(document)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("compiled_verifier")
 def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -> None:
     rows = {row["what"]: row for row in verifier.main(dataclasses.replace(verifier.TINY, out=tmp_path))}
@@ -58,6 +62,7 @@ def test_the_benchmark_of_the_verifier_has_one_verdict_of_both(tmp_path: Path) -
     assert tables.verdicts(document).splitlines()[-1].endswith("| 4 | 0 |")
 
 
+@pytest.mark.nightly
 def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> None:
     rows = {row["what"]: row for row in profile.main(dataclasses.replace(profile.TINY, out=tmp_path))}
     shares = {what: row["share"] for what, row in rows.items() if what.startswith("solve, 1: ")}
@@ -69,6 +74,7 @@ def test_profile_books_what_runs_on_the_steps_of_the_method(tmp_path: Path) -> N
     assert rows["copy, 1: copy"]["gb_per_s"] > 0
 
 
+@pytest.mark.nightly
 def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(tmp_path: Path) -> None:
     rows = training.main(dataclasses.replace(training.TINY, out=tmp_path))
     assert [(row["devices"], row["speed_up"]) for row in rows] == [(1, 1.0)]
@@ -76,6 +82,7 @@ def test_training_benchmark_has_a_row_for_each_number_of_devices_that_there_is(t
     assert json.loads((tmp_path / "training.json").read_text())["rows"] == rows
 
 
+@pytest.mark.nightly
 def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
     rows = city_plan.main(dataclasses.replace(city_plan.TINY, out=tmp_path))
     assert [row["status"] for row in rows] == ["OK", "OK"]
@@ -83,6 +90,7 @@ def test_cities_are_crossed_in_processes_of_their_own(tmp_path: Path) -> None:
     assert all(0 < row["seconds"] <= row["first_seconds"] for row in rows)
 
 
+@pytest.mark.nightly
 def test_the_first_hour_runs_the_commands_of_the_readme(tmp_path: Path) -> None:
     rows = first_hour.main(dataclasses.replace(first_hour.TINY, out=tmp_path))
     clone, *commands, last = rows
@@ -108,6 +116,7 @@ def test_the_round_over_a_city_of_ones_own_is_the_samples_with_other_places() ->
     assert [words[:2] for words in rest] == [["maxjax", "map"], ["maxjax", "mission"], ["maxjax", "mission"]]
 
 
+@pytest.mark.nightly
 def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path) -> None:
     rows = startup.main(dataclasses.replace(startup.TINY, out=tmp_path))
     assert json.loads((tmp_path / "startup.json").read_text())["rows"] == rows

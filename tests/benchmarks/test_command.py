@@ -73,15 +73,20 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
     assert "main(configured(TINY))" in started.read_text(encoding="utf-8")
 
 
-# A small run of these flies, or takes minutes.
-BY_NIGHT: set[str] = set()
+# A small run of these flies, starts processes, or compiles for more than fifteen seconds.
+BY_NIGHT = {
+    *(f"benchmarks.{name}" for name in ("city_plan", "first_hour", "flight", "history", "page", "plan", "rivals")),
+    "benchmarks.service",
+    *(f"experiments.{name}" for name in ("ablations.study", "closed_loop", "faults", "fleets", "moving_cities")),
+    *(f"experiments.{name}" for name in ("moving_protocols", "paper_loop.study", "windowed_flights")),
+}
 
 
 def numbers(thing: object) -> Iterator[float]:
     """All that there are in rows, in lists of them, and in arrays."""
     if isinstance(thing, dict):
         thing = list(thing.values())
-    if isinstance(thing, float):
+    if isinstance(thing, float | np.floating):
         yield thing
     elif isinstance(thing, list | tuple | np.ndarray):
         for part in thing:

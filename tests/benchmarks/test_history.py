@@ -16,6 +16,7 @@ def _is_clone() -> bool:
     return not subprocess.run(["git", "-C", str(history.ROOT), "rev-parse"], capture_output=True).returncode
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not _is_clone(), reason="needs the repository's history, not a copy of its files")
 def test_the_commit_that_is_checked_out_has_all_figures_and_is_measured_once(tmp_path: Path) -> None:
     (row,) = history.main(dataclasses.replace(history.TINY, out=tmp_path))

@@ -15,6 +15,7 @@ from benchmarks import page, tables
 from benchmarks.common.browser import chromium
 
 
+@pytest.mark.nightly
 def test_drags_are_timed_and_frames_counted(tmp_path: Path) -> None:
     if chromium() is None:
         pytest.skip("no Chromium on this machine: apt-get install chromium")

@@ -15,6 +15,7 @@ from benchmarks.linear_solvers import hindsight, least
 from benchmarks.potential import TINY, main
 
 
+@pytest.mark.nightly
 def test_benchmark_writes_and_prints_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = main(dataclasses.replace(TINY, json=True, out=tmp_path))
     text = (tmp_path / "potential.json").read_text()

@@ -13,6 +13,7 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 from benchmarks import service, tables
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("compiled_astar")
 def test_a_service_holds_what_it_held_and_a_full_folder_takes_new_programs(tmp_path: Path) -> None:
     rows = service.main(dataclasses.replace(service.TINY, out=tmp_path))

@@ -6,10 +6,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from experiments.fleet_picture import TINY, main
 
 
+@pytest.mark.nightly
 def test_all_paths_lead_to_the_goal(tmp_path: Path) -> None:
     config = dataclasses.replace(TINY, out=tmp_path / "fleet.png")
     paths = main(config)

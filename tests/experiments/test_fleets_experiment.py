@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
 import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from experiments.fleets import TINY, main, open_swaps, section
 

@@ -9,6 +9,7 @@ import pytest
 from experiments.heights_picture import Config, main
 
 
+@pytest.mark.nightly
 def test_the_picture_is_drawn_and_repeats(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     for name in ("a.png", "b.png"):

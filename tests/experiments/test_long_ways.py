@@ -13,6 +13,7 @@ import maxjax
 from experiments import long_ways
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("compiled_astar")
 def test_a_tiny_run_compares_and_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     occupied = np.zeros((40, 32, 16), bool)

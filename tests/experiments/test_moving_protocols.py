@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 import dataclasses
 import json
 from pathlib import Path
+
+import pytest
 
 from experiments.moving_protocols import TINY, main, section
 

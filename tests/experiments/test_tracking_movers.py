@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
 import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from experiments.tracking import TINY, field, main, section
 from maxjax.sim.worlds.movers import places

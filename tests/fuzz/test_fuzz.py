@@ -18,17 +18,16 @@ from tests.fuzz import __main__ as at_length
 from tests.fuzz.formats import FORMATS, share
 from tests.fuzz.mutations import mutated
 
-INPUTS = 20_000  # of all formats
-
 
 @pytest.mark.large
+@pytest.mark.parametrize("inputs", [4_000, pytest.param(200_000, marks=pytest.mark.nightly)])  # of all formats
 @pytest.mark.parametrize("name", FORMATS)
-def test_mutated_inputs_are_refused_or_finite(tmp_path: Path, name: str) -> None:
+def test_mutated_inputs_are_refused_or_finite(tmp_path: Path, name: str, inputs: int) -> None:
     tried = FORMATS[name]
     whole = tried.valid()
     assert tried.outcome(whole, tmp_path) == "taken"
     rng = np.random.default_rng(0)
-    count = share(name, INPUTS)
+    count = share(name, inputs)
     found = [tried.outcome(mutated(whole, rng), tmp_path) for _ in range(count)]
     assert found.count("refused") > 0.02 * count
 
