@@ -173,7 +173,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Small grids are compiled without LLVM's optimisations, in a seventh of the time; `full_speed` asks for them."""
-    from short_programs import shorten  # here, since maxjax is imported behind its hook
+    from tests.short_programs import shorten  # here, since maxjax is imported behind its hook
 
     jaxtyping.config.update("jaxtyping_disable", of(item, UNCHECKED))
     small = item.get_closest_marker("full_speed") is None

@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from references import random_blocks, random_free
 
 import maxjax
 from maxjax import AStar, Distances, Grid, Plans, Status, VoxelMap, plan, plan_batch, plan_scan, verify
+from tests.references import random_blocks, random_free
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 5

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from references import random_blocks, random_free
 
 from maxjax import (
     Distances,
@@ -26,6 +25,7 @@ from maxjax import (
     voxelize,
 )
 from maxjax.ui.methods import METHODS, planner_named
+from tests.references import random_blocks, random_free
 
 # The least that the network takes.
 GRID = Grid((32, 32, 32), 2.0, (-10.0, 3.0, 1.0))

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planners import unchecked
 
 import maxjax
 from maxjax import Distances, Grid, Problem, Route, Status, VoxelMap
@@ -18,6 +17,7 @@ from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.sim.loop import flight as flights
 from maxjax.sim.loop.flight import Flight, FlightConfig, World
 from maxjax.sim.worlds.scenes import make_scene
+from tests.planners import unchecked
 
 QUARTER = Path(__file__).parents[1] / "docs" / "samples" / "quarter.geojson"
 

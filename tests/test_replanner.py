@@ -12,8 +12,6 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from planners import bare_plan
-from references import random_blocks
 
 import maxjax
 from maxjax import Distances, Field, Grid, Problem, Replanned, Replanner, Route, Status, VoxelMap, plan_scan, verify
@@ -23,6 +21,8 @@ from maxjax.planning.run.remainder import remainder
 from maxjax.planning.windows import fixed_shapes
 from maxjax.planning.windows import focus_window as focus
 from maxjax.planning.windows.focus_window import View
+from tests.planners import bare_plan
+from tests.references import random_blocks
 
 GRID = Grid((22, 20, 12), 2.0, (3.0, -7.0, 1.0))
 DISTANCES = Distances(1.0, 4.0)

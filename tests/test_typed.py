@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import COMPILED
 
 import maxjax
+from tests.conftest import COMPILED
 
 RIGHT = """
 import numpy as np

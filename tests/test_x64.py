@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from short_programs import shorten
 
 import maxjax
+from tests.short_programs import shorten
 
 GRID = maxjax.Grid((24, 22, 20), 2.0, (0.0, 0.0, 0.0))
 START, GOALS = (4.0, 4.0, 8.0), [(40.0, 6.0, 8.0), (38.0, 38.0, 30.0)]

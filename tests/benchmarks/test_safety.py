@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import priced_graph, random_blocks, random_free
 from scipy.sparse.csgraph import dijkstra
 
 from benchmarks.common import safety
 from benchmarks.common.safety import Walls
+from tests.references import priced_graph, random_blocks, random_free
 
 
 def walls_of(occupied: np.ndarray, spacing: float = 2.0) -> Walls:

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
-from short_programs import shorten
 
 from maxjax.compile.batching import batched_by, settle, settle_batch
 from maxjax.compile.lowering import (
@@ -24,6 +23,7 @@ from maxjax.compile.lowering import (
     shifted,
     total,
 )
+from tests.short_programs import shorten
 
 
 @pytest.fixture(autouse=True)

@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import random_blocks
 
 from benchmarks.common.harness import Row
 from experiments.differentiable import demonstrations, design, inverse, learning, priced, sensitivity
 from experiments.differentiable import gate as gate_module
 from experiments.differentiable.field import table
+from tests.references import random_blocks
 
 SHAPE = (10, 11, 9)
 STEP = 1e-4

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import distances_to_cubes, inflated
 
 from benchmarks.common.dilation import closed, joined
 from benchmarks.common.safety import Walls, kept
 from experiments.hard_maps.judge import Answer, judge
 from experiments.hard_maps.maps import CELLS, SIZE, drawn
 from experiments.hard_maps.study import TINY, main, section
+from tests.references import distances_to_cubes, inflated
 
 
 @pytest.mark.parametrize("radius", [0.5, 1.0, 1.5, 2.2])

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Bool, Int32
-from references import component_of, serpentine
 
 from maxjax.fields.connectivity import first_joined, flood
+from tests.references import component_of, serpentine
 
 fill = jax.jit(flood)
 

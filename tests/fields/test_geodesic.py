@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, serpentine
 from scipy import ndimage
 
 from maxjax.fields.geodesic import geodesic
+from tests.references import component_of, serpentine
 
 measure = jax.jit(geodesic)
 

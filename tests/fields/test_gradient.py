@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import conduction_matrix
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.sparse.linalg import expm_multiply
 
 from maxjax.core.interpolation import trilinear
 from maxjax.fields.gradient import gradient, gradient_at, log_potential, smooth
+from tests.references import conduction_matrix
 
 SHAPE = (12, 11, 13)
 RNG = np.random.default_rng(1)

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import conduction_matrix
 
 from maxjax.fields import stencil
+from tests.references import conduction_matrix
 
 SHAPE = (5, 6, 7)
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cityjson import column_heights
 from scipy import ndimage
 
 from maxjax.core.grid import Grid
 from maxjax.io import PointCloud, ground_mask, read_map, solidify
+from tests.io.cityjson import column_heights
 
 GRID = Grid((12, 10, 15), 2.0, (-11.0, -9.0, -4.0))
 

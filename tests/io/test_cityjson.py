@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cityjson import column_heights
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
@@ -20,6 +19,7 @@ from maxjax.core.files import FileError
 from maxjax.io.geo.rings import chain
 from maxjax.io.kinds.footprints import Fill, Footprint, Footprints
 from maxjax.io.readers.cityjson import load_cityjson
+from tests.io.cityjson import column_heights
 
 # An L of 12 m², and a square hole in a square of 16.
 L = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]

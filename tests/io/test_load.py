@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cityjson import column_heights
 from matplotlib.path import Path as Outline
 
 import maxjax
@@ -16,6 +15,7 @@ from maxjax.core.grid import Grid
 from maxjax.io import PointCloud, Window, map_of
 from maxjax.io.kinds.footprints import Footprint, Footprints
 from maxjax.io.kinds.prisms import prism_voxels
+from tests.io.cityjson import column_heights
 
 EXTENT = np.array([[3.0, -20.0, 5.0], [90.0, 31.0, 40.0]])
 

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from nn.scenes import GRID, Boxes
 
 from maxjax import Status, conductivity, solve_potential
 from maxjax.nn.dataset import Chunks, Scenes, generate, usable
+from tests.nn.scenes import GRID, Boxes
 
 KEY = jax.random.key(3)
 

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from nn.scenes import GRID, MINI, Boxes
 
 from maxjax import Distances, Network, Status, VoxelMap, conductivity, plan, plan_batch, solve_potential
 from maxjax.nn import model as module
@@ -21,6 +20,7 @@ from maxjax.nn.autoencoder import init_params
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
 from maxjax.planning.run.field_planner import PotentialLike
 from maxjax.ui.methods import planner_named
+from tests.nn.scenes import GRID, MINI, Boxes
 
 
 @pytest.fixture(autouse=True)

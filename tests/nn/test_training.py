@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from nn.scenes import GRID, MINI, Boxes
 
 from maxjax.nn import checkpoint, training
 from maxjax.nn.architecture import CONFIGS
@@ -25,6 +24,7 @@ from maxjax.nn.dataset import Chunks, Scenes, generate
 from maxjax.nn.evaluation import errors, evaluate, summary
 from maxjax.nn.recipes import Training
 from maxjax.nn.training import LOG, Run, TrainingState, train, turn
+from tests.nn.scenes import GRID, MINI, Boxes
 
 RECIPE = Training("mini", epochs=4, batch=2, rate=3e-3, slope=1.0, turned=True, precision="float32", by="product")
 

@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, direct_potential, keeps, random_blocks, random_free, serpentine
 
 from maxjax import Grid, VoxelMap, verify
 from maxjax.planning.path.ascent import Ascent, ascend
 from maxjax.planning.path.line_of_sight import sight_of
+from tests.references import component_of, direct_potential, keeps, random_blocks, random_free, serpentine
 
 SHAPE = (16, 18, 20)
 SETTINGS = {

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import cuts_no_corner, grid_graph, priced_graph, random_free
 from scipy.sparse.csgraph import dijkstra
 
 from maxjax import Status
 from maxjax.planning.search import astar as module
 from maxjax.planning.search import steps
 from maxjax.planning.search.astar import astar
+from tests.references import cuts_no_corner, grid_graph, priced_graph, random_free
 
 
 def euclidean_length(path: np.ndarray) -> float:

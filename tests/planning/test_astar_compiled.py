@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import cuts_no_corner, grid_graph, priced_graph, random_free, serpentine
 from scipy.sparse.csgraph import dijkstra
 
 import maxjax
@@ -20,6 +19,7 @@ from maxjax.compile.native import NotCompiledError
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.search.astar import AstarResult, astar
 from maxjax.planning.search.astar_compiled import Queries, Query, Search
+from tests.references import cuts_no_corner, grid_graph, priced_graph, random_free, serpentine
 
 Index = tuple[int, int, int]
 PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]

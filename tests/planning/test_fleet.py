@@ -8,7 +8,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from references import random_blocks, random_free, serpentine
 
 from maxjax import AStar, Grid, Plans, Potential, Status, VoxelMap, dilate, plan, plan_fleet, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
@@ -16,6 +15,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import shared_goal as fleet_module
 from maxjax.planning.run.field_planner import FieldPlanner
+from tests.references import random_blocks, random_free, serpentine
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 RADIUS, MARGIN = 2.0, 4.0

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import component_of, distances_to_cubes, inflated
 from scipy import ndimage
 
 import maxjax
 from maxjax import Grid, Plan, Status, VoxelMap
 from maxjax.ui.methods import planner_named
+from tests.references import component_of, distances_to_cubes, inflated
 
 SAMPLES = 0.02  # apart [voxels]
 SLACK = 1.3e-3  # what the verifier allows [voxels]

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import keeps, touched
 from scipy import ndimage
 
 from maxjax import Grid
 from maxjax.compile.lowering import lowered_for
 from maxjax.planning.path.line_of_sight import TOUCH, clear, clear_and_paid, sight_of, stands_free, visibility
 from maxjax.verification.contacts import touched_voxels
+from tests.references import keeps, touched
 
 SHAPE = (5, 6, 4)
 see = jax.jit(jax.vmap(clear, in_axes=(None, 0, 0)))

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import random_blocks
 from scipy.spatial import cKDTree
 
 import maxjax
 from maxjax import Status, Waypoint
 from maxjax.planning import mission as missions
 from maxjax.planning.mission import Mission
+from tests.references import random_blocks
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (500.0, -40.0, 1.0))
 A, B, C, D = (506.0, -36.0, 21.0), (576.0, -36.0, 21.0), (576.0, 36.0, 31.0), (506.0, 36.0, 21.0)  # centres of voxels

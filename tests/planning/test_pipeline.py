@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plans, Status, VoxelMap, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
@@ -14,6 +13,7 @@ from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.pipeline import pipelined
 from maxjax.planning.windows.focus_window import View
+from tests.references import random_blocks, random_free, serpentine
 
 GRID = Grid((14, 15, 16), 2.0, (-10.0, 3.0, 1.0))
 COUNT = 7

@@ -10,8 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planners import ByFunction
-from references import random_blocks, random_free, serpentine
 
 from maxjax import Grid, Plan, Status, VoxelMap, plan, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
@@ -24,6 +22,8 @@ from maxjax.planning.run.execution import plan_task, with_longer_ascents
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.verifying import verified
 from maxjax.solvers.screened import Screened
+from tests.planners import ByFunction
+from tests.references import random_blocks, random_free, serpentine
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 EMPTY = np.zeros(GRID.shape, bool)

@@ -9,7 +9,6 @@ import math
 import jax
 import numpy as np
 import pytest
-from references import component_of, distances_to_cubes, inflated, random_blocks, random_free
 from scipy import ndimage
 
 from maxjax import Grid, Price, Status
@@ -17,6 +16,7 @@ from maxjax.planning.problem.exemptions import last_level
 from maxjax.planning.problem.problem import Problem, formulate, largest_joining
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Distances
+from tests.references import component_of, distances_to_cubes, inflated, random_blocks, random_free
 
 SHAPE = (12, 10, 8)
 GRID, PART = Grid(SHAPE, 1.0, (0.0, 0.0, 0.0)), Grid((8, 8, 6), 1.0, (0.0, 0.0, 0.0))

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, distances_to_cubes, random_blocks, random_free
 
 from maxjax import Grid, Price, Status
 from maxjax.planning.path.line_of_sight import stands_free
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
+from tests.references import component_of, distances_to_cubes, random_blocks, random_free
 
 GRID = Grid((16, 18, 20), 2.0, (-10.0, 3.0, 1.0))
 NO_GROUND = np.zeros(GRID.shape, bool)

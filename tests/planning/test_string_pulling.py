@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, grid_graph, keeps, random_blocks, random_free, serpentine
 from scipy import ndimage
 from scipy.sparse import csgraph
 
@@ -16,6 +15,7 @@ from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.planning.path.line_of_sight import clear_and_paid, sight_of
 from maxjax.planning.path.string_pulling import WINDOW, tighten
 from maxjax.planning.search.astar import astar
+from tests.references import component_of, grid_graph, keeps, random_blocks, random_free, serpentine
 
 SHAPE = (16, 18, 20)
 ROOM = 200  # length of the arrays

@@ -8,11 +8,11 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from planners import unchecked
 
 from maxjax import Grid, VoxelMap
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
+from tests.planners import unchecked
 
 GRID = Grid((4, 5, 6), 2.0, (84_888.25, 447_501.5, -3.0))
 EMPTY = np.zeros(GRID.shape, bool)

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 import pytest
-from planners import bare_plan
 
 import maxjax
 from maxjax.planning.plan import Plan
 from maxjax.sim.loop.trajectory_flight import AFTER, Tracking, fly_all, follow_setpoints, tracked
+from tests.planners import bare_plan
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (5000.0, -40.0, 1.0))
 WAYS = (

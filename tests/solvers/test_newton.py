@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.compile.lowering import lowered_for
@@ -19,6 +18,7 @@ from maxjax.solvers.cg import screening_length_for
 from maxjax.solvers.medium import Progress, medium_of, untouched
 from maxjax.solvers.newton import newton_cycles
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
+from tests.references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 Scene = tuple[np.ndarray, np.ndarray]
 

@@ -12,8 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planners import unchecked as by_itself
-from references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
 from maxjax.fields.certificate import uncertified
@@ -26,6 +24,8 @@ from maxjax.solvers.geodesic_solver import distance_potential
 from maxjax.solvers.medium import medium_of, untouched
 from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
+from tests.planners import unchecked as by_itself
+from tests.references import component_of, direct_potential, random_blocks, random_free, serpentine
 
 GRID = Grid((16, 18, 20))
 solve = jax.jit(solve_potential, static_argnames=("setting", "tolerance"))

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, conduction_matrix, direct_potential, random_blocks, serpentine
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu, spsolve
 
@@ -17,6 +16,7 @@ from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers import random_walk as module
 from maxjax.solvers.medium import medium_of, pad_medium
 from maxjax.solvers.random_walk import RandomWalk, random_walk
+from tests.references import component_of, conduction_matrix, direct_potential, random_blocks, serpentine
 
 Voxel = tuple[int, int, int]
 LEAK = SCREENING_LENGTH**-2

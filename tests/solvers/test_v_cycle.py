@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import component_of, direct_potential, random_blocks, random_free
 
 from maxjax import Grid, conductivity
 from maxjax.fields import stencil
 from maxjax.solvers.krylov import Solution, pcg
 from maxjax.solvers.v_cycle import hierarchy, v_cycle
+from tests.references import component_of, direct_potential, random_blocks, random_free
 
 Discretised = tuple[stencil.Operator, jax.Array, jax.Array, np.ndarray, np.ndarray]
 

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from planners import bare_plan
-from references import random_blocks
 from scipy.spatial import cKDTree
 
 import maxjax
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.limits import PX4, PX4_MISSION
+from tests.planners import bare_plan
+from tests.references import random_blocks
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (500.0, -40.0, 1.0))
 COUNT = 16

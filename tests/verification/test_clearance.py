@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import to_world
 from scipy.ndimage import binary_erosion
 from scipy.optimize import lsq_linear
 
@@ -17,6 +16,7 @@ from maxjax import Grid, Status, VoxelMap
 from maxjax.planning.search.astar import astar
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
+from tests.references import to_world
 
 pytestmark = pytest.mark.usefixtures("each_verifier")
 

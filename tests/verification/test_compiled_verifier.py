@@ -12,7 +12,6 @@ import os
 
 import numpy as np
 import pytest
-from references import random_blocks, to_world
 
 from maxjax import Grid, VoxelMap
 from maxjax.compile.threads import concurrently
@@ -23,6 +22,7 @@ from maxjax.verification.compiled import compiled_verdicts
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verdicts
 from maxjax.verification.verifier import plain_verdicts, verify_paths
+from tests.references import random_blocks, to_world
 
 PATHS = int(os.environ.get("PATHS", "3000"))
 TOGETHER = 200

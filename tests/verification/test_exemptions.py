@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from references import to_world
 from scipy.ndimage import binary_dilation
 
 from maxjax import Grid, VoxelMap
@@ -17,6 +16,7 @@ from maxjax.verification.exempt_parts import cut
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verdicts import Verification
 from maxjax.verification.verifier import verify, verify_paths
+from tests.references import to_world
 
 pytestmark = pytest.mark.usefixtures("each_verifier")
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from references import to_world, touched
 
 from maxjax import Grid, VoxelMap, dilate
 from maxjax.verification.contacts import touched_voxels
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify, verify_paths
+from tests.references import to_world, touched
 
 pytestmark = pytest.mark.usefixtures("each_verifier")
 

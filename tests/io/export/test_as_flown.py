@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from planners import bare_plan
 from shapely.geometry import Polygon
 
 import maxjax
@@ -26,6 +25,7 @@ from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.verification.verifier import verify
+from tests.planners import bare_plan
 
 QUARTER = Path("docs/samples/quarter.geojson")
 FROM_THE_GROUND = ("a.plan", "a.waypoints", "a_ned.csv")

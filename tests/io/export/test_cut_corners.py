@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planners import bare_plan
 from scipy import ndimage, sparse, spatial
 
 import maxjax
@@ -21,6 +20,7 @@ from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.verification.polylines import Paths
 from maxjax.verification.verifier import verify_paths
+from tests.planners import bare_plan
 
 EARTH = TangentPlane(52.0, 4.3, 0.0)
 RADIUS = 1.0

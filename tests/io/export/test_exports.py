@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planners import bare_plan
 
 import maxjax
 from maxjax.io.export.export import export
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.planning.plan import Plan
+from tests.planners import bare_plan
 
 EARTH = TangentPlane(52.07, 4.3, 10.0)
 GROUND = 1.5

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from planners import bare_plan
 
 import maxjax
 from maxjax.io.export.autopilot import Autopilot
@@ -19,6 +18,7 @@ from maxjax.io.export.return_height import return_height
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
+from tests.planners import bare_plan
 
 EARTH = TangentPlane(52.0, 4.3, 0.0)
 RADIUS = 1.5

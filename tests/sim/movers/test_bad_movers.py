@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.tree_util import keystr, tree_flatten_with_path
-from scenes import box
 
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
@@ -32,6 +31,7 @@ from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers, through
 from maxjax.ui.methods import planner_named
+from tests.sim.movers.scenes import box
 
 pytestmark = pytest.mark.large
 

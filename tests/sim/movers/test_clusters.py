@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from sim.movers.scenes import LIDAR, SIGHT
 
 from maxjax.sim.movers.clusters import Signs, clustered, gathered
 from maxjax.sim.sensors.lidar import directions
+from tests.sim.movers.scenes import LIDAR, SIGHT
 
 RAYS = np.asarray(directions(LIDAR), float)
 jit_clustered = jax.jit(clustered)

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sim.movers.scenes import spheres
 
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -21,6 +20,7 @@ from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane
+from tests.sim.movers.scenes import spheres
 
 pytestmark = pytest.mark.large
 

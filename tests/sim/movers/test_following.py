@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from sim.movers.scenes import SIGHT, arrays
 
 from maxjax.sim.movers.assignment import assigned
 from maxjax.sim.movers.body_marks import Marks
 from maxjax.sim.movers.following import View, followed, nobody_followed
 from maxjax.sim.movers.visible import Visible
+from tests.sim.movers.scenes import SIGHT, arrays
 
 jit_followed = jax.jit(followed)
 NO, NONE = jnp.zeros(SIGHT.slots, bool), jnp.zeros(SIGHT.slots)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from sim.movers.scenes import CITY, LIDAR, SIGHT, fast_scan, pose
 
 from maxjax.sim.movers.range_memory import margin, nothing_remembered, remembered, was_empty
+from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, fast_scan, pose
 
 jit_remembered, jit_was_empty = jax.jit(remembered), jax.jit(was_empty)
 

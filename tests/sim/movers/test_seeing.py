@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sim.movers.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 from maxjax.sim.movers.lidar_perception import perceived
 from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
 from maxjax.sim.movers.sets import reachable
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.worlds.movers import Movers, Moving
+from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 
 def watched(movers: Movers | None, looks: int, speed: float = 0.0, key: int = 0) -> list[tuple[Seeing, Scan]]:

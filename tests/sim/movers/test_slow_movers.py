@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sim.movers.scenes import spheres
 
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -24,6 +23,7 @@ from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Sampling
+from tests.sim.movers.scenes import spheres
 
 pytestmark = pytest.mark.large
 

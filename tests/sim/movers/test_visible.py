@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import box, spheres
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim.movers.clusters import Clusters
@@ -16,6 +15,7 @@ from maxjax.sim.movers.visible import Visible, visible
 from maxjax.sim.sensors.lidar import Lidar, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Moving
+from tests.sim.movers.scenes import box, spheres
 
 SIGHT = MoverSight(lidar=Lidar(), bounds=Bounds(8.0, 2.0, 1.0), detections=1, points=1024)
 AT = np.array([0.0, 0.0, 12.0])

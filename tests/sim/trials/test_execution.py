@@ -23,7 +23,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.errors import JaxRuntimeError
-from short_programs import shorten
 
 from maxjax.core.status import Status
 from maxjax.sim.loop import flight, replan
@@ -45,6 +44,7 @@ from maxjax.sim.worlds.movers import Movers, straight
 from maxjax.sim.worlds.populations import Population
 from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.methods import planner_named
+from tests.short_programs import shorten
 
 # --- The bookkeeping, on flights along the straight line; some of them end badly. ---
 
@@ -534,7 +534,7 @@ def _real_flights(out: Path) -> None:
 def environment(flags: str = "") -> dict[str, str]:
     """Of a process that runs this file, compiled as here (tests/conftest.py)."""
     root = Path(__file__).parents[3]
-    paths = [str(root), str(root / "tests"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
     flags = " ".join(filter(None, [os.environ.get("XLA_FLAGS"), flags]))
     return {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(paths)}
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_execution import BAD_DRAW, CALM, environment, fake_draw, fake_fly, flown, quick, windy  # noqa: F401
 
 from maxjax.sim.trials import batches as module
 from maxjax.sim.trials import ledger as bookkeeping
@@ -27,6 +26,7 @@ from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.shards import Shard, merge
 from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.ui.cli.fly_command import runs
+from tests.sim.trials.test_execution import BAD_DRAW, CALM, environment, fake_draw, fake_fly, flown, quick, windy  # noqa: F401
 
 TRIALS = 11
 WHOLE = Campaign("suburb", 0, range(TRIALS), config=windy(2.0))

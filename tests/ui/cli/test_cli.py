@@ -22,8 +22,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from planners import bare_plan
-from terminal import Terminal
 
 from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.io import PointCloud, read_map
@@ -34,10 +32,13 @@ from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import make_scene, occupancy
 from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.screened import Screened
-from maxjax.ui.cli import check, main, report
+from maxjax.ui.cli import check_command as check
+from maxjax.ui.cli import main, report
 from maxjax.ui.cli.options import TrainOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import ALIASES, METHODS
+from tests.planners import bare_plan
+from tests.ui.cli.terminal import Terminal
 
 # One shape for all small maps, so that the planner compiles once.
 SHAPE = (24, 16, 12)

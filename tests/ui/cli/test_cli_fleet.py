@@ -9,7 +9,6 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from terminal import Terminal
 
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World
@@ -22,6 +21,7 @@ from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.cli import fleet_command as fleets
 from maxjax.ui.figures import campaign_figures as pictures
+from tests.ui.cli.terminal import Terminal
 
 pytest.importorskip("matplotlib")
 

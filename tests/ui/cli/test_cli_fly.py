@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from terminal import Terminal
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -36,12 +35,14 @@ from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers
 from maxjax.sim.worlds.populations import Population
 from maxjax.sim.worlds.solids import upright_boxes
-from maxjax.ui.cli import flying, progress
+from maxjax.ui.cli import fly_command as flying
+from maxjax.ui.cli import progress
 from maxjax.ui.cli.fly_command import command_of
 from maxjax.ui.cli.viewing_flights import again
 from maxjax.ui.figures import campaign_figures as pictures
 from maxjax.ui.methods import planner_named
 from maxjax.ui.page.trial_folder import open_folder
+from tests.ui.cli.terminal import Terminal
 
 pytest.importorskip("matplotlib")
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import test_cli_mission
-from test_cli_places import GOAL, SAMPLE, START, areas, degrees
+
+from tests.ui.cli import test_cli_mission
+from tests.ui.cli.test_cli_places import GOAL, SAMPLE, START, areas, degrees
 
 pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
 

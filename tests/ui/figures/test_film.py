@@ -17,7 +17,8 @@ from maxjax.ui.figures.style import ARRIVED, FLAGGED, MOTION, MOVER, PLANNED
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib import pyplot  # noqa: E402
 from PIL import Image  # noqa: E402
-from town import GOAL, GRID, line, town  # noqa: E402
+
+from tests.ui.figures.town import GOAL, GRID, line, town  # noqa: E402
 
 
 def looks(periods: int) -> list[Look]:

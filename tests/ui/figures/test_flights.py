@@ -14,7 +14,8 @@ from maxjax.ui.figures.flights import Flown, figure_flights
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib import pyplot  # noqa: E402
 from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
-from town import GOAL, GRID, line, town  # noqa: E402
+
+from tests.ui.figures.town import GOAL, GRID, line, town  # noqa: E402
 
 FLIGHTS = [
     Flown(3, line(), GOAL, True),

@@ -16,7 +16,6 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 
 import msgspec
 import viser
-from test_page import town
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -26,6 +25,7 @@ from maxjax.ui.page.controls import add_controls
 from maxjax.ui.page.guard import MOST_FAULTS, guarding
 from maxjax.ui.page.question import Question
 from maxjax.ui.page.server import address_of, serve
+from tests.ui.page.test_page import town
 
 PROTOCOL = f"viser-v{viser.__version__}"
 ENDS = ((8.0, 10.0, 10.0), (58.0, 50.0, 12.0))

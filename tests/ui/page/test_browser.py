@@ -17,9 +17,6 @@ import pytest
 pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
 pytest.importorskip("playwright", reason="no playwright: pip install playwright")
 
-from flown import folder
-from test_page import town
-
 from benchmarks.common.browser import Window, browser, chromium
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.trials.outcomes import Outcome
@@ -32,6 +29,8 @@ from maxjax.ui.page.question import Question, answer
 from maxjax.ui.page.server import serve
 from maxjax.ui.page.share import MOST_BYTES, playing_page
 from maxjax.ui.page.trial_folder import city_of, film_of, open_folder
+from tests.ui.page.flown import folder
+from tests.ui.page.test_page import town
 
 START, GOAL = (8.0, 10.0, 10.0), (58.0, 50.0, 12.0)
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flown import folder, line, outcome
 
 from maxjax.ui.page.timeline import PLUMB_NODE, VEHICLE_NODE
 from maxjax.ui.page.trial_folder import city_of, film_of, headline, open_folder, trial_in_words
+from tests.ui.page.flown import folder, line, outcome
 
 
 def test_a_folder_is_read_and_not_changed(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
-from flown import GOAL, START, line, outcome
 
 from maxjax.core.rng_streams import named
 from maxjax.sim.loop.flight import FlightConfig
@@ -27,6 +26,7 @@ from maxjax.ui.methods import planner_named
 from maxjax.ui.page.mover_playback import KNOWN_NODE, MOVERS_NODE, known_cues, moving_cues
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.trial_folder import city_of, film_of
+from tests.ui.page.flown import GOAL, START, line, outcome
 
 
 def bodies() -> Movers:

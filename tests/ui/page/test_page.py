@@ -7,7 +7,6 @@ import threading
 
 import numpy as np
 import pytest
-from test_surface import area_vectors
 
 import maxjax
 from maxjax.io.airspace.airspace import Area
@@ -22,6 +21,7 @@ from maxjax.ui.page.page_map import City, first_ends, hit
 from maxjax.ui.page.question import Question, answer, told
 from maxjax.ui.page.slices import Field, Slice, picture
 from maxjax.ui.page.worker import Worker
+from tests.ui.page.test_surface import area_vectors
 
 FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates
 

@@ -8,13 +8,13 @@ import types
 
 import numpy as np
 import pytest
-from planners import bare_plan
 
 import maxjax
 from maxjax.planning.mission import Mission, Waypoint
 from maxjax.ui.page.download import _timed
 from maxjax.ui.page.incoming import fault_of, refusal_of
 from maxjax.ui.page.question import Answer, Question, answer, told
+from tests.planners import bare_plan
 
 PLACES = ((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), (120.0, 0.0, 20.0))
 
