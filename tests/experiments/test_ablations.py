@@ -24,6 +24,7 @@ from experiments.ablations.variants import FLIGHTS, GROUPS
 from maxjax.fields.gradient import gradient
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.outcomes import Outcome
+from tests.scenes import outcome
 
 SHAPE = (24, 20, 16)
 
@@ -107,23 +108,7 @@ def test_every_condition_of_the_closed_loop_is_flown(tmp_path: Path, monkeypatch
         flown.append(campaign)
         length = 70.0 + campaign.config.reactive
         yield [
-            Outcome(
-                trial=k,
-                city=0,
-                status="OK" if k else "IN_CONTACT",
-                start=[0.0, 0.0, 5.0],
-                goal=[60.0, 0.0, 5.0],
-                distance=60.0,
-                excluded=0,
-                flown_length=length,
-                duration=20.0,
-                clearance=0.9 if k else 0.4,
-                planning_iterations=20,
-                failed_plans=0,
-                margins={"8": 20},
-                certified=1.0,
-                command="maxjax fly",
-            )
+            outcome(k, "OK" if k else "IN_CONTACT", flown_length=length, clearance=0.9 if k else 0.4, margins={"8": 20})
             for k in campaign.trials
         ]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,11 +12,7 @@ from experiments import moving_cities
 from experiments.moving_cities import Config, main, section
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.outcomes import Outcome
-
-
-def outcome(trial: int, status: str, duration: float, **among: Any) -> Outcome:
-    return Outcome(trial, 0, status, [0.0] * 3, [60.0, 0.0, 0.0], 60.0, 0, 61.0, duration, 0.4, 12, 0, {}, 1.0,
-                   f"fly {trial}", **among)  # fmt: skip
+from tests.scenes import outcome
 
 
 def flights(campaign: Campaign, batch: int | None, folder: Path | None) -> Iterator[list[Outcome]]:
@@ -26,14 +21,14 @@ def flights(campaign: Campaign, batch: int | None, folder: Path | None) -> Itera
     assert folder is None
     if campaign.movers is None:
         assert campaign.flight.moving is None
-        yield [outcome(0, "OK", 10.0), outcome(1, "OK", 20.0)]
+        yield [outcome(0, "OK", duration=10.0), outcome(1, "OK", duration=20.0)]
     elif campaign.flight.moving is not None:
         flagged = {"flagged": {"TRAPPED": 1.5}, "flagged_share": 0.1}
-        yield [outcome(0, "OK", 15.0, **flagged, hidden_movers=0)]
+        yield [outcome(0, "OK", duration=15.0, **flagged, hidden_movers=0)]
         hit = {"flagged": {"NEAR": 1.0}, "flagged_share": 0.2, "flagged_before": False, "touched": "mover"}
-        yield [outcome(1, "IN_CONTACT", 5.0, **hit, flagged_at_contact=False, hidden_movers=0)]
+        yield [outcome(1, "IN_CONTACT", duration=5.0, **hit, flagged_at_contact=False, hidden_movers=0)]
     else:
-        yield [outcome(trial, "OK", 12.0 + 8.0 * trial) for trial in reversed(campaign.trials)]
+        yield [outcome(trial, "OK", duration=12.0 + 8.0 * trial) for trial in reversed(campaign.trials)]
 
 
 def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from experiments.paper_loop.stage import Loop, before_walls, dilated, smoothed_g
 from experiments.paper_loop.study import BEFORE, FEW, LAYERS, LOOPS, TINY, Config, flight_of, main, row_of
 from experiments.paper_loop.tables import section
 from maxjax.fields.gradient import gradient
-from maxjax.sim.trials.outcomes import Outcome
+from tests.scenes import outcome
 
 SHAPE = (24, 20, 16)
 LADDER = (4, 3, 2, 1, 0)
@@ -95,12 +95,6 @@ def test_layers_differ_by_one_thing_each() -> None:
     for before, after in itertools.pairwise(chain):
         changed = [f.name for f in dataclasses.fields(Loop) if getattr(before, f.name) != getattr(after, f.name)]
         assert len(changed) == 1, (before, after)
-
-
-def outcome(trial: int, status: str) -> Outcome:
-    return Outcome(
-        trial, 0, status, [0.0] * 3, [60.0, 0, 5], 60.2, 0, 70.5, 40.0, 1.5, 20 + trial, 3, {}, 0.5, "maxjax fly"
-    )
 
 
 def test_the_section_holds_every_loop_and_its_interval() -> None:

@@ -11,18 +11,11 @@ import pytest
 
 from maxjax.sim.sensors.lidar import Lidar, Scan, directions, scan
 from maxjax.sim.vehicle.disturbances import SETS, Disturbances, degrade, mean_wind, outage, position_error
-from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.worlds.solids import upright_boxes
+from tests.scenes import wall_and_tower
 
 LIDAR = Lidar(rays=8192, channels=64)
 START = np.array([-24.0, 1.0, 6.0], np.float32)
 KEY = jax.random.key(5)
-
-
-def town() -> Geoms:
-    """A wall across the straight line, and a tower beside the way around it."""
-    rows = jnp.array([[-4.0, 0.0, 2.0, 12.0, 0.0, 40.0, 0.1], [8.0, 20.0, 4.0, 4.0, 0.0, 30.0, 0.4]])
-    return concatenate([ground_plane(), upright_boxes(rows)])
 
 
 def worsened(measured: Scan, disturbances: Disturbances, time: float) -> Scan:
@@ -32,7 +25,7 @@ def worsened(measured: Scan, disturbances: Disturbances, time: float) -> Scan:
 
 
 def test_a_scan_whose_beams_are_all_lost_holds_no_points() -> None:
-    measured = scan(town(), LIDAR, jnp.asarray(START), jnp.eye(3), KEY)
+    measured = scan(wall_and_tower(), LIDAR, jnp.asarray(START), jnp.eye(3), KEY)
     found = worsened(measured, Disturbances(blackout=1e3, dropout=1.0), 10.0)
     assert not np.any(found.hit)
     assert np.all(np.isnan(found.points))
@@ -41,7 +34,7 @@ def test_a_scan_whose_beams_are_all_lost_holds_no_points() -> None:
 
 def test_calm_leaves_a_scan_as_it_is_and_each_disturbance_does_what_it_says() -> None:
     origin = jnp.asarray(START)
-    measured = scan(town(), LIDAR, origin, jnp.eye(3), KEY)
+    measured = scan(wall_and_tower(), LIDAR, origin, jnp.eye(3), KEY)
 
     def worse(time: float = 0.0, **strengths: float) -> Scan:
         return worsened(measured, Disturbances(**strengths), time)

@@ -30,9 +30,8 @@ from maxjax.sim.loop.flight_state import estimated_position
 from maxjax.sim.loop.follow import advance_time
 from maxjax.sim.sensors.lidar import Lidar, Scan, scan
 from maxjax.sim.vehicle.disturbances import Disturbances
-from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.methods import planner_named
+from tests.scenes import wall_and_tower
 
 LIDAR = Lidar(rays=4096, channels=64)
 CONFIG = FlightConfig(
@@ -46,14 +45,8 @@ CONFIG = FlightConfig(
 START, GOAL = jnp.array([-24.0, 1.0, 6.0]), jnp.array([14.0, -2.0, 8.0])
 
 
-@functools.cache
-def town() -> Geoms:
-    rows = jnp.array([[-4.0, 0.0, 2.0, 12.0, 0.0, 40.0, 0.1], [8.0, 20.0, 4.0, 4.0, 0.0, 30.0, 0.4]])
-    return concatenate([ground_plane(), upright_boxes(rows)])
-
-
 def world(faults: Faults | None) -> World:
-    return World(town(), START, GOAL, jax.random.key(5), Disturbances(), faults=faults)
+    return World(wall_and_tower(), START, GOAL, jax.random.key(5), Disturbances(), faults=faults)
 
 
 def ready(target: Target, mode: Mode, **changes: object) -> tuple[World, Flight]:
@@ -66,7 +59,7 @@ def ready(target: Target, mode: Mode, **changes: object) -> tuple[World, Flight]
 
 @functools.cache
 def honest() -> Scan:
-    return scan(town(), LIDAR, START, jnp.eye(3), jax.random.key(1))
+    return scan(wall_and_tower(), LIDAR, START, jnp.eye(3), jax.random.key(1))
 
 
 @functools.cache
@@ -101,7 +94,7 @@ def test_of_no_scan_and_of_ranges_without_surfaces_nothing_is_used(mode: Mode) -
 def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
     one, flight = ready(Target.LIDAR, Mode.STUCK)
     first, failing = delivered(one, flight, honest(), LIDAR, jnp.int32(0))
-    other = scan(town(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
+    other = scan(wall_and_tower(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
     second, again = delivered(one, dataclasses.replace(flight, failing=failing), other, LIDAR, jnp.int32(1))
     assert np.array_equal(first.hit, honest().hit)
     assert not np.any(second.hit)

@@ -17,11 +17,10 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
-from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.scenes import scene_xml
-from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
+from tests.scenes import wall_and_tower
 
 LIDAR = Lidar(rays=8192, channels=64)
 CONFIG = FlightConfig(
@@ -31,16 +30,10 @@ START, GOAL = np.array([-24.0, 1.0, 6.0], np.float32), np.array([14.0, -2.0, 8.0
 KEY = jax.random.key(5)
 
 
-def town() -> Geoms:
-    """A wall across the straight line, and a tower beside the way around it."""
-    rows = jnp.array([[-4.0, 0.0, 2.0, 12.0, 0.0, 40.0, 0.1], [8.0, 20.0, 4.0, 4.0, 0.0, 30.0, 0.4]])
-    return concatenate([ground_plane(), upright_boxes(rows)])
-
-
 @pytest.fixture(scope="module")
 def flights() -> list[Flight]:
     """The flight before its first iteration and after each."""
-    world = World(town(), jnp.asarray(START), jnp.asarray(GOAL), KEY, Disturbances())
+    world = World(wall_and_tower(), jnp.asarray(START), jnp.asarray(GOAL), KEY, Disturbances())
     return list(watch(world, CONFIG))
 
 
@@ -74,7 +67,7 @@ def test_length_and_time_are_those_of_the_track(flights: list[Flight]) -> None:
 
 def test_nothing_was_ever_near_to_the_judgement_of_mujoco(flights: list[Flight]) -> None:
     model = mujoco.MjModel.from_xml_string(
-        scene_xml(town()).replace(
+        scene_xml(wall_and_tower()).replace(
             "</worldbody>", '<body name="probe" mocap="true"><geom type="sphere" size="0.5"/></body></worldbody>'
         )
     )

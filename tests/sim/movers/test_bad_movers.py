@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -184,6 +185,15 @@ def nan_in(flight: Flight) -> set[str]:
     return {name for name, x in floats if np.isnan(x).any()}
 
 
+BY_NIGHT = ("through one another", "through walls", "away and back", "drop-outs")
+
+
+def cases(*but: str) -> list[Any]:
+    """Names of all cases; in the daytime those that differ most."""
+    names = [name for name in CASES if name not in but]
+    return [pytest.param(name, marks=[pytest.mark.nightly] if name in BY_NIGHT else []) for name in names]
+
+
 NAN = {
     ".scan.points": "rays without a return",
     ".log.position": "after the end",
@@ -194,7 +204,7 @@ NAN = {
 """Where NaN says that there is nothing."""
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", cases())
 def test_nothing_is_nan(name: str) -> None:
     flights = flown(name)
     assert set().union(*map(nan_in, flights)) <= set(NAN)
@@ -209,7 +219,7 @@ def test_nothing_is_nan(name: str) -> None:
         assert np.isfinite(flight.scan.points[flight.scan.hit]).all()
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name != "in the vehicle"])
+@pytest.mark.parametrize("name", cases("in the vehicle"))
 def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> None:
     log = flown(name)[-1].log
     assert log.flags is not None

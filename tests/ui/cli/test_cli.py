@@ -38,18 +38,15 @@ from maxjax.ui.cli.options import TrainOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import ALIASES, METHODS
 from tests.planners import bare_plan
+from tests.scenes import SHAPE, wall_with_gap
 from tests.ui.cli.terminal import Terminal
 
-# One shape for all small maps, so that the planner compiles once.
-SHAPE = (24, 16, 12)
 START, GOAL = (6.0, 16.0, 10.0), (40.0, 14.0, 12.0)
 
 
 def town(*, sealed: bool = False) -> np.ndarray:
     """A wall with one gap; on request, the goal in a box."""
-    occupied = np.zeros(SHAPE, bool)
-    occupied[12, :, :] = True
-    occupied[12, 1:6, 2:10] = False
+    occupied = wall_with_gap()
     if sealed:
         occupied[17:24, 4:11, 3:10] = True
         occupied[18:23, 5:10, 4:9] = False

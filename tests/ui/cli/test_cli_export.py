@@ -10,6 +10,7 @@ import pytest
 
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.ui.cli import main
+from tests.scenes import gap_file
 
 SHAPE = (24, 16, 12)
 PLACE = ("52.07", "4.3", "10")
@@ -17,12 +18,7 @@ PLACE = ("52.07", "4.3", "10")
 
 @pytest.fixture
 def town(tmp_path: Path) -> str:
-    """A wall with one gap."""
-    occupied = np.zeros(SHAPE, bool)
-    occupied[12, :, :] = True
-    occupied[12, 1:6, 2:10] = False
-    np.savez(tmp_path / "town.npz", occupied=occupied, spacing=2.0, origin=np.zeros(3))
-    return str(tmp_path / "town.npz")
+    return str(gap_file(tmp_path))
 
 
 def plan(town: str, *options: object) -> int:

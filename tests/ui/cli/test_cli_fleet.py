@@ -17,17 +17,12 @@ from maxjax.sim.swarm.swarm_flight import FleetLog
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials import swarm_trials as drawing
 from maxjax.sim.trials.swaps import Swaps, antipodal
-from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
-from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.cli import fleet_command as fleets
 from maxjax.ui.figures import campaign_figures as pictures
+from tests.scenes import house
 from tests.ui.cli.terminal import Terminal
 
 pytest.importorskip("matplotlib")
-
-
-def town() -> Geoms:
-    return concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
 
 
 def swaps(name: str, seed: int, count: int) -> Swaps:
@@ -59,7 +54,7 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(fleets, "flown_fleet", flown)
     monkeypatch.setattr(drawing, "city_swaps", swaps)
     for module in (drawing, pictures):
-        monkeypatch.setattr(module, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
+        monkeypatch.setattr(module, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=house()))
     return Terminal(capfd, "fly")
 
 

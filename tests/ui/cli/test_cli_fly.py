@@ -31,10 +31,9 @@ from maxjax.sim.trials import replay
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.trials import Trial
 from maxjax.sim.vehicle.disturbances import Disturbances
-from maxjax.sim.worlds.geoms import Geoms, concatenate, ground_plane
+from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers
 from maxjax.sim.worlds.populations import Population
-from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.cli import fly_command as flying
 from maxjax.ui.cli import progress
 from maxjax.ui.cli.fly_command import command_of
@@ -42,13 +41,10 @@ from maxjax.ui.cli.viewing_flights import again
 from maxjax.ui.figures import campaign_figures as pictures
 from maxjax.ui.methods import planner_named
 from maxjax.ui.page.trial_folder import open_folder
+from tests.scenes import house
 from tests.ui.cli.terminal import Terminal
 
 pytest.importorskip("matplotlib")
-
-
-def town() -> Geoms:
-    return concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
 
 
 def fake_fly(
@@ -126,9 +122,9 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "fly_all_closed_loop", fake_fly_all)
     monkeypatch.setattr(module, "draw_many", fake_draw)
-    monkeypatch.setattr(module, "_city", lambda name, seed: town())
+    monkeypatch.setattr(module, "_city", lambda name, seed: house())
     monkeypatch.setattr(replay, "watch", fake_watch)
-    monkeypatch.setattr(pictures, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=town()))
+    monkeypatch.setattr(pictures, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=house()))
     return Terminal(capfd, "fly")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from maxjax.ui.cli import main
+from tests.scenes import gap_file
 
 pytest.importorskip("matplotlib")
 
@@ -18,12 +19,7 @@ ENDS = ["--start", "6", "16", "10", "--goal", "40", "14", "12"]
 
 @pytest.fixture
 def town(tmp_path: Path) -> str:
-    """A wall with one gap."""
-    occupied = np.zeros((24, 16, 12), bool)
-    occupied[12, :, :] = True
-    occupied[12, 1:6, 2:10] = False
-    np.savez(tmp_path / "town.npz", occupied=occupied, spacing=2.0, origin=np.zeros(3))
-    return str(tmp_path / "town.npz")
+    return str(gap_file(tmp_path))
 
 
 def fly(*arguments: object) -> int:

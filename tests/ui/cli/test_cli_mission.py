@@ -16,20 +16,15 @@ import shapely
 import maxjax
 from maxjax.ui.cli import main, mission_file
 from maxjax.ui.cli.options import PlanOptions
+from tests.scenes import SHAPE, gap_file
 
 SAMPLE = Path(__file__).parents[3] / "docs" / "samples" / "quarter.geojson"
-SHAPE = (24, 16, 12)
 START, VIA, GOAL = "[6, 16, 10]", "[40, 8, 12]", "[40, 20, 12]"
 
 
 @pytest.fixture
 def town(tmp_path: Path) -> Path:
-    """A wall with one gap."""
-    occupied = np.zeros(SHAPE, bool)
-    occupied[12, :, :] = True
-    occupied[12, 1:6, 2:10] = False
-    np.savez(tmp_path / "town.npz", occupied=occupied, spacing=2.0, origin=np.zeros(3))
-    return tmp_path / "town.npz"
+    return gap_file(tmp_path)
 
 
 def written(town: Path, *waypoints: str, head: str = "") -> str:
