@@ -23,7 +23,7 @@ from benchmarks.common.harness import Row, Timing, left_out, timed_row, timing_o
 from benchmarks.common.scenes import Instance
 from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.fields.certificate import uncertified
+from maxjax.fields.certificate import count_uncertified
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.path.string_pulling import tighten
@@ -66,7 +66,7 @@ def rows_of(
     paths = _paths(scene, fields)
     for name, spent in times.items():
         whole = jnp.asarray(component).at[goal].set(True)
-        stuck = uncertified(fields[name], whole, scene.problems[0].goal_index)
+        stuck = count_uncertified(fields[name], whole, scene.problems[0].goal_index)
         rows.append(
             timed_row(f"field, {scene.name}: {name}", spent, certified=bool(stuck == 0), uncertified=int(stuck))
             | {"times_ours": round(spent.median_s / timing.median_s, 2)}

@@ -47,7 +47,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.sim.worlds.scenes import MAPS
-from maxjax.solvers.aggregation import padded
+from maxjax.solvers.aggregation import pad_to_aggregates
 from maxjax.solvers.potential import solve_potential
 
 STEPS = (
@@ -123,7 +123,7 @@ def _of_problems(config: Config) -> list[Row]:
             found.blocked, found.goal_index
         )
         solved = _rows(f"solve, {count}", solve_potential, (sigma, found.goal_index), config)
-        volume = jax.vmap(padded)(sigma)
+        volume = jax.vmap(pad_to_aggregates)(sigma)
         size = volume.size * volume.dtype.itemsize
         *_, copied = _rows(f"copy, {count}", lambda x: x * 2, (volume,), config)
         rows += [_at_rate(r, _SWEEP_ARRAYS * size) if str(r["what"]).endswith(": sweep") else r for r in solved]

@@ -33,7 +33,7 @@ from benchmarks.common.scenes import Instance, Selection, city_at, scenes_of
 from benchmarks.common.screened_system import angles_of, blas_threads, reference_of, system, unit_diagonal
 from maxjax.sim.worlds.scenes import MAPS
 from maxjax.solvers.cg import screening_length_for
-from maxjax.solvers.medium import Medium, Progress, medium_of, untouched
+from maxjax.solvers.medium import Medium, Progress, medium_of, no_progress
 from maxjax.solvers.newton import newton_cycles
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
 from maxjax.ui.figures.style import PATHS, STYLE, load_matplotlib, save_figure
@@ -100,7 +100,7 @@ def _start(sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]) -> tuple[M
     medium = medium_of(sigma, goal)
     length = screening_length_for(medium.distance)
     medium = Screened().prepared(medium)
-    return medium, guess(medium, untouched(medium, length))
+    return medium, guess(medium, no_progress(medium, length))
 
 
 @jax.jit

@@ -32,7 +32,7 @@ import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.compile.cache import VARIABLE
-from maxjax.compile.lowering import lowered_for, target
+from maxjax.compile.lowering import lowering_for, target
 from maxjax.core.grid import Index3
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.run import pipeline
@@ -110,7 +110,7 @@ def _program(shape: Index3) -> Row:
     distances, grid = maxjax.Distances(), maxjax.Grid(shape, 2.0, (0.0, 0.0, 0.0))
     layout = pipeline.Layout(distances, grid, halo_of(distances, grid), priced=False)
     started = time.perf_counter()
-    with lowered_for(target()):
+    with lowering_for(target()):
         traced = jax.jit(functools.partial(pipeline.answer, layout=layout, planner=maxjax.Field())).trace(
             pipeline.sent(layout)
         )

@@ -25,7 +25,7 @@ from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from benchmarks.common.problems import problems
 from maxjax.nn.dataset import Scenes, label
 from maxjax.nn.recipes import RECIPES, Training
-from maxjax.nn.training import copied, data_mesh, epoch_program, start
+from maxjax.nn.training import data_mesh, epoch_program, replicate, start
 from maxjax.planning.problem.problem import formulate
 
 # Scenes of the paper's training set, and how many different ones are drawn here.
@@ -95,9 +95,9 @@ def _scenes(config: Config, grid: maxjax.Grid) -> Scenes:
 def _epoch(training: Training, scenes: Scenes, grid: maxjax.Grid, devices: int, repeats: int) -> tuple[float, Row]:
     mesh = data_mesh(jax.devices()[:devices])
     count = len(scenes.status)
-    run, on_devices = epoch_program(training, count, grid, mesh), copied(scenes, mesh)
+    run, on_devices = epoch_program(training, count, grid, mesh), replicate(scenes, mesh)
     # A pass consumes the state that it is given.
-    states = [copied(start(training), mesh) for _ in range(repeats + 1)]
+    states = [replicate(start(training), mesh) for _ in range(repeats + 1)]
     timing = measure(lambda: run(states.pop(), on_devices), repeats)
     share = _PAPER / count
     return share * timing.median_s, {

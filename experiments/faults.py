@@ -34,7 +34,7 @@ from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
 from maxjax.compile.executable import Stored
 from maxjax.core.grid import Grid
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.planners import Field
 from maxjax.planning.path.route import Route
@@ -184,7 +184,7 @@ def _flown(config: Config, how: FlightConfig, modes: Int32[np.ndarray, "n 6"], a
     onsets = [
         np.random.default_rng((config.seed, k)).uniform(*_ONSET) for k in range(config.first, config.first + a_cell)
     ]
-    key = named(jax.random.key(config.seed), f"flights {config.map}")
+    key = named_key(jax.random.key(config.seed), f"flights {config.map}")
     logs: list[FlightLog] = []
     for first in range(0, len(modes), config.batch):
         # The last batch is filled up with copies: another size would be another program.

@@ -41,7 +41,7 @@ from maxjax.sim.movers.avoid import straight_way
 from maxjax.sim.swarm.swarm_flight import FleetLog, fly_fleet
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swaps import Swaps, antipodal
-from maxjax.sim.trials.swarm_trials import FleetTrial, flown_fleet, stuck
+from maxjax.sim.trials.swarm_trials import FleetTrial, fly_swarm, stuck
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.trajectories.online import Sampling
@@ -111,7 +111,7 @@ def _flown(world: str, size: int, together: Together, config: Config) -> FleetLo
     for begin in range(0, len(seeds), config.batch):
         some = [_worlds(world, size, together, flight, seed) for seed in seeds[begin : begin + config.batch]]
         if config.batch == 1:
-            logs.append(jax.tree.map(lambda x: np.asarray(x)[None], flown_fleet(some[0], flight, together)))
+            logs.append(jax.tree.map(lambda x: np.asarray(x)[None], fly_swarm(some[0], flight, together)))
         else:
             logs.append(jax.device_get(many(jax.tree.map(lambda *x: jnp.stack(x), *some))))
     joined: FleetLog = jax.tree.map(lambda *x: np.concatenate(x), *logs)

@@ -66,7 +66,7 @@ from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionSet
 from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
@@ -185,7 +185,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
     camera = Lidar(64, 64 * 360, -23.5, 23.5, max_range=10.0, width=76.0, reports_misses=True)
     lidar = {"theirs": camera}.get(sees, Lidar())
     reach = 10.0 if sees == "theirs" else 14.0
-    sight = MoverSight(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
+    sight = TrackingSettings(lidar=lidar, bounds=bounds, reach=reach, near=2.0, slots=64, detections=64)
     perception: Perception = TrueTracks(reach=15.0, slots=64) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,
@@ -201,7 +201,7 @@ def _sando_flight(sees: Sees, radius: float) -> FlightConfig:
 def _p2m_flight(sees: Sees) -> FlightConfig:
     bounds = Bounds(speed=3.6, acceleration=1.5, size=(0.55, 0.55, 4.1), turn=0.0)
     lidar = Lidar(18, 18 * 108, -7.0, 52.0, max_range=10.0, reports_misses=True) if sees == "theirs" else Lidar()
-    sight = MoverSight(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
+    sight = TrackingSettings(lidar=lidar, bounds=bounds, reach=10.0, near=2.0, slots=48, detections=48)
     perception: Perception = TrueTracks(reach=10.0, slots=48) if sees == "true" else LidarPerception(sight)
     moving = Avoidance(
         perception,

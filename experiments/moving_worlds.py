@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
-from maxjax.sim.worlds.movers import Movers, joined, straight, through
+from maxjax.sim.worlds.movers import Movers, join_populations, straight, through
 
 SANDO_START, SANDO_GOAL = (0.0, 0.0, 2.0), (105.0, 0.0, 2.0)
 SANDO_HEIGHT = (0.5, 6.0)  # permitted [m]
@@ -108,7 +108,7 @@ def filled(geoms: Geoms, movers: Movers, still: int, moving: int) -> tuple[Geoms
     more = moving - movers.count
     if more:
         place = jnp.tile(jnp.array([0.0, 0.0, _BURIED]), (more, 1))
-        movers = joined([movers, straight(_boxes(np.full((more, 3), 0.1)), place, jnp.zeros((more, 3)))])
+        movers = join_populations([movers, straight(_boxes(np.full((more, 3), 0.1)), place, jnp.zeros((more, 3)))])
     return geoms, movers
 
 

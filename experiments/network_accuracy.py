@@ -29,11 +29,11 @@ from benchmarks.common.markdown import Document, device, table
 from maxjax.core.grid import Grid
 from maxjax.fields.price import Price
 from maxjax.nn.autoencoder import init_params
-from maxjax.nn.dataset import Chunks, Scenes, generate, known_of, usable
+from maxjax.nn.dataset import Chunks, Scenes, generate, network_inputs, usable
 from maxjax.nn.encoding import encode
 from maxjax.nn.evaluation import errors, evaluate
 from maxjax.nn.layers import count
-from maxjax.nn.model import load_model, shipped
+from maxjax.nn.model import load_model, shipped_networks
 from maxjax.sim.mapping.scanned_city import TINY_GRID, ScannedCity
 
 RESULTS = Path(__file__).parent / "results"
@@ -71,7 +71,7 @@ TINY = Config(scenes=4, maps=("midtown",), grid=TINY_GRID)
 
 def main(config: Config) -> list[Row]:
     """Label scenes, judge every network on them; save one row a map and network."""
-    models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
+    models = [load_model(name) for name in (shipped_networks() if config.models is None else config.models)]
     models += [load_model(folder.name, folder / f"{folder.name}.npz") for folder in config.trained]
     grid = config.grid
     rows: list[Row] = []
@@ -113,7 +113,7 @@ def _analytic(scenes: Scenes, grid: Grid) -> dict[str, Float[Array, " n"]]:
     """Errors of the closed law of free space."""
 
     def one(scene: Scenes) -> dict[str, Float[Array, ""]]:
-        return errors(encode("free", False, known_of(scene, grid))[1], scene)
+        return errors(encode("free", False, network_inputs(scene, grid))[1], scene)
 
     found: dict[str, Float[Array, " n"]] = jax.lax.map(one, scenes)
     return found

@@ -39,7 +39,7 @@ from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import Params, apply, apply_folded, init_params
 from maxjax.nn.encoding import Known, encode
 from maxjax.nn.layers import count
-from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certified_from, load_model, shipped
+from maxjax.nn.model import MAX_SWEEPS, LogPotential, Model, certify_prediction, load_model, shipped_networks
 from maxjax.planning.problem.problem import formulate
 from maxjax.solvers.potential import Potential, solve_potential
 
@@ -90,7 +90,7 @@ def analytic(known: Known) -> Float[Array, "nx ny nz"]:
 
 def main(config: Config) -> list[Row]:
     """Time passes, then certificates; save and return the rows."""
-    models = [load_model(name) for name in (shipped() if config.models is None else config.models)]
+    models = [load_model(name) for name in (shipped_networks() if config.models is None else config.models)]
     rows: list[Row] = []
     for model in models:
         rows += _forward(model, config)
@@ -98,7 +98,7 @@ def main(config: Config) -> list[Row]:
     starts: dict[str, LogPotential] = {"nothing": nothing, "analytic": analytic}
     starts |= {model.name: model.log_potential for model in models}
     by: dict[str, Callable[..., Potential]] = {"solver": solve_potential}
-    by |= {name: functools.partial(certified_from, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
+    by |= {name: functools.partial(certify_prediction, start, max_sweeps=MAX_SWEEPS) for name, start in starts.items()}
     grid = Grid.centered((0.0, 0.0, 0.0), config.shape, 2.0)
     systems = [_systems(name, config, grid) for name in config.maps]
     for method, potential in by.items():

@@ -10,9 +10,9 @@ from scipy import ndimage
 
 import maxjax
 from benchmarks.common.travel_time import as_potential, marching
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped
+from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped_networks
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.planner import Planner
@@ -50,7 +50,7 @@ def network(method: str) -> PotentialFn | str:
     model = "maxjax" if model == "network" else model
     if model not in CONFIGS or alone not in ("", "alone"):
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, fast marching or a network, given {method!r}")
-    if model not in shipped():
+    if model not in shipped_networks():
         return "no weights"
     return network_potential(model, 0 if alone else MAX_SWEEPS)
 
@@ -65,7 +65,7 @@ class FastMarching:
     def route(self, problem: Problem, grid: maxjax.Grid) -> Route:
         """The descent from the start; raises an ImportError where scikit-fmm is missing."""
         blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
-        with timed("march"):
+        with time_stage("march"):
             labels, _ = ndimage.label(~blocked)
             component = np.asarray(labels == labels[goal])
             march = marching(component, goal)["scikit-fmm, fast marching"]

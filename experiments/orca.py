@@ -29,7 +29,7 @@ _SWEEPS = 40
 def orca(
     around: Around, flown: Commitment, choice: MotionSet, bounds: Bounds, keeping: Keeping
 ) -> tuple[Commitment, Bool[Array, ""]]:
-    """The motion towards ORCA's velocity; it verifies nothing. Arguments as of `maxjax.sim.movers.choice.chosen`."""
+    """The motion towards ORCA's velocity; it verifies nothing. Arguments as of `choose_motion`."""
     present = flown.motion
     wanted = downhill(around.guide, present, choice)
     change, normal = half_spaces(around.tracks, present.place, present.velocity, keeping.radius)

@@ -34,9 +34,9 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.moving_worlds import trefoils
-from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
+from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
 from maxjax.sim.movers.sets import Bounds, Tracks
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers, Moving
@@ -265,11 +265,11 @@ class Tally:
 
 
 def watch(
-    script: Script, sight: MoverSight, seed: int, tally: Tally
-) -> Iterator[tuple[int, Seeing, list[tuple[int, int]]]]:
+    script: Script, sight: TrackingSettings, seed: int, tally: Tally
+) -> Iterator[tuple[int, PerceptionState, list[tuple[int, int]]]]:
     """Fly a script; count into the tally; yield look, state, and pairs of slot and mover."""
     movers = script.movers() if len(script.base) else None
-    seeing, owner, age = nothing_seen(sight), np.full(sight.slots, -1), np.zeros(sight.slots, int)
+    seeing, owner, age = initial_perception(sight), np.full(sight.slots, -1), np.zeros(sight.slots, int)
     first = np.full(len(script.base), np.nan)
     for k in range(len(script.position)):
         now = _PERIOD * (k + 1)
@@ -311,7 +311,7 @@ def watch(
 
 
 _scan = jax.jit(scan, static_argnums=1)
-_look = jax.jit(looked)
+_look = jax.jit(process_scan)
 
 
 def _returns(script: Script, points: np.ndarray, now: float, lidar: Lidar) -> Int[np.ndarray, " m"]:
@@ -409,8 +409,10 @@ def main(config: Config) -> list[Row]:
         if world != "field":
             kinds = [(n, v) for n in config.counts for v in (config.speeds if n else config.speeds[:1])]
         for count, speed in kinds:
-            dense = MoverSight(lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8, 0.0), reach=30.0, slots=64, detections=96)
-            open_ = MoverSight(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0, 0.0))
+            dense = TrackingSettings(
+                lidar=lidar, bounds=Bounds(2.0, 1.5, 0.8, 0.0), reach=30.0, slots=64, detections=96
+            )
+            open_ = TrackingSettings(lidar=lidar, bounds=Bounds(8.5, 4.0, 1.0, 0.0))
             sight, tally = dense if world == "field" else open_, Tally()
             for seed in range(config.first, config.first + config.seeds):
                 script = (

@@ -44,7 +44,7 @@ from benchmarks.common.jerk_oracle import fastest_time_with_jerk
 from benchmarks.common.markdown import Document, device, number, table
 from benchmarks.common.time_oracle import fastest_time
 from experiments.problem_sets import Instance, problem_set
-from maxjax.sim.loop.trajectory_flight import tracked
+from maxjax.sim.loop.trajectory_flight import summarize_tracking
 from maxjax.sim.worlds.scenes import MAPS
 
 RESULTS = Path(__file__).parent / "results"
@@ -224,7 +224,10 @@ def _by_crazyflow(asked: Sequence[tuple[maxjax.Trajectory, Asked]]) -> list[maxj
     if not asked:
         return []
     flown = crazyflow_flight.follow_setpoints([trajectory for trajectory, _ in asked])
-    return [tracked(trajectory, *how, one.problem.map) for (trajectory, one), how in zip(asked, flown, strict=True)]
+    return [
+        summarize_tracking(trajectory, *how, one.problem.map)
+        for (trajectory, one), how in zip(asked, flown, strict=True)
+    ]
 
 
 def _flights(name: str, flights: Sequence[maxjax.Tracking]) -> Row:

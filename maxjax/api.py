@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 
 from maxjax.compile.forked import refuse_after_fork
-from maxjax.compile.stage_timer import added, recording, timed
+from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap, checked_map
-from maxjax.fields.occupancy import filled_up, voxelize
+from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.planners import Field
 from maxjax.planning import mission as missions
@@ -31,8 +31,8 @@ from maxjax.planning.run.plan_route import plan_route as route_in
 from maxjax.planning.run.shared_goal import plan_fleet as plan_starts
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
-from maxjax.trajectories.mission_schedule import scheduled_mission
-from maxjax.trajectories.schedule import scheduled
+from maxjax.trajectories.mission_schedule import schedule_mission
+from maxjax.trajectories.schedule import schedule_plan
 from maxjax.trajectories.trajectory import Trajectory
 
 FIELD, DISTANCES = Field(), Distances()
@@ -190,15 +190,15 @@ def plan_scan(
     known = VoxelMap.on(where, np.zeros(where.shape, bool)) if isinstance(where, Grid) else _single(where)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
-        with timed("voxelise"):
+        with time_stage("voxelise"):
             # To a power of two, so that few numbers of points are compiled for.
-            cloud = filled_up(cloud, 1 << max(len(cloud) - 1, 0).bit_length())
+            cloud = pad_cloud(cloud, 1 << max(len(cloud) - 1, 0).bit_length())
             scan = jax.block_until_ready(voxelize(cloud, known.grid))
         seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
         task = _task(seen, *ends, distances)
         empty = int(scan.kept) == 0
         found = (no_plans(task, Status.EMPTY_SCAN, finder.name) if empty else plan_task(task, finder))[0]
-    return dataclasses.replace(found, timings=added(recorder.report(), found.timings))
+    return dataclasses.replace(found, timings=sum_reports(recorder.report(), found.timings))
 
 
 def plan_mission(
@@ -257,8 +257,8 @@ def trajectory(
     if isinstance(plan, Mission):
         if hovers:
             raise ValueError("hovers: a mission's waypoints say how long to hover; leave them out")
-        return scheduled_mission(plan, limits)
-    return scheduled(plan, limits, hovers or {}, ClearCurve.of(plan))
+        return schedule_mission(plan, limits)
+    return schedule_plan(plan, limits, hovers or {}, ClearCurve.of(plan))
 
 
 def _task(where: Any, starts: np.ndarray, goals: np.ndarray, distances: Any, airspace: Any = None) -> Task:
@@ -267,13 +267,13 @@ def _task(where: Any, starts: np.ndarray, goals: np.ndarray, distances: Any, air
         raise ValueError(f"distances: expected a maxjax.Distances, given {distances!r}")
     if airspace is not None and not isinstance(airspace, Airspace):
         raise ValueError(f"airspace: expected a maxjax.Airspace, given {airspace!r}")
-    given = checked_map(where)
+    given = check_map(where)
     return Task.of(given if airspace is None else airspace.closing(given), starts, goals, distances)
 
 
 def _single(where: Any) -> VoxelMap:
     """The map itself; raises a ValueError unless it is a single one."""
-    given = checked_map(where)
+    given = check_map(where)
     if given.batch is not None:
         raise ValueError(f"map: expected one map, given a batch of {given.batch}; take one, as map[0]")
     return given

@@ -21,8 +21,8 @@ from jaxtyping import Array, Float64, Real
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap, checked_map
-from maxjax.fields.occupancy import filled_up, voxelize
+from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.planners import Field
 from maxjax.planning.plan import Plan, no_plans
 from maxjax.planning.problem.distances import Distances
@@ -154,7 +154,7 @@ class Replanner:
             grid = self.grid if given is None else given
             known = VoxelMap.on(grid, np.zeros(grid.shape, bool))
         else:
-            known = checked_map(given, "known").on_host()
+            known = check_map(given, "known").on_host()
         grid = known.grid
         if known.batch is not None or (grid.shape, grid.spacing) != (self.grid.shape, self.grid.spacing):
             raise ValueError(
@@ -167,7 +167,7 @@ class Replanner:
         """The known map with a scan in it, and how many points fell into the grid."""
         occupied, kept = np.asarray(known.occupied), 0
         for first in range(0, max(len(cloud), 1), self.points):
-            some = filled_up(cloud[first : first + self.points], self.points)
+            some = pad_cloud(cloud[first : first + self.points], self.points)
             scan = jax.block_until_ready(voxelize(some, known.grid))
             occupied, kept = occupied | np.asarray(scan.occupied), kept + int(scan.kept)
         return dataclasses.replace(known, occupied=occupied), kept

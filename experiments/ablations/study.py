@@ -24,10 +24,10 @@ from benchmarks.common.problems import case_of, problems
 from experiments.ablations.parts import Bare, bare, smooth
 from experiments.ablations.variants import DEFAULT, FLIGHTS, GROUPS, Kernel, Source, Variant
 from experiments.closed_loop import figures_of
-from maxjax.fields.certificate import uncertified
+from maxjax.fields.certificate import count_uncertified
 from maxjax.fields.conductivity import SIGMA_FREE
 from maxjax.fields.gradient import gradient
-from maxjax.nn.model import load_model, predict_potential, shipped
+from maxjax.nn.model import load_model, predict_potential, shipped_networks
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.path.string_pulling import tighten
@@ -101,7 +101,7 @@ def main(config: Config) -> list[Row]:
         return dataclasses.replace(v, source=dataclasses.replace(v.source, weights=weights)) if weights else v
 
     asked = [(group, setting, found_weights(v)) for group in config.groups for setting, v in GROUPS[group].items()]
-    missing = {v for *_, v in asked if v.source.network and v.source.network not in (*own, *shipped())}
+    missing = {v for *_, v in asked if v.source.network and v.source.network not in (*own, *shipped_networks())}
     chosen = list(dict.fromkeys([DEFAULT, *(v for *_, v in asked if v not in missing)]))
     rows: list[Row] = [
         {"group": group, "setting": setting, "map": "", "left_out": "no weights are shipped"}
@@ -212,7 +212,7 @@ def _certified(u: Float[Array, "nx ny nz"], blocked: Bool[Array, "nx ny nz"], go
 
 
 # Heights above the least one: `uncertified` takes numbers that are not negative.
-_stuck = jax.jit(lambda u, component, goal: uncertified(u - jnp.min(u), component, goal))
+_stuck = jax.jit(lambda u, component, goal: count_uncertified(u - jnp.min(u), component, goal))
 
 
 def _guarded(

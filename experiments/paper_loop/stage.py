@@ -98,7 +98,7 @@ class Loop:
         grid, rolling_map = config.grid, flight.rolling_map
         position = estimated_position(world, flight)
         ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (position, world.goal)])
-        given = mapping.occupied(rolling_map), mapping.ground(rolling_map), ends
+        given = mapping.occupied_voxels(rolling_map), mapping.ground(rolling_map), ends
         no = jnp.array(False)
         nothing = Sought(flight.done, jnp.broadcast_to(ends[0], flight.path.shape), no, no)
         # Under `vmap` a part of the batch at a time; of flights that are over nothing is asked.

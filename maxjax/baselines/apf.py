@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from maxjax.baselines.rrt_star import line_of_sight
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.route import Route, failed, found
@@ -64,9 +64,9 @@ class APF:
 
     def route(self, problem: Problem, grid: Grid) -> Route:
         """The descent from start to goal; PATH_STALLED where it gets stuck."""
-        with timed("distance"):
+        with time_stage("distance"):
             distance = distance_field(np.asarray(problem.blocked))
-        with timed("descend"):
+        with time_stage("descend"):
             start, goal = (np.asarray(end, np.float64) for end in (problem.start, problem.goal))
             price = None if problem.price is None else np.asarray(problem.price, np.float64)
             clear = line_of_sight(np.asarray(problem.blocked), problem.room) if problem.room else None

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.route import Route, failed, found
@@ -32,9 +32,9 @@ class AStar:
 
     def route(self, problem: Problem, grid: Grid) -> Route:
         """The cheapest route on the lattice; it counts in voxels and needs no more of the grid."""
-        with timed("compile"):
+        with time_stage("compile"):
             compiled = astar_compiled.available()
-        with timed("search" if compiled else "search in Python"):
+        with time_stage("search" if compiled else "search in Python"):
             start, goal = np.asarray(problem.start), np.asarray(problem.goal)
             price = None if problem.price is None else np.asarray(problem.price)
             find = astar_compiled.compiled_astar if compiled else astar

@@ -39,7 +39,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import TOUCH
@@ -84,7 +84,7 @@ class RRTStar:
         """The best path of the tree; PATH_STALLED where it has not reached the goal."""
         from ompl import util
 
-        with timed("search"):
+        with time_stage("search"):
             blocked = np.asarray(problem.blocked)
             ends = [np.asarray(end, np.float64) for end in (problem.start, problem.goal)]
             # OMPL has one generator of seeds, and complains when it is set anew, though it obeys.

@@ -125,7 +125,7 @@ class _Loop:
         return leaves, [True] * len(leaves)
 
 
-def batched_by(single: Callable[..., Result], batch: Callable[..., Result]) -> Callable[..., Result]:
+def with_batch_rule(single: Callable[..., Result], batch: Callable[..., Result]) -> Callable[..., Result]:
     """`single`, which under `vmap` is `batch`: of the same arrays, each with a leading axis.
 
     Args:

@@ -1,7 +1,7 @@
 """Everything that is written for the compiler: the same values, in the form that the target runs best.
 
 The *target* is the platform that a program is lowered for: `cpu` or an accelerator. A program asks `by_target`, which
-`jit` resolves when it lowers for a platform; `lowered_for` overrides it, so that a test on a CPU can run either form.
+`jit` resolves when it lowers for a platform; `lowering_for` overrides it, so that a test on a CPU can run either form.
 
 Each function is named after what it computes. What XLA makes of the plain form, and what this one gains, is in
 docs/performance.md.
@@ -32,7 +32,7 @@ Pairs = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume
 matmul = functools.partial(jnp.matmul, precision="highest")
 
 
-def rotated(rotation: Float[Array, "*n 3 3"], vectors: Float[Array, "*m 3"]) -> Float[Array, "*k 3"]:
+def rotate(rotation: Float[Array, "*n 3 3"], vectors: Float[Array, "*m 3"]) -> Float[Array, "*k 3"]:
     """R v, term by term. XLA merges small matrix products of one factor, and may then find none for a GPU, and fail."""
     return jnp.sum(rotation * vectors[..., None, :], axis=-1)
 
@@ -41,14 +41,14 @@ def rotated(rotation: Float[Array, "*n 3 3"], vectors: Float[Array, "*m 3"]) -> 
 _TARGET = jax.make_user_context(None)
 
 
-def lowered_for(platform: str) -> contextlib.AbstractContextManager[None]:
+def lowering_for(platform: str) -> contextlib.AbstractContextManager[None]:
     """Choose the form for `platform` (`cpu`, `gpu`) in everything that is called inside."""
     chosen: contextlib.AbstractContextManager[None] = _TARGET(platform)
     return chosen
 
 
 def target() -> str:
-    """The platform that programs are lowered for: that of JAX's default device, unless `lowered_for` says otherwise."""
+    """The platform that programs are lowered for: of JAX's default device, unless `lowering_for` says otherwise."""
     return _TARGET.value or jax.default_backend()
 
 
@@ -235,7 +235,7 @@ def every(
     return found
 
 
-def shifted(array: Shaped[Array, "..."], axis: int, step: int, beyond: float | int = 0) -> Shaped[Array, "..."]:
+def shift_axis(array: Shaped[Array, "..."], axis: int, step: int, beyond: float | int = 0) -> Shaped[Array, "..."]:
     """The values `step` places further along an axis; `beyond` (static) outside."""
     config = [(0, 0, 0)] * array.ndim
     config[axis] = (-step, step, 0)
@@ -257,7 +257,7 @@ def neighbours(array: Volume, beyond: float | int = 0) -> Pairs:
         return x, y, z
 
     def of_itself(array: Volume) -> Pairs:
-        x, y, z = ((shifted(array, axis, 1, beyond), shifted(array, axis, -1, beyond)) for axis in range(3))
+        x, y, z = ((shift_axis(array, axis, 1, beyond), shift_axis(array, axis, -1, beyond)) for axis in range(3))
         return x, y, z
 
     found: Pairs = by_target(array, cpu=of_one_copy, default=of_itself)

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 
 from maxjax.compile.executable import Stored
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 
 
 class Program:
@@ -25,7 +25,7 @@ class Program:
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """Run, blocked until ready; timed under the program's name."""
         ready = self._stored.executable(arrays, static, _compile)
-        with timed(self.name):
+        with time_stage(self.name):
             return jax.block_until_ready(ready(*arrays))
 
     def start(self, *arrays: Any, **static: Any) -> Any:
@@ -34,4 +34,4 @@ class Program:
 
 
 def _compile() -> Any:
-    return timed("compile")
+    return time_stage("compile")

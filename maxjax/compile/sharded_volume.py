@@ -39,7 +39,7 @@ def on_every_device(function: Callable[..., Result], *arguments: Any) -> Result:
     return result
 
 
-def widened(slab: Slab, layers: int) -> Slab:
+def add_halo(slab: Slab, layers: int) -> Slab:
     """In `jax.shard_map`: the slab between layers of its neighbours; zeros beyond the grid.
 
     Args:
@@ -49,14 +49,14 @@ def widened(slab: Slab, layers: int) -> Slab:
     return _between(slab[-layers:], slab, slab[:layers])
 
 
-def refreshed(slab: Slab, layers: int) -> Slab:
-    """In `jax.shard_map`: a `widened` slab whose neighbours' layers are fetched anew."""
+def refresh_halo(slab: Slab, layers: int) -> Slab:
+    """In `jax.shard_map`: a `add_halo` slab whose neighbours' layers are fetched anew."""
     inner = inside(slab, layers)
     return _between(inner[-layers:], inner, inner[:layers])
 
 
 def inside(slab: Slab, layers: int) -> Slab:
-    """A `widened` slab without its neighbours' layers."""
+    """A `add_halo` slab without its neighbours' layers."""
     return slab[layers:-layers]
 
 

@@ -5,8 +5,8 @@
             ...
     recorder.report()    # {"compile": 0.0, "solve": 0.02, "total": 0.02}
 
-`timed` books on the innermost `recording` of the same context, and nowhere if there is none. A new thread has a context
-of its own: what it does is not booked.
+`time_stage` books on the innermost `recording` of the same context, and nowhere if there is none. A new thread has a
+context of its own: what it does is not booked.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _RECORDER: contextvars.ContextVar[Recorder | None] = contextvars.ContextVar("rec
 
 @contextlib.contextmanager
 def recording() -> Iterator[Recorder]:
-    """A new recorder for what is `timed` inside."""
+    """A new recorder for what is `time_stage` inside."""
     recorder = Recorder()
     token = _RECORDER.set(recorder)
     try:
@@ -48,7 +48,7 @@ def recording() -> Iterator[Recorder]:
 
 
 @contextlib.contextmanager
-def timed(name: str) -> Iterator[None]:
+def time_stage(name: str) -> Iterator[None]:
     """Book the wall-clock time of a block of code, less what it books as `compile`; one that raises is not booked."""
     recorder, started = _RECORDER.get(), time.perf_counter()
     if recorder is None:
@@ -59,6 +59,6 @@ def timed(name: str) -> Iterator[None]:
     recorder.book(name, time.perf_counter() - started - (recorder.seconds["compile"] - before))
 
 
-def added(first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+def sum_reports(first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
     """Two reports in one."""
     return {name: first.get(name, 0.0) + second.get(name, 0.0) for name in {**first, **second}}

@@ -50,6 +50,6 @@ def stream(key: PRNGKeyArray, which: Stream, iteration: int | Int32[Array, ""] =
     return jax.random.fold_in(key, int(which) + iteration)
 
 
-def named(key: PRNGKeyArray, name: str) -> PRNGKeyArray:
+def named_key(key: PRNGKeyArray, name: str) -> PRNGKeyArray:
     """The key that belongs to a name, so that maps and purposes with one seed share no draws."""
     return jax.random.fold_in(key, zlib.crc32(name.encode()))

@@ -170,7 +170,7 @@ def _blocks(join: np.ufunc, volume: np.ndarray, factor: int) -> np.ndarray:
     return volume
 
 
-def checked_map(given: Any, name: str = "map") -> VoxelMap:
+def check_map(given: Any, name: str = "map") -> VoxelMap:
     """The map itself.
 
     Raises:

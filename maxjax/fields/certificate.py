@@ -25,7 +25,7 @@ def best_neighbour(phi: Float[Array, "nx ny nz"], free: Bool[Array, "nx ny nz"])
 
 
 @jax.named_scope("certify")
-def uncertified(
+def count_uncertified(
     phi: Float[Array, "nx ny nz"], component: Bool[Array, "nx ny nz"], goal_index: Int32[Array, " 3"]
 ) -> Int32[Array, ""]:
     """Number of voxels of the goal's component, goal aside, without a strictly higher face neighbour: zero certifies φ.

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Integer
 
-from maxjax.compile.lowering import materialise, shifted
+from maxjax.compile.lowering import materialise, shift_axis
 
 
 @jax.named_scope("distance")
@@ -37,7 +37,7 @@ def cube_distance(occupied: Bool[Array, "nx ny nz"], reach: float) -> Integer[Ar
         best = quarters
         for k in range(1, min(steps, occupied.shape[axis] - 1) + 1):
             for step in (k, -k):
-                best = jnp.minimum(best, shifted(quarters, axis, step, far) + jnp.asarray((2 * k - 1) ** 2, dtype))
+                best = jnp.minimum(best, shift_axis(quarters, axis, step, far) + jnp.asarray((2 * k - 1) ** 2, dtype))
         quarters = best
     return materialise(quarters)
 

@@ -21,7 +21,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt32
 
 from maxjax.compile import sharded_volume as slabs
-from maxjax.compile.batching import batched_by
+from maxjax.compile.batching import with_batch_rule
 from maxjax.compile.lowering import repeat
 from maxjax.fields import packed
 
@@ -54,7 +54,7 @@ def geodesic(
         # A price that is not a number counts as 1.
         toll = jnp.clip(jnp.round(jnp.where(price > 1, price, 1)), 1, DEAREST)
         toll = jnp.where(free, toll, 0).astype(jnp.uint8)
-    component, steps = batched_by(_geodesic, _geodesics)(toll, packed.single(free.shape, seed))
+    component, steps = with_batch_rule(_geodesic, _geodesics)(toll, packed.single(free.shape, seed))
     return component, steps
 
 
@@ -74,9 +74,9 @@ def _counted_in_slabs(toll: Toll, seed: UInt32[Array, "words ny nz"]) -> tuple[A
 
     def slab(toll: Toll, seed: UInt32[Array, "sw ny nz"]) -> tuple[Array, Array]:
         component, steps = _counted(
-            slabs.widened(toll, packed.WORD),
-            slabs.widened(seed, 1),
-            lambda words: slabs.refreshed(words, 1),
+            slabs.add_halo(toll, packed.WORD),
+            slabs.add_halo(seed, 1),
+            lambda words: slabs.refresh_halo(words, 1),
             slabs.anywhere,
         )
         return slabs.inside(component, packed.WORD), slabs.inside(steps, packed.WORD)

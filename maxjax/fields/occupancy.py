@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Integer
 
 from maxjax.compile.forked import refuse_after_fork
-from maxjax.compile.lowering import materialise, shifted
+from maxjax.compile.lowering import materialise, shift_axis
 from maxjax.core.grid import Grid
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
@@ -69,7 +69,7 @@ def voxelize(points: Float[Array | np.ndarray, "n 3"], grid: Grid) -> Occupancy:
     return found
 
 
-def filled_up(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
+def pad_cloud(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
     """A cloud of so many points, filled up with misses (NaN), so that clouds of any size share a program."""
     return np.pad(points, ((0, count - len(points)), (0, 0)), constant_values=np.nan)
 
@@ -105,7 +105,7 @@ def squared_distance(occupied: Bool[Array, "nx ny nz"], reach: int) -> Integer[A
         best = squared
         for k in range(1, min(reach, occupied.shape[axis] - 1) + 1):
             for step in (k, -k):
-                best = jnp.minimum(best, shifted(squared, axis, step, far) + jnp.asarray(k * k, dtype))
+                best = jnp.minimum(best, shift_axis(squared, axis, step, far) + jnp.asarray(k * k, dtype))
         squared = best
     return materialise(jnp.minimum(squared, jnp.asarray(far, dtype)))
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
-from maxjax.compile.lowering import shifted
+from maxjax.compile.lowering import shift_axis
 from maxjax.fields.stencil import cell
 
 WORD = 32
@@ -79,4 +79,4 @@ def _across(words: UInt32[Array, "*b words ny nz"], axis: int) -> UInt32[Array, 
 
 def _moved(words: UInt32[Array, "*b words ny nz"], axis: int, step: int) -> UInt32[Array, "*b words ny nz"]:
     """All words one place further along an axis, or one back; nothing comes in from beyond the grid."""
-    return shifted(words, axis, -step)
+    return shift_axis(words, axis, -step)

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.compile.lowering import shifted
+from maxjax.compile.lowering import shift_axis
 
 Volume = Float[Array, "nx ny nz"]
 
@@ -33,12 +33,12 @@ Links = tuple[tuple[Volume, Volume], tuple[Volume, Volume], tuple[Volume, Volume
 
 def ahead(array: Volume, axis: int) -> Volume:
     """The value one voxel further along `axis`; zero beyond the grid."""
-    return shifted(array, axis, 1)
+    return shift_axis(array, axis, 1)
 
 
 def behind(array: Volume, axis: int) -> Volume:
     """The value one voxel back along `axis`; zero beyond the grid."""
-    return shifted(array, axis, -1)
+    return shift_axis(array, axis, -1)
 
 
 def cell(shape: tuple[int, ...], index: Int32[Array, " 3"]) -> Bool[Array, "nx ny nz"]:

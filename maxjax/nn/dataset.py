@@ -77,7 +77,7 @@ def label(drawn: Drawn, grid: Grid) -> Scenes:
     return Scenes(blocked, price, goal_index, steps, target, solved.screening_length, solved.status)
 
 
-def known_of(scene: Scenes, grid: Grid) -> Known:
+def network_inputs(scene: Scenes, grid: Grid) -> Known:
     """What networks read of a scene; `grid` is static."""
     sigma = conductivity(scene.blocked, scene.goal_index, grid)
     return Known(sigma, scene.price, scene.goal_index, scene.steps, scene.screening_length)

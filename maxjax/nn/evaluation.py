@@ -21,7 +21,7 @@ from maxjax.core.grid import Grid
 from maxjax.fields.gradient import gradient
 from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded
-from maxjax.nn.dataset import Scenes, known_of
+from maxjax.nn.dataset import Scenes, network_inputs
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.layers import Formulation
 
@@ -39,7 +39,7 @@ def evaluate(
     """
 
     def one(scene: Scenes) -> dict[str, Float[Array, ""]]:
-        x, base = encode(network.start, network.flood, known_of(scene, grid))
+        x, base = encode(network.start, network.flood, network_inputs(scene, grid))
         predicted = base + UNIT[network.start] * apply_folded(params, x[None], network, by=by)[0]
         return errors(predicted, scene)
 

@@ -34,7 +34,7 @@ from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.encoding import UNIT, Known, decode, encode
 from maxjax.nn.layers import Formulation
 from maxjax.solvers.certify import input_status, sweep_until_certified, swept
-from maxjax.solvers.medium import medium_of, untouched
+from maxjax.solvers.medium import medium_of, no_progress
 from maxjax.solvers.potential import Potential, check_inputs, potential_of, solve_potential
 
 WEIGHTS = Path(__file__).parent / "weights"
@@ -103,10 +103,10 @@ def predict_potential(
     """
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index)
-    return certified_from(model.log_potential, sigma, goal_index.astype(jnp.int32), price, max_sweeps)
+    return certify_prediction(model.log_potential, sigma, goal_index.astype(jnp.int32), price, max_sweeps)
 
 
-def certified_from(
+def certify_prediction(
     start: LogPotential,
     sigma: Float[Array, "nx ny nz"],
     goal_index: Int32[Array, " 3"],
@@ -128,7 +128,7 @@ def certified_from(
     given = jnp.where(finite, sigma, 0), jnp.where(finite, 1 if price is None else price, jnp.ones_like(sigma))
     log_phi = decode(start(Known(*given, goal_index, medium.distance, length)), component, goal, length)
     log_phi = jnp.where(goal, 0, jnp.where(component, slope.smooth(log_phi, component, _SMOOTHING), 0))
-    progress = dataclasses.replace(untouched(medium, length), log_phi=log_phi)
+    progress = dataclasses.replace(no_progress(medium, length), log_phi=log_phi)
     progress = sweep_until_certified(medium, progress, most=max_sweeps, between=_LOOK)
     change = jnp.abs(jnp.expm1(swept(medium, length, progress.log_phi, 1) - progress.log_phi))
     usable = wrong == Status.OK
@@ -185,7 +185,7 @@ def save_model(
     save_pytree(path, half, metadata={**(metadata or {}), "model": name, "network": _described(network)})
 
 
-def shipped() -> list[str]:
+def shipped_networks() -> list[str]:
     """Names of the networks whose weights come with maxjax."""
     return sorted(file.stem for file in WEIGHTS.glob("*.npz"))
 
@@ -206,7 +206,7 @@ def load_model(name: str, path: str | os.PathLike[str] | None = None) -> Model:
     network = _network(name)
     file = WEIGHTS / f"{name}.npz" if path is None else Path(path)
     if path is None and not file.exists():
-        names = ", ".join(shipped()) or "none"
+        names = ", ".join(shipped_networks()) or "none"
         raise ValueError(
             f"model: no weights of {name!r} come with maxjax (there are: {names}); train it, or give a path"
         )

@@ -35,7 +35,7 @@ from maxjax.nn import optimizer
 from maxjax.nn.architecture import Autoencoder
 from maxjax.nn.autoencoder import Params, apply_folded, cast, fold, init_params
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
-from maxjax.nn.dataset import Scenes, known_of
+from maxjax.nn.dataset import Scenes, network_inputs
 from maxjax.nn.encoding import UNIT, encode
 from maxjax.nn.evaluation import evaluate, summary
 from maxjax.nn.optimizer import AdamW, Moments
@@ -72,7 +72,7 @@ def steps_per_epoch(training: Training, scenes: int) -> int:
 
 def inputs_of(network: Autoencoder, scene: Scenes, grid: Grid) -> tuple[Array, Array, Bool[Array, "nx ny nz"]]:
     """x, the network's target, and where it counts: the goal's component without the goal."""
-    x, base = encode(network.start, network.flood, known_of(scene, grid))
+    x, base = encode(network.start, network.flood, network_inputs(scene, grid))
     return x, (scene.target - base) / UNIT[network.start], scene.steps > 0
 
 
@@ -178,7 +178,7 @@ def data_mesh(devices: list[jax.Device] | None = None) -> Mesh:
     return Mesh(np.array(jax.devices() if devices is None else devices), ("batch",))
 
 
-def copied(tree: Any, mesh: Mesh) -> Any:
+def replicate(tree: Any, mesh: Mesh) -> Any:
     """The tree on every device of the mesh."""
     return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
 
@@ -226,7 +226,7 @@ def train(
     steps, last = steps_per_epoch(training, count), training.epochs if run.epochs is None else run.epochs
     identity = {"training": dataclasses.asdict(training), "scenes": count, "grid": dataclasses.asdict(grid)}
     state, done = _resumed(training, folder, _plain(identity), steps)
-    state, scenes = copied(state, mesh), copied(scenes, mesh)
+    state, scenes = replicate(state, mesh), replicate(scenes, mesh)
     program = epoch_program(training, count, grid, mesh)
     folder.mkdir(parents=True, exist_ok=True)
     _keep_lines(folder / LOG, done)

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from maxjax.compile.stage_timer import added, recording, timed
+from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
@@ -222,7 +222,7 @@ def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) ->
     """
     distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
     legs = plan_legs(task, distances, planner)
-    spent = functools.reduce(added, (leg.timings for leg in legs))
+    spent = functools.reduce(sum_reports, (leg.timings for leg in legs))
     return joined(waypoints, legs, task, spent)
 
 
@@ -257,10 +257,10 @@ def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spen
         places.append(places[-1] + len(leg.path) - same)
     path = np.concatenate(parts)
     whole = dataclasses.replace(nothing, path=path, places=np.array(places))
-    with recording() as recorder, timed("verify"):
+    with recording() as recorder, time_stage("verify"):
         verdict = verify(path, task.map)
         kept = verdict.ok and all(_keeps(whole, k, task) for k in range(len(legs)))
-    spent = added(spent, recorder.report())
+    spent = sum_reports(spent, recorder.report())
     if not kept:
         return dataclasses.replace(nothing, status=Status.PATH_IN_COLLISION, timings=spent)
     return dataclasses.replace(whole, length=verdict.length, clearance=verdict.clearance, timings=spent)

@@ -152,13 +152,15 @@ def _step_key(world: World, flight: Flight, target: Target) -> PRNGKeyArray:
     return jax.random.fold_in(_key(world, flight, target), jnp.round(1e3 * flight.log.duration).astype(jnp.int32))
 
 
-def scanned_from(world: World, flight: Flight) -> Float[Array, "3"]:
+def scan_origin(world: World, flight: Flight) -> Float[Array, "3"]:
     """Where the scan that arrives now was taken [m]."""
     late = _mode(world, flight, Target.LIDAR) == Mode.LATE
     return flight.vehicle.position - jnp.where(late, _SCAN_LAG, 0.0) * flight.vehicle.velocity
 
 
-def delivered(world: World, flight: Flight, scan: Scan, lidar: Lidar, number: Int32[Array, ""]) -> tuple[Scan, Failing]:
+def deliver_scan(
+    world: World, flight: Flight, scan: Scan, lidar: Lidar, number: Int32[Array, ""]
+) -> tuple[Scan, Failing]:
     """What is used of a scan, after its fault and after what is refused.
 
     Args:
@@ -179,7 +181,7 @@ def delivered(world: World, flight: Flight, scan: Scan, lidar: Lidar, number: In
     ranges = jnp.where((mode == Mode.STUCK) & jnp.any(jnp.isfinite(before)), before, ranges)
     hit = jnp.isfinite(ranges) & ~_refused(ranges, before, lidar)
     stretch = jnp.where(hit & scan.hit, ranges, 0.0) / jnp.where(scan.hit, scan.distance, 1.0)
-    origin = scanned_from(world, flight)
+    origin = scan_origin(world, flight)
     points = origin + (scan.points - origin) * stretch[:, None]
     used = Scan(jnp.where((hit & scan.hit)[:, None], points, jnp.nan), jnp.where(hit, ranges, jnp.inf), hit)
     return used, dataclasses.replace(flight.failing, ranges=ranges)
@@ -195,7 +197,7 @@ def _refused(ranges: Float[Array, " r"], before: Float[Array, " r"], lidar: Lida
     return repeated | (jnp.sum(apart) > _MOST_UNRELATED * jnp.sum(both))
 
 
-def located(world: World, flight: Flight, error: Float[Array, "3"], timestep: float) -> Failing:
+def locate(world: World, flight: Flight, error: Float[Array, "3"], timestep: float) -> Failing:
     """Where the vehicle takes itself to be: dead reckoning, drawn to what the sensor says unless that cannot be.
 
         x̂' = v (1 + ε) + (said − x̂) / T    where |said − x̂| ≤ J, else v (1 + ε)
@@ -270,7 +272,7 @@ def thrusts(
     return told, dataclasses.replace(failing, commands=commands)
 
 
-def answered(
+def answer_planner(
     world: World, flight: Flight, status: Int32[Array, ""], begins: Bool[Array, ""]
 ) -> tuple[Int32[Array, ""], Bool[Array, ""]]:
     """The status of what the planner answers, and whether that is flown a period later.
@@ -287,7 +289,7 @@ def answered(
     return jnp.where(silent, Status.TIMEOUT, status).astype(jnp.int32), mode == Mode.LATE
 
 
-def ticked(world: World, flight: Flight, config: FlightConfig) -> Float[Array, ""]:
+def tick_reference(world: World, flight: Flight, config: FlightConfig) -> Float[Array, ""]:
     """The time on the reference a time step later [s]."""
     mode, now, step = _mode(world, flight, Target.CLOCK), flight.reference_time, config.vehicle.timestep
     anywhere = jax.random.uniform(_step_key(world, flight, Target.CLOCK), maxval=config.period)

@@ -52,7 +52,7 @@ def halvings(shape: Sequence[int]) -> tuple[int, int, int]:
     return nx, ny, nz
 
 
-def padded(array: Array) -> Array:
+def pad_to_aggregates(array: Array) -> Array:
     """Obstacles behind each axis, to a multiple of 2^`halvings`, so that every level consists of whole aggregates."""
     counts = halvings(array.shape)
     return jnp.pad(array, [(0, -n % 2**count) for n, count in zip(array.shape, counts, strict=True)])
@@ -123,11 +123,13 @@ def correction(links: Links, diagonal: Volume, log_phi: Volume, levels: tuple[Ag
     """
     total = sum((forward + backward for forward, backward in links), start=jnp.zeros((), log_phi.dtype))
     residual = jnp.log(jnp.where(total > 0, total / diagonal, 1))
-    return lumped_answer(links, residual, log_phi, levels)
+    return answer_on_aggregates(links, residual, log_phi, levels)
 
 
 @jax.named_scope("lump")
-def lumped_answer(links: Links, residual: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...]) -> Aggregates:
+def answer_on_aggregates(
+    links: Links, residual: Volume, log_phi: Volume, levels: tuple[AggregateLevel, ...]
+) -> Aggregates:
     """δ on the aggregates: the lumped walk's answer to a residual, in which it is linear.
 
     Args:

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.compile.lowering import in_this_turn
 from maxjax.core.status import Status
 from maxjax.fields import stencil
-from maxjax.fields.certificate import uncertified
+from maxjax.fields.certificate import count_uncertified
 from maxjax.solvers.medium import Medium, Progress, operator_of
 
 
@@ -68,9 +68,11 @@ def sweep_until_certified(medium: Medium, progress: Progress, *, most: int, betw
         # Few fields need sweeps, so A is assembled in the loop rather than kept.
         here, length = in_this_turn((medium, progress.length), carry.log_phi)
         log_phi = swept(here, length, carry.log_phi, between)
-        return SweepCarry(log_phi, carry.sweeps + between, uncertified(log_phi, medium.component, medium.goal))
+        return SweepCarry(log_phi, carry.sweeps + between, count_uncertified(log_phi, medium.component, medium.goal))
 
-    first = SweepCarry(progress.log_phi, jnp.int32(0), uncertified(progress.log_phi, medium.component, medium.goal))
+    first = SweepCarry(
+        progress.log_phi, jnp.int32(0), count_uncertified(progress.log_phi, medium.component, medium.goal)
+    )
     last = lax.while_loop(going, turn, first)
     return dataclasses.replace(progress, log_phi=last.log_phi, sweeps=last.sweeps, uncertified=last.uncertified)
 

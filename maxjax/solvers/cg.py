@@ -24,7 +24,7 @@ from maxjax.fields.gradient import log_potential
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, held_system, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, system_with_goal, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
@@ -95,7 +95,7 @@ class LinearSolver(abc.ABC):
     @jax.named_scope("conjugate gradients")
     def iterate(self, medium: Medium, progress: Progress) -> Progress:
         """Conjugate gradients from φ = 0 until the stopping rule holds; `iterations` count on."""
-        operator, source = held_system(medium, progress.length)
+        operator, source = system_with_goal(medium, progress.length)
         faces, scale = stencil.normalize(operator)
         b, tolerance = source * scale, tolerance_of(self, medium)
         solution = pcg(

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.solvers.aggregation import padded
+from maxjax.solvers.aggregation import pad_to_aggregates
 from maxjax.solvers.medium import Medium, Progress, Solver, pad_medium, tolerance_of
 from maxjax.solvers.random_walk import imbalance, random_walk
 
@@ -73,9 +73,9 @@ def _solved_jvp(solve, solver, static, primals, tangents):  # type: ignore[no-un
     sigma_dot = jnp.where(component, arrays_dot["sigma"], 0)
     parts = medium.sigma, medium.price, solved["length"]
     _, right = jax.jvp(of_parts, parts, (sigma_dot, arrays_dot["price"], length_dot))
-    walk = random_walk(pad_medium(medium), solved["length"], padded(u))
+    walk = random_walk(pad_medium(medium), solved["length"], pad_to_aggregates(u))
     u_dot = lax.custom_linear_solve(
-        walk.apply, padded(right), lambda _, b: walk.solve(b), lambda _, b: walk.solve_transposed(b)
+        walk.apply, pad_to_aggregates(right), lambda _, b: walk.solve(b), lambda _, b: walk.solve_transposed(b)
     )
 
     def zero(x: Array) -> Array:

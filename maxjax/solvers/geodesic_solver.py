@@ -19,7 +19,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.compile.lowering import in_this_turn, neighbours
-from maxjax.fields.certificate import uncertified
+from maxjax.fields.certificate import count_uncertified
 from maxjax.fields.price import decay
 from maxjax.solvers.medium import Medium, Progress
 
@@ -58,7 +58,7 @@ def or_geodesic(medium: Medium, progress: Progress) -> Progress:
         return dataclasses.replace(
             progress,
             log_phi=log_phi,
-            uncertified=uncertified(log_phi, component, medium.goal),
+            uncertified=count_uncertified(log_phi, component, medium.goal),
             geodesic=jnp.array(True),
         )
 

@@ -22,7 +22,7 @@ from maxjax.core.status import Status
 from maxjax.fields import stencil
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.price import SCREENING_LENGTH, decay
-from maxjax.solvers.aggregation import padded
+from maxjax.solvers.aggregation import pad_to_aggregates
 
 
 @jax.tree_util.register_dataclass
@@ -137,14 +137,14 @@ def pad_medium(medium: Medium) -> Medium:
     return dataclasses.replace(
         medium,
         # What is wrong with it stays.
-        sigma=padded(jnp.where(medium.component | ~jnp.isfinite(sigma), sigma, jnp.minimum(sigma, 0))),
-        price=None if medium.price is None else padded(medium.price),
-        component=padded(medium.component),
-        distance=padded(medium.distance),
+        sigma=pad_to_aggregates(jnp.where(medium.component | ~jnp.isfinite(sigma), sigma, jnp.minimum(sigma, 0))),
+        price=None if medium.price is None else pad_to_aggregates(medium.price),
+        component=pad_to_aggregates(medium.component),
+        distance=pad_to_aggregates(medium.distance),
     )
 
 
-def untouched(medium: Medium, length: Float[Array, ""]) -> Progress:
+def no_progress(medium: Medium, length: Float[Array, ""]) -> Progress:
     """Before the first iteration."""
     none = jnp.int32(0)
     return Progress(
@@ -184,7 +184,7 @@ def operator_of(medium: Medium, length: Float[Array, ""]) -> stencil.Operator:
     return stencil.assemble(medium.sigma, leak, grounded=medium.grounded)
 
 
-def held_system(medium: Medium, length: Float[Array, ""]) -> tuple[stencil.Operator, stencil.Volume]:
+def system_with_goal(medium: Medium, length: Float[Array, ""]) -> tuple[stencil.Operator, stencil.Volume]:
     """A and q with φ = 1 held on the goal; a goal outside the grid holds nothing."""
     held = stencil.cell(medium.sigma.shape, medium.goal) & (medium.sigma > 0)
     return stencil.hold(operator_of(medium, length), held.astype(medium.sigma.dtype))

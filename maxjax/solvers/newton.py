@@ -90,7 +90,7 @@ def newton_cycles(medium: Medium, progress: Progress, *, tolerance: float, most:
     """Cycles until no sweep would change any voxel by more than `tolerance` of itself.
 
     Args:
-        medium: on a grid that is `aggregation.padded`, conducting on the component only.
+        medium: on a grid that is `aggregation.pad_to_aggregates`, conducting on the component only.
         progress: log φ finite on the component, zero elsewhere; its value on the goal is kept. `iterations` count on.
         tolerance: largest |ρ|, beyond what log φ's own rounding brings. Static.
         most: cap on iterations. Static.

@@ -30,7 +30,7 @@ from maxjax.compile.lowering import maximum
 from maxjax.core.status import Status
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.derivative import differentiable
-from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, run, untouched
+from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, no_progress, run
 from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
 
@@ -205,6 +205,6 @@ def _solve(attempts: int, solver: Solver, medium: Medium, length: Float[Array, "
         retry = (progress.status == Status.NOT_CERTIFIED) | (progress.status == Status.NOT_CONVERGED)
         return retry & (progress.attempts < attempts)
 
-    first = untouched(here, length)
+    first = no_progress(here, length)
     found = attempt(first) if attempts == 1 else lax.while_loop(unfinished, attempt, first)
     return dataclasses.replace(found, log_phi=lax.slice(found.log_phi, (0, 0, 0), medium.shape))

@@ -26,7 +26,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.fields.stencil import Links, Volume, cell, gather, rates
-from maxjax.solvers.aggregation import AggregateLevel, levels_of, lumped_answer, spread
+from maxjax.solvers.aggregation import AggregateLevel, answer_on_aggregates, levels_of, spread
 from maxjax.solvers.medium import Medium, operator_of
 
 # Of the residual beside the right-hand side, by a number's bytes; or, where rounding allows no less, so many rounding
@@ -71,7 +71,7 @@ class RandomWalk:
         residual = jnp.where(self.moving, residual, 0)
         x = jnp.zeros_like(residual)
         if self.levels:
-            delta = lumped_answer(self.steps, residual, self.log_phi, self.levels)
+            delta = answer_on_aggregates(self.steps, residual, self.log_phi, self.levels)
             x = jnp.where(self.moving & corrected, spread(delta, self.levels[0].axes), 0)
 
         def sweep(x: Volume, weight: Float[Array, ""]) -> tuple[Volume, None]:
@@ -101,7 +101,7 @@ def random_walk(medium: Medium, length: Float[Array, ""], log_phi: Volume) -> Ra
     """The walk of a solution.
 
     Args:
-        medium: on a grid that is `aggregation.padded`, conducting on the component only.
+        medium: on a grid that is `aggregation.pad_to_aggregates`, conducting on the component only.
         length: ℓ [voxels].
         log_phi: finite on the component, zero elsewhere.
     """

@@ -95,11 +95,11 @@ class Screened:
 @jax.named_scope("guess")
 def guess(medium: Medium, progress: Progress) -> Progress:
     """A guess where no iteration has been taken."""
-    decaying = guessed(medium.distance, progress.length, medium.component)
+    decaying = guess_log_phi(medium.distance, progress.length, medium.component)
     return dataclasses.replace(progress, log_phi=jnp.where(progress.iterations > 0, progress.log_phi, decaying))
 
 
-def guessed(
+def guess_log_phi(
     distance: Int32[Array, "nx ny nz"], length: Float[Array, ""], component: Bool[Array, "nx ny nz"]
 ) -> stencil.Volume:
     """Log φ of a point source where σ ∝ 1/r: φ decays by θ a voxel, 2 (cosh θ − 1) = 1/ℓ², and by √r."""

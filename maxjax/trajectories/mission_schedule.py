@@ -22,7 +22,7 @@ from maxjax.planning.plan import Plan
 from maxjax.trajectories import spline
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import FlightLimits
-from maxjax.trajectories.schedule import scheduled
+from maxjax.trajectories.schedule import schedule_plan
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.trajectories.yaw_profile import headings
 
@@ -30,7 +30,7 @@ _TURNED_BACK = math.cos(math.radians(120.0))
 _ABOUT = 5.0  # [m]; rounded corners make a way this much shorter at most
 
 
-def scheduled_mission(mission: Mission, limits: FlightLimits) -> Trajectory:
+def schedule_mission(mission: Mission, limits: FlightLimits) -> Trajectory:
     """The trajectory of a mission; see `maxjax.trajectory`.
 
     Raises:
@@ -42,7 +42,7 @@ def scheduled_mission(mission: Mission, limits: FlightLimits) -> Trajectory:
     parts = []
     for first, last in itertools.pairwise(rests):
         plan = _stretch(mission, first, last)
-        parts.append(scheduled(plan, limits, {}, ClearCurve.of(plan), _speeds(mission, first, last, limits)))
+        parts.append(schedule_plan(plan, limits, {}, ClearCurve.of(plan), _speeds(mission, first, last, limits)))
     return _end_to_end(mission, rests, parts)
 
 

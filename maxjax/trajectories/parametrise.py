@@ -19,7 +19,7 @@ from jaxtyping import Float64
 from maxjax.trajectories.corner_rounding import Curve
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.speed_profile import check_duration, fastest, positions
-from maxjax.trajectories.spline import averaged, differences, duration, evaluate
+from maxjax.trajectories.spline import average_neighbours, differences, duration, evaluate
 from maxjax.trajectories.time_optimal import Way, factor_to_keep, shortest
 
 STEP = 0.02  # between control points, before the factor [s]
@@ -50,7 +50,7 @@ def cutting(limits: FlightLimits) -> float:
     return min(bound, _CUT) + limits.acceleration * STEP**2 / 6.0
 
 
-def timed(
+def time_spline(
     curve: Curve, stations: Float64[np.ndarray, " k"], caps: Float64[np.ndarray, " k"], limits: FlightLimits
 ) -> tuple[Float64[np.ndarray, "n 3"], float]:
     """Control points, from rest to rest, and the factor on `STEP` with which they keep the limits.
@@ -105,7 +105,7 @@ def _start(
     way = Way.of(curve, s, np.minimum(along**2, held), limits)
     at = positions(s, square, STEP)
     width = max(_WIDTH * min(limits.acceleration / limits.jerk, STEP * len(at)), _STEPS * _LONGEST)
-    return way, averaged(at, max(round(width / STEP), 1))
+    return way, average_neighbours(at, max(round(width / STEP), 1))
 
 
 def needed(control: Float64[np.ndarray, "n 3"], limits: FlightLimits) -> float:

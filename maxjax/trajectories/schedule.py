@@ -25,7 +25,7 @@ from maxjax.planning.plan import Plan
 from maxjax.trajectories.clear_curve import ClearCurve, project
 from maxjax.trajectories.corner_rounding import Curve
 from maxjax.trajectories.limits import FlightLimits
-from maxjax.trajectories.parametrise import STEP, cutting, timed
+from maxjax.trajectories.parametrise import STEP, cutting, time_spline
 from maxjax.trajectories.spline import duration, evaluate
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.trajectories.yaw_profile import headings
@@ -51,7 +51,7 @@ class _Course(NamedTuple):
     speeds: Float64[np.ndarray, " e"]  # greatest speed on each edge of the path [m/s]
 
 
-def scheduled(
+def schedule_plan(
     plan: Plan,
     limits: FlightLimits,
     hovers: Mapping[int, float],
@@ -175,7 +175,7 @@ def _flown(
         stations = np.linspace(0.0, curve.arclength[-1], math.ceil(curve.arclength[-1] / _STATIONS) + 1)
         asked = course.speeds[edge : edge + len(curve.directions)]
         edge += len(curve.directions)
-        found.append(timed(curve, stations, _caps(course, curve, stations, asked), course.limits))
+        found.append(time_spline(curve, stations, _caps(course, curve, stations, asked), course.limits))
     parts, step = [control for control, _ in found], STEP * max(factor for _, factor in found)
     whole, rests, point = parts[0], [], 0
     for curve, part in zip(curves, parts[1:], strict=False):

@@ -51,7 +51,7 @@ def differences(control: Float64[np.ndarray, "n ..."], step: float, order: int) 
     return found
 
 
-def averaged(values: Float64[np.ndarray, "n ..."], count: int) -> Float64[np.ndarray, "m ..."]:
+def average_neighbours(values: Float64[np.ndarray, "n ..."], count: int) -> Float64[np.ndarray, "m ..."]:
     """Means of every `count` neighbours, both ends repeated: a convex set that holds differences holds theirs."""
     ends = [(count - 1, count - 1)] + [(0, 0)] * (values.ndim - 1)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, ends, "edge"), count, axis=0)

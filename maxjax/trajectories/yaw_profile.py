@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.trajectories.spline import averaged
+from maxjax.trajectories.spline import average_neighbours
 
 # Horizontal speed below which a course says nothing [m/s], and width of the average [s].
 _SLOW, _ROUNDING = 0.3, 0.3
@@ -41,7 +41,7 @@ def headings(control: Float64[np.ndarray, "n 3"], step: float, rate: float) -> F
     wanted = angle[before]
     limit = rate * step * (1.0 - _SLACK)
     count = 2 * math.ceil(0.5 * _ROUNDING / step) + 1
-    rounded = averaged(0.5 * (_upper(wanted, limit) - _upper(-wanted, limit)), count)
+    rounded = average_neighbours(0.5 * (_upper(wanted, limit) - _upper(-wanted, limit)), count)
     half = count // 2
     found: Float64[np.ndarray, " n"] = rounded[half : len(rounded) - half]
     return found

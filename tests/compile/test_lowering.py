@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
 
-from maxjax.compile.batching import batched_by, settle, settle_batch
+from maxjax.compile.batching import settle, settle_batch, with_batch_rule
 from maxjax.compile.lowering import (
     by_target,
     every,
     first_maximum,
     in_this_turn,
-    lowered_for,
+    lowering_for,
     materialise,
     maximum,
     neighbours,
     once,
     repeat,
-    shifted,
+    shift_axis,
     total,
 )
 from tests.short_programs import shorten
@@ -124,7 +124,7 @@ both = pytest.mark.parametrize("platform", ["cpu", "gpu"])
 @both
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_a_step_is_repeated_so_many_times(platform: str, count: int) -> None:
-    with lowered_for(platform):
+    with lowering_for(platform):
         walker = jax.jit(
             lambda x: repeat(count, lambda w: Walker(w.position * 2, w.turns + 1), Walker(x, jnp.int32(0)), 2)
         )(jnp.ones(2))
@@ -136,20 +136,20 @@ def test_a_step_is_repeated_so_many_times(platform: str, count: int) -> None:
 def test_neighbours_are_those_of_a_padded_copy(platform: str, beyond: float) -> None:
     volume = np.random.default_rng(0).normal(size=(3, 4, 5)).astype(np.float32)
     around = np.pad(volume, 1, constant_values=beyond)
-    with lowered_for(platform):
+    with lowering_for(platform):
         found = jax.jit(lambda x: neighbours(x, beyond))(volume)
     for axis, (ahead, behind) in enumerate(found):
         core = (slice(1, -1),) * 3
         np.testing.assert_array_equal(ahead, np.roll(around, -1, axis)[core])
         np.testing.assert_array_equal(behind, np.roll(around, 1, axis)[core])
-    np.testing.assert_array_equal(shifted(jnp.asarray(volume), 1, -2, 7)[:, :2], 7)
+    np.testing.assert_array_equal(shift_axis(jnp.asarray(volume), 1, -2, 7)[:, :2], 7)
 
 
 @both
 def test_all_of_a_few_numbers_or_many_meet_a_condition(platform: str) -> None:
     limits = jnp.asarray([0, 3, 6, 20])
     for count in (1, 6, 12):
-        with lowered_for(platform):
+        with lowering_for(platform):
             found = jax.jit(lambda m: every(lambda k: k < m[:, None], count, jnp.int32(count)))(limits)  # noqa: B023
         np.testing.assert_array_equal(found, limits >= count)
 
@@ -157,7 +157,7 @@ def test_all_of_a_few_numbers_or_many_meet_a_condition(platform: str) -> None:
 @both
 def test_sums_stop_where_nothing_follows(platform: str) -> None:
     ends = jnp.asarray([0, 3, 17, 40])
-    with lowered_for(platform):
+    with lowering_for(platform):
         below, squares = jax.jit(
             lambda m: total(lambda k: (k < m[:, None], jnp.where(k < m[:, None], k * k, 0)), 50, jnp.max(m))
         )(ends)
@@ -190,13 +190,13 @@ def test_each_target_has_a_program_of_its_own() -> None:
         return by_target(x, cpu=lambda x: x, default=lambda x: x + 3)
 
     assert which(jnp.float32(0)) == 0
-    with lowered_for("gpu"):
+    with lowering_for("gpu"):
         assert which(jnp.float32(0)) == 3
     assert which(jnp.float32(0)) == 0
 
 
 def test_a_batch_is_computed_by_its_own_rule() -> None:
-    rule = batched_by(lambda a, b: a + b, lambda a, b: 10 * (a + b))
+    rule = with_batch_rule(lambda a, b: a + b, lambda a, b: 10 * (a + b))
     assert rule(jnp.float32(1), jnp.float32(2)) == 3
     found = jax.vmap(rule, (0, None))(jnp.arange(3.0), jnp.float32(1))
     np.testing.assert_array_equal(found, [10, 20, 30])

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import pytest
 
 from maxjax.compile.program import Program
-from maxjax.compile.stage_timer import added, recording, timed
+from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 
 
 def test_programs_are_timed_apart_from_their_compilation() -> None:
@@ -28,8 +28,8 @@ def test_programs_are_timed_apart_from_their_compilation() -> None:
 
 def test_compilation_inside_a_timed_block_is_booked_once() -> None:
     started = time.perf_counter()
-    with recording() as recorder, timed("whole"):
-        with timed("compile"):
+    with recording() as recorder, time_stage("whole"):
+        with time_stage("compile"):
             time.sleep(0.02)
         time.sleep(0.01)
     assert recorder.seconds["compile"] >= 0.02
@@ -39,24 +39,24 @@ def test_compilation_inside_a_timed_block_is_booked_once() -> None:
 
 def test_the_innermost_recorder_books_and_shares_are_equal() -> None:
     with recording() as outer:
-        with timed("a"):
+        with time_stage("a"):
             time.sleep(0.01)
-        with recording() as inner, timed("b"):
+        with recording() as inner, time_stage("b"):
             time.sleep(0.02)
     assert set(outer.seconds) == {"compile", "a"}
     assert set(inner.seconds) == {"compile", "b"}
     assert inner.report(4)["b"] == pytest.approx(inner.seconds["b"] / 4)
     assert inner.report(4)["total"] == inner.report(4)["b"] >= 0.005
-    both = added(outer.report(), inner.report())
+    both = sum_reports(outer.report(), inner.report())
     assert both["total"] == pytest.approx(both["a"] + both["b"])
 
 
 def test_nothing_is_booked_without_a_recorder_or_in_another_thread() -> None:
-    with timed("nowhere"):
+    with time_stage("nowhere"):
         pass
 
     def work() -> None:
-        with timed("elsewhere"):
+        with time_stage("elsewhere"):
             pass
 
     with recording() as recorder, ThreadPoolExecutor(1) as pool:

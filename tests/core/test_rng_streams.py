@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.core.rng_streams import ITERATIONS, Stream, named, stream
+from maxjax.core.rng_streams import ITERATIONS, Stream, named_key, stream
 from maxjax.sim.loop.flight import FlightConfig, fly_closed_loop
 from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.ui.methods import planner_named
@@ -45,7 +45,7 @@ def test_the_keys_are_those_of_recorded_results() -> None:
         assert stream(KEY, which) == jax.random.fold_in(KEY, number)
         assert stream(KEY, which, jnp.int32(12)) == jax.random.fold_in(KEY, number + 12)
     # 907060870 is the CRC-32 of the ASCII text "hello".
-    assert named(KEY, "hello") == jax.random.fold_in(KEY, 907060870)
+    assert named_key(KEY, "hello") == jax.random.fold_in(KEY, 907060870)
 
 
 def test_a_flight_longer_than_its_streams_is_refused() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxjax.core.grid import Grid
-from maxjax.io.geo.triangles import enclosed, touched
+from maxjax.io.geo.triangles import voxels_enclosed, voxels_touched
 
 GRID = Grid((12, 13, 11), 0.7, (-3.0, -4.0, -2.0))
 
@@ -54,16 +54,16 @@ def triangles() -> list[np.ndarray]:
 def test_exactly_the_voxels_are_marked_that_a_triangle_touches() -> None:
     marked = 0
     for number, triangle in enumerate(triangles()):
-        found = touched(triangle[None], GRID)
+        found = voxels_touched(triangle[None], GRID)
         np.testing.assert_array_equal(found, overlaps(triangle, GRID), str((number, triangle)))
         marked += found.sum()
     assert marked > 4000
 
 
 def test_many_triangles_are_the_union_of_each() -> None:
-    found = touched(np.array(triangles()), GRID)
-    np.testing.assert_array_equal(found, np.any([touched(one[None], GRID) for one in triangles()], axis=0))
-    assert not touched(np.zeros((0, 3, 3)), GRID).any()
+    found = voxels_touched(np.array(triangles()), GRID)
+    np.testing.assert_array_equal(found, np.any([voxels_touched(one[None], GRID) for one in triangles()], axis=0))
+    assert not voxels_touched(np.zeros((0, 3, 3)), GRID).any()
 
 
 def winding(surface: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_what_closed_bodies_surround_is_inside(seed: int) -> None:
     turned = np.where((np.arange(len(surface)) % 3 == 0)[:, None, None], surface[:, ::-1], surface)
     expected = (winding(surface, centres(GRID).reshape(-1, 3)) > 0.5).reshape(GRID.shape)
     assert expected.any()
-    np.testing.assert_array_equal(enclosed(turned, body, GRID), expected)
+    np.testing.assert_array_equal(voxels_enclosed(turned, body, GRID), expected)
 
 
 def test_walls_through_the_centres_of_columns_leave_no_column_out() -> None:
@@ -106,7 +106,7 @@ def test_walls_through_the_centres_of_columns_leave_no_column_out() -> None:
     faces = np.array([quad[:3] for quad in quads] + [(quad[0], *quad[2:]) for quad in quads])
     grid = Grid((8, 8, 8), 1.0, (0.0, 0.0, 0.0))
     box = 1.0 + 4.0 * corners[faces]  # its walls lie in the planes of voxel centres
-    solid = touched(box, grid) | enclosed(box, np.zeros(12, int), grid)
+    solid = voxels_touched(box, grid) | voxels_enclosed(box, np.zeros(12, int), grid)
     expected = np.zeros(grid.shape, bool)
     expected[1:6, 1:6, 1:6] = True
     np.testing.assert_array_equal(solid, expected)

@@ -11,7 +11,7 @@ import pytest
 
 from maxjax import Grid, VoxelMap
 from maxjax.core.status import Closure
-from maxjax.core.voxel_map import checked_map
+from maxjax.core.voxel_map import check_map
 
 GRID = Grid((4, 5, 6), 2.0, (1.0, -2.0, 3.0))
 RNG = np.random.default_rng(0)
@@ -99,4 +99,4 @@ def test_an_array_in_place_of_a_map_is_told_with_the_call_that_makes_one() -> No
     with pytest.raises(
         ValueError, match=r"map: expected a maxjax\.VoxelMap, given an array of shape \(4, 5, 6\); .*of\("
     ):
-        checked_map(OCCUPIED)
+        check_map(OCCUPIED)

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from experiments.orca import _SECONDS, half_spaces, solved
-from maxjax.sim.movers.sets import Tracks, nobody
+from maxjax.sim.movers.sets import Tracks, no_tracks
 
 
 def drawn(rng: np.random.Generator, count: int) -> Tracks:
     place = rng.normal(size=(count, 3))
     place *= rng.uniform(3.0, 12.0, (count, 1)) / np.linalg.norm(place, axis=1, keepdims=True)
     given = {"place": place, "velocity": rng.uniform(-3.0, 3.0, (count, 3)), "half": np.full((count, 3), 0.3)}
-    tracks = dataclasses.replace(nobody(count), **{k: jnp.asarray(v, jnp.float32) for k, v in given.items()})
+    tracks = dataclasses.replace(no_tracks(count), **{k: jnp.asarray(v, jnp.float32) for k, v in given.items()})
     return dataclasses.replace(tracks, used=jnp.ones(count, bool))
 
 
@@ -63,5 +63,5 @@ def test_a_velocity_beyond_a_constraint_passes_by_and_one_short_of_it_does_not()
 
 def test_nobody_asks_for_nothing() -> None:
     wanted = jnp.array([1.0, -2.0, 0.5])
-    change, normal = half_spaces(nobody(3), jnp.zeros(3), wanted, 0.5)
-    np.testing.assert_allclose(solved(wanted, change, normal, nobody(3).used, 5.0), wanted, atol=1e-6)
+    change, normal = half_spaces(no_tracks(3), jnp.zeros(3), wanted, 0.5)
+    np.testing.assert_allclose(solved(wanted, change, normal, no_tracks(3).used, 5.0), wanted, atol=1e-6)

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from maxjax.fields.certificate import best_neighbour, uncertified
+from maxjax.fields.certificate import best_neighbour, count_uncertified
 from tests.references import component_of, conduction_matrix, random_blocks, random_free
 
 SHAPE = (9, 8, 10)
 FACES = np.array([s for s in itertools.product((-1, 0, 1), repeat=3) if np.abs(s).sum() == 1])
 
-count = jax.jit(uncertified)
+count = jax.jit(count_uncertified)
 best_of = jax.jit(best_neighbour)
 
 

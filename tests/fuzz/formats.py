@@ -22,7 +22,7 @@ from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
 from maxjax.sim.trials.outcomes import summarise
 from maxjax.ui.cli.mission_file import read_mission
 from maxjax.ui.cli.options import MissionOptions, ViewOptions
-from maxjax.ui.cli.viewing_source import opened
+from maxjax.ui.cli.viewing_source import open_source
 from maxjax.ui.page.incoming import fault_of
 from tests.fuzz import map_files
 
@@ -132,7 +132,7 @@ def _placed() -> bytes:
 
 def _plan_file(content: bytes, folder: Path) -> str:
     (folder / "plan.json").write_bytes(content)
-    return _read(lambda: dataclasses.astuple(opened(ViewOptions(str(folder / "plan.json"))).options))
+    return _read(lambda: dataclasses.astuple(open_source(ViewOptions(str(folder / "plan.json"))).options))
 
 
 def _config() -> bytes:

@@ -14,7 +14,7 @@ import pytest
 import maxjax
 from maxjax.core.grid import Grid
 from maxjax.io.geo.polygons import covering
-from maxjax.io.geo.triangles import touched
+from maxjax.io.geo.triangles import voxels_touched
 
 Box = tuple[float, float, float, float, float, float]
 Solid = Callable[[float, float, float], bool]
@@ -220,7 +220,7 @@ def test_triangles_of_a_concave_face_with_a_hole_have_its_area() -> None:
         along, across = found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]
         area = 0.5 * np.abs(np.cross(along, across)[:, 2]).sum()
         assert area == pytest.approx(face.area, rel=1e-9)
-        voxels = touched(found, grid).any(axis=2)
+        voxels = voxels_touched(found, grid).any(axis=2)
         for i, j in np.ndindex(30, 30):
             square = shapely.box(i - 15, j - 15, i - 14, j - 14)
             assert voxels[i, j] == face.intersects(square)

@@ -14,7 +14,7 @@ from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
 from maxjax.io import StoredVoxels, load_map, read_map
 from maxjax.io.geo.earth import project
-from maxjax.io.kinds.boxes import Boxes, filled
+from maxjax.io.kinds.boxes import Boxes, fill_boxes
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.kinds.heights import Heights
 from maxjax.io.kinds.point_cloud import PointCloud
@@ -205,7 +205,7 @@ def test_boxes_fill_the_voxels_that_they_share_volume_with(tmp_path: Path) -> No
     for a, b in corners:
         axes = [(x + 2.0 > a[i]) & (x < b[i]) for i, x in enumerate(voxel)]
         expected |= axes[0][:, None, None] & axes[1][:, None] & axes[2]
-    np.testing.assert_array_equal(filled(found.corners, grid), expected)
+    np.testing.assert_array_equal(fill_boxes(found.corners, grid), expected)
 
 
 @pytest.mark.parametrize(

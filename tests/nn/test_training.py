@@ -188,8 +188,8 @@ def _program() -> None:
     for devices in (jax.devices(), jax.devices()[:1]):
         mesh = training.data_mesh(devices)
         run = training.epoch_program(RECIPE, 4, GRID, mesh)
-        state = training.copied(training.start(RECIPE), mesh)
-        state, losses = run(state, training.copied(scenes, mesh))
+        state = training.replicate(training.start(RECIPE), mesh)
+        state, losses = run(state, training.replicate(scenes, mesh))
         found.append(([float(x) for x in losses], float(state.params["head"]["kernel"].std())))
     print(json.dumps({"devices": jax.device_count(), "found": found}))
 

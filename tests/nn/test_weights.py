@@ -14,13 +14,13 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.fields.price import SCREENING_LENGTH, lattice_price
 from maxjax.nn import model as model_module
 from maxjax.nn.architecture import CONFIGS
-from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped
+from maxjax.nn.model import MAX_SWEEPS, WEIGHTS, load_model, network_potential, predict_potential, shipped_networks
 from maxjax.planning.run.execution import problem_of
 
 pytestmark = pytest.mark.full_speed
 
 GRID = Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
-NAMES = shipped()
+NAMES = shipped_networks()
 
 conducting = jax.jit(conductivity, static_argnames="grid")
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import ndimage
 
 from maxjax import Grid
-from maxjax.compile.lowering import lowered_for
+from maxjax.compile.lowering import lowering_for
 from maxjax.planning.path.line_of_sight import TOUCH, clear, clear_and_paid, sight_of, stands_free, visibility
 from maxjax.verification.contacts import touched_voxels
 from tests.references import keeps, touched
@@ -99,7 +99,7 @@ def test_accelerators_see_the_same() -> None:
     sight = sights(rng.random(SHAPE) < 0.1)
     a, b = segments(rng, 200)
     together = np.asarray(clear(sight, jnp.asarray(a), jnp.asarray(b), slabs=4))
-    with lowered_for("gpu"):
+    with lowering_for("gpu"):
         one_by_one = np.asarray(clear(sight, jnp.asarray(a), jnp.asarray(b), slabs=4))
     np.testing.assert_array_equal(one_by_one, together)
     assert 20 < one_by_one.sum() < 180

@@ -12,7 +12,7 @@ import pytest
 
 from maxjax.planners import Field
 from maxjax.sim.loop.flight import FlightConfig
-from maxjax.sim.loop.follow import turned
+from maxjax.sim.loop.follow import turn_heading
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle import quadrotor as physics
 
@@ -24,7 +24,7 @@ def headings(velocity: list[float], config: FlightConfig, seconds: float) -> np.
     """The heading at every time step, from east."""
 
     def step(state: physics.State, _: None) -> tuple[physics.State, jax.Array]:
-        yaw = turned(state.rotation, jnp.array(velocity), config)
+        yaw = turn_heading(state.rotation, jnp.array(velocity), config)
         return physics.hover(config.vehicle, jnp.zeros(3), yaw), yaw
 
     first = physics.hover(config.vehicle, jnp.zeros(3))

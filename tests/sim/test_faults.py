@@ -19,11 +19,11 @@ from maxjax.sim.faults import (
     Mode,
     Target,
     account,
-    delivered,
-    located,
+    deliver_scan,
+    locate,
     none_yet,
     thrusts,
-    ticked,
+    tick_reference,
 )
 from maxjax.sim.loop.flight import STAGES, Flight, FlightConfig, World, take_off, watch
 from maxjax.sim.loop.flight_state import estimated_position
@@ -65,7 +65,7 @@ def honest() -> Scan:
 @functools.cache
 def scans(mode: Mode) -> tuple[Scan, Failing]:
     one, flight = ready(Target.LIDAR, mode)
-    return delivered(one, flight, honest(), LIDAR, jnp.int32(1))
+    return deliver_scan(one, flight, honest(), LIDAR, jnp.int32(1))
 
 
 def test_a_sensor_that_works_delivers_what_it_measured() -> None:
@@ -93,9 +93,9 @@ def test_of_no_scan_and_of_ranges_without_surfaces_nothing_is_used(mode: Mode) -
 
 def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
     one, flight = ready(Target.LIDAR, Mode.STUCK)
-    first, failing = delivered(one, flight, honest(), LIDAR, jnp.int32(0))
+    first, failing = deliver_scan(one, flight, honest(), LIDAR, jnp.int32(0))
     other = scan(wall_and_tower(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
-    second, again = delivered(one, dataclasses.replace(flight, failing=failing), other, LIDAR, jnp.int32(1))
+    second, again = deliver_scan(one, dataclasses.replace(flight, failing=failing), other, LIDAR, jnp.int32(1))
     assert np.array_equal(first.hit, honest().hit)
     assert not np.any(second.hit)
     assert np.array_equal(again.ranges, failing.ranges)
@@ -105,7 +105,7 @@ def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
 def test_a_position_is_never_further_off_than_a_believable_jump(mode: Mode, off: float) -> None:
     """For two seconds at 4 m/s: dead reckoning errs by a hundredth of the way, what is believed by a metre at most."""
     one, flight = ready(Target.POSE, mode)
-    located_at = jax.jit(lambda flight: located(one, flight, jnp.zeros(3), 0.01))
+    located_at = jax.jit(lambda flight: locate(one, flight, jnp.zeros(3), 0.01))
     for k in range(200):
         vehicle = dataclasses.replace(flight.vehicle, position=START + jnp.array([0.04 * (k + 1), 0.0, 0.0]))
         log = dataclasses.replace(flight.log, duration=jnp.float32(0.01 * k))
@@ -134,7 +134,7 @@ def test_whatever_the_clock_says_set_points_do_not_jump_nor_go_back(mode: Mode) 
     @jax.jit
     def times(flight: Flight) -> jax.Array:
         def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
-            now = advance_time(flight.reference_time, ticked(one, flight, CONFIG), step)
+            now = advance_time(flight.reference_time, tick_reference(one, flight, CONFIG), step)
             log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
             return dataclasses.replace(flight, reference_time=now, log=log), now
 

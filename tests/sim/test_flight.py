@@ -95,7 +95,7 @@ def test_every_path_flown_passes_the_judge_on_the_map_of_its_time(flights: list[
             continue
         grid, path = grid_of(flight), np.asarray(flight.path)
         ground = np.asarray(mapping.ground(flight.rolling_map))
-        ground, occupied = np.array(ground), np.asarray(mapping.occupied(flight.rolling_map)) | ground
+        ground, occupied = np.array(ground), np.asarray(mapping.occupied_voxels(flight.rolling_map)) | ground
         here = tuple(np.asarray(grid.index_of(jnp.asarray(path[0]))))
         occupied[here], ground[here] = False, False
         moved = np.concatenate([[True], np.any(np.diff(path, axis=0) != 0, axis=1)])

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax import Grid
-from maxjax.sim.mapping.rolling_map import RollingMap, empty, fused, ground, occupied, origin, recentre, seen
+from maxjax.sim.mapping.rolling_map import RollingMap, empty, fuse_scan, ground, occupied_voxels, origin, recentre, seen
 from maxjax.sim.sensors.lidar import Lidar, Scan, directions, scan
 from maxjax.sim.sensors.range_image import arctan2
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, Geoms, concatenate, ground_plane
@@ -26,7 +26,7 @@ KEY = jax.random.key(0)
 LEVEL = jnp.eye(3)
 
 jit_scan = jax.jit(scan)
-jit_fuse = jax.jit(fused, static_argnames="snapshot")
+jit_fuse = jax.jit(fuse_scan, static_argnames="snapshot")
 jit_recentre = jax.jit(recentre)
 
 
@@ -134,7 +134,7 @@ def test_hits_land_in_the_voxels_of_their_points() -> None:
         mine[tuple(index[inside].T)] = True
         sure = np.zeros(SHAPE, bool)
         sure[tuple(index[inside & clear].T)] = True
-        given = np.asarray(occupied(rolling_map))
+        given = np.asarray(occupied_voxels(rolling_map))
         assert np.all(given[sure])
         assert np.sum(given & ~mine) <= 30
         assert not np.any(given & np.asarray(seen(rolling_map)))
@@ -177,15 +177,15 @@ def test_evidence_counts_saturates_and_fades() -> None:
         cell = tuple(np.array([5, 0, 0]) - np.asarray(rolling_map.corner))
         for _ in range(hits):
             rolling_map = jit_fuse(rolling_map, hand_scan(ghost), CLEAN, zero, LEVEL)
-            assert occupied(rolling_map)[cell]
+            assert occupied_voxels(rolling_map)[cell]
         for look in range(looks):
-            assert occupied(rolling_map)[cell]
+            assert occupied_voxels(rolling_map)[cell]
             assert not seen(rolling_map)[cell]
             rolling_map = jit_fuse(rolling_map, hand_scan(clear), CLEAN, zero, LEVEL)
-            assert bool(occupied(rolling_map)[cell]) == (look < looks - 1)
+            assert bool(occupied_voxels(rolling_map)[cell]) == (look < looks - 1)
         assert seen(rolling_map)[cell]
         rolling_map = jit_fuse(rolling_map, hand_scan(ghost), CLEAN, zero, LEVEL)
-        assert occupied(rolling_map)[cell]
+        assert occupied_voxels(rolling_map)[cell]
         assert not seen(rolling_map)[cell]
 
 
@@ -236,17 +236,17 @@ def test_disturbed_scans_never_erase_what_stands(disturbed: str) -> None:
         index = np.array(sorted(met)) - np.asarray(rolling_map.corner)
         index = index[index[:, 0] >= 0]
         index = index[truth[tuple(index.T)]]
-        gone = ~np.asarray(occupied(rolling_map))[tuple(index.T)]
+        gone = ~np.asarray(occupied_voxels(rolling_map))[tuple(index.T)]
         # Returns within rounding of a face may be counted to the neighbour here and there.
         assert gone.sum() <= (3 if disturbed == "noise" else 1)
         pole = {(5, -3, k) for k in range(1, 4)} & met
         if np.linalg.norm(np.array([9.2, -6.3]) - np.asarray(position)[:2]) < 20.0:
-            assert all(occupied(rolling_map)[tuple(np.array(p) - np.asarray(rolling_map.corner))] for p in pole)
+            assert all(occupied_voxels(rolling_map)[tuple(np.array(p) - np.asarray(rolling_map.corner))] for p in pole)
         # Nothing that is solid passes for free.
         assert np.sum(np.asarray(seen(rolling_map)) & truth) <= 2
     assert len(met) > 300
-    false = np.asarray(occupied(rolling_map)) & ~truth
-    assert false.sum() <= (0.15 if disturbed == "noise" else 0.02) * occupied(rolling_map).sum()
+    false = np.asarray(occupied_voxels(rolling_map)) & ~truth
+    assert false.sum() <= (0.15 if disturbed == "noise" else 0.02) * occupied_voxels(rolling_map).sum()
 
 
 def test_snapshot_knows_only_the_latest_scan() -> None:
@@ -258,7 +258,7 @@ def test_snapshot_knows_only_the_latest_scan() -> None:
     fresh = jit_fuse(empty(second, SHAPE), scans[1], CLEAN, second, LEVEL)
     both = jit_fuse(rolling, scans[1], CLEAN, second, LEVEL)
     assert np.array_equal(snapshot.cells, fresh.cells)
-    assert np.sum(occupied(both)) > np.sum(occupied(fresh))
+    assert np.sum(occupied_voxels(both)) > np.sum(occupied_voxels(fresh))
     assert np.sum(seen(both)) > np.sum(seen(fresh))
 
 
@@ -284,7 +284,7 @@ def test_batches_equal_the_loop_and_a_nan_touches_no_other() -> None:
     maps = jax.vmap(functools.partial(empty, shape=SHAPE))(at)
 
     def step(rolling_map: RollingMap, result: Scan, position: jax.Array, rotation: jax.Array) -> RollingMap:
-        return fused(recentre(rolling_map, position), result, CLEAN, position, rotation)
+        return fuse_scan(recentre(rolling_map, position), result, CLEAN, position, rotation)
 
     batch = jax.jit(jax.vmap(step))(maps, scans, positions, rotations)
     for i in range(2):
@@ -308,9 +308,9 @@ def test_a_mover_occupies_nothing_and_hides_what_is_behind_it() -> None:
     masked = dataclasses.replace(result, hit=result.hit & ~jnp.asarray(on_block))
     after = jit_fuse(before, masked, CLEAN, at, LEVEL)
     block_voxel, wall = voxel_at(before, 0.0, 4.0, 3.0), voxel_at(before, 0.0, 8.2, 3.0)
-    assert occupied(jit_fuse(before, result, CLEAN, at, LEVEL))[block_voxel]
-    assert not occupied(after)[block_voxel]
-    assert occupied(before)[wall]
+    assert occupied_voxels(jit_fuse(before, result, CLEAN, at, LEVEL))[block_voxel]
+    assert not occupied_voxels(after)[block_voxel]
+    assert occupied_voxels(before)[wall]
     assert after.cells[wall] == before.cells[wall]
     # Removed with their distances, they would have shown the wall behind them to be gone.
     gone = jit_fuse(before, lost(result, ~on_block), CLEAN, at, LEVEL)
@@ -329,7 +329,7 @@ def test_a_ghost_fades_in_two_scans_of_a_map_that_forgets() -> None:
         for _ in range(4):
             rolling_map = jit_fuse(rolling_map, shown, CLEAN, at, LEVEL)
         needed[loss] = 0
-        while occupied(rolling_map)[voxel]:
+        while occupied_voxels(rolling_map)[voxel]:
             rolling_map = jit_fuse(jit_recentre(rolling_map, at), clear, CLEAN, at, LEVEL)
             needed[loss] += 1
         assert seen(rolling_map)[voxel]
@@ -354,4 +354,6 @@ def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="loss: expected 1 to 6, given 0"):
         empty(jnp.zeros(3), SHAPE, loss=0)
     with pytest.raises(ValueError, match="expected 32768 rays"):
-        fused(empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL)
+        fuse_scan(
+            empty(jnp.zeros(3), SHAPE), hand_scan(np.full(2048, 9.0), Lidar(32, 2048)), CLEAN, jnp.zeros(3), LEVEL
+        )

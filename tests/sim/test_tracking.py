@@ -12,7 +12,7 @@ import pytest
 
 import maxjax
 from maxjax.planning.plan import Plan
-from maxjax.sim.loop.trajectory_flight import AFTER, Tracking, fly_all, follow_setpoints, tracked
+from maxjax.sim.loop.trajectory_flight import AFTER, Tracking, fly_all, follow_setpoints, summarize_tracking
 from tests.planners import bare_plan
 
 GRID = maxjax.Grid((41, 41, 21), 2.0, (5000.0, -40.0, 1.0))
@@ -102,7 +102,7 @@ def test_in_a_ball_only_the_centre_keeps_off() -> None:
     asked = dataclasses.replace(ways()[1], exemptions=(4.0, 0.0))
     time = np.arange(0.0, 3.0, 0.1)
     beside = asked.at(time).position + np.array([0.0, 1.3, 0.0])
-    flown = tracked(asked, time, beside, np.zeros_like(beside), maxjax.VoxelMap.on(GRID, wall))
+    flown = summarize_tracking(asked, time, beside, np.zeros_like(beside), maxjax.VoxelMap.on(GRID, wall))
     away = np.linalg.norm(beside - asked.at([0.0]).position, axis=1)
     np.testing.assert_array_equal(flown.contact, away > 4.0)
 
@@ -122,25 +122,25 @@ def test_a_waypoint_in_between_has_its_ball_too() -> None:
     np.testing.assert_allclose(asked.at(asked.passes).position[1], places[1], atol=1e-6)
     time = np.arange(0.0, asked.duration, 0.05)
     aside = asked.at(time).position + np.array([0.0, 0.6, 0.0])  # 0.4 m from a wall
-    flown = tracked(asked, time, aside, np.zeros_like(aside), mission.map)
+    flown = summarize_tracking(asked, time, aside, np.zeros_like(aside), mission.map)
     in_ball = np.linalg.norm(aside - np.array(places[1]), axis=1) < asked.exemptions[1]
     assert in_ball.any()
     assert not flown.contact[in_ball].any()
     bare = dataclasses.replace(asked, exemptions=(0.0, 0.0, 0.0))
-    assert tracked(bare, time, aside, np.zeros_like(aside), mission.map).contact[in_ball].any()
+    assert summarize_tracking(bare, time, aside, np.zeros_like(aside), mission.map).contact[in_ball].any()
 
 
 def test_a_vehicle_that_strays_or_is_lost_says_so() -> None:
     asked = ways()[1]
     time = np.array([0.0, 1.0])
     place = asked.at(time).position
-    off = tracked(asked, time, place + np.array([0.0, 1.2, 0.0]), place, free())
+    off = summarize_tracking(asked, time, place + np.array([0.0, 1.2, 0.0]), place, free())
     assert off.status == maxjax.Status.OFF_TRAJECTORY
     place[1] = math.nan
-    lost = tracked(asked, time, place, place, free())
+    lost = summarize_tracking(asked, time, place, place, free())
     assert lost.status == maxjax.Status.NONFINITE_STATE
     assert lost.error.tolist() == [0.0, math.inf]
-    outside = tracked(
+    outside = summarize_tracking(
         asked, time[:1], place[:1] + np.array([500.0, 0.0, 0.0]), place[:1], maxjax.VoxelMap.on(GRID, ~empty())
     )
     assert outside.clearance[0] == pytest.approx(5520.0 - 5081.0, abs=1e-6)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.compile.lowering import lowered_for
-from maxjax.solvers.aggregation import padded
+from maxjax.compile.lowering import lowering_for
+from maxjax.solvers.aggregation import pad_to_aggregates
 from maxjax.solvers.cg import screening_length_for
-from maxjax.solvers.medium import Progress, medium_of, untouched
+from maxjax.solvers.medium import Progress, medium_of, no_progress
 from maxjax.solvers.newton import newton_cycles
 from maxjax.solvers.screened import TOLERANCES, Screened, guess
 from tests.references import component_of, direct_potential, random_blocks, random_free, serpentine
@@ -55,7 +55,7 @@ def start(sigma: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Screening length and guess, as `solve_potential` begins."""
     medium = medium_of(sigma, goal)
     length = screening_length_for(medium.distance).astype(sigma.dtype)
-    return length, guess(medium, untouched(medium, length)).log_phi
+    return length, guess(medium, no_progress(medium, length)).log_phi
 
 
 @functools.partial(jax.jit, static_argnames=("tolerance", "most"))
@@ -69,7 +69,7 @@ def solve(
     most: int = 60,
 ) -> Progress:
     medium = Screened().prepared(medium_of(sigma, goal))
-    progress = dataclasses.replace(untouched(medium, length), log_phi=padded(log_phi))
+    progress = dataclasses.replace(no_progress(medium, length), log_phi=pad_to_aggregates(log_phi))
     return newton_cycles(medium, progress, tolerance=tolerance, most=most)
 
 
@@ -241,7 +241,7 @@ def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
 def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     sigma, goal = (jnp.asarray(given) for given in scene(3, shape, doors=False))
     here = solve_potential(sigma, goal)
-    with lowered_for("gpu"):
+    with lowering_for("gpu"):
         there = solve_potential(sigma, goal)
     assert int(there.iterations) == int(here.iterations)
     assert here.certified
@@ -266,7 +266,7 @@ def test_a_batch_answers_each_scene_as_it_is_answered_alone() -> None:
 
     here = [solve(*given) for given in zip(sigma, goals, strict=True)]
     assert [int(one.status) for one in here] == [Status.OK, Status.OK, Status.OK, Status.GOAL_OCCUPIED]
-    with lowered_for("gpu"):
+    with lowering_for("gpu"):
         together = jax.jit(jax.vmap(solve))(sigma, goals)
         alone = [solve(*given) for given in zip(sigma, goals, strict=True)]
     for k, one in enumerate(here):

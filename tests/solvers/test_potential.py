@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from maxjax import Grid, Potential, Status, conductivity, solve_potential
-from maxjax.fields.certificate import uncertified
+from maxjax.fields.certificate import count_uncertified
 from maxjax.fields.geodesic import geodesic
 from maxjax.fields.gradient import gradient, log_potential
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import sweep_until_certified
 from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.geodesic_solver import distance_potential
-from maxjax.solvers.medium import medium_of, untouched
+from maxjax.solvers.medium import medium_of, no_progress
 from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
 from tests.planners import unchecked as by_itself
@@ -296,12 +296,12 @@ def test_sweeps_certify_what_is_not() -> None:
     u = np.array(jnp.where(medium.component, solved.log_phi, 0))
     inside = np.argwhere(np.asarray(medium.component) & (u < -1))[::97]
     u[tuple(inside.T)] += 3.0
-    dented = dataclasses.replace(untouched(medium, solved.screening_length), log_phi=jnp.asarray(u))
-    assert uncertified(dented.log_phi, medium.component, medium.goal) > 0
+    dented = dataclasses.replace(no_progress(medium, solved.screening_length), log_phi=jnp.asarray(u))
+    assert count_uncertified(dented.log_phi, medium.component, medium.goal) > 0
     mended = sweep_until_certified(medium, dented, most=64, between=8)
     assert mended.uncertified == 0
     assert 0 < mended.sweeps <= 64
-    assert uncertified(mended.log_phi, medium.component, medium.goal) == 0
+    assert count_uncertified(mended.log_phi, medium.component, medium.goal) == 0
     assert sweep_until_certified(medium, mended, most=64, between=8).sweeps == 0
 
 

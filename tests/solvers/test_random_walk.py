@@ -159,7 +159,7 @@ def test_sweeps_alone_converge_and_a_cap_yields_no_number(
     right = np.where(np.asarray(walk.moving), 1.0, 0.0)
     with jax.enable_x64(True):
         # Corrections that overshoot: they are left out once they make no progress.
-        monkeypatch.setattr(module, "lumped_answer", lambda *_: 1e3)
+        monkeypatch.setattr(module, "answer_on_aggregates", lambda *_: 1e3)
         monkeypatch.setattr(module, "spread", lambda delta, _: delta * walk.log_phi)
         found = np.asarray(walk.solve(jnp.asarray(right))).ravel()
         np.testing.assert_allclose(found, spsolve(matrix, right.ravel()), rtol=1e-9, atol=1e-9)

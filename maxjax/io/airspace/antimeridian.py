@@ -41,7 +41,7 @@ def check_span(ring: Ring, here: str) -> None:
         )
 
 
-def joined_at_seam(polygons: list[Polygon]) -> list[Polygon]:
+def join_at_seam(polygons: list[Polygon]) -> list[Polygon]:
     """Polygons of one area, those that share a part of the seam as one.
 
     Args:

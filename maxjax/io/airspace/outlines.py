@@ -76,7 +76,7 @@ def cut_to(ring: Ring, box: Float[np.ndarray, "2 2"]) -> Ring:
     return ring
 
 
-def inserted(ring: Ring, longest: float) -> Ring:
+def insert_points(ring: Ring, longest: float) -> Ring:
     """The same ring with points on its edges, none of which is then longer."""
     edge = np.roll(ring, -1, axis=0) - ring
     count = np.maximum(np.ceil(np.abs(edge).max(axis=1) / longest), 1).astype(np.int64)

@@ -26,8 +26,8 @@ from jaxtyping import Float
 from maxjax.core.files import FileError, brief, parse_json, read_text
 from maxjax.core.grid import Grid
 from maxjax.io.airspace.airspace import Airspace, Area
-from maxjax.io.airspace.antimeridian import check_span, joined_at_seam
-from maxjax.io.airspace.outlines import check_outline, cut_to, inserted
+from maxjax.io.airspace.antimeridian import check_span, join_at_seam
+from maxjax.io.airspace.outlines import check_outline, cut_to, insert_points
 from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.earth import Earth, Projected, geojson_crs
 
@@ -86,7 +86,7 @@ def _areas(document: dict[str, Any], file: Path, earth: Earth, grid: Grid) -> tu
         kept = values.get("inclusion", False)
         if not isinstance(kept, bool):
             raise FileError(f"{here}: expected inclusion true or false, found {kept!r}")
-        for rings in joined_at_seam(list(_polygons(feature["geometry"], code, here))):
+        for rings in join_at_seam(list(_polygons(feature["geometry"], code, here))):
             near = _near(rings, box, here)
             if near is None:
                 outside += 1
@@ -203,7 +203,7 @@ def _near(rings: list[Ring], box: Float[np.ndarray, "2 2"], here: str) -> list[R
     check_outline(rings, here)
     room = np.array([[-_ROOM], [_ROOM]])
     cut = [cut_to(ring, box + room) for ring in _as_one(near, middle)]
-    return [inserted(ring, _LONGEST) for ring in cut if len(ring) >= 3]
+    return [insert_points(ring, _LONGEST) for ring in cut if len(ring) >= 3]
 
 
 def _as_one(copies: list[list[Ring]], longitude: float) -> list[Ring]:
@@ -211,7 +211,7 @@ def _as_one(copies: list[list[Ring]], longitude: float) -> list[Ring]:
     if len(copies) == 1:
         return copies[0]
     turn = np.array([360.0 * round((longitude - 180.0) / 360.0), 0.0])
-    joined = joined_at_seam([[ring - turn for ring in copy] for copy in copies])
+    joined = join_at_seam([[ring - turn for ring in copy] for copy in copies])
     return [ring + turn for polygon in joined for ring in polygon]
 
 

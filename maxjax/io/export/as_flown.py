@@ -76,7 +76,7 @@ class _Piece:
     sag: float = 0.0
 
 
-def judged(
+def judge_lines(
     file: Path,
     lines: Lines,
     mission: Mission,

@@ -22,7 +22,7 @@ from pathlib import Path
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.export.as_flown import AWAY, AsFlown, judged
+from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.items import Feet
@@ -126,7 +126,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     if ending == ".rosbag" and timed is not None:
         found: list[AsFlown] = []
         motion = timed.sampled(_EVERY)
-        write_bag(file, motion, lambda bag: found.append(judged(file, lines_in_bag(bag), mission, timed)))
+        write_bag(file, motion, lambda bag: found.append(judge_lines(file, lines_in_bag(bag), mission, timed)))
         return dataclasses.replace(found[0], remarks=near)
     if timed is not None and ending in IN_TIME:
         text = _in_time(file, timed, _origin(file, mission, ground, place))
@@ -197,7 +197,9 @@ def _judged(
 ) -> AsFlown:
     """The worst of what a text makes a vehicle fly, wherever it may stand."""
     found = [
-        judged(file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt, autopilots)
+        judge_lines(
+            file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt, autopilots
+        )
         for k, standing in enumerate(standings)
     ]
     return min(found, key=lambda one: one.clearance)

@@ -31,7 +31,7 @@ _SLAB = 2**24  # voxels filled at a time
 _EDGES = ((0, 1), (1, 2), (2, 0))
 
 
-def touched(triangles: Triangles, grid: Grid) -> Volume:
+def voxels_touched(triangles: Triangles, grid: Grid) -> Volume:
     """Voxels whose closed cube a triangle meets, exactly up to a millionth of a voxel outwards.
 
     Args:
@@ -53,7 +53,7 @@ def touched(triangles: Triangles, grid: Grid) -> Volume:
     return occupied
 
 
-def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> Volume:
+def voxels_enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> Volume:
     """Voxels whose centre lies inside a body.
 
     Args:
@@ -78,8 +78,8 @@ def enclosed(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> V
 def wound(triangles: Triangles, body: Int[np.ndarray, " t"], grid: Grid) -> Volume:
     """Voxels whose centre lies inside a body, or that its faces surround more than once.
 
-    As `enclosed`, but faces that overlap (a body listed twice, parts that cut each other) leave no hole: a line along z
-    is free between two crossings only where both their number below and the sum of their directions say so.
+    As `voxels_enclosed`, but faces that overlap (a body listed twice, parts that cut each other) leave no hole: a line
+    along z is free between two crossings only where both their number below and the sum of their directions say so.
 
     Args:
         triangles: corners [m], finite; corners of neighbours are equal bit by bit.

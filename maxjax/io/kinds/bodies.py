@@ -78,7 +78,7 @@ def bodies_of(vertices: Vertices, faces: Faces) -> Bodies:
     return Bodies(body, caps, number[of_edge[capped]], int(below.sum()), left, ground)
 
 
-def welded(vertices: Vertices) -> tuple[Float[np.ndarray, "m 3"], Int64[np.ndarray, " n"]]:
+def weld(vertices: Vertices) -> tuple[Float[np.ndarray, "m 3"], Int64[np.ndarray, " n"]]:
     """Vertices without repetition, and the number there of each."""
     low = vertices.min(axis=0)
     lattice = np.round((vertices - low) / _WELD)

@@ -57,7 +57,7 @@ def boxes_in_metres(boxes: Boxes, path: Path, reading: Reading) -> Boxes:
     return Boxes(boxes.corners * scale, boxes.source, free, spacing, (x, y, z), how)
 
 
-def filled(corners: Float[np.ndarray, "n 2 3"], grid: Grid, *, whole: bool = False) -> Bool[np.ndarray, "nx ny nz"]:
+def fill_boxes(corners: Float[np.ndarray, "n 2 3"], grid: Grid, *, whole: bool = False) -> Bool[np.ndarray, "nx ny nz"]:
     """Voxels that boxes share some volume with.
 
     Args:

@@ -16,7 +16,7 @@ from maxjax.core.grid import Grid, Point3
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.geo.units_and_axes import Reference
 from maxjax.io.kinds.airborne import ground_mask, solidify
-from maxjax.io.kinds.boxes import Boxes, filled
+from maxjax.io.kinds.boxes import Boxes, fill_boxes
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.kinds.heights import Heights
 from maxjax.io.kinds.mesh import Mesh
@@ -157,9 +157,9 @@ def _solids(contents: Contents, grid: Grid, unknown: Unknown | None) -> VoxelMap
             solid, ground = prism_voxels(contents, grid)
             return VoxelMap.on(grid, solid | ground, ground)
         case Boxes():
-            occupied = filled(contents.corners, grid)
+            occupied = fill_boxes(contents.corners, grid)
             if contents.free is not None and unknown != "free":
-                occupied |= ~filled(contents.free, grid, whole=True)
+                occupied |= ~fill_boxes(contents.free, grid, whole=True)
             return VoxelMap.on(grid, occupied)
         case Heights():
             occupied, blank = contents.voxels(grid)

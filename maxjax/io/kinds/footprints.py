@@ -115,7 +115,7 @@ class Footprints:
         return np.concatenate([np.zeros((0, 3)), *prisms, *floors, self.shells.faces.reshape(-1, 3)])
 
 
-def checked(found: Footprints, path: Path) -> Footprints:
+def check_footprints(found: Footprints, path: Path) -> Footprints:
     """The same.
 
     Raises:

@@ -16,10 +16,10 @@ from jaxtyping import Float, Int64
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.io.geo.triangles import Triangles, Volume, enclosed, touched
+from maxjax.io.geo.triangles import Triangles, Volume, voxels_enclosed, voxels_touched
 from maxjax.io.geo.units_and_axes import UNREFERENCED, Reference, Stated, reference
 from maxjax.io.kinds.airborne import NONE, from_nearest
-from maxjax.io.kinds.bodies import OPEN, Bodies, bodies_of, welded
+from maxjax.io.kinds.bodies import OPEN, Bodies, bodies_of, weld
 from maxjax.io.reading import PLAIN, Reading
 
 MAX_FACES = 10_000_000
@@ -71,23 +71,23 @@ class Mesh:
         found, loose = self.bodies, np.repeat(self.points[:, None], 3, axis=1)
         open_below = np.isin(found.body, found.cap_of)
         closed = (found.body != OPEN) & ~open_below
-        solid: Volume = enclosed(self.triangles[closed], found.body[closed], grid)
+        solid: Volume = voxels_enclosed(self.triangles[closed], found.body[closed], grid)
         ground = self._ground(grid)
         if open_below.any():
             whole = np.concatenate([self.triangles[open_below], found.caps])
-            filled = enclosed(whole, np.concatenate([found.body[open_below], found.cap_of]), grid)
+            filled = voxels_enclosed(whole, np.concatenate([found.body[open_below], found.cap_of]), grid)
             if ground.any():
                 filled = np.logical_or.accumulate(filled[:, :, ::-1], axis=2)[:, :, ::-1] & ~ground
             solid |= filled
-        solid |= touched(self.triangles[~found.ground], grid)
-        solid |= touched(loose, grid)
+        solid |= voxels_touched(self.triangles[~found.ground], grid)
+        solid |= voxels_touched(loose, grid)
         return solid, ground
 
     def _ground(self, grid: Grid) -> Volume:
         """Voxels up to the sheet that is the ground; beside it, up to its nearest height."""
         if not self.bodies.ground.any():
             return np.zeros(grid.shape, bool)
-        surface = touched(self.triangles[self.bodies.ground], grid)
+        surface = voxels_touched(self.triangles[self.bodies.ground], grid)
         top = np.where(surface.any(axis=2), grid.shape[2] - 1 - surface[:, :, ::-1].argmax(axis=2), NONE)
         found: Volume = np.arange(grid.shape[2]) <= from_nearest(top)[:, :, None]
         return found
@@ -119,14 +119,14 @@ def mesh_of(
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
     how = reference(Stated(), reading, np.array([vertices.min(axis=0), vertices.max(axis=0)])[:, :2], path)
-    corners, index = welded(how.metres(vertices))
+    corners, index = weld(how.metres(vertices))
     faces = index[faces]
     loose = np.ones(len(corners), bool)
     loose[faces] = False
     return Mesh(corners[faces], bodies_of(corners, faces), corners[loose], path.name, how)
 
 
-def merged(meshes: Sequence[Mesh], source: str, dropped: Mapping[str, int]) -> Mesh:
+def merge_meshes(meshes: Sequence[Mesh], source: str, dropped: Mapping[str, int]) -> Mesh:
     """Several meshes as one: each keeps its own bodies, and the ground is found among all of them.
 
     Args:
@@ -136,7 +136,7 @@ def merged(meshes: Sequence[Mesh], source: str, dropped: Mapping[str, int]) -> M
     """
     corners, faces, count = [], [], 0
     for mesh in meshes:
-        vertices, index = welded(mesh.triangles.reshape(-1, 3))
+        vertices, index = weld(mesh.triangles.reshape(-1, 3))
         corners.append(vertices)
         faces.append(index.reshape(-1, 3) + count)
         count += len(vertices)

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.io.geo.columns import columns_of
-from maxjax.io.geo.triangles import Triangles, Volume, column_spans, fill_columns, touched, wound
+from maxjax.io.geo.triangles import Triangles, Volume, column_spans, fill_columns, voxels_touched, wound
 from maxjax.io.kinds.airborne import NONE, from_nearest
 from maxjax.io.kinds.footprints import Fill, Footprints, Shells
 
@@ -132,7 +132,7 @@ def _roofless(
 def _bodies(shells: Shells, grid: Grid) -> Volume:
     """Shells where they are: their faces, and within those that close."""
     closed = np.flatnonzero(shells.fill[shells.of_bound] == Fill.INSIDE)
-    return np.asarray(touched(shells.faces, grid) | wound(shells.bounds[closed], shells.of_bound[closed], grid))
+    return np.asarray(voxels_touched(shells.faces, grid) | wound(shells.bounds[closed], shells.of_bound[closed], grid))
 
 
 def _terrain(found: Footprints, grid: Grid, floors: tuple[Levels, Levels]) -> Int64[np.ndarray, "nx ny"]:

@@ -29,9 +29,9 @@ from maxjax.io.geo.polygons import convex, covering, fan_of, newell
 from maxjax.io.geo.triangles import Triangles
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
 from maxjax.io.kinds.bodies import runs
-from maxjax.io.kinds.footprints import Fill, Footprint, Footprints, Shells, checked
+from maxjax.io.kinds.footprints import Fill, Footprint, Footprints, Shells, check_footprints
 from maxjax.io.kinds.point_cloud import FARTHEST
-from maxjax.io.readers.cityjson_geometry import Face, Shell, Store, Vertices, closed, level
+from maxjax.io.readers.cityjson_geometry import Face, Shell, Store, Vertices, is_closed, level
 from maxjax.io.reading import PLAIN, Reading
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
@@ -111,7 +111,7 @@ def _read(document: Mapping[str, Any], path: Path, reading: Reading) -> Footprin
         how,
         _said(pieces, outlines),
     )
-    return checked(found, path)
+    return check_footprints(found, path)
 
 
 def _asked_for(
@@ -193,7 +193,7 @@ def _pieces(
             all_closed = True
             for shell in shells:
                 merged = [[[number[i] for i in ring] for ring in face] for face in shell]
-                solid = closed(merged)
+                solid = is_closed(merged)
                 thin = kind in _LYING or all(len(face[0]) < 3 for face in merged)
                 fill = Fill.INSIDE if solid else Fill.SURFACE if thin else Fill.BELOW
                 all_closed &= solid

@@ -92,7 +92,7 @@ def level(geometry: Mapping[str, Any]) -> float:
     return float(found[0]) if found else 1.0
 
 
-def closed(shell: Shell) -> bool:
+def is_closed(shell: Shell) -> bool:
     """Whether a shell bounds a volume."""
     edges: dict[tuple[int, int], int] = {}
     faces = set()

@@ -21,7 +21,7 @@ import numpy as np
 
 from maxjax.core.files import FileError, open_regular
 from maxjax.io.kinds.point_cloud import MAX_POINTS, Labels, PointCloud, local_cloud
-from maxjax.io.readers.las_reference import stated_in, trailing_wkt
+from maxjax.io.readers.las_reference import read_records, trailing_wkt
 from maxjax.io.reading import PLAIN, Reading
 
 _GROUND, _SOLID, _NOISE = (2, 9, 11), (6,), (7, 18)
@@ -75,7 +75,7 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:
             # One thread reads the stream as it comes; the parallel one would trust the chunk table.
             with laspy.open(file, laz_backend=backend, read_evlrs=False, closefd=False) as reader:
                 header = reader.header
-                stated = stated_in(header.vlrs, trailing, reading, path)
+                stated = read_records(header.vlrs, trailing, reading, path)
                 record = header.point_format.size
                 if header.are_points_compressed:
                     claimed = np.array(header.number_of_points_by_return, np.int64)

@@ -24,7 +24,7 @@ _MOST_RECORDS, _LONGEST = 256, 100_000
 _FIRST_RECORD = 235  # where a header of LAS 1.4 says where the records behind the points begin, and how many there are
 
 
-def stated_in(records: Iterable[Any], trailing: str, reading: Reading, path: Path) -> Stated:
+def read_records(records: Iterable[Any], trailing: str, reading: Reading, path: Path) -> Stated:
     """What variable records state.
 
     Args:

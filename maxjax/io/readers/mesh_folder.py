@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
-from maxjax.io.kinds.mesh import MAX_FACES, Mesh, merged
+from maxjax.io.kinds.mesh import MAX_FACES, Mesh, merge_meshes
 from maxjax.io.readers.glb import load_glb
 from maxjax.io.readers.mitsuba import is_scene, load_mitsuba
 from maxjax.io.readers.obj import load_obj
@@ -67,7 +67,7 @@ def load_folder(path: Path, reading: Reading = PLAIN) -> Mesh:
             raise FileError(f"{path}: expected at most {MAX_FACES} triangles in all, found more; crop or thin it")
     if not found:
         raise FileError(f"{path}: expected meshes in the folder, found points alone")
-    return merged(found, path.name, dropped)
+    return merge_meshes(found, path.name, dropped)
 
 
 def load_zip(path: Path, reading: Reading = PLAIN) -> Mesh:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.core.files import FileError, open_regular, read_text
-from maxjax.io.kinds.mesh import Mesh, merged, mesh_of
+from maxjax.io.kinds.mesh import Mesh, merge_meshes, mesh_of
 from maxjax.io.readers.obj import load_obj
 from maxjax.io.readers.ply import load_ply
 from maxjax.io.reading import PLAIN, Reading
@@ -73,7 +73,7 @@ def load_mitsuba(path: Path, reading: Reading = PLAIN) -> Mesh:
     if not found:
         kinds = ", ".join(f"{count} {kind}" for kind, count in dropped.items()) or "nothing"
         raise FileError(f"{path}: expected shapes of type ply, obj, rectangle or cube, found {kinds}")
-    return merged(found, path.name, dropped)
+    return merge_meshes(found, path.name, dropped)
 
 
 def _shape(element: _Element, defaults: dict[str, str], path: Path, reading: Reading) -> Mesh | None:

@@ -22,7 +22,7 @@ from jaxtyping import Float64
 from maxjax.core.files import FileError
 from maxjax.io.geo.degrees import side_by_side
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
-from maxjax.io.kinds.footprints import Footprint, Footprints, checked, swept
+from maxjax.io.kinds.footprints import Footprint, Footprints, check_footprints, swept
 from maxjax.io.readers.standing import Kind, width_of
 from maxjax.io.readers.tag_heights import Tall, metres, tall
 from maxjax.io.reading import Reading
@@ -96,7 +96,7 @@ def solids_of(
     found = Footprints(
         tuple(buildings), none, path.name, read=read, dropped=dict(left), reference=how, remarks=(*told, *_said(kept))
     )
-    return checked(found, path)
+    return check_footprints(found, path)
 
 
 def _placed(lines: list[Places], stated: Stated, reading: Reading, path: Path) -> tuple[list[Places], Reference]:

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Shaped, UInt
 
-from maxjax.compile.lowering import every, materialise, shifted, total
+from maxjax.compile.lowering import every, materialise, shift_axis, total
 
 # Rounding of float32 coordinates of a few hundred is far below this, and what matters in flight far above it [voxels].
 # Without room, a segment closer than this to the face of a voxel touches the voxel on the other side, too. With room it
@@ -63,14 +63,14 @@ def sight_of(blocked: Bool[Array, "nx ny nz"], room: float = 0.0) -> Sight:
         """Codes of `bits` bits for spans of one, two, … voxels along an axis. Beyond the grid is blocked."""
         found = span = mask
         for k in range(1, width):
-            span = span | shifted(mask, axis, k, beyond=(1 << bits) - 1)
+            span = span | shift_axis(mask, axis, k, beyond=(1 << bits) - 1)
             found |= span << (bits * k)
         return found
 
     itself = blocked.astype(jnp.uint16)
     codes = itself.astype(jnp.uint32) << 27 if room else jnp.zeros_like(itself)
     for axis, (first, second) in enumerate(_OTHERS):
-        layers = itself | shifted(itself, axis, 1, beyond=1) if room else itself
+        layers = itself | shift_axis(itself, axis, 1, beyond=1) if room else itself
         rows = widened(layers, second, 1)
         spans = widened(materialise(rows) if room else rows, first, width)
         codes |= spans.astype(codes.dtype) << (width**2 * axis)

@@ -32,7 +32,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped, UInt8
 
-from maxjax.compile.lowering import shifted
+from maxjax.compile.lowering import shift_axis
 from maxjax.core.grid import Index3
 from maxjax.fields.stencil import cell
 from maxjax.planning.path.line_of_sight import TOUCH, touched
@@ -248,7 +248,7 @@ def _least_levels(
     def grow(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         before, _ = carry
         passing = jnp.where(stops, _NEVER, before)
-        near = [shifted(passing, axis, step, int(_NEVER)) for axis in range(3) for step in (1, -1)]
+        near = [shift_axis(passing, axis, step, int(_NEVER)) for axis in range(3) for step in (1, -1)]
         after = jnp.minimum(before, jnp.maximum(levels, functools.reduce(jnp.minimum, near)))
         return after, jnp.any(after < before)
 

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
-from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.core.voxel_map import VoxelMap, check_map
 from maxjax.planning.problem.distances import Distances, numbers_of
 
 # Of one map or several.
@@ -62,7 +62,7 @@ class Task:
         Raises:
             ValueError: for anything that cannot be used, with what was expected and what was given.
         """
-        where = checked_map(given).on_host()
+        where = check_map(given).on_host()
         kept = (Distances() if distances is None else distances).within(where.grid)
         starts = points_of("starts", starts, ("n", 3))
         goals = points_of("goals", goals, (3,) if np.ndim(goals) == 1 else starts.shape)

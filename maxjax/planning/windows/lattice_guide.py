@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.problem.problem import Problem
@@ -52,7 +52,7 @@ def lattice_path(task: Task, show: Show) -> LatticePath | None:
         task: one map, one problem.
         show: formulates it in a box.
     """
-    with timed("compile"):
+    with time_stage("compile"):
         if not astar_compiled.available():
             return None
     costs = straight(task.index)
@@ -81,7 +81,7 @@ def _search(problem: Problem, window: Windows) -> LatticePath | None:
     ends = (np.floor(np.asarray(end) + 0.5).astype(int).tolist() for end in (problem.start, problem.goal))
     (a, b, c), (d, e, f) = ends
     start: Index3 = a, b, c
-    with timed("search"):
+    with time_stage("search"):
         price = None if problem.price is None else np.asarray(problem.price)
         found = astar_compiled.compiled_astar(np.asarray(problem.blocked), start, (d, e, f), price)
     if found.status != Status.OK:

@@ -41,8 +41,8 @@ from maxjax.sim.loop.follow import clearance_of, follow
 from maxjax.sim.loop.replan import plan
 from maxjax.sim.loop.sensing import fuse, look, sense
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Among, Flag, no_flags, nobody_seen, record_of
-from maxjax.sim.movers.avoid import resting
+from maxjax.sim.movers.among import Among, Flag, no_flags, no_sightings, record_of
+from maxjax.sim.movers.avoid import hover_at
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
@@ -213,8 +213,8 @@ def take_off(world: World, config: FlightConfig) -> Flight:
     if config.moving is None:
         return flight
     perception = config.moving.perception
-    seen = nobody_seen(rays) if perception is None else perception.start(world, flight, config)
-    rests = resting(start, config.moving)
+    seen = no_sightings(rays) if perception is None else perception.start(world, flight, config)
+    rests = hover_at(start, config.moving)
     one = record_of(seen, rests, jnp.zeros(len(Flag), bool), config.moving)
     record = jax.tree.map(lambda x: jnp.broadcast_to(x, (config.log_samples, *x.shape)), one)
     among = Among(seen, rests, zero, record)

@@ -15,12 +15,12 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.sim.faults import air, located, thrusts, ticked
+from maxjax.sim.faults import air, locate, thrusts, tick_reference
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.loop.reactive import push
 from maxjax.sim.loop.sensing import look
-from maxjax.sim.movers.among import raised, record_of, recorded
-from maxjax.sim.movers.avoid import setpoint_of, steered
+from maxjax.sim.movers.among import raise_flags, record_look, record_of
+from maxjax.sim.movers.avoid import setpoint_of, steer_vehicle
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
 from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
@@ -41,10 +41,10 @@ Step = Callable[[World, Flight, FlightConfig, Float[Array, "3"]], Flight]
 
 def follow(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """One planning period of physics; a flight that is done does not change."""
-    return flown_period(world, flight, config, steer_alone, step_alone)
+    return fly_period(world, flight, config, steer_alone, step_alone)
 
 
-def flown_period(world: World, flight: Flight, config: FlightConfig, steer: Steer, step: Step) -> Flight:
+def fly_period(world: World, flight: Flight, config: FlightConfig, steer: Steer, step: Step) -> Flight:
     """One planning period: ten times a second steer, step by the physics, look, and log where the vehicle is.
 
     Args:
@@ -80,14 +80,14 @@ def flown_period(world: World, flight: Flight, config: FlightConfig, steer: Stee
 
 
 def steer_alone(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
-    """A motion among movers, and the flags that are up with it; without movers none. `number`: as `flown_period`."""
+    """A motion among movers, and the flags that are up with it; without movers none. `number`: as `fly_period`."""
     if config.moving is None:
         return flight
-    among, up = steered(world, flight, config)
+    among, up = steer_vehicle(world, flight, config)
     assert flight.log.flags is not None
     record = record_of(among.seen, among.flown, up, config.moving)
-    among = recorded(among, record, number)
-    flags = raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
+    among = record_look(among, record, number)
+    flags = raise_flags(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
     after = dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
     return unless(flight.done, flight, after)
 
@@ -109,7 +109,7 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
         among = dataclasses.replace(among, since=among.since + vehicle.timestep)
     estimated = dataclasses.replace(before, position=before.position + error)
     if world.faults is not None:
-        failing = located(world, flight, error, vehicle.timestep)
+        failing = locate(world, flight, error, vehicle.timestep)
         estimated = dataclasses.replace(before, position=failing.position)
     if config.reactive > 0:
         extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
@@ -122,11 +122,11 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     reference_time = flight.reference_time + vehicle.timestep
     if world.faults is not None:
         command, failing = thrusts(world, dataclasses.replace(flight, failing=failing), command, vehicle)
-        wind, reference_time = wind + air(world, flight), ticked(world, flight, config)
+        wind, reference_time = wind + air(world, flight), tick_reference(world, flight, config)
     reference_time = advance_time(flight.reference_time, reference_time, vehicle.timestep)
     after = physics.advance(vehicle, before, command, wind)
     if config.exact:
-        yaw = turned(before.rotation, setpoint.velocity, config)
+        yaw = turn_heading(before.rotation, setpoint.velocity, config)
         after = dataclasses.replace(physics.hover(vehicle, setpoint.position, yaw), velocity=setpoint.velocity)
 
     clearance = clearance_of(world, after.position, log.duration + vehicle.timestep)
@@ -163,7 +163,7 @@ def advance_time(before: Float[Array, ""], told: Float[Array, ""], timestep: flo
     return before + jnp.clip(told - before, 0.0, _FASTEST * timestep)
 
 
-def turned(rotation: Float[Array, "3 3"], velocity: Float[Array, "3"], config: FlightConfig) -> Float[Array, ""]:
+def turn_heading(rotation: Float[Array, "3 3"], velocity: Float[Array, "3"], config: FlightConfig) -> Float[Array, ""]:
     """Heading a time step later of a vehicle that is where its set-point is [rad].
 
     One that sees to one side turns its sensor to where it flies, and slow it looks around, at `limits.yaw_rate`.

@@ -29,7 +29,7 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.windows.windowed_route import MapAndEnds, boxed, corner_around, route_in_windows
-from maxjax.sim.faults import answered
+from maxjax.sim.faults import answer_planner
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.mapping.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
@@ -113,7 +113,7 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
     candidate = _seek(world, flight, start, config)
     if world.faults is not None:
         begins = jnp.linalg.norm(flight.pending_path[0] - start) <= _BEGINS
-        status, a_period_late = answered(world, flight, candidate.status, begins)
+        status, a_period_late = answer_planner(world, flight, candidate.status, begins)
         candidate, late = dataclasses.replace(candidate, status=status), late | a_period_late
     ok, silent = candidate.ok, jnp.array(False)
     direct = _refer(flight, candidate.path, ok, gap, position, config)
@@ -168,7 +168,7 @@ def _seek(world: World, flight: Flight, start: Float[Array, "3"], config: Flight
     # The vehicle's own voxel holds no obstacle; a return there is false.
     here = ~cell(config.shape, grid.index_of(to_local(flight, config, start)))
     ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (start, world.goal)])
-    occupied = mapping.occupied(flight.rolling_map) | ground
+    occupied = mapping.occupied_voxels(flight.rolling_map) | ground
     law, price = config.distances.split(grid)
     origin = mapping.origin(flight.rolling_map)
     volumes = occupied & here, ground & here
@@ -187,7 +187,7 @@ def _filled_up(path: Float[Array, "n 3"], count: int) -> Float[Array, "m 3"]:
 
 def _gap(flight: Flight, config: FlightConfig) -> Integer[Array, "nx ny nz"]:
     """Squared distance to the nearest obstacle but the ground, between centres, up to the margin [voxels²]."""
-    obstacles = mapping.occupied(flight.rolling_map) & ~mapping.ground(flight.rolling_map)
+    obstacles = mapping.occupied_voxels(flight.rolling_map) & ~mapping.ground(flight.rolling_map)
     return squared_distance(obstacles, max(1, math.floor(config.distances.margin / config.spacing)))
 
 
@@ -231,7 +231,7 @@ def _sidestep(
 def _view(rolling_map: mapping.RollingMap, near: Bool[Array, "k k k"], corner: Int32[Array, "3"]) -> MapView:
     """The rolling map from a lowest voxel on, as far as viewpoints look; its middle voxel is that of `near`."""
     edge = 2 * AROUND + 1
-    occupied = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    occupied = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
     return MapView(
         boxed(mapping.seen(rolling_map), corner, (edge, edge, edge)),
         boxed(occupied, corner, (edge, edge, edge), beyond=True),

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int32
 
 from maxjax.core.rng_streams import Stream, stream
-from maxjax.sim.faults import delivered, scanned_from
+from maxjax.sim.faults import deliver_scan, scan_origin
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.sensors.lidar import scan
@@ -35,13 +35,13 @@ def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[A
     sensor_key, degradation_key = jax.random.split(stream(world.key, Stream.SCAN, number))
     position, lidar = flight.vehicle.position, config.lidar
     if world.faults is not None:
-        position = scanned_from(world, flight)
+        position = scan_origin(world, flight)
     failed = outage(world.disturbances, lidar, world.key, flight.log.duration)
     moving = None if world.movers is None else Moving(world.movers, flight.log.duration)
     measured = scan(world.geoms, lidar, position, flight.vehicle.rotation, sensor_key, moving)
     measured = degrade(measured, world.disturbances, lidar, position, failed, degradation_key)
     if world.faults is not None:
-        measured, failing = delivered(world, flight, measured, lidar, number)
+        measured, failing = deliver_scan(world, flight, measured, lidar, number)
         flight = dataclasses.replace(flight, failing=failing)
     measured = dataclasses.replace(measured, points=measured.points + (estimated_position(world, flight) - position))
     returns = flight.returns + jnp.sum(measured.hit, dtype=jnp.int32)
@@ -69,5 +69,5 @@ def fuse(world: World, flight: Flight, config: FlightConfig) -> Flight:
     still = flight.scan
     if flight.among is not None:
         still = dataclasses.replace(still, hit=still.hit & ~flight.among.seen.returns)
-    fused = mapping.fused(recentred, still, config.lidar, *pose, config.snapshot)
+    fused = mapping.fuse_scan(recentred, still, config.lidar, *pose, config.snapshot)
     return dataclasses.replace(flight, rolling_map=fused)

@@ -27,7 +27,7 @@ from maxjax.compile.executable import Stored
 from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.core.voxel_map import VoxelMap, check_map
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
 from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, Disturbances, mean_wind
@@ -107,7 +107,7 @@ def fly(trajectory: Trajectory, where: VoxelMap | None = None, *, wind: float = 
     Raises:
         ValueError: if the map is none, or the wind is no speed.
     """
-    return fly_all([trajectory], trajectory.map if where is None else checked_map(where), wind, seed)[0]
+    return fly_all([trajectory], trajectory.map if where is None else check_map(where), wind, seed)[0]
 
 
 def fly_all(trajectories: Sequence[Trajectory], where: VoxelMap, wind: float = 0.0, seed: int = 0) -> list[Tracking]:
@@ -119,7 +119,7 @@ def fly_all(trajectories: Sequence[Trajectory], where: VoxelMap, wind: float = 0
         wind, seed: as in `fly`; each trajectory has a wind of its own.
     """
     flown = follow_setpoints(trajectories, wind, seed)
-    return [tracked(one, *how, where) for one, how in zip(trajectories, flown, strict=True)]
+    return [summarize_tracking(one, *how, where) for one, how in zip(trajectories, flown, strict=True)]
 
 
 def follow_setpoints(
@@ -164,7 +164,7 @@ def follow_setpoints(
     return found
 
 
-def tracked(
+def summarize_tracking(
     trajectory: Trajectory,
     time: Float64[np.ndarray, " t"],
     position: Float64[np.ndarray, "t 3"],

@@ -56,7 +56,7 @@ class RollingMap:
 
     Attributes:
         cells: evidence of being occupied, 0 to 6, plus 128 where a voxel was seen free since it entered the map. One
-            byte a voxel bounds the memory of a batch of flights; read it by `occupied`, `seen` and `ground`.
+            byte a voxel bounds the memory of a batch of flights; read it by `occupied_voxels`, `seen` and `ground`.
         corner: index of voxel (0, 0, 0) in the world's lattice.
         spacing: edge of a voxel [m]; static.
         loss: evidence that a scan takes away which sees a voxel free, 1 to 6; static.
@@ -119,7 +119,7 @@ def origin(rolling_map: RollingMap) -> Float[Array, "*batch 3"]:
     return rolling_map.spacing * rolling_map.corner.astype(jnp.float32)
 
 
-def occupied(rolling_map: RollingMap) -> Bool[Array, "*batch nx ny nz"]:
+def occupied_voxels(rolling_map: RollingMap) -> Bool[Array, "*batch nx ny nz"]:
     """Voxels with evidence of being occupied; the ground as far as it returned beams."""
     evidence: Array = rolling_map.cells % _SEEN
     return evidence > 0
@@ -139,7 +139,7 @@ def ground(rolling_map: RollingMap) -> Bool[Array, "*batch nx ny nz"]:
     return jnp.broadcast_to((layer <= 0)[..., None, None, :], rolling_map.cells.shape)
 
 
-def fused(
+def fuse_scan(
     rolling_map: RollingMap,
     scan: Scan,
     lidar: Lidar,

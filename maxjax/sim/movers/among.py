@@ -19,10 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.sim.movers.choice import Chooser, Commitment, Keeping, chosen
+from maxjax.sim.movers.choice import Chooser, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionSet
-from maxjax.sim.movers.sets import Bounds, Tracks, nobody, reachable
+from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, reachable
 
 AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Shares of the horizon at which a record says where movers may be."""
@@ -59,7 +59,7 @@ def no_flags() -> Flags:
     return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf, jnp.float32))
 
 
-def raised(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: float) -> Flags:
+def raise_flags(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: float) -> Flags:
     """The flags after some were up for a while.
 
     Args:
@@ -77,7 +77,7 @@ def raised(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], lasts: f
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Seen:
+class Sightings:
     """What a look has shown; batch axes lead.
 
     Attributes:
@@ -93,20 +93,20 @@ class Seen:
     memory: Any
 
 
-def nobody_seen(rays: int) -> Seen:
+def no_sightings(rays: int) -> Sightings:
     """What is known where nobody looks."""
-    return Seen(nobody(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+    return Sightings(no_tracks(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
 
 
 @runtime_checkable
 class Perception(Protocol):
     """Who finds movers; static, hashable."""
 
-    def start(self, world: Any, flight: Any, config: Any) -> Seen:
+    def start(self, world: Any, flight: Any, config: Any) -> Sightings:
         """What is known before the first look."""
         ...
 
-    def look(self, world: Any, flight: Any, config: Any) -> Seen:
+    def look(self, world: Any, flight: Any, config: Any) -> Sightings:
         """What is known after the scan in `flight.scan`."""
         ...
 
@@ -134,12 +134,12 @@ class Avoidance:
     crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
     drift: float = 0.4
     within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    chooser: Chooser = chosen
+    chooser: Chooser = choose_motion
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Record:
+class LookRecord:
     """What was known and chosen at a look, for drawings; batch axes lead, the last of them that of looks.
 
     Attributes:
@@ -154,9 +154,9 @@ class Record:
     up: Bool[Array, "*batch f"]
 
 
-def record_of(seen: Seen, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> Record:
+def record_of(seen: Sightings, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> LookRecord:
     """That of one look."""
-    return Record(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
+    return LookRecord(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
 
 
 @jax.tree_util.register_dataclass
@@ -171,13 +171,13 @@ class Among:
         record: of each look of the present planning period.
     """
 
-    seen: Seen
+    seen: Sightings
     flown: Commitment
     since: Float[Array, "*batch"]
-    record: Record
+    record: LookRecord
 
 
-def recorded(among: Among, record: Record, number: Int32[Array, ""]) -> Among:
+def record_look(among: Among, record: LookRecord, number: Int32[Array, ""]) -> Among:
     """With what was known and chosen at a look, by its number in its planning period."""
     every = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, record)
     return dataclasses.replace(among, record=every)

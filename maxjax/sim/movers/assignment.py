@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int32
 _TURNS = 6
 
 
-def assigned(cost: Float[Array, "s d"]) -> Int32[Array, " s"]:
+def assign(cost: Float[Array, "s d"]) -> Int32[Array, " s"]:
     """Column of each row, or -1; a pair whose cost is infinite is none."""
     rows, columns = cost.shape
 

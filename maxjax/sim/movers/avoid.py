@@ -37,7 +37,7 @@ _ASIDE = 1.5
 _CONFIRMING = 0.3
 
 
-def resting(position: Float[Array, "3"], how: Avoidance) -> Commitment:
+def hover_at(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     """To stay where one is."""
     zero = jnp.zeros(3)
     return Commitment(
@@ -53,7 +53,7 @@ def setpoint_of(among: Among, lead: float) -> Setpoint:
     return Setpoint(place, velocity, acceleration, jnp.zeros((), place.dtype))
 
 
-def steered(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
+def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
     """The motion from now on, and the flags that are up with it."""
     how, among = config.moving, flight.among
     assert how is not None
@@ -85,7 +85,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
     half = math.ceil(furthest / config.spacing) + 1
     shape = (2 * half + 1,) * 3
     corner = corner_around((place - mapping.origin(rolling_map)) / config.spacing, half)
-    blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
     origin = mapping.origin(rolling_map) + config.spacing * corner
     blocked, seen = boxed(blocked, corner, shape, beyond=True), boxed(mapping.seen(rolling_map), corner, shape)
     if how.perception is None:  # each scan is fused at once
@@ -120,7 +120,7 @@ def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"],
     base = mapping.origin(rolling_map)
     corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
     corner -= jnp.asarray([size * (n // 2) + size // 2 for n in cells])
-    blocked = mapping.occupied(rolling_map) | mapping.ground(rolling_map)
+    blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
     blocked = boxed(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
     # A large cell is dear where some of it is blocked, and closed where most is.
     share = jnp.mean(blocked.reshape(cells[0], size, cells[1], size, cells[2], size), axis=(1, 3, 5))
@@ -136,14 +136,16 @@ def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"],
     # The end of the way: where it lies in the window, a way may end.
     close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
-    price = crowding(centres, place, how.choice.speed, tracks, kept(tracks, how), how.crowd).reshape(cells)
+    price = crowding(centres, place, how.choice.speed, tracks, clearance_to_movers(tracks, how), how.crowd).reshape(
+        cells
+    )
     # Beside a wall there is hardly room, and none at its corners.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
     walls = how.crowd.wall * share + how.crowd.beside * beside
     return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
 
 
-def kept(tracks: Tracks, how: Avoidance) -> Float[Array, " s"]:
+def clearance_to_movers(tracks: Tracks, how: Avoidance) -> Float[Array, " s"]:
     """How far motions keep, over their horizon, from where each mover is likely to be [m]; from no confirmed one: 0."""
     horizon = how.choice.horizon
     least, greatest = reachable(tracks, jnp.array([horizon]), how.bounds)

@@ -58,7 +58,7 @@ def no_history(slots: int) -> History:
     return History(-never, never, jnp.full((_EARLIER, slots), -jnp.inf))
 
 
-def lengthened(history: History, marks: Marks, time: Float[Array, " s"], seen: Bool[Array, " s"]) -> History:
+def append_marks(history: History, marks: Marks, time: Float[Array, " s"], seen: Bool[Array, " s"]) -> History:
     """The history with the marks of bodies that were measured, at times [s]."""
 
     def pushed(new: Array, old: Array, kept: Array) -> Array:
@@ -69,7 +69,7 @@ def lengthened(history: History, marks: Marks, time: Float[Array, " s"], seen: B
     return History(low, high, pushed(time, history.times, seen))
 
 
-def forgotten(history: History, slots: Bool[Array, " s"]) -> History:
+def forget_marks(history: History, slots: Bool[Array, " s"]) -> History:
     """The history without that of some slots."""
     body = slots[:, None]
     return History(
@@ -79,7 +79,7 @@ def forgotten(history: History, slots: Bool[Array, " s"]) -> History:
     )
 
 
-def carried(marks: Marks, moved: tuple[Array, Array], time: Array | float, bounds: Bounds) -> Marks:
+def propagate_marks(marks: Marks, moved: tuple[Array, Array], time: Array | float, bounds: Bounds) -> Marks:
     """The marks a time later [s], where middles may have moved by so much down and up [m]."""
     turned = _turned(marks, time, bounds)
     return Marks(marks.low - moved[0] - turned, marks.high + moved[1] + turned)

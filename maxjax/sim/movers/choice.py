@@ -27,7 +27,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.sim.movers.hard_set import HardSet, gaps, seen_free
 from maxjax.sim.movers.local_value import LocalValue, cost_to_go
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
-from maxjax.sim.movers.sets import Bounds, Tracks, likely, reachable
+from maxjax.sim.movers.sets import Bounds, Tracks, likely_sets, reachable
 
 # Distances are compared with so much room for rounding [m].
 _SLACK = 1e-3
@@ -78,7 +78,7 @@ class Commitment:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Scored:
+class MotionScores:
     """What is known of each motion; batch axes lead.
 
     Attributes:
@@ -116,7 +116,7 @@ class Around:
     )
 
 
-def chosen(
+def choose_motion(
     around: Around, flown: Commitment, choice: MotionSet, bounds: Bounds, keeping: Keeping
 ) -> tuple[Commitment, Bool[Array, ""]]:
     """The motion to fly from now on, and whether its promise holds: no contact while it is verified.
@@ -155,7 +155,7 @@ def chosen(
 Chooser = Callable[[Around, Commitment, MotionSet, Bounds, Keeping], tuple[Commitment, Bool[Array, ""]]]
 
 
-def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> Scored:
+def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bounds, keeping: Keeping) -> MotionScores:
     """Judge motions that all start now."""
     steps = round(choice.horizon / keeping.step)
     times = keeping.step * jnp.arange(steps + 1)
@@ -164,7 +164,7 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     free, _, near = _free(around.tracks, place, sweep, bounds, keeping)
     calm = dataclasses.replace(bounds, acceleration=_CALM * bounds.acceleration)
-    hopeful, margin, _ = _free(likely(around.tracks), place, sweep, calm, keeping)
+    hopeful, margin, _ = _free(likely_sets(around.tracks), place, sweep, calm, keeping)
 
     flat = place.reshape(-1, 3)
     wall = gaps(around.hard, flat).reshape(sweep.shape)
@@ -181,7 +181,7 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
     cost = cost_to_go(around.guide, place[:, -1]) + price
-    return Scored(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin, near)
+    return MotionScores(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin, near)
 
 
 def _free(

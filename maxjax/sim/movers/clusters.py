@@ -22,7 +22,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.sensors.range_image import rise
 
@@ -72,7 +72,9 @@ class Clusters:
     overflow: Bool[Array, "*batch"]
 
 
-def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: Signs, sight: MoverSight) -> Clusters:
+def cluster_returns(
+    points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: Signs, sight: TrackingSettings
+) -> Clusters:
     """Clusters of returns that belong to bodies.
 
     Args:
@@ -82,7 +84,7 @@ def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: 
         sight: settings. Static.
     """
     size = sight.points
-    ray, there, left_out = gathered(distance, signs.around, size)
+    ray, there, left_out = gather_rays(distance, signs.around, size)
     mine, far, moves = points[ray], distance[ray], signs.moves[ray]
     neighbour = _neighbours(mine, far, ray, there, sight.lidar)
     whole = _labels(neighbour)
@@ -108,7 +110,7 @@ def clustered(points: Float[Array, "r 3"], distance: Float[Array, " r"], signs: 
     return Clusters(ray, cluster, used, jnp.where(used, count[root], 0), left_out | (jnp.sum(kept) > sight.detections))
 
 
-def gathered(
+def gather_rays(
     distance: Float[Array, " r"], chosen: Bool[Array, " r"], size: int
 ) -> tuple[Int32[Array, " p"], Bool[Array, " p"], Bool[Array, ""]]:
     """Numbers of the nearest chosen rays, which of them are any, and whether some were left out."""

@@ -29,7 +29,7 @@ class Estimate:
     velocity_variance: Float[Array, "*batch s 3"]
 
 
-def predicted(estimate: Estimate, time: Float[Array, "#s 1"]) -> Estimate:
+def predict(estimate: Estimate, time: Float[Array, "#s 1"]) -> Estimate:
     """The estimate a time later [s]."""
     pp, pv, vv = estimate.place_variance, estimate.covariance, estimate.velocity_variance
     return Estimate(
@@ -41,7 +41,7 @@ def predicted(estimate: Estimate, time: Float[Array, "#s 1"]) -> Estimate:
     )
 
 
-def corrected(estimate: Estimate, place: Float[Array, "s 3"], variance: Float[Array, "s 3"]) -> Estimate:
+def correct(estimate: Estimate, place: Float[Array, "s 3"], variance: Float[Array, "s 3"]) -> Estimate:
     """The estimate after a measurement of the place [m]."""
     pp, pv, vv = estimate.place_variance, estimate.covariance, estimate.velocity_variance
     total = jnp.maximum(pp + variance, 1e-9)

@@ -24,12 +24,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.sim.movers.assignment import assigned
-from maxjax.sim.movers.body_marks import History, Marks, carried, forgotten, lengthened, no_history, velocities
-from maxjax.sim.movers.estimate import Estimate, corrected, predicted
-from maxjax.sim.movers.sets import Bounds, Tracks, nobody, propagated
-from maxjax.sim.movers.sight import MoverSight
-from maxjax.sim.movers.visible import Visible
+from maxjax.sim.movers.assignment import assign
+from maxjax.sim.movers.body_marks import (
+    History,
+    Marks,
+    append_marks,
+    forget_marks,
+    no_history,
+    propagate_marks,
+    velocities,
+)
+from maxjax.sim.movers.estimate import Estimate, correct, predict
+from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, propagate
+from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.visible import Detections
 
 # A measurement that no set expects, but this near to where a track was expected, is its [m].
 _BROKE = 1.5
@@ -41,7 +49,7 @@ _TENTATIVE = 2
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Following:
+class TrackerState:
     """Tracks and what they are made from; batch axes lead.
 
     Attributes:
@@ -67,7 +75,7 @@ class Following:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class View:
+class ExpectedView:
     """What a scan shows where each mover is expected; batch axes lead.
 
     Attributes:
@@ -83,7 +91,7 @@ class View:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Matches:
+class Association:
     """What became of one look's measurements; batch axes lead.
 
     Attributes:
@@ -99,26 +107,26 @@ class Matches:
     left_out: Bool[Array, "*batch"]
 
 
-def nobody_followed(sight: MoverSight) -> Following:
+def initial_tracker_state(sight: TrackingSettings) -> TrackerState:
     """No tracks."""
     s = sight.slots
     zero, marks = jnp.zeros((s, 3)), Marks(jnp.zeros((3, s, 3)), jnp.zeros((3, s, 3)))
     estimate = Estimate(zero, zero, zero, zero, zero)
     no, never = jnp.zeros(s, bool), jnp.asarray(-jnp.inf)
-    return Following(nobody(s), estimate, marks, no_history(s), marks, no, jnp.zeros(s), never)
+    return TrackerState(no_tracks(s), estimate, marks, no_history(s), marks, no, jnp.zeros(s), never)
 
 
-def awaited(state: Following, time: Float[Array, ""], sight: MoverSight) -> Following:
+def predict_tracks(state: TrackerState, time: Float[Array, ""], sight: TrackingSettings) -> TrackerState:
     """The tracks at a later time, without measurements."""
     passed = jnp.where(jnp.isfinite(state.time), jnp.maximum(time - state.time, 0.0), 0.0)
     tracks, marks = _propagated(state.tracks, state.marks, passed, sight.bounds)
-    estimate = predicted(state.estimate, jnp.reshape(passed, (1, 1)))
+    estimate = predict(state.estimate, jnp.reshape(passed, (1, 1)))
     return dataclasses.replace(state, tracks=tracks, marks=marks, estimate=estimate, time=time)
 
 
-def followed(
-    state: Following, seen: Visible, view: View, time: Float[Array, ""], sight: MoverSight
-) -> tuple[Following, Matches]:
+def update_tracks(
+    state: TrackerState, seen: Detections, view: ExpectedView, time: Float[Array, ""], sight: TrackingSettings
+) -> tuple[TrackerState, Association]:
     """The tracks after a look.
 
     Args:
@@ -128,8 +136,8 @@ def followed(
         time: of the end of the scan [s].
         sight: settings. Static.
     """
-    later = awaited(state, time, sight)
-    chosen = assigned(_cost(later, seen, sight))
+    later = predict_tracks(state, time, sight)
+    chosen = assign(_cost(later, seen, sight))
     matched = chosen >= 0
     after, broken = _measured(state, later, seen, chosen, sight)
     stands = state.moved & _slower(state, _SETTLING) & ~matched & view.stands
@@ -154,27 +162,27 @@ def followed(
     deviations = {"place_deviation": place_deviation, "velocity_deviation": velocity_deviation}
     after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, **deviations))
     grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
-    return after, Matches(chosen, (broken | grown) & used, appeared & used, left_out)
+    return after, Association(chosen, (broken | grown) & used, appeared & used, left_out)
 
 
-def stopped(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
+def has_stopped(state: TrackerState, sight: TrackingSettings) -> Bool[Array, " s"]:
     """Slots whose mover has stopped: the map may take it over."""
     return state.tracks.used & (state.rested >= sight.rest)
 
 
-def parked(state: Following, sight: MoverSight) -> Bool[Array, " s"]:
+def is_parked(state: TrackerState, sight: TrackingSettings) -> Bool[Array, " s"]:
     """Those of them that were movers once, and may start again."""
-    return stopped(state, sight) & state.moved
+    return has_stopped(state, sight) & state.moved
 
 
-def _slower(state: Following, speed: float) -> Bool[Array, " s"]:
+def _slower(state: TrackerState, speed: float) -> Bool[Array, " s"]:
     slower: Array = jnp.linalg.norm(state.estimate.velocity, axis=1) < speed
     return state.tracks.used & slower
 
 
 def _standing(
-    state: Following, after: Following, stands: Bool[Array, " s"], margin: Float[Array, " s"], bounds: Bounds
-) -> Following:
+    state: TrackerState, after: TrackerState, stands: Bool[Array, " s"], margin: Float[Array, " s"], bounds: Bounds
+) -> TrackerState:
     """The tracks, of which some stand, give or take a margin [m], where they were measured last."""
     room = margin[:, None]
     low, high = state.history.low[0] - room, state.history.high[0] + room
@@ -189,7 +197,7 @@ def _standing(
     return dataclasses.replace(after, tracks=tracks, marks=marks, estimate=estimate)
 
 
-def _cost(later: Following, seen: Visible, sight: MoverSight) -> Float[Array, "s d"]:
+def _cost(later: TrackerState, seen: Detections, sight: TrackingSettings) -> Float[Array, "s d"]:
     """Distance from where a track was expected when a body was measured [m]; infinite where it cannot be the same."""
     tracks, age = later.tracks, seen.age[None, :, None]
     expected = tracks.place[:, None] - age * tracks.velocity[:, None]
@@ -203,8 +211,8 @@ def _cost(later: Following, seen: Visible, sight: MoverSight) -> Float[Array, "s
 
 
 def _measured(
-    state: Following, later: Following, seen: Visible, chosen: Int32[Array, " s"], sight: MoverSight
-) -> tuple[Following, Bool[Array, " s"]]:
+    state: TrackerState, later: TrackerState, seen: Detections, chosen: Int32[Array, " s"], sight: TrackingSettings
+) -> tuple[TrackerState, Bool[Array, " s"]]:
     """Sets and estimates with the measurements that belong to them, at the time of the look; whether one was empty."""
     matched, index = (chosen >= 0)[:, None], jnp.maximum(chosen, 0)
     age = jnp.where(matched, seen.age[index][:, None], 0.0)
@@ -222,7 +230,7 @@ def _measured(
     marks = Marks(jnp.where(again, measured.low, marks.low), jnp.where(again, measured.high, marks.high))
     slowest = jnp.where(again, -bounds.speed, jnp.minimum(slowest, fastest))
     fastest = jnp.where(again, bounds.speed, fastest)
-    estimate = corrected(predicted(state.estimate, passed - age), seen.place[index], seen.variance[index])
+    estimate = correct(predict(state.estimate, passed - age), seen.place[index], seen.variance[index])
     estimate = dataclasses.replace(
         estimate,
         place=jnp.clip(estimate.place, marks.low[0], marks.high[0]),
@@ -232,14 +240,14 @@ def _measured(
         then, low=marks.low[0], high=marks.high[0], slowest=slowest, fastest=fastest, half=seen.half[index],
         place=estimate.place, velocity=estimate.velocity,
     )  # fmt: skip
-    history = lengthened(forgotten(state.history, empty), marks, when[:, 0], matched[:, 0])
+    history = append_marks(forget_marks(state.history, empty), marks, when[:, 0], matched[:, 0])
     beside = jnp.any((marks.low > state.first.high) | (marks.high < state.first.low), axis=(0, 2))
     moved = state.moved | (beside & matched[:, 0] & ~empty)
     first = jax.tree.map(lambda a, b: jnp.where(again, a, b), marks, state.first)
     known, marks = _propagated(known, marks, age, bounds)
     tracks, marks, estimate = jax.tree.map(
         lambda a, b: jnp.where(matched if a.ndim > 1 else matched[:, 0], a, b),
-        (known, marks, predicted(estimate, age)),
+        (known, marks, predict(estimate, age)),
         (later.tracks, later.marks, later.estimate),
     )
     found = {"tracks": tracks, "estimate": estimate, "marks": marks, "history": history, "first": first, "moved": moved}
@@ -248,11 +256,11 @@ def _measured(
 
 def _propagated(tracks: Tracks, marks: Marks, time: Array, bounds: Bounds) -> tuple[Tracks, Marks]:
     """Tracks and marks a time later [s], without a measurement."""
-    after = propagated(tracks, time, bounds)
-    return after, carried(marks, (tracks.low - after.low, after.high - tracks.high), time, bounds)
+    after = propagate(tracks, time, bounds)
+    return after, propagate_marks(marks, (tracks.low - after.low, after.high - tracks.high), time, bounds)
 
 
-def _covered(tracks: Tracks, seen: Visible) -> Bool[Array, " s"]:
+def _covered(tracks: Tracks, seen: Detections) -> Bool[Array, " s"]:
     """Tracks in whose place something moves, though it was taken for another one."""
     low, high = tracks.place - tracks.half, tracks.place + tracks.half
     meets = jnp.all((low[:, None] <= seen.seen_high[None]) & (seen.seen_low[None] <= high[:, None]), axis=-1)
@@ -260,8 +268,8 @@ def _covered(tracks: Tracks, seen: Visible) -> Bool[Array, " s"]:
 
 
 def _born(
-    state: Following, seen: Visible, chosen: Int32[Array, " s"], sight: MoverSight
-) -> tuple[Following, Int32[Array, " s"], Bool[Array, ""]]:
+    state: TrackerState, seen: Detections, chosen: Int32[Array, " s"], sight: TrackingSettings
+) -> tuple[TrackerState, Int32[Array, " s"], Bool[Array, ""]]:
     """New tracks from measurements that belong to none, nearest first, in free slots."""
     tracks, count = state.tracks, seen.used.shape[0]
     taken = jnp.zeros(count + 1, bool).at[jnp.where(chosen >= 0, chosen, count)].set(True)[:count]
@@ -290,11 +298,11 @@ def _born(
         seen=jnp.ones_like(tracks.seen), missed=jnp.zeros_like(tracks.missed),
     )  # fmt: skip
     marks, age = Marks(seen.marks.low[:, index], seen.marks.high[:, index]), seen.age[index][:, None]
-    history = lengthened(forgotten(state.history, born[:, 0]), marks, (state.time - age)[:, 0], born[:, 0])
+    history = append_marks(forget_marks(state.history, born[:, 0]), marks, (state.time - age)[:, 0], born[:, 0])
     first = jax.tree.map(lambda a, b: jnp.where(born, a, b), marks, state.first)
     fresh, marks = _propagated(fresh, marks, age, sight.bounds)
     guess = Estimate(seen.place[index], zero, seen.variance[index], zero, zero + top**2 / 3.0)
-    guess = predicted(guess, age)
+    guess = predict(guess, age)
 
     def either(a: Array, b: Array) -> Array:
         return jnp.where(born if a.ndim > 1 else born[:, 0], a, b)

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
-from maxjax.sim.movers.among import Flag, Seen
-from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.among import Flag, Sightings
+from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
+from maxjax.sim.movers.sight import TrackingSettings
 
 
 @jax.tree_util.register_static
@@ -23,9 +23,9 @@ class LidarPerception:
         sight: settings; its sensor is the flight's, its bounds are those that motions are verified with.
     """
 
-    sight: MoverSight = MoverSight()  # noqa: RUF009 (frozen)
+    sight: TrackingSettings = TrackingSettings()  # noqa: RUF009 (frozen)
 
-    def start(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """Nobody.
 
         Raises:
@@ -37,19 +37,19 @@ class LidarPerception:
                 "MoverSight: expected the lidar of the flight and the bounds of its avoidance, given "
                 f"{self.sight.lidar} and {self.sight.bounds}"
             )
-        return perceived(nothing_seen(self.sight))
+        return sightings_of(initial_perception(self.sight))
 
-    def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """After the scan in `flight.scan`."""
         assert flight.among is not None
         pose = estimated_position(world, flight), flight.vehicle.rotation
-        return perceived(looked(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
+        return sightings_of(process_scan(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
 
 
-def perceived(seeing: Seeing) -> Seen:
+def sightings_of(seeing: PerceptionState) -> Sightings:
     """What the choice is told: confirmed movers, those that rest as well, and what did not hold."""
     used = seeing.tracks.used & seeing.tracks.confirmed & ~seeing.walls
     tracks = dataclasses.replace(seeing.tracks, used=used, rests=seeing.rests)
     up: Bool[Array, " f"] = jnp.zeros(len(Flag), bool)
     up = up.at[Flag.BOUND].set(jnp.any(seeing.broken)).at[Flag.NEAR].set(jnp.any(seeing.near))
-    return Seen(tracks, seeing.moving, up.at[Flag.CROWDED].set(seeing.overflow), seeing)
+    return Sightings(tracks, seeing.moving, up.at[Flag.CROWDED].set(seeing.overflow), seeing)

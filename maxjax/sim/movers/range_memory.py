@@ -21,8 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.compile.lowering import rotated
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.compile.lowering import rotate
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.sensors.range_image import clear_range, pixel
 
@@ -48,15 +48,20 @@ class Memory:
     time: Float[Array, "*batch k"]
 
 
-def nothing_remembered(sight: MoverSight) -> Memory:
+def empty_memory(sight: TrackingSettings) -> Memory:
     """No images."""
     k, lidar = sight.images, sight.lidar
     rotation = jnp.broadcast_to(jnp.eye(3), (k, 3, 3))
     return Memory(jnp.zeros((k, lidar.channels, lidar.columns)), jnp.zeros((k, 3)), rotation, jnp.full(k, -jnp.inf))
 
 
-def remembered(
-    memory: Memory, scan: Scan, moving: Bool[Array, " r"], pose: tuple[Array, Array], time: Array, sight: MoverSight
+def remember_scan(
+    memory: Memory,
+    scan: Scan,
+    moving: Bool[Array, " r"],
+    pose: tuple[Array, Array],
+    time: Array,
+    sight: TrackingSettings,
 ) -> Memory:
     """The memory with a scan in place of its oldest image, if the newest is old enough.
 
@@ -77,7 +82,7 @@ def remembered(
     return shifted
 
 
-def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: MoverSight) -> Bool[Array, " n"]:
+def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: TrackingSettings) -> Bool[Array, " n"]:
     """Places, world frame [m], where the last images saw nothing until something came.
 
     Two images or more saw nothing there, and the two oldest ones did, or at most one saw something: a slow mover stands
@@ -89,7 +94,7 @@ def was_empty(memory: Memory, points: Float[Array, "n 3"], sight: MoverSight) ->
     return lately | (empty[-1] & empty[-2])
 
 
-def margin(distance: Array, sight: MoverSight) -> Array:
+def margin(distance: Array, sight: TrackingSettings) -> Array:
     """How far a measured surface may be from the least range around it [m]."""
     return _MARGIN + sight.pose_error + _SIGMAS * sight.lidar.range_noise + _SLOPE * distance
 
@@ -99,11 +104,11 @@ def _witness(
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     points: Float[Array, "n 3"],
-    sight: MoverSight,
+    sight: TrackingSettings,
 ) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
     """Whether an image saw nothing at each place, and whether it saw something."""
     lidar = sight.lidar
-    x, y, z = rotated(rotation.T, points - position).T
+    x, y, z = rotate(rotation.T, points - position).T
     level_squared = x * x + y * y
     distance = jnp.sqrt(level_squared + z * z)
     row, column = pixel(x, y, z, level_squared, lidar)
@@ -115,7 +120,7 @@ def _witness(
     return known & (distance + allowed < least), known & (jnp.abs(distance - least) <= allowed)
 
 
-def _background(scan: Scan, moving: Bool[Array, " r"], sight: MoverSight) -> Float[Array, "channels columns"]:
+def _background(scan: Scan, moving: Bool[Array, " r"], sight: TrackingSettings) -> Float[Array, "channels columns"]:
     image = jnp.where(moving.reshape(sight.lidar.channels, -1), 0.0, clear_range(scan, sight.lidar))
     image = jnp.minimum(image, jnp.minimum(jnp.roll(image, 1, axis=1), jnp.roll(image, -1, axis=1)))
     # Azimuths are periodic; above and below the field of view there are no beams.

@@ -20,13 +20,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.compile.lowering import rotated
-from maxjax.sim.movers.clusters import Clusters, Signs, clustered, gathered
-from maxjax.sim.movers.following import Following, Matches, View, awaited, followed, nobody_followed, parked, stopped
-from maxjax.sim.movers.range_memory import Memory, margin, nothing_remembered, remembered, was_empty
+from maxjax.compile.lowering import rotate
+from maxjax.sim.movers.clusters import Clusters, Signs, cluster_returns, gather_rays
+from maxjax.sim.movers.following import (
+    Association,
+    ExpectedView,
+    TrackerState,
+    has_stopped,
+    initial_tracker_state,
+    is_parked,
+    predict_tracks,
+    update_tracks,
+)
+from maxjax.sim.movers.range_memory import Memory, empty_memory, margin, remember_scan, was_empty
 from maxjax.sim.movers.sets import Tracks
-from maxjax.sim.movers.sight import MoverSight
-from maxjax.sim.movers.visible import visible
+from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.visible import detect_bodies
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.sensors.range_image import clear_range, pixel
 
@@ -36,7 +45,7 @@ _HIDDEN = 0.3
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Seeing:
+class PerceptionState:
     """What is known of movers; batch axes lead.
 
     Attributes:
@@ -50,7 +59,7 @@ class Seeing:
         overflow: whether returns, bodies or tracks were left out for want of room.
     """
 
-    following: Following
+    following: TrackerState
     memory: Memory
     moving: Bool[Array, "*batch r"]
     broken: Bool[Array, "*batch s"]
@@ -65,22 +74,22 @@ class Seeing:
         return self.following.tracks
 
 
-def nothing_seen(sight: MoverSight) -> Seeing:
+def initial_perception(sight: TrackingSettings) -> PerceptionState:
     """The state before the first look."""
     flags = jnp.zeros(sight.slots, bool)
     moving = jnp.zeros(sight.lidar.rays, bool)
     none = jnp.zeros((), bool)
-    return Seeing(nobody_followed(sight), nothing_remembered(sight), moving, flags, flags, flags, flags, none)
+    return PerceptionState(initial_tracker_state(sight), empty_memory(sight), moving, flags, flags, flags, flags, none)
 
 
-def looked(
-    seeing: Seeing,
+def process_scan(
+    seeing: PerceptionState,
     scan: Scan,
     position: Float[Array, "3"],
     rotation: Float[Array, "3 3"],
     time: Float[Array, ""],
-    sight: MoverSight,
-) -> Seeing:
+    sight: TrackingSettings,
+) -> PerceptionState:
     """What is known after a scan; safe under `jit` and `vmap`.
 
     Args:
@@ -102,39 +111,39 @@ def looked(
     returned = scan.distance < jnp.inf
     rays = directions(sight.lidar)
     own = jnp.where(returned, scan.distance, 0.0)[:, None] * rays
-    points = position + rotated(rotation, own)
+    points = position + rotate(rotation, own)
 
-    expected = awaited(seeing.following, time, sight).tracks
+    expected = predict_tracks(seeing.following, time, sight).tracks
     signs = _signs(seeing, points, returned & (scan.distance <= sight.reach), position, expected, sight)
-    clusters = clustered(points, scan.distance, signs, sight)
-    bodies = visible(clusters, scan, position, rotation, sight)
+    clusters = cluster_returns(points, scan.distance, signs, sight)
+    bodies = detect_bodies(clusters, scan, position, rotation, sight)
     view = _view(expected, scan, position, rotation, sight)
     view = dataclasses.replace(view, plain=known & view.plain, stands=known & view.stands)
-    following, matches = followed(seeing.following, bodies, view, time, sight)
+    following, matches = update_tracks(seeing.following, bodies, view, time, sight)
 
-    rests = stopped(following, sight)
+    rests = has_stopped(following, sight)
     moving = _moving(clusters, matches, following.tracks.confirmed & ~rests, sight)
     pose = (jnp.where(known, position, jnp.nan), rotation)
     distance = jnp.linalg.norm(following.tracks.place - position, axis=1)
-    return Seeing(
+    return PerceptionState(
         following=following,
-        memory=remembered(seeing.memory, scan, moving, pose, time, sight),
+        memory=remember_scan(seeing.memory, scan, moving, pose, time, sight),
         moving=moving,
         broken=matches.broken,
         near=matches.appeared & (distance < sight.near),
         rests=rests,
-        walls=rests & ~parked(following, sight),
+        walls=rests & ~is_parked(following, sight),
         overflow=clusters.overflow | matches.left_out,
     )
 
 
 def _signs(
-    seeing: Seeing,
+    seeing: PerceptionState,
     points: Float[Array, "r 3"],
     near: Bool[Array, " r"],
     position: Array,
     tracks: Tracks,
-    sight: MoverSight,
+    sight: TrackingSettings,
 ) -> Signs:
     near &= points[:, 2] > sight.floor
     moves = near & was_empty(seeing.memory, points, sight)
@@ -148,13 +157,13 @@ def _signs(
     return Signs(moves, near & expected, near & (around | _beside(points - position, moves, sight)))
 
 
-def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: MoverSight) -> Bool[Array, " r"]:
+def _beside(offset: Float[Array, "r 3"], moves: Bool[Array, " r"], sight: TrackingSettings) -> Bool[Array, " r"]:
     """Returns that have a moving one at most a body's size away, and some up to twice that: by cells of that size."""
     size = sight.bounds.edges
     reach = np.ceil(sight.reach / size).astype(np.int32) + 1
     edge = 2 * reach + 1
     cell = jnp.clip(jnp.floor(offset / size).astype(jnp.int32) + reach, 0, edge - 1)
-    moving, some, _ = gathered(jnp.linalg.norm(offset, axis=1), moves, sight.points)
+    moving, some, _ = gather_rays(jnp.linalg.norm(offset, axis=1), moves, sight.points)
     around = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), -1).reshape(-1, 3)
     cells = jnp.clip(cell[moving][:, None] + around, 0, edge - 1)
     marked = jnp.zeros(math.prod(edge.tolist()), bool).at[_flat(cells, edge)].max(some[:, None])
@@ -167,11 +176,11 @@ def _flat(cell: Int32[Array, "*n 3"], edge: Int32[np.ndarray, "3"]) -> Int32[Arr
 
 
 def _view(
-    tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: MoverSight
-) -> View:
+    tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: TrackingSettings
+) -> ExpectedView:
     """What is seen of movers where they are expected: in the field of view, within reach, and not behind something."""
     lidar = sight.lidar
-    x, y, z = rotated(rotation.T, tracks.place - position).T
+    x, y, z = rotate(rotation.T, tracks.place - position).T
     level = x * x + y * y
     distance = jnp.sqrt(level + z * z)
     row, column = pixel(x, y, z, level, lidar)
@@ -181,10 +190,12 @@ def _view(
     clear = clear_range(scan, lidar).reshape(-1)[i * lidar.columns + j]
     room = margin(distance, sight)
     plain = inside & (clear > 0.0) & (clear > distance - jnp.max(tracks.half, axis=1) - room - _HIDDEN)
-    return View(plain, plain & (clear < distance), room)
+    return ExpectedView(plain, plain & (clear < distance), room)
 
 
-def _moving(clusters: Clusters, matches: Matches, movers: Bool[Array, " s"], sight: MoverSight) -> Bool[Array, " r"]:
+def _moving(
+    clusters: Clusters, matches: Association, movers: Bool[Array, " s"], sight: TrackingSettings
+) -> Bool[Array, " r"]:
     """Rays that ended at one of the movers."""
     d = sight.detections
     chosen = jnp.where(movers & (matches.of_track >= 0), matches.of_track, d)

@@ -99,13 +99,13 @@ class Tracks:
     missed: Int32[Array, "*batch s"]
 
 
-def nobody(slots: int) -> Tracks:
+def no_tracks(slots: int) -> Tracks:
     """Tracks without movers."""
     zero, none, flag = jnp.zeros((slots, 3)), jnp.zeros(slots, jnp.int32), jnp.zeros(slots, bool)
     return Tracks(zero, zero, zero, zero, zero, flag, flag, zero, zero, zero, zero, flag, none, none)
 
 
-def likely(tracks: Tracks) -> Tracks:
+def likely_sets(tracks: Tracks) -> Tracks:
     """The tracks with sets cut to what the estimates make likely: smaller, and no proof."""
 
     def cut(low: Array, high: Array, middle: Array, deviation: Array) -> tuple[Array, Array]:
@@ -127,7 +127,7 @@ def reachable(
     return jnp.where(used, least, jnp.nan), jnp.where(used, greatest, jnp.nan)
 
 
-def propagated(tracks: Tracks, time: Array | float, bounds: Bounds) -> Tracks:
+def propagate(tracks: Tracks, time: Array | float, bounds: Bounds) -> Tracks:
     """The tracks a time later [s], one for all or (s, 1), without a measurement."""
     change = bounds.acceleration * time
     down, up = _moved(tracks, time, bounds)

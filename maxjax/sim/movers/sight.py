@@ -13,7 +13,7 @@ from maxjax.sim.sensors.lidar import Lidar
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
-class MoverSight:
+class TrackingSettings:
     """Settings of perception among movers; static.
 
     Attributes:

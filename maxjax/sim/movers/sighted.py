@@ -18,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maxjax.compile.lowering import rotated
+from maxjax.compile.lowering import rotate
 from maxjax.sim.movers.clusters import Clusters
 from maxjax.sim.movers.range_memory import margin
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.sensors.range_image import clear_range, rise
 
@@ -32,7 +32,7 @@ _FAR = 1e3
 
 
 @dataclasses.dataclass(frozen=True)
-class SightLines:
+class BeamFrames:
     """How a body is seen from where the sensor stands.
 
     Attributes:
@@ -54,7 +54,7 @@ class SightLines:
 
 
 @dataclasses.dataclass(frozen=True)
-class Sighted:
+class ClusterExtents:
     """What is seen of each body along its line of sight, to the left of it and up [m].
 
     Attributes:
@@ -96,10 +96,10 @@ class Sighted:
         low = 0.5 * (jnp.maximum(a - delta_low, b - extent) + b)
         return low, 0.5 * (a + jnp.minimum(b + delta_high, a + extent))
 
-    def lines(self) -> SightLines:
+    def lines(self) -> BeamFrames:
         """How a body is seen from where the sensor stands."""
         beams, away = self.beams, self.away[:, None]
-        return SightLines(
+        return BeamFrames(
             self.to_world,
             away,
             self.extent[:, :1],
@@ -121,17 +121,19 @@ class Sighted:
         return jnp.clip(place, sets[0], jnp.maximum(*sets)), jnp.where(bounded, spread, sets[1] - sets[0])
 
 
-def sighted(clusters: Clusters, group: Group, points: Array, scan: Scan, rotation: Array, sight: MoverSight) -> Sighted:
+def cluster_extents(
+    clusters: Clusters, group: Group, points: Array, scan: Scan, rotation: Array, sight: TrackingSettings
+) -> ClusterExtents:
     """The clusters of returns at these points of the sensor's frame."""
     middle = group.total(points) / jnp.maximum(clusters.count, 1)[:, None]
     away = jnp.maximum(jnp.linalg.norm(middle, axis=1), 1e-3)
     axes = _axes(middle, away)  # (d, 3, 3): along the line of sight, to the left, up
-    from_middle = rotated(axes[group.index], points - middle[group.index])
+    from_middle = rotate(axes[group.index], points - middle[group.index])
     a, b = group.least(from_middle), group.greatest(from_middle)
-    to_world = jnp.swapaxes(rotated(rotation, axes), 1, 2)
+    to_world = jnp.swapaxes(rotate(rotation, axes), 1, 2)
     # A body's extent along a direction: that of the box that may hold it.
     extent = jnp.maximum(jnp.sum(sight.bounds.edges[:, None] * jnp.abs(to_world), axis=1), b - a)
-    return Sighted(
+    return ClusterExtents(
         middle,
         away,
         to_world,
@@ -181,7 +183,7 @@ def _steps(middle: Float[Array, "d 3"], away: Float[Array, " d"], lidar: Lidar) 
 
 
 def _overlooked(
-    clusters: Clusters, group: Group, scan: Scan, sight: MoverSight
+    clusters: Clusters, group: Group, scan: Scan, sight: TrackingSettings
 ) -> tuple[Float[Array, "d 2"], Float[Array, "d 2"]]:
     """Steps between beams that a body may reach beyond what is seen: right and below, left and above; or infinity."""
     lidar = sight.lidar

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from maxjax.sim.movers.among import Flag, Seen
-from maxjax.sim.movers.sets import Bounds, Tracks, nobody
+from maxjax.sim.movers.among import Flag, Sightings
+from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks
 from maxjax.sim.worlds.geoms import half_edges
 from maxjax.sim.worlds.movers import Movers, places, solids_at
 
@@ -36,15 +36,15 @@ class TrueTracks:
     place: float = 0.02
     velocity: float = 0.1
 
-    def start(self, world: object, flight: object, config: object) -> Seen:
+    def start(self, world: object, flight: object, config: object) -> Sightings:
         """Nobody."""
-        return self._seen(nobody(self.slots), config)
+        return self._seen(no_tracks(self.slots), config)
 
-    def look(self, world: object, flight: object, config: object) -> Seen:
+    def look(self, world: object, flight: object, config: object) -> Sightings:
         """All movers within reach."""
         movers, log = world.movers, flight.log  # type: ignore[attr-defined]
         if movers is None:
-            return self._seen(nobody(self.slots), config)
+            return self._seen(no_tracks(self.slots), config)
         position = flight.vehicle.position  # type: ignore[attr-defined]
         bounds = config.moving.bounds  # type: ignore[attr-defined]
         tracks = tracks_of(movers, log.duration, position, bounds, self)
@@ -55,9 +55,9 @@ class TrueTracks:
             hit |= tracks.used[k] & jnp.all(jnp.abs(points - tracks.place[k]) <= room[k], axis=1)
         return dataclasses.replace(seen, returns=hit)
 
-    def _seen(self, tracks: Tracks, config: object) -> Seen:
+    def _seen(self, tracks: Tracks, config: object) -> Sightings:
         rays = config.lidar.rays  # type: ignore[attr-defined]
-        return Seen(tracks, jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
+        return Sightings(tracks, jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
 
 
 def tracks_of(
@@ -87,5 +87,5 @@ def tracks_of(
         seen=jnp.ones(count, jnp.int32),
         missed=jnp.zeros(count, jnp.int32),
     )
-    filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, nobody(how.slots))
+    filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, no_tracks(how.slots))
     return filled

@@ -18,11 +18,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.compile.lowering import rotated
+from maxjax.compile.lowering import rotate
 from maxjax.sim.movers.body_marks import Marks
 from maxjax.sim.movers.clusters import Clusters
-from maxjax.sim.movers.sight import MoverSight
-from maxjax.sim.movers.sighted import Group, SightLines, sighted
+from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.sighted import BeamFrames, Group, cluster_extents
 from maxjax.sim.sensors.lidar import Scan, cast_at, directions
 
 _SIGMAS = 4.0
@@ -32,7 +32,7 @@ _ROUNDING = 2e-3
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Visible:
+class Detections:
     """Bodies as one scan shows them; batch axes lead.
 
     Attributes:
@@ -69,9 +69,9 @@ class Visible:
         return self.marks.high[..., 0, :, :]
 
 
-def visible(
-    clusters: Clusters, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: MoverSight
-) -> Visible:
+def detect_bodies(
+    clusters: Clusters, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: TrackingSettings
+) -> Detections:
     """The body behind each cluster.
 
     Args:
@@ -86,12 +86,12 @@ def visible(
     points = distance[:, None] * directions(sight.lidar)[clusters.ray]
     ages = (-cast_at(sight.lidar, jnp.zeros(())))[clusters.ray % sight.lidar.columns]
     youngest, oldest = group.least(ages), group.greatest(ages)
-    along = sighted(clusters, group, points, scan, rotation, sight)
+    along = cluster_extents(clusters, group, points, scan, rotation, sight)
     low, high = along.middles()
 
     # In world axes.
-    origin = position + rotated(rotation, along.middle)
-    world = position + rotated(rotation, points)
+    origin = position + rotate(rotation, along.middle)
+    world = position + rotate(rotation, points)
     seen = group.least(world), group.greatest(world)
     noise = _SIGMAS * sight.lidar.range_noise + sight.pose_error + _ROUNDING
     large = jnp.any(seen[1] - seen[0] > sight.bounds.edges + 2.0 * noise, axis=1)
@@ -102,14 +102,14 @@ def visible(
         (middle[0] - widened, middle[1] + widened), lines, jnp.where(large[:, None], jnp.inf, widened), seen, sight
     )
     place, spread = along.estimate((low, high))
-    variance = rotated(along.to_world**2, spread**2 + sight.lidar.range_noise**2)
+    variance = rotate(along.to_world**2, spread**2 + sight.lidar.range_noise**2)
     size = sight.bounds.edges
-    return Visible(
+    return Detections(
         used=clusters.used,
         marks=marks,
         half=0.5 * jnp.where(large[:, None], jnp.maximum(size, seen[1] - seen[0]), size),
         large=large & clusters.used,
-        place=origin + rotated(along.to_world, place),
+        place=origin + rotate(along.to_world, place),
         variance=variance + widened**2 / 16.0,
         seen_low=seen[0],
         seen_high=seen[1],
@@ -119,7 +119,7 @@ def visible(
 
 
 def _narrowed(
-    seen: tuple[Array, Array], across: tuple[Array, Array], large: Bool[Array, " d"], sight: MoverSight
+    seen: tuple[Array, Array], across: tuple[Array, Array], large: Bool[Array, " d"], sight: TrackingSettings
 ) -> tuple[Float[Array, "d 3"], Float[Array, "d 3"]]:
     """The box of a middle by the world's axes alone, within the one across the line of sight where they meet."""
     size, one = sight.bounds.edges, ~large[:, None]
@@ -137,17 +137,17 @@ def _box(
     origin: Float[Array, "d 3"], to_world: Float[Array, "d 3 3"], low: Float[Array, "d 3"], high: Float[Array, "d 3"]
 ) -> tuple[Float[Array, "d 3"], Float[Array, "d 3"]]:
     """The box in world axes around one in others."""
-    middle = origin + rotated(to_world, 0.5 * (low + high))
-    half = rotated(jnp.abs(to_world), 0.5 * (high - low))
+    middle = origin + rotate(to_world, 0.5 * (low + high))
+    half = rotate(jnp.abs(to_world), 0.5 * (high - low))
     return middle - half, middle + half
 
 
 def _marked(
     middle: tuple[Array, Array],
-    lines: SightLines,
+    lines: BeamFrames,
     widened: Float[Array, "d 1"],
     seen: tuple[Array, Array],
-    sight: MoverSight,
+    sight: TrackingSettings,
 ) -> Marks:
     """Sets of the middle, the lowest and the highest coordinate along each world axis [m].
 

@@ -87,7 +87,7 @@ def at_rest(motion: Scheduled, look: Int32[Array, ""]) -> Message:
     return Message(motion, motion, jnp.int32(NEVER), look)
 
 
-def swapped(
+def swap_proposal(
     own: Message, told: Message, index: Int32[Array, ""], look: Int32[Array, ""], agreement: Agreement
 ) -> tuple[Message, Bool[Array, ""]]:
     """The own message without the proposal whose look has come, and whether that was swapped to.

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.sim.movers.among import Avoidance
 from maxjax.sim.movers.choice import Around, Commitment, downhill, score
 from maxjax.sim.movers.motions import MotionPrimitive, at, motions
-from maxjax.sim.movers.sets import Tracks, nobody
+from maxjax.sim.movers.sets import Tracks, no_tracks
 from maxjax.sim.swarm.agreement import NEVER, Agreement, Message
 from maxjax.sim.swarm.separation import Scheduled, courses, separation
 
@@ -74,10 +74,10 @@ def as_tracks(told: Message, look: Int32[Array, ""], agreement: Agreement, radiu
     places = courses(told.committed, look, agreement.sampled)
     place, velocity = places[:, 0], (places[:, 1] - places[:, 0]) / agreement.sampled.period
     half, used = jnp.full_like(place, radius), jnp.ones(len(place), bool)
-    return dataclasses.replace(nobody(len(place)), place=place, velocity=velocity, half=half, used=used)
+    return dataclasses.replace(no_tracks(len(place)), place=place, velocity=velocity, half=half, used=used)
 
 
-def wished(
+def propose_motion(
     around: Around, left: Commitment, told: Message, at_look: Int32[Array, ""], how: Avoidance, agreement: Agreement
 ) -> Wish:
     """The best motion from where the present one leads by a later look, for which everything is given.

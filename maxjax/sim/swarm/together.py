@@ -19,15 +19,15 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
-from maxjax.sim.loop.follow import flown_period, step_alone, unless
-from maxjax.sim.movers.among import Avoidance, Flag, raised, record_of, recorded
+from maxjax.sim.loop.follow import fly_period, step_alone, unless
+from maxjax.sim.movers.among import Avoidance, Flag, raise_flags, record_look, record_of
 from maxjax.sim.movers.avoid import guide_around, hard_around
 from maxjax.sim.movers.choice import Around, Commitment
 from maxjax.sim.movers.motions import MotionSet, later
-from maxjax.sim.movers.sets import Tracks, propagated
-from maxjax.sim.swarm.agreement import Agreement, proposing, swapped
+from maxjax.sim.movers.sets import Tracks, propagate
+from maxjax.sim.swarm.agreement import Agreement, proposing, swap_proposal
 from maxjax.sim.swarm.member import NOBODY, committed_place, saying
-from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, wished
+from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion
 from maxjax.sim.swarm.separation import Sampled, Scheduled
 
 FLEET = "fleet"
@@ -75,7 +75,7 @@ class Together:
 
     def __call__(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
         """One planning period."""
-        return flown_period(world, flight, config, self._steer, _step)
+        return fly_period(world, flight, config, self._steer, _step)
 
     def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
         """Swap, propose, and send the message of this look; `number`: of it in its period."""
@@ -87,7 +87,7 @@ class Together:
         told, own = lax.all_gather(member.oldest, FLEET), member.latest
         look = own.sent + 1
         due = own.proposed + self.wait == look
-        own, swaps = swapped(own, told, index, look, agreement)
+        own, swaps = swap_proposal(own, told, index, look, agreement)
 
         since = LOG_PERIOD * (look - own.committed.start).astype(jnp.float32)
         verified = jnp.where(swaps, how.choice.horizon, among.flown.verified - among.since)
@@ -98,7 +98,7 @@ class Together:
         around, appeared = _around(
             flight, config, present.place, as_tracks(near, start, agreement, config.radius), ahead
         )
-        wish = wished(around, Commitment(present, verified - ahead), near, start, how, agreement)
+        wish = propose_motion(around, Commitment(present, verified - ahead), near, start, how, agreement)
         own = proposing(own, Scheduled(wish.motion, start), wish.wanted & ~flight.done, look)
 
         flown = Commitment(own.committed.motion, wish.verified + ahead + since)
@@ -106,9 +106,9 @@ class Together:
         up = _up(world, flight, config, appeared, ~wish.holds)
         from_now = Commitment(later(flown.motion, since), flown.verified - since)
         among = dataclasses.replace(among, flown=flown, since=since)
-        among = recorded(among, record_of(among.seen, from_now, up, how), number)
+        among = record_look(among, record_of(among.seen, from_now, up, how), number)
         assert flight.log.flags is not None
-        log = dataclasses.replace(flight.log, flags=raised(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
+        log = dataclasses.replace(flight.log, flags=raise_flags(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
         after = dataclasses.replace(flight, among=among, log=log)
         after = unless(flight.done, flight, after)
         return dataclasses.replace(after, member=saying(counted, own))
@@ -124,7 +124,7 @@ def _around(
     how, among = config.moving, flight.among
     assert how is not None
     assert among is not None
-    tracks = propagated(among.seen.tracks, ahead, how.bounds)
+    tracks = propagate(among.seen.tracks, ahead, how.bounds)
     priced = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), tracks, others)
     guide = guide_around(flight, config, place, priced)
     hard, appeared = hard_around(flight, config, place)

@@ -42,7 +42,7 @@ def first_size(
     size = round_up(wanted, count)
     # The allocator of a GPU reports failure. A host would start to swap, and then end the process.
     while on_cpu and size > count and size > fits:
-        size = halved(size, devices, warn)
+        size = halve(size, devices, warn)
     return size
 
 
@@ -52,7 +52,7 @@ def _fitting(free: float, voxels: int) -> int:
     return most if most <= AT_ONCE else int((free / voxels - _COMPUTED * AT_ONCE) / _FLIGHT)
 
 
-def halved(size: int, devices: Sequence[jax.Device], warn: Callable[[str], None]) -> int:
+def halve(size: int, devices: Sequence[jax.Device], warn: Callable[[str], None]) -> int:
     """The next smaller batch.
 
     Raises:

@@ -27,7 +27,7 @@ from jaxtyping import Array, Float, Key
 from maxjax.compile.executable import stored
 from maxjax.compile.threads import concurrently, interruptible
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
-from maxjax.sim.trials.batch_size import first_size, halved, round_up
+from maxjax.sim.trials.batch_size import first_size, halve, round_up
 from maxjax.sim.trials.campaign import Campaign, outcome_of
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome, Table, on_host
@@ -35,7 +35,7 @@ from maxjax.sim.trials.trial_movers import movers_key
 from maxjax.sim.trials.trials import draw_many
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers
-from maxjax.sim.worlds.populations import placed, population
+from maxjax.sim.worlds.populations import place_movers, population
 from maxjax.sim.worlds.scenes import make_scene
 from maxjax.sim.worlds.solid_distance import distance
 
@@ -134,7 +134,7 @@ def _fly_drawn(
             except JaxRuntimeError as error:
                 if "RESOURCE_EXHAUSTED" not in str(error):
                     raise
-                size = halved(size, devices, warn)
+                size = halve(size, devices, warn)
                 continue
             outcomes = [outcome_of(campaign, drawn, int(row), log, place) for place, row in enumerate(chunk)]
             outcomes = [outcome for outcome in outcomes if outcome.trial in missing]
@@ -186,7 +186,7 @@ def beside_movers(logs: Table, geoms: Geoms, movers: Movers) -> Table:
     ends = np.sum(np.isfinite(logs["position"]).all(axis=-1), axis=1) - 1
     last = jnp.asarray(logs["position"][np.arange(len(ends)), ends])
     return {
-        "hidden": np.sum(~np.asarray(placed(movers)), axis=1),
+        "hidden": np.sum(~np.asarray(place_movers(movers)), axis=1),
         "to_walls": np.asarray(_to_walls(geoms, last)),
     }
 

@@ -19,14 +19,14 @@ import jax
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, stages_of
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.movers.among import Avoidance, Flag
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import INVALID_DRAW, Outcome, Table
 from maxjax.sim.vehicle.disturbances import Disturbances, scan_error
@@ -96,7 +96,7 @@ class Campaign:
             return config
         how = self.movers
         bounds = Bounds(_ALLOWANCE * how.fastest, _ALLOWANCE * ACCELERATION, how.body, how.turn)
-        sight = MoverSight(config.lidar, bounds)
+        sight = TrackingSettings(config.lidar, bounds)
         strengths = self.strengths
         error = scan_error(strengths["drift"], strengths["range_noise"], config.lidar, sight.images * sight.apart)
         perception = LidarPerception(dataclasses.replace(sight, pose_error=error))
@@ -105,7 +105,7 @@ class Campaign:
     @property
     def key(self) -> PRNGKeyArray:
         """Key that the keys of all its flights are folded from."""
-        return named(jax.random.key(self.seed), f"flights {self.map}")
+        return named_key(jax.random.key(self.seed), f"flights {self.map}")
 
     def configuration(self) -> dict[str, Any]:
         """All that the outcomes depend on, as JSON holds it.

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from maxjax.compile.executable import stored
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.sim.trials.trials import APART, HALF_AREA, HEIGHT, TRUTH, open_air
 from maxjax.sim.worlds.geoms import PLANE, Geoms
 from maxjax.sim.worlds.layouts import MAPS
@@ -64,7 +64,7 @@ def city_swaps(name: str, seed: int, count: int) -> Swaps:
         raise ValueError(f"seed: expected 0 to 2^31 - 1, given {seed}")
     geoms = make_scene(name, seed).geoms
     occupied, ground = occupancy(geoms, TRUTH)
-    key = named(jax.random.key(seed), f"swaps {name}")
+    key = named_key(jax.random.key(seed), f"swaps {name}")
     points, fit = (np.asarray(x) for x in _points(geoms, open_air(jnp.asarray(occupied), jnp.asarray(ground)), key))
     pairs = _paired(_thinned(points[fit].astype(np.float64)))
     if 2 * len(pairs) < count:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, World
 from maxjax.sim.loop.flight_state import LOG_PERIOD
@@ -77,7 +77,7 @@ class FleetTrial:
             box = jnp.min(jnp.concatenate(ends), axis=0), jnp.max(jnp.concatenate(ends), axis=0)
             movers = population(geoms, *box, movers_key(self.map, self.seed, 0), how=self.movers)
             movers = _away(movers, ends[0])
-        key, air = named(jax.random.key(self.seed), f"fleet {self.map}"), self.flight.disturbances
+        key, air = named_key(jax.random.key(self.seed), f"fleet {self.map}"), self.flight.disturbances
         calm = jax.tree.map(jnp.float32, air)
         worlds = [
             World(geoms, ends[0][k], ends[1][k], jax.random.fold_in(key, k), calm, movers) for k in range(self.count)
@@ -86,7 +86,7 @@ class FleetTrial:
         return stacked
 
 
-def flown_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
+def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
     """The log of a fleet that is flown stage by stage, as single flights are: it ends with its last vehicle."""
     *_, last = watch_fleet(worlds, config, together)
     return log_of(last)

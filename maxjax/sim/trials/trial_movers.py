@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.sim.worlds.movers import Movers
 from maxjax.sim.worlds.populations import Population, population
@@ -21,7 +21,7 @@ from maxjax.sim.worlds.scenes import make_scene
 
 def movers_key(name: str, seed: int, trial: int) -> PRNGKeyArray:
     """Key of the movers of a trial of a map and seed."""
-    return jax.random.fold_in(named(jax.random.key(seed), f"movers {name}"), trial)
+    return jax.random.fold_in(named_key(jax.random.key(seed), f"movers {name}"), trial)
 
 
 def movers_of(configuration: Mapping[str, Any], outcome: Outcome) -> Movers | None:

@@ -27,7 +27,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 from maxjax.compile.executable import stored
 from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.fields.connectivity import flood
 from maxjax.fields.occupancy import dilate
 from maxjax.sim.worlds.geoms import PLANE, Geoms
@@ -102,7 +102,7 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
     if seed < 0 or wanted.min() < 0 or wanted.max() >= 2**31 or seed + wanted.max() // CITY_TRIALS >= 2**31:
         raise ValueError(f"trial: expected seed and indices from 0 to 2^31 - 1, given seed {seed} and {indices}")
     groups, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
-    key = named(jax.random.key(seed), f"trials {name}")
+    key = named_key(jax.random.key(seed), f"trials {name}")
     tables = [
         draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * group))
         for group, (geoms, air) in zip(groups, _truths(name, [int(seed + group) for group in groups]), strict=True)

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maxjax.sim.worlds.mjx_import import imported_mjx
+from maxjax.sim.worlds.mjx_import import import_mjx
 
 if TYPE_CHECKING:
     import mujoco
@@ -176,7 +176,7 @@ def mujoco_model(vehicle: Vehicle) -> mujoco.MjModel:
 @functools.lru_cache(maxsize=8)
 def _model_and_data(vehicle: Vehicle) -> tuple[Any, Any]:
     """Model and data as templates, on the host: device arrays would be bound to the mesh of their first trace."""
-    model, mjx = mujoco_model(vehicle), imported_mjx()
+    model, mjx = mujoco_model(vehicle), import_mjx()
     with jax.ensure_compile_time_eval():
         pair: tuple[Any, Any] = jax.tree.map(np.asarray, (mjx.put_model(model), mjx.make_data(model)))
         return pair
@@ -212,7 +212,7 @@ def advance(vehicle: Vehicle, state: State, command: Float[Array, "4"], wind: Fl
         act=state.thrust,
         ctrl=command,
     )
-    data = imported_mjx().step(model.tree_replace({"opt.wind": wind}), data)
+    data = import_mjx().step(model.tree_replace({"opt.wind": wind}), data)
     return State(data.qpos[:3], data.qpos[3:], data.qvel[:3], data.qvel[3:], data.act)
 
 

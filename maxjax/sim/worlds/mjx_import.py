@@ -12,7 +12,7 @@ _MISSING = ("Failed to import warp:", "Failed to import mujoco_warp:")
 
 
 @functools.cache
-def imported_mjx() -> ModuleType:
+def import_mjx() -> ModuleType:
     """The module `mujoco.mjx`; what else its import prints comes on stderr, as stdout is for results."""
     heard = io.StringIO()
     with contextlib.redirect_stdout(heard):

@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maxjax.sim.worlds.geoms import Geoms, quaternion
-from maxjax.sim.worlds.mjx_import import imported_mjx
+from maxjax.sim.worlds.mjx_import import import_mjx
 from maxjax.sim.worlds.scenes import Scene
 
 if TYPE_CHECKING:
     from mujoco import mjx
 else:
-    mjx = imported_mjx()
+    mjx = import_mjx()
 
 
 def mjx_scene(scene: Scene) -> tuple[mjx.Model, mjx.Data]:

@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.compile.lowering import rotated
+from maxjax.compile.lowering import rotate
 from maxjax.sim.worlds.geoms import Geoms, concatenate, half_edges, rotation_z
 
 # Horizontal speed below which a mover has no direction to face [m/s].
@@ -146,8 +146,8 @@ def solids_at(movers: Movers, time: Float[Array, ""]) -> Geoms:
     turns = movers.faces & (x * x + y * y > _SLOW**2)
     heading = rotation_z(jnp.where(turns, jnp.arctan2(jnp.where(turns, y, 0.0), jnp.where(turns, x, 1.0)), 0.0))
     solids = movers.solids
-    columns = rotated(heading[:, None], jnp.swapaxes(solids.rotation, 1, 2))
-    offset = rotated(heading, solids.position)
+    columns = rotate(heading[:, None], jnp.swapaxes(solids.rotation, 1, 2))
+    offset = rotate(heading, solids.position)
     return Geoms(place + offset, jnp.swapaxes(columns, 1, 2), solids.size, solids.type)
 
 
@@ -168,7 +168,7 @@ def boxes_at(movers: Movers, times: Float[Array, " t"], least: float = 0.0) -> F
     return corners
 
 
-def joined(groups: list[Movers]) -> Movers:
+def join_populations(groups: list[Movers]) -> Movers:
     """All groups as one population; shorter curves and sums are filled up without a change.
 
     Raises:

@@ -110,7 +110,7 @@ def population(
         how: how many, how fast, of which kind.
 
     Returns:
-        As many movers as asked for; `placed` tells which of them have a way.
+        As many movers as asked for; `place_movers` tells which of them have a way.
     """
     place = Place(geoms, start, goal)
     keys = jax.vmap(functools.partial(jax.random.fold_in, key))(jnp.arange(how.count))
@@ -126,7 +126,7 @@ def population(
     return _movers(one, tuple(kinds), faces)
 
 
-def placed(movers: Movers) -> Bool[Array, "*batch m"]:
+def place_movers(movers: Movers) -> Bool[Array, "*batch m"]:
     """Which movers of a population are in the city; the others are hidden below it."""
     return movers.knots[..., 0, 2] > 0.5 * _HIDDEN[2]
 

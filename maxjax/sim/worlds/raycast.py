@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from maxjax.compile.lowering import rotated
+from maxjax.compile.lowering import rotate
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
 from maxjax.sim.worlds.movers import Movers, solids_at
 
@@ -97,8 +97,8 @@ def cast_rays_moving(
         ) -> tuple[Array, None]:
             place, rotation, size = geom
             inward = jnp.swapaxes(rotation, 1, 2)
-            local = rotated(inward, origin - place)
-            rays = jnp.moveaxis(rotated(inward[:, None], directions), -1, 0)
+            local = rotate(inward, origin - place)
+            rays = jnp.moveaxis(rotate(inward[:, None], directions), -1, 0)
             near, far = meet(local, (rays[0], rays[1], rays[2]), size[0])
             first = jnp.where(near >= 0.0, near, far)
             return jnp.where((near <= far) & (far >= 0.0), jnp.minimum(best, first), best), None

@@ -21,7 +21,7 @@ from jaxtyping import Array, UInt32
 
 from maxjax.compile.executable import stored
 from maxjax.core.grid import Grid
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms, quaternion
 from maxjax.sim.worlds.layouts import MAPS, layout
@@ -116,4 +116,4 @@ def make_scene(name: str, seed: int) -> Scene:
 
 @stored("city", static=("name",))
 def _built(seed: UInt32[Array, ""] | np.uint32, name: str) -> Geoms:
-    return layout(name, named(jax.random.key(seed), name))
+    return layout(name, named_key(jax.random.key(seed), name))

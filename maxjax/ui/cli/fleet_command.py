@@ -19,7 +19,7 @@ from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.movers.among import Flag
 from maxjax.sim.swarm.swarm_flight import FleetLog
 from maxjax.sim.swarm.together import Together
-from maxjax.sim.trials.swarm_trials import FleetTrial, flown_fleet, stuck
+from maxjax.sim.trials.swarm_trials import FleetTrial, fly_swarm, stuck
 from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli import report
 from maxjax.ui.cli import track_command as tracking
@@ -47,7 +47,7 @@ def fly_together(options: FlyOptions, config: FlightConfig, movers: Population |
     with progress(f"Drawing the swaps of {fleet.count} vehicles"):
         worlds = fleet.worlds()
     with progress(f"Flying {fleet.count} vehicles"):
-        log = flown_fleet(worlds, fleet.flight, fleet.together)
+        log = fly_swarm(worlds, fleet.flight, fleet.together)
     content = report.plain({**fleet_figures(fleet, log), "versions": versions(), "device": device()})
     files = _written(options.out, content, fleet, log) if options.out is not None else []
     if options.json:

@@ -111,7 +111,7 @@ def column(found: VoxelMap, place: tuple[float, float]) -> list[tuple[float, flo
 
 def _draw(found: LoadedMap, out: Path) -> Path:
     """map.png: the map from above."""
-    from maxjax.ui.figures.drawable import drawable, titled
+    from maxjax.ui.figures.drawable import drawable, title_with_remark
     from maxjax.ui.figures.figures import figure_map
     from maxjax.ui.figures.style import save_figure
 
@@ -120,5 +120,5 @@ def _draw(found: LoadedMap, out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
         where, within, remark = drawable(found, found.file.within)
-        save_figure(figure_map(where, title=titled(found.file.source, remark), within=within), picture)
+        save_figure(figure_map(where, title=title_with_remark(found.file.source, remark), within=within), picture)
     return picture

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool
 
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
@@ -175,7 +175,7 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
     most = MOST_FOCUSED if method_named(options.method).name == "field" else MOST_VOXELS
     ends = _ends(options)
     window = Window(options.spacing, options.bounds, options.center, ends, options.ground, most)
-    with timed("voxelise"):
+    with time_stage("voxelise"):
         if options.frame == "map":
             found = map_of(source, window, reading_of(options))
         elif earth is None and options.frame != "local-agl":

@@ -14,7 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from maxjax.api import trajectory
-from maxjax.compile.stage_timer import added, recording
+from maxjax.compile.stage_timer import recording, sum_reports
 from maxjax.core.status import Status
 from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
 from maxjax.trajectories.limits import PX4, FlightLimits
@@ -64,10 +64,10 @@ def run_asked(asked: Asked) -> int:
     exporting.check_place(options, given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = located(asked, given)
+    waypoints = locate_waypoints(asked, given)
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, planner)
-    mission = dataclasses.replace(mission, timings=added(recorder.report(), mission.timings))
+    mission = dataclasses.replace(mission, timings=sum_reports(recorder.report(), mission.timings))
     shown: Mission | None = mission
     if mission.failed:
         shown = first_legs(mission, given.task) if asked.partial else None
@@ -95,7 +95,7 @@ def run_asked(asked: Asked) -> int:
     return _told(mission, content, asked)
 
 
-def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
+def plan_file(asked: Asked) -> tuple[Mission, FlightLimits]:
     """The mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
 
     Raises:
@@ -108,7 +108,7 @@ def planned(asked: Asked) -> tuple[Mission, FlightLimits]:
         given = task_in(load_source(options.map, reading_of(options)), options)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = located(asked, given)
+    waypoints = locate_waypoints(asked, given)
     with progress(f"Planning, method {options.method}"):
         mission = plan_mission(given.task, waypoints, planner)
     if options.keep_radius and mission.near:
@@ -129,7 +129,7 @@ def _limits(asked: Asked) -> FlightLimits:
     return dataclasses.replace(limits, speed=max([limits.speed, *(w.speed or 0.0 for w in asked.waypoints)]))
 
 
-def located(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
+def locate_waypoints(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
     """The waypoints where the task has them, back to the start if asked, each with the speed of the leg to it."""
     task, waypoints = given.task, asked.waypoints
     if asked.options.return_to_start:

@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from maxjax.compile.stage_timer import Recorder, added, recording
+from maxjax.compile.stage_timer import Recorder, recording, sum_reports
 from maxjax.core.status import Status
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan, no_plans
@@ -102,4 +102,4 @@ def plan_in(given: MapTask, planner: Planner, before: Recorder | None = None) ->
         found = dataclasses.replace(nothing, timings=Recorder().report())
     else:
         found = plan_task(given.task, planner)[0]
-    return found if before is None else dataclasses.replace(found, timings=added(before.report(), found.timings))
+    return found if before is None else dataclasses.replace(found, timings=sum_reports(before.report(), found.timings))

@@ -92,7 +92,7 @@ def fly_mission(options: FlyOptions) -> int:
     report.check_output(options.out)
     asked = read_mission(MissionOptions(Path(options.map)))
     with options_as_keys(Path(options.map)):
-        found, limits = mission.planned(asked)
+        found, limits = mission.plan_file(asked)
     if found.status != Status.OK:
         which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
         return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)

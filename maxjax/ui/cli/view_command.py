@@ -26,14 +26,14 @@ from maxjax.ui.cli.map_task import (
     reading_of,
     task_in,
 )
-from maxjax.ui.cli.mission_command import located
+from maxjax.ui.cli.mission_command import locate_waypoints
 from maxjax.ui.cli.options import PlanOptions, ViewOptions
 from maxjax.ui.cli.page import wait, write_page
 from maxjax.ui.cli.progress import progress
-from maxjax.ui.cli.viewing_source import Opened, opened, shared
+from maxjax.ui.cli.viewing_source import Opened, open_source, shared_options
 from maxjax.ui.figures.drawable import drawable
 from maxjax.ui.page.page_map import City, first_ends
-from maxjax.ui.page.question import Question, answer, told
+from maxjax.ui.page.question import Question, answer, describe
 from maxjax.ui.page.server import need_viser
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
@@ -51,7 +51,7 @@ def run_view(options: ViewOptions) -> int:
         raise ValueError(f"--share {options.share}: expected a folder {options.share.absolute().parent}; make it first")
     if Path(options.map).is_dir():
         return viewing_flights.view_flights(options)
-    shown = opened(options)
+    shown = open_source(options)
     options = shown.options
     with progress(f"Reading {options.map}"):
         city, question, earth = first_asked(shown)
@@ -81,7 +81,7 @@ def _share(options: ViewOptions, city: City, question: Question) -> int:
     with progress("Planning"):
         found = answer(city, question)
     if not found.ok:
-        report.complain(told(found).replace("### ", "").replace("**", "").replace("\n\n", ". "))
+        report.complain(describe(found).replace("### ", "").replace("**", "").replace("\n\n", ". "))
         return 1
     with progress("Writing the page"):
         page = page_of(city, found, dark=options.dark)
@@ -103,7 +103,7 @@ def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
         asked = shown.asked()
         check_options(asked.options)
         given = task_in(source, asked.options)
-        waypoints, speed = located(asked, given), asked.options.speed
+        waypoints, speed = locate_waypoints(asked, given), asked.options.speed
     given = _small_enough(given)
     for remark in given.remarks:
         report.complain(f"Note: {Path(options.map).name}: {remark}.")
@@ -127,7 +127,7 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     """A map with the rules of the air that do not depend on the ends."""
     if options.via or options.frame != "map":
         raise ValueError("--via and --frame: expected with --start and --goal, given without")
-    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **shared(options))
+    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **shared_options(options))
     check_options(given)
     if isinstance(source, Scene):
         return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))

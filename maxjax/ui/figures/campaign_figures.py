@@ -139,7 +139,7 @@ def looks_of(flights: Sequence[Flight]) -> list[Look]:
         position = np.asarray(flight.log.position)
         after = int(np.isfinite(position).all(axis=1).sum())
         known = flight.rolling_map
-        solid = np.asarray(rolling_map.occupied(known) & ~rolling_map.ground(known))
+        solid = np.asarray(rolling_map.occupied_voxels(known) & ~rolling_map.ground(known))
         corner = known.spacing * (np.asarray(known.corner, np.float64) - 0.5)
         path = np.asarray(flight.path)
         moves = np.nonzero(np.any(np.diff(path, axis=0), axis=1))[0]

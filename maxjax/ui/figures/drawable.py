@@ -33,7 +33,7 @@ def drawable(where: VoxelMap, within: Columns | None = None) -> tuple[VoxelMap, 
     return coarse, within, f"drawn in voxels of {coarse.grid.spacing:g} m"
 
 
-def known(where: VoxelMap, within: Columns | None) -> VoxelMap:
+def known_voxels(where: VoxelMap, within: Columns | None) -> VoxelMap:
     """What is drawn of a map: not what is closed because nothing is known of its column."""
     if within is None:
         return where
@@ -41,6 +41,6 @@ def known(where: VoxelMap, within: Columns | None) -> VoxelMap:
     return VoxelMap.on(where.grid, occupied, ground)
 
 
-def titled(title: str | None, remark: str) -> str | None:
+def title_with_remark(title: str | None, remark: str) -> str | None:
     """A headline with its remark."""
     return ", ".join(filter(None, (title, remark))) or None

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from maxjax.sim.movers.moments import Moment
 from maxjax.sim.worlds.movers import Movers, boxes_at
-from maxjax.sim.worlds.populations import placed
+from maxjax.sim.worlds.populations import place_movers
 from maxjax.ui.figures.style import FLAGGED, MOTION, MOVER
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def moving_of(movers: Movers, times: Float[np.ndarray, " t"], moments: list[Mome
     """Movers at some times [s], and what was known of them then."""
     from scipy.spatial import ConvexHull
 
-    there = np.asarray(placed(movers))
+    there = np.asarray(place_movers(movers))
     level = np.asarray(boxes_at(movers, jnp.asarray(times, jnp.float32), LEAST), np.float64)[:, there, :, :2]
     outlines = [[body[ConvexHull(body).vertices] for body in bodies] for bodies in level]
     return [Moving(*one) for one in zip(outlines, moments, strict=True)]

@@ -137,7 +137,7 @@ def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid
     seen = np.asarray(log_potential[:, :, level], np.float64)[inside][free[inside]]
     if len(seen) == 0 or seen.min() == seen.max():
         return
-    values = continued(np.asarray(log_potential[:, :, level], np.float64), free)
+    values = extend_values(np.asarray(log_potential[:, :, level], np.float64), free)
     x, y = (grid.origin[axis] + grid.spacing * np.arange(grid.shape[axis]) for axis in (0, 1))
     levels = np.linspace(seen.min(), seen.max(), 24)[1:-1]
     lines = axes.contour(x, y, np.ma.masked_invalid(values).T, levels=levels, colors=FIELD, linestyles="solid")
@@ -147,7 +147,7 @@ def draw_field(axes: Axes, log_potential: np.ndarray, occupied: np.ndarray, grid
     axes.add_line(Line2D([], [], color=FIELD, linewidth=0.8, label=label))
 
 
-def continued(values: np.ndarray, free: np.ndarray) -> np.ndarray:
+def extend_values(values: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Values (nx, ny) of free places, and beside these the value of the nearest one; NaN further away."""
     from scipy.ndimage import distance_transform_edt
 

@@ -20,7 +20,7 @@ from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.question import Answer
 from maxjax.ui.page.share import playing_page
-from maxjax.ui.page.timeline import flown
+from maxjax.ui.page.timeline import trajectory_film
 
 
 def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tuple[str, bytes]:
@@ -67,7 +67,7 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     air = air_scene(city, found.question)
     way = city.frame.page(found.dense)
     buildings = city_scene(city, hiding=hiding(city, over_way(city, way)[0], way))
-    film = flown(flight, together(buildings, ends, answer_scene(found, city.frame), air), city.frame)
+    film = trajectory_film(flight, together(buildings, ends, answer_scene(found, city.frame), air), city.frame)
     certified = ", certified" if all(leg.certified for leg in mission.legs) else ""
     lines = [
         city.name,

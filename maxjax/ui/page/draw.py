@@ -15,7 +15,7 @@ from maxjax.ui.page.colors import CLEARANCES, EARTH, EARTH_AT_NIGHT, GOAL, RETUR
 from maxjax.ui.page.nodes import Ball, Dots, Frame, Lines, Node, Scene, Surface, Text, point3
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.question import Answer
-from maxjax.ui.page.surface import parted, surface
+from maxjax.ui.page.surface import split_surface, surface
 
 END = 1.6
 """Radius of the ball at an end [m]."""
@@ -40,7 +40,7 @@ def city_scene(
     """
     scene: dict[str, Node] = {**ground_scene(city, dark=dark)}
     whole = city_surface(city)
-    through, others = (None, whole) if hiding is None else parted(whole, city.grid, city.frame, hiding)
+    through, others = (None, whole) if hiding is None else split_surface(whole, city.grid, city.frame, hiding)
     if len(others.points):
         scene["/map/obstacles"] = dataclasses.replace(others, opacity=opacity)
     if through is not None and len(through.points):

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int64
 _X0, _X1, _Y0, _Y1, _Z0, _Z1 = range(6)
 
 
-def merged(volume: Bool[np.ndarray, "nx ny nz"]) -> Int64[np.ndarray, "n 6"]:
+def merge_voxels(volume: Bool[np.ndarray, "nx ny nz"]) -> Int64[np.ndarray, "n 6"]:
     """The boxes of a volume: x0, x1, y0, y1, z0, z1 in voxels, the upper bounds not included."""
     edge = np.diff(np.pad(volume, ((0, 0), (0, 0), (1, 1))).astype(np.int8), axis=2)
     x, y, low = np.nonzero(edge == 1)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from maxjax.sim.movers.moments import Moment
 from maxjax.sim.worlds.movers import Movers, boxes_at
-from maxjax.sim.worlds.populations import placed
+from maxjax.sim.worlds.populations import place_movers
 from maxjax.ui.page.colors import MOVER, REFERENCE
 from maxjax.ui.page.draw import plain_line
 from maxjax.ui.page.nodes import Frame, Lines, Node, Surface
@@ -34,7 +34,7 @@ _BRIGHT = np.array([0.8, 0.9, 0.75, 0.95, 0.6, 1.0])
 
 def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) -> tuple[Cue, ...]:
     """Where movers are at some times [s], from each on; those without a way are left out."""
-    there = np.asarray(placed(movers))
+    there = np.asarray(place_movers(movers))
     if not there.any():
         return ()
     corners = frame.page(np.asarray(boxes_at(movers, jnp.asarray(times, jnp.float32), _LEAST), np.float64)[:, there])

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.ui.page.colors import HEIGHTS, Rgb, ramp
-from maxjax.ui.page.merged_boxes import merged
+from maxjax.ui.page.merged_boxes import merge_voxels
 from maxjax.ui.page.nodes import Frame, Surface
 
 # How bright a face is, by its axis and side: the sun stands in the south-west, high.
@@ -58,7 +58,9 @@ def surface(
     return Surface(points.astype(np.float32), faces.reshape(-1, 3), colors, opacity)
 
 
-def parted(whole: Surface, grid: Grid, frame: Frame, columns: Bool[np.ndarray, "nx ny"]) -> tuple[Surface, Surface]:
+def split_surface(
+    whole: Surface, grid: Grid, frame: Frame, columns: Bool[np.ndarray, "nx ny"]
+) -> tuple[Surface, Surface]:
     """A surface as what stands in some columns of its grid, and the rest; a rectangle goes where its middle is."""
     quads = whole.points.reshape(-1, 4, 3)
     normal = np.cross(quads[:, 1] - quads[:, 0], quads[:, 2] - quads[:, 0])
@@ -92,7 +94,7 @@ def _rectangles(seen: Bool[np.ndarray, "nx ny nz"], axis: int, side: int) -> Int
     every: list[slice] = [slice(None)] * 3
     every[axis] = slice(None, None, 2)
     apart[tuple(every)] = seen
-    boxes = merged(apart)
+    boxes = merge_voxels(apart)
     u, v = (axis + 1) % 3, (axis + 2) % 3
     quads = np.zeros((len(boxes), 4, 3), np.int64)
     quads[:, :, axis] = (boxes[:, 2 * axis] // 2 + (side > 0))[:, None]

@@ -96,7 +96,7 @@ def trail_cues(times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3
     return tuple(cues)
 
 
-def flown(trajectory: Trajectory, still: Scene, frame: Frame) -> Film:
+def trajectory_film(trajectory: Trajectory, still: Scene, frame: Frame) -> Film:
     """The film of a trajectory in a still scene."""
     motion = trajectory.sampled(0.05)
     times, positions = np.asarray(motion.time, np.float64), frame.page(np.asarray(motion.position))

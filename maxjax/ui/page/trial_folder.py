@@ -144,7 +144,7 @@ def _period(flight: Flight, frame: Frame) -> Scene:
         some = points[:: -(-len(points) // _POINTS)]
         scene["/period/scan"] = Dots(frame.page(some), RETURN, 0.35)
     known = flight.rolling_map
-    volume = np.asarray(rolling_map.occupied(known) & ~rolling_map.ground(known))
+    volume = np.asarray(rolling_map.occupied_voxels(known) & ~rolling_map.ground(known))
     if volume.any():
         corner = known.spacing * np.asarray(known.corner, np.float64)
         grid = Grid((volume.shape[0], volume.shape[1], volume.shape[2]), known.spacing, point3(corner))

@@ -17,7 +17,7 @@ from shapely.geometry import Polygon
 import maxjax
 from maxjax.core.terrain import Terrain
 from maxjax.io.airspace.airspace import Airspace, Area
-from maxjax.io.export.as_flown import judged
+from maxjax.io.export.as_flown import judge_lines
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.items import courses_of
 from maxjax.io.export.read_back import Standing, lines_in
@@ -148,11 +148,11 @@ def test_what_stands_in_the_text_is_judged(tmp_path: Path, name: str) -> None:
     standing = Standing(city.earth, city.terrain)
     timed = flight if name.endswith((".csv", ".tum")) else None
     mission = Mission.of_plan(flight.plan)
-    judged(tmp_path / name, lines_in(tmp_path / name, text, standing), mission, timed)
+    judge_lines(tmp_path / name, lines_in(tmp_path / name, text, standing), mission, timed)
     lower = text.replace("42.1", "41.1").replace("42.09", "41.09")
     assert lower != text
     with pytest.raises(ValueError, match=r"least clearance is 0\.[01]\d m.*1 m are to be kept"):
-        judged(tmp_path / name, lines_in(tmp_path / name, lower, standing), mission, timed)
+        judge_lines(tmp_path / name, lines_in(tmp_path / name, lower, standing), mission, timed)
 
 
 def test_legs_keep_their_own_radius(tmp_path: Path) -> None:
@@ -355,7 +355,7 @@ def judged_text(folder: Path, flight: maxjax.Trajectory, name: str, text: str) -
     assert isinstance(flight.plan, Plan)
     standing = Standing(quarter().earth, quarter().terrain)
     timed = flight if name.endswith(".csv") else None
-    judged(folder / name, lines_in(folder / name, text, standing), Mission.of_plan(flight.plan), timed)
+    judge_lines(folder / name, lines_in(folder / name, text, standing), Mission.of_plan(flight.plan), timed)
 
 
 def test_three_centimetres_are_no_rounding(tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ def test_a_hold_that_is_too_short_is_no_stop(autopilot: Autopilot, hold: float) 
 
 def test_a_file_without_its_stops_is_refused(tmp_path: Path) -> None:
     from maxjax.core.terrain import Terrain
-    from maxjax.io.export.as_flown import judged
+    from maxjax.io.export.as_flown import judge_lines
     from maxjax.io.export.read_back import Standing, lines_in
 
     plan = over_a_roof()
@@ -185,7 +185,7 @@ def test_a_file_without_its_stops_is_refused(tmp_path: Path) -> None:
         lines = lines_in(
             tmp_path / name, (tmp_path / name).read_text(), Standing(EARTH, Terrain.flat(0.0, plan.map.grid))
         )
-        judged(tmp_path / name, lines, Mission.of_plan(plan), None)
+        judge_lines(tmp_path / name, lines, Mission.of_plan(plan), None)
         assert lines.holds is not None
         without = dataclasses.replace(lines, holds=np.zeros_like(lines.holds))
         with pytest.raises(
@@ -193,7 +193,7 @@ def test_a_file_without_its_stops_is_refused(tmp_path: Path) -> None:
             match=r"PX4 cuts the corner at waypoint 2 of 4 \(x 6\.5, y 4\.0, z 9\.2\) and comes within 0\.\d\d m of "
             r"something, where 1 m are to be kept; nothing was written: hold there for 2 s",
         ):
-            judged(tmp_path / name, without, Mission.of_plan(plan), None)
+            judge_lines(tmp_path / name, without, Mission.of_plan(plan), None)
 
 
 def test_a_take_off_and_a_landing_are_left_at_rest(tmp_path: Path) -> None:

@@ -12,15 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.movers.seeing import looked
+from maxjax.sim.movers.seeing import process_scan
 from maxjax.sim.movers.sets import Bounds, Tracks
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, Scan, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers, Moving, straight
 
 LIDAR = Lidar(channels=32, rays=8192, elevation_min=-30.0, elevation_max=30.0)
-SIGHT = MoverSight(lidar=LIDAR, bounds=Bounds(8.0, 2.0, 1.0), slots=6, detections=8, points=1024)
+SIGHT = TrackingSettings(lidar=LIDAR, bounds=Bounds(8.0, 2.0, 1.0), slots=6, detections=8, points=1024)
 AT = np.array([0.0, 0.0, 4.0])
 
 
@@ -52,7 +52,7 @@ def fast_scan(geoms: Geoms, lidar: Lidar, where: tuple, key: jax.Array, moving: 
     return scan(geoms, lidar, *where, key, moving)
 
 
-fast_look = jax.jit(looked)
+fast_look = jax.jit(process_scan)
 
 
 def arrays(tracks: Tracks) -> SimpleNamespace:

@@ -20,13 +20,13 @@ from jax.tree_util import keystr, tree_flatten_with_path
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, watch
-from maxjax.sim.movers.among import AHEAD, Avoidance, Flag, Seen
+from maxjax.sim.movers.among import AHEAD, Avoidance, Flag, Sightings
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.moments import moments_of
 from maxjax.sim.movers.motions import MotionSet, at, duration
 from maxjax.sim.movers.sets import Bounds, reachable
-from maxjax.sim.movers.sight import MoverSight
+from maxjax.sim.movers.sight import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, concatenate, ground_plane
@@ -55,10 +55,10 @@ class Haunted:
 
     inner: LidarPerception
 
-    def start(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         return self.inner.start(world, flight, config)
 
-    def look(self, world: World, flight: Flight, config: FlightConfig) -> Seen:
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         time, lidar, blobs = flight.log.duration, config.lidar, 12
         haunted = (jax.random.key_data(world.key)[-1] >= HAUNTED) & (time >= 0.5) & (time <= 1.5)
         keys = jax.random.split(jax.random.fold_in(world.key, jnp.round(10.0 * time).astype(jnp.int32)), 3)
@@ -73,7 +73,7 @@ class Haunted:
 
 
 BOUNDS = Bounds(6.0, 2.2, 1.0, 0.0)
-SIGHT = MoverSight(lidar=LIDAR, bounds=BOUNDS, slots=SLOTS, detections=12, points=512, pose_error=0.2)
+SIGHT = TrackingSettings(lidar=LIDAR, bounds=BOUNDS, slots=SLOTS, detections=12, points=512, pose_error=0.2)
 CONFIG = FlightConfig(
     planner=planner_named("field"),
     lidar=LIDAR,

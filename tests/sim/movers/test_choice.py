@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.movers.choice import Around, Commitment, Keeping, chosen, score
+from maxjax.sim.movers.choice import Around, Commitment, Keeping, choose_motion, score
 from maxjax.sim.movers.hard_set import hard_set
 from maxjax.sim.movers.local_value import LocalValue
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
-from maxjax.sim.movers.sets import Bounds, Tracks, nobody
+from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks
 
 BOUNDS = Bounds(speed=4.0, acceleration=2.0, size=1.0)
 CHOICE = MotionSet(speed=5.0, acceleration=4.0, directions=24, brakes=(0.3, 0.8), horizon=2.2)
@@ -51,11 +51,11 @@ def crowd(rng: np.random.Generator, count: int) -> Tracks:
     given = {"low": place - 0.1, "high": place + 0.1, "slowest": velocity - 0.3, "fastest": velocity + 0.3}
     given |= {"half": rng.uniform(0.2, 0.5, (count, 3)), "place": place, "velocity": velocity}
     used = jnp.ones(count, bool)
-    tracks = dataclasses.replace(nobody(count), **{k: jnp.asarray(v, jnp.float32) for k, v in given.items()})
+    tracks = dataclasses.replace(no_tracks(count), **{k: jnp.asarray(v, jnp.float32) for k, v in given.items()})
     return dataclasses.replace(tracks, used=used, confirmed=used)
 
 
-choose = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
+choose = jax.jit(functools.partial(choose_motion, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
 
 
 places_at = jax.jit(jax.vmap(lambda motion, time: at(motion, time)[0], (None, 0)))
@@ -109,7 +109,7 @@ def test_motions_keep_their_distance_from_walls_and_stay_where_was_seen() -> Non
     blocked[9:12, 9:12, 4:7] = False
     seen = ~blocked & (np.linalg.norm(CENTRES, axis=-1) < 11.0)
     tried = motions(CHOICE, jnp.zeros(3), jnp.array([2.0, 0.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
-    scored = score(around(nobody(2), blocked, seen), tried, CHOICE, BOUNDS, KEEPING)
+    scored = score(around(no_tracks(2), blocked, seen), tried, CHOICE, BOUNDS, KEEPING)
     places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 150)), float)
     cubes = CENTRES[blocked]
     outside = np.maximum(np.abs(places[:, :, None] - cubes) - 0.5 * SPACING, 0.0)
@@ -126,7 +126,7 @@ def test_motions_keep_their_distance_from_walls_and_stay_where_was_seen() -> Non
 
 def test_the_permitted_air_is_not_left() -> None:
     within = ((-3.0, -30.0, -1.0), (30.0, 30.0, 2.0))
-    given = dataclasses.replace(around(nobody(1)), within=within)
+    given = dataclasses.replace(around(no_tracks(1)), within=within)
     tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
     scored = score(given, tried, CHOICE, BOUNDS, KEEPING)
     places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 23)))
@@ -179,7 +179,7 @@ def test_of_two_sides_that_are_as_good_the_one_that_was_taken_is_kept() -> None:
     """What the way costs either side differs by centimetres, and by which changes from look to look."""
     up, down = (jnp.array([3.0, side * 4.0, 0.0]) for side in (1.0, -1.0))
     for side, other in ((up, down), (down, up)):
-        given = around(nobody(1))
+        given = around(no_tracks(1))
         lean = jnp.asarray(0.02 * CENTRES[..., 1] * np.sign(float(side[1])), jnp.float32)  # a little dearer this side
         beside = jnp.asarray(0.6 * np.abs(np.abs(CENTRES[..., 1]) - 8.0), jnp.float32)
         guide = dataclasses.replace(given.guide, value=given.guide.value + lean + beside)
@@ -198,13 +198,14 @@ def boxed(place: list[list[float]], velocity: list[list[float]], width: list[flo
     where, moves, half = (jnp.asarray(x, jnp.float32) for x in (place, velocity, width))
     used = jnp.ones(count, bool)
     return dataclasses.replace(
-        nobody(count), low=where - half[:, None], high=where + half[:, None], slowest=moves - 0.1, fastest=moves + 0.1,
+        no_tracks(count),
+        low=where - half[:, None], high=where + half[:, None], slowest=moves - 0.1, fastest=moves + 0.1,
         half=jnp.full((count, 3), 0.5), place=where, velocity=moves, used=used, confirmed=used,
     )  # fmt: skip
 
 
 FAST = Bounds(speed=6.0, acceleration=2.0, size=1.0)
-choose_fast = jax.jit(functools.partial(chosen, choice=CHOICE, bounds=FAST, keeping=KEEPING))
+choose_fast = jax.jit(functools.partial(choose_motion, choice=CHOICE, bounds=FAST, keeping=KEEPING))
 
 
 def test_a_set_around_the_vehicle_excuses_nothing_from_the_others() -> None:
@@ -281,7 +282,8 @@ def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> N
     blocked[13:] = True  # from x = 5 m on
     behind = jnp.array([[-6.0, 0.0, 0.0]])
     tracks = dataclasses.replace(
-        nobody(1), low=behind - 3.0, high=behind + 3.0, slowest=jnp.full((1, 3), -4.0), fastest=jnp.full((1, 3), 4.0),
+        no_tracks(1),
+        low=behind - 3.0, high=behind + 3.0, slowest=jnp.full((1, 3), -4.0), fastest=jnp.full((1, 3), 4.0),
         half=jnp.full((1, 3), 0.5), place=behind, used=jnp.ones(1, bool), confirmed=jnp.ones(1, bool),
     )  # fmt: skip
     fast = jnp.array([5.0, 0.0, 0.0])

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from maxjax.sim.movers.clusters import Signs, clustered, gathered
+from maxjax.sim.movers.clusters import Signs, cluster_returns, gather_rays
 from maxjax.sim.sensors.lidar import directions
 from tests.sim.movers.scenes import LIDAR, SIGHT
 
 RAYS = np.asarray(directions(LIDAR), float)
-jit_clustered = jax.jit(clustered)
+jit_clustered = jax.jit(cluster_returns)
 
 
 def drawn(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -64,10 +64,10 @@ def test_components_are_those_of_all_pairs() -> None:
 def test_the_nearest_returns_are_gathered_and_more_are_flagged() -> None:
     rng = np.random.default_rng(1)
     distance, chosen = rng.uniform(1.0, 40.0, 8192), rng.uniform(size=8192) < 0.1
-    ray, there, many = gathered(jnp.asarray(distance, jnp.float32), jnp.asarray(chosen), 1024)
+    ray, there, many = gather_rays(jnp.asarray(distance, jnp.float32), jnp.asarray(chosen), 1024)
     assert not many
     assert set(np.asarray(ray)[np.asarray(there)].tolist()) == set(np.flatnonzero(chosen).tolist())
-    ray, there, many = gathered(jnp.asarray(distance, jnp.float32), jnp.asarray(chosen), 100)
+    ray, there, many = gather_rays(jnp.asarray(distance, jnp.float32), jnp.asarray(chosen), 100)
     assert many
     kept = np.asarray(ray)[np.asarray(there)]
     order = np.flatnonzero(chosen)[np.argsort(distance[chosen])]

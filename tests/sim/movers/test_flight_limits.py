@@ -14,7 +14,7 @@ from maxjax.planners import Field
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, take_off
 from maxjax.sim.loop.follow import step_alone
 from maxjax.sim.movers.among import Avoidance, Flag
-from maxjax.sim.movers.avoid import steered
+from maxjax.sim.movers.avoid import steer_vehicle
 from maxjax.sim.movers.motions import MotionSet
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
@@ -51,7 +51,7 @@ def moved(flight: Flight, by: np.ndarray) -> Flight:
 
 
 def test_who_is_further_from_his_motion_than_allowed_for_is_flagged(hovering: Flight) -> None:
-    steer = jax.jit(lambda flight: steered(WORLD, flight, CONFIG))
+    steer = jax.jit(lambda flight: steer_vehicle(WORLD, flight, CONFIG))
     for direction in (np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.6, -0.8])):
         for off, flagged in ((0.0, False), (0.39, False), (0.41, True), (0.6, True)):
             among, up = steer(moved(hovering, off * direction))

@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from maxjax.sim.movers.assignment import assigned
+from maxjax.sim.movers.assignment import assign
 from maxjax.sim.movers.body_marks import Marks
-from maxjax.sim.movers.following import View, followed, nobody_followed
-from maxjax.sim.movers.visible import Visible
+from maxjax.sim.movers.following import ExpectedView, initial_tracker_state, update_tracks
+from maxjax.sim.movers.visible import Detections
 from tests.sim.movers.scenes import SIGHT, arrays
 
-jit_followed = jax.jit(followed)
+jit_followed = jax.jit(update_tracks)
 NO, NONE = jnp.zeros(SIGHT.slots, bool), jnp.zeros(SIGHT.slots)
-PLAIN = View(~NO, NO, NONE)
+PLAIN = ExpectedView(~NO, NO, NONE)
 
 
-def measured(rng: np.random.Generator, place: np.ndarray, age: np.ndarray) -> Visible:
+def measured(rng: np.random.Generator, place: np.ndarray, age: np.ndarray) -> Detections:
     """Boxes of random sizes around middles, each seen `age` ago; unused: the rest."""
     count, rest = len(place), SIGHT.detections - len(place)
     low = place - rng.uniform(0.0, 0.5, (count, 3))
@@ -35,7 +35,7 @@ def measured(rng: np.random.Generator, place: np.ndarray, age: np.ndarray) -> Vi
     lows = (low, np.where(side, lowest - 0.05, lowest - 0.6), np.where(side, highest - 0.3, highest - 0.05))
     highs = (high, np.where(side, lowest + 0.05, lowest + 0.3), np.where(side, highest + 0.6, highest + 0.05))
     marks = Marks(*(jnp.stack([filled(x) for x in values]) for values in (lows, highs)))
-    return Visible(
+    return Detections(
         used=jnp.arange(SIGHT.detections) < count, marks=marks, half=filled(np.full((count, 3), 0.5)),
         large=jnp.zeros(SIGHT.detections, bool), place=filled(0.5 * (low + high)),
         variance=filled(np.full((count, 3), 0.02)), seen_low=filled(place - 0.2), seen_high=filled(place + 0.2),
@@ -48,7 +48,7 @@ def test_sets_hold_every_bounded_motion_and_lie_in_the_ones_before() -> None:
     for _ in range(6):
         place = np.array([[0.0, 0.0, 5.0], [20.0, 0.0, 5.0], [0.0, 20.0, 5.0]])
         velocity = rng.uniform(-8.0, 8.0, (3, 3))
-        state, push = nobody_followed(SIGHT), np.zeros((3, 3))
+        state, push = initial_tracker_state(SIGHT), np.zeros((3, 3))
         for k in range(30):
             past = []
             for step in range(10):
@@ -78,7 +78,7 @@ def test_sets_hold_every_bounded_motion_and_lie_in_the_ones_before() -> None:
 
 def test_a_broken_bound_is_flagged_and_the_set_begins_again() -> None:
     rng, place = np.random.default_rng(1), np.array([[5.0, 0.0, 5.0]])
-    state = nobody_followed(SIGHT)
+    state = initial_tracker_state(SIGHT)
     for k in range(12):
         place = place + (0.3 if k < 8 else -0.3) * np.array([[0.0, 1.0, 0.0]])
         state, matches = jit_followed(
@@ -97,7 +97,7 @@ def test_a_broken_bound_is_flagged_and_the_set_begins_again() -> None:
 def test_a_body_that_grows_breaks_the_bound_and_one_that_is_seen_as_before_does_not() -> None:
     """Half edges of its box, at each look [m]: whatever may be in a larger one was in no set before."""
     rng, place = np.random.default_rng(4), np.array([[5.0, 0.0, 5.0], [0.0, 9.0, 5.0]])
-    state = nobody_followed(SIGHT)
+    state = initial_tracker_state(SIGHT)
     for k, half in enumerate([0.5, 0.5, 0.5, 0.5, 0.8, 0.8, 0.5, 0.5]):
         seen = measured(rng, place, np.zeros(2))
         seen = dataclasses.replace(seen, half=seen.half.at[0, 2].set(half))
@@ -108,12 +108,12 @@ def test_a_body_that_grows_breaks_the_bound_and_one_that_is_seen_as_before_does_
 
 def test_in_plain_view_a_track_fades_and_hidden_it_grows_until_it_says_nothing() -> None:
     rng, place = np.random.default_rng(2), np.array([[5.0, 0.0, 5.0]])
-    start = nobody_followed(SIGHT)
+    start = initial_tracker_state(SIGHT)
     for k in range(5):
         start, _ = jit_followed(start, measured(rng, place, np.zeros(1)), PLAIN, jnp.float32(0.1 * k), SIGHT)
     assert bool(start.tracks.confirmed[0])
     given = (start, measured(rng, place, np.zeros(1)), PLAIN, jnp.float32(0.5), SIGHT)
-    for a, b in zip(jax.tree.leaves(jit_followed(*given)), jax.tree.leaves(followed(*given)), strict=True):
+    for a, b in zip(jax.tree.leaves(jit_followed(*given)), jax.tree.leaves(update_tracks(*given)), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-5)
     lives = {}
     for plain in (True, False):
@@ -122,7 +122,7 @@ def test_in_plain_view_a_track_fades_and_hidden_it_grows_until_it_says_nothing()
             lives[plain] += 1
             now = jnp.float32(0.4 + 0.1 * lives[plain])
             nothing = measured(rng, np.zeros((0, 3)), np.zeros(0))
-            state, _ = jit_followed(state, nothing, View(NO | plain, NO, NONE), now, SIGHT)
+            state, _ = jit_followed(state, nothing, ExpectedView(NO | plain, NO, NONE), now, SIGHT)
             assert not bool(state.tracks.used[0]) or float((state.tracks.high - state.tracks.low)[0].max()) <= 12.0
     assert lives[True] == SIGHT.misses
     assert SIGHT.misses < lives[False] < 60
@@ -137,8 +137,8 @@ def test_assignment_is_greedy_by_cost() -> None:
             i, j = np.unravel_index(np.argmin(left), left.shape)
             expected[i] = j
             left[i], left[:, j] = np.inf, np.inf
-        np.testing.assert_array_equal(assigned(jnp.asarray(cost, jnp.float32)), expected)
+        np.testing.assert_array_equal(assign(jnp.asarray(cost, jnp.float32)), expected)
     # Where pairs are clear, it is the cheapest assignment of all.
     cost = rng.uniform(5.0, 9.0, (5, 5))
     cost[np.arange(5), [2, 0, 1, 4, 3]] = rng.uniform(0.0, 1.0, 5)
-    np.testing.assert_array_equal(assigned(jnp.asarray(cost, jnp.float32)), linear_sum_assignment(cost)[1])
+    np.testing.assert_array_equal(assign(jnp.asarray(cost, jnp.float32)), linear_sum_assignment(cost)[1])

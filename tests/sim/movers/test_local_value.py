@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from maxjax.sim.movers.local_value import Crowding, cost_to_go, crowding, local_value
-from maxjax.sim.movers.sets import nobody
+from maxjax.sim.movers.sets import no_tracks
 
 
 def test_costs_are_those_of_dijkstra() -> None:
@@ -59,7 +59,7 @@ def test_costs_are_those_of_dijkstra() -> None:
 def test_a_metre_costs_more_where_a_mover_will_be_when_the_vehicle_can_be_there() -> None:
     crowd = Crowding(price=8.0, reach=2.0, earlier=0.0, later=0.0)
     tracks = dataclasses.replace(
-        nobody(2),
+        no_tracks(2),
         used=jnp.array([True, False]),
         place=jnp.array([[20.0, 10.0, 0.0], [0.0, 0.0, 0.0]]),
         velocity=jnp.array([[0.0, -5.0, 0.0], [0.0, 0.0, 0.0]]),
@@ -81,7 +81,7 @@ def test_what_motions_keep_of_a_mover_costs_too() -> None:
     """At rest, 6 m of it are kept, of another one nothing: the share that a place is within, of the nearer one."""
     used = jnp.ones(2, bool)
     place = jnp.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]])
-    tracks = dataclasses.replace(nobody(2), used=used, place=place, half=jnp.full((2, 3), 0.5))
+    tracks = dataclasses.replace(no_tracks(2), used=used, place=place, half=jnp.full((2, 3), 0.5))
     crowd = Crowding(price=8.0, reach=1.0, keeping=3.0)
     asked = jnp.array([[0.0, 0.0, 0.0], [0.0, 3.5, 0.0], [0.0, -2.0, 0.5], [7.0, 0.0, 0.0], [18.0, 0.0, 0.0]])
     given = np.asarray(crowding(asked, jnp.array([0.0, 0.0, 50.0]), 5.0, tracks, jnp.array([6.0, 0.0]), crowd))
@@ -90,4 +90,4 @@ def test_what_motions_keep_of_a_mover_costs_too() -> None:
 
 def test_an_empty_sky_costs_what_it_measures() -> None:
     asked = jnp.asarray(np.random.default_rng(1).normal(size=(50, 3)), jnp.float32)
-    assert (crowding(asked, jnp.zeros(3), 5.0, nobody(4), jnp.zeros(4), Crowding()) == 1.0).all()
+    assert (crowding(asked, jnp.zeros(3), 5.0, no_tracks(4), jnp.zeros(4), Crowding()) == 1.0).all()

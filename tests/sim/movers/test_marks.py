@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.movers.body_marks import Marks, carried, lengthened, no_history, velocities
+from maxjax.sim.movers.body_marks import Marks, append_marks, no_history, propagate_marks, velocities
 from maxjax.sim.movers.sets import Bounds
 
 COUNT = 64
@@ -48,12 +48,12 @@ def test_velocities_hold_those_of_bodies_that_translate_and_turn(turn: float) ->
         # What was known of marks before, and how middles moved, holds them now.
         if k:
             moved = jnp.asarray(middle - before, jnp.float32)
-            kept = carried(marks, (-moved, moved), 0.1, bounds)
+            kept = propagate_marks(marks, (-moved, moved), 0.1, bounds)
             truth = np.stack([middle, middle + body.min(axis=1), middle + body.max(axis=1)])
             assert (np.asarray(kept.low) - 1e-4 <= truth).all()
             assert (truth <= np.asarray(kept.high) + 1e-4).all()
         marks, before = measured(rng, middle, body, (1.0, 0.05)), middle
-        history = lengthened(history, fresh, jnp.asarray(now[:, 0], jnp.float32), slots)
+        history = append_marks(history, fresh, jnp.asarray(now[:, 0], jnp.float32), slots)
         push = rng.uniform(-2.0, 2.0, (COUNT, 3))
         middle, velocity = middle + 0.1 * velocity + 0.005 * push, velocity + 0.1 * push
         axis = rng.normal(size=(COUNT, 3))
@@ -74,7 +74,7 @@ def test_faces_make_velocities_as_narrow_as_their_own_widths_allow() -> None:
                 marks = Marks(marks.low - side, marks.high + side)
             now = jnp.full((COUNT, 1), 0.1 * k)
             slowest, fastest = fast_velocities(history, marks, now, bounds)
-            history = lengthened(history, marks, now[:, 0], slots)
+            history = append_marks(history, marks, now[:, 0], slots)
         spread[hidden] = np.asarray(fastest - slowest)
     assert (spread[False] <= 2.0 * np.sqrt(2.0 * 0.2) + 0.1).all()
     assert np.median(spread[False]) < 0.5 * np.median(spread[True])

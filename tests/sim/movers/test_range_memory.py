@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maxjax.sim.movers.range_memory import margin, nothing_remembered, remembered, was_empty
+from maxjax.sim.movers.range_memory import empty_memory, margin, remember_scan, was_empty
 from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, fast_scan, pose
 
-jit_remembered, jit_was_empty = jax.jit(remembered), jax.jit(was_empty)
+jit_remembered, jit_was_empty = jax.jit(remember_scan), jax.jit(was_empty)
 
 
 def twin(scans: list[np.ndarray], movers: list[np.ndarray], points: np.ndarray, poses: list) -> np.ndarray:
@@ -38,7 +38,7 @@ def twin(scans: list[np.ndarray], movers: list[np.ndarray], points: np.ndarray, 
 
 def test_verdicts_are_those_of_a_loop_over_beams() -> None:
     rng = np.random.default_rng(0)
-    memory, scans, movers, poses = nothing_remembered(SIGHT), [], [], []
+    memory, scans, movers, poses = empty_memory(SIGHT), [], [], []
     for k in range(SIGHT.images):
         where, turned = pose(2 * k, 5.0)
         result = fast_scan(CITY, LIDAR, (where, turned), jax.random.key(k))
@@ -62,7 +62,7 @@ def test_verdicts_are_those_of_a_loop_over_beams() -> None:
 
 
 def test_images_are_taken_some_time_apart_and_never_of_a_pose_that_is_none() -> None:
-    memory, where = nothing_remembered(SIGHT), pose(0, 0.0)
+    memory, where = empty_memory(SIGHT), pose(0, 0.0)
     result, none = fast_scan(CITY, LIDAR, where, jax.random.key(0)), jnp.zeros(LIDAR.rays, bool)
     for k in range(8):
         memory = jit_remembered(memory, result, none, where, jnp.float32(0.1 * k), SIGHT)

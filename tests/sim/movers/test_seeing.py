@@ -10,17 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.movers.lidar_perception import perceived
-from maxjax.sim.movers.seeing import Seeing, looked, nothing_seen
+from maxjax.sim.movers.lidar_perception import sightings_of
+from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
 from maxjax.sim.movers.sets import reachable
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.worlds.movers import Movers, Moving
 from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
 
-def watched(movers: Movers | None, looks: int, speed: float = 0.0, key: int = 0) -> list[tuple[Seeing, Scan]]:
+def watched(movers: Movers | None, looks: int, speed: float = 0.0, key: int = 0) -> list[tuple[PerceptionState, Scan]]:
     """States and scans of a flight."""
-    seeing, shown = nothing_seen(SIGHT), []
+    seeing, shown = initial_perception(SIGHT), []
     for k in range(looks):
         now = jnp.float32(0.1 * (k + 1))
         moving = None if movers is None else Moving(movers, now)
@@ -30,7 +30,7 @@ def watched(movers: Movers | None, looks: int, speed: float = 0.0, key: int = 0)
     return shown
 
 
-def confirmed(seeing: Seeing) -> np.ndarray:
+def confirmed(seeing: PerceptionState) -> np.ndarray:
     return np.flatnonzero(np.asarray(seeing.tracks.used & seeing.tracks.confirmed))
 
 
@@ -114,7 +114,7 @@ def test_what_has_stopped_is_held_by_its_set_when_it_starts_again(
 ) -> None:
     """At rest for three seconds, of which it takes half to be called so, then away as fast as the bounds allow."""
     rest, way, flees = (np.array(x) for x in (middle, out, on))
-    size, seeing, rested = 0.45, nothing_seen(SIGHT), 0
+    size, seeing, rested = 0.45, initial_perception(SIGHT), 0
     ahead = np.arange(0.0, 1.6, 0.05)
     reached = jax.jit(functools.partial(reachable, bounds=SIGHT.bounds))
 
@@ -129,7 +129,7 @@ def test_what_has_stopped_is_held_by_its_set_when_it_starts_again(
         seeing = fast_look(seeing, result, *pose(0, 0.0), jnp.float32(now), SIGHT)
         if k < 8:
             continue
-        tracks = perceived(seeing).tracks
+        tracks = sightings_of(seeing).tracks
         least, greatest = (np.asarray(x) for x in reached(tracks, jnp.asarray(ahead, jnp.float32)))
         for step, later in enumerate(now + ahead):
             place = truth(later)
@@ -146,7 +146,7 @@ def test_what_was_taken_for_a_mover_but_never_moved_is_a_wall_again() -> None:
     """A thing that appears from nowhere, 8 m away, and stays: at first a mover, then none, and no track."""
     stays = spheres(np.array([[8.0, 0.0, 4.0]]), np.zeros((1, 3)))
     sight = dataclasses.replace(SIGHT, rest=0.5, misses=4)
-    seeing, states = nothing_seen(sight), []
+    seeing, states = initial_perception(sight), []
     for k in range(30):
         now = jnp.float32(0.1 * (k + 1))
         moving = Moving(stays, now) if k >= 6 else None
@@ -156,7 +156,7 @@ def test_what_was_taken_for_a_mover_but_never_moved_is_a_wall_again() -> None:
     assert max(count for count, _, _ in states) == 1
     assert max(count for _, count, _ in states) > 5
     assert any(rests for _, _, rests in states)
-    assert not perceived(seeing).tracks.used.any()
+    assert not sightings_of(seeing).tracks.used.any()
     assert states[-1] == (0, 0, False)
 
 
@@ -170,7 +170,7 @@ def test_more_movers_than_slots_are_flagged() -> None:
 
 def test_bad_scans_and_poses_do_no_harm() -> None:
     """False returns, lost scans, poses that are not numbers, time that stands still: all finite, and it recovers."""
-    rng, movers, seeing = np.random.default_rng(0), spheres(PLACE, VELOCITY), nothing_seen(SIGHT)
+    rng, movers, seeing = np.random.default_rng(0), spheres(PLACE, VELOCITY), initial_perception(SIGHT)
     for k in range(24):
         now = jnp.float32(0.1 * (k + 1))
         where, turned = pose(k, 1.0)
@@ -202,7 +202,7 @@ def test_a_batch_is_each_of_its_flights() -> None:
     states = jax.tree.map(lambda *x: jnp.stack(x), *[flight[4][0] for flight in flights])
     scans = jax.tree.map(lambda *x: jnp.stack(x), *[flight[5][1] for flight in flights])
     where = tuple(jnp.stack([x, x]) for x in pose(5, 1.0))
-    both = jax.jit(jax.vmap(looked, (0, 0, 0, 0, None, None)), static_argnums=5)(
+    both = jax.jit(jax.vmap(process_scan, (0, 0, 0, 0, None, None)), static_argnums=5)(
         states, scans, *where, jnp.float32(0.6), SIGHT
     )
     for i, flight in enumerate(flights):
@@ -214,5 +214,5 @@ def test_a_batch_is_each_of_its_flights() -> None:
 def test_another_sensor_is_refused() -> None:
     result = Scan(jnp.zeros((64, 3)), jnp.ones(64), jnp.ones(64, bool))
     with pytest.raises(ValueError, match=r"expected 8192 rays as in `sight.lidar`, given \(64,\)"):
-        looked(nothing_seen(SIGHT), result, *pose(0, 0.0), jnp.float32(0.1), SIGHT)
+        process_scan(initial_perception(SIGHT), result, *pose(0, 0.0), jnp.float32(0.1), SIGHT)
     assert directions(LIDAR).shape == (8192, 3)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.movers.sets import Bounds, Tracks, nobody, propagated, reachable
+from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, propagate, reachable
 
 BOUNDS = Bounds(speed=3.0, acceleration=2.0, size=1.0)
 
@@ -20,7 +20,7 @@ def drawn(rng: np.random.Generator, count: int) -> tuple[Tracks, np.ndarray, np.
     place, velocity = rng.uniform(low, high), rng.uniform(slowest, fastest)
     given = {"low": low, "high": high, "slowest": slowest, "fastest": fastest, "half": np.full((count, 3), 0.4)}
     used = jnp.ones(count, bool)
-    tracks = dataclasses.replace(nobody(count), **{k: jnp.asarray(v) for k, v in given.items()}, used=used)
+    tracks = dataclasses.replace(no_tracks(count), **{k: jnp.asarray(v) for k, v in given.items()}, used=used)
     return tracks, place, velocity
 
 
@@ -65,7 +65,7 @@ def test_the_bound_is_reached() -> None:
 def test_later_sets_of_later_tracks_are_the_same_and_of_smaller_ones_smaller() -> None:
     tracks, _, _ = drawn(np.random.default_rng(2), 50)
     at_once = reachable(tracks, jnp.array([1.0, 2.5]), BOUNDS)
-    by_steps = reachable(propagated(propagated(tracks, 0.4, BOUNDS), 0.6, BOUNDS), jnp.array([0.0, 1.5]), BOUNDS)
+    by_steps = reachable(propagate(propagate(tracks, 0.4, BOUNDS), 0.6, BOUNDS), jnp.array([0.0, 1.5]), BOUNDS)
     for a, b in zip(at_once, by_steps, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-4)
     middle = 0.5 * (tracks.low + tracks.high)
@@ -76,7 +76,7 @@ def test_later_sets_of_later_tracks_are_the_same_and_of_smaller_ones_smaller() -
 
 
 def test_nobody_is_nowhere() -> None:
-    least, greatest = reachable(nobody(4), jnp.array([0.0, 1.0]), BOUNDS)
+    least, greatest = reachable(no_tracks(4), jnp.array([0.0, 1.0]), BOUNDS)
     assert np.isnan(least).all()
     assert np.isnan(greatest).all()
 

@@ -16,8 +16,8 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse, sense
 from maxjax.sim.movers.among import Avoidance
-from maxjax.sim.movers.avoid import kept, straight_way
-from maxjax.sim.movers.sets import Bounds, nobody
+from maxjax.sim.movers.avoid import clearance_to_movers, straight_way
+from maxjax.sim.movers.sets import Bounds, no_tracks
 from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane
@@ -81,5 +81,5 @@ def test_what_motions_keep_of_a_mover_is_its_set_at_the_horizon_and_the_radius()
     tracks = tracks_of(movers, jnp.float32(0.0), jnp.zeros(3), BOUNDS, TrueTracks(slots=2, velocity=1.0))
     horizon = HOW.choice.horizon
     expected = HOW.keeping.radius + 0.02 + 1.0 * horizon + 0.5 * BOUNDS.acceleration * horizon**2
-    np.testing.assert_allclose(kept(tracks, HOW), [expected, 0.0], rtol=1e-5)
-    assert (kept(nobody(3), HOW) == 0.0).all()
+    np.testing.assert_allclose(clearance_to_movers(tracks, HOW), [expected, 0.0], rtol=1e-5)
+    assert (clearance_to_movers(no_tracks(3), HOW) == 0.0).all()

@@ -10,21 +10,21 @@ from scipy.spatial.transform import Rotation
 
 from maxjax.sim.movers.clusters import Clusters
 from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import MoverSight
-from maxjax.sim.movers.visible import Visible, visible
+from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.visible import Detections, detect_bodies
 from maxjax.sim.sensors.lidar import Lidar, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Moving
 from tests.sim.movers.scenes import box, spheres
 
-SIGHT = MoverSight(lidar=Lidar(), bounds=Bounds(8.0, 2.0, 1.0), detections=1, points=1024)
+SIGHT = TrackingSettings(lidar=Lidar(), bounds=Bounds(8.0, 2.0, 1.0), detections=1, points=1024)
 AT = np.array([0.0, 0.0, 12.0])
 # It hides parts of what is behind.
 STANDS = concatenate([ground_plane(), box([4.0, 0.0, 12.0], [0.1, 0.1, 12.0])])
 
 
 @jax.jit
-def fast_shown(body: Geoms, rotation: jax.Array, key: jax.Array) -> Visible:
+def fast_shown(body: Geoms, rotation: jax.Array, key: jax.Array) -> Detections:
     """A body as its own returns show it."""
     lidar, at = SIGHT.lidar, jnp.asarray(AT, jnp.float32)
     result, without = (scan(geoms, lidar, at, rotation, key) for geoms in (concatenate([STANDS, body]), STANDS))
@@ -33,7 +33,7 @@ def fast_shown(body: Geoms, rotation: jax.Array, key: jax.Array) -> Visible:
     count = jnp.sum(own)
     cluster = jnp.where(jnp.arange(SIGHT.points) < count, 0, 1)
     clusters = Clusters(ray, cluster, count[None] > 0, count[None], jnp.zeros((), bool))
-    return visible(clusters, result, at, rotation, SIGHT)
+    return detect_bodies(clusters, result, at, rotation, SIGHT)
 
 
 def drawn(rng: np.random.Generator, shape: str) -> tuple[Geoms, np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ def test_middle_and_faces_lie_in_their_sets(shape: str) -> None:
 @pytest.mark.parametrize("speed", [-3.0, 3.0])
 def test_what_moves_while_it_is_scanned_lies_in_its_sets_at_the_middle_of_that_time(speed: float) -> None:
     """A sphere across the seam of the scan: one half of it is measured a turn of the sensor before the other."""
-    sight = MoverSight(lidar=Lidar(range_noise=0.0), bounds=Bounds(3.0, 2.0, 1.0), detections=1, points=1024)
+    sight = TrackingSettings(lidar=Lidar(range_noise=0.0), bounds=Bounds(3.0, 2.0, 1.0), detections=1, points=1024)
     radius, end, position = 0.35, 0.7, jnp.asarray(AT, jnp.float32)
     start, velocity = AT + np.array([7.0, -speed * (end - 0.05), 0.0]), np.array([0.0, speed, 0.0])
     movers = Moving(spheres(start[None], velocity[None], radius), jnp.float32(end))
@@ -93,7 +93,7 @@ def test_what_moves_while_it_is_scanned_lies_in_its_sets_at_the_middle_of_that_t
     count = jnp.sum(jnp.asarray(own))
     cluster = jnp.where(jnp.arange(sight.points) < count, 0, 1)
     clusters = Clusters(ray, cluster, count[None] > 0, count[None], jnp.zeros((), bool))
-    seen = visible(clusters, result, position, jnp.eye(3), sight)
+    seen = detect_bodies(clusters, result, position, jnp.eye(3), sight)
     assert not seen.large[0]
     middle = start + (end - float(seen.age[0])) * velocity
     truth = np.stack([middle, middle - radius, middle + radius])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from maxjax.sim.movers.motions import MotionPrimitive
-from maxjax.sim.swarm.agreement import NEVER, Agreement, Message, at_rest, proposing, rank, swapped
+from maxjax.sim.swarm.agreement import NEVER, Agreement, Message, at_rest, proposing, rank, swap_proposal
 from maxjax.sim.swarm.separation import Sampled, Scheduled, courses, separation
 
 PERIOD, SPEED, PUSH = 0.1, 5.0, 4.0
@@ -122,7 +122,7 @@ def _look(
     """One look of all vehicles: swap, and propose to fly in a direction, without a look at anybody."""
 
     def of_one(own: Message, told: Message, heading: jax.Array, index: jax.Array) -> tuple[Message, jax.Array]:
-        own, took = swapped(own, told, index, look, agreement)
+        own, took = swap_proposal(own, told, index, look, agreement)
         start = look + agreement.wait
         ends = courses(own.committed, start, SAMPLED)
         velocity = (ends[1] - ends[0]) / PERIOD

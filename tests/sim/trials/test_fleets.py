@@ -15,7 +15,7 @@ from maxjax.sim.trials.swaps import ALONE, antipodal, city_swaps
 from maxjax.sim.trials.swarm_trials import FleetTrial
 from maxjax.sim.trials.trials import APART, HALF_AREA, HEIGHT
 from maxjax.sim.worlds.movers import places
-from maxjax.sim.worlds.populations import Population, placed
+from maxjax.sim.worlds.populations import Population, place_movers
 from maxjax.sim.worlds.scenes import make_scene
 from maxjax.sim.worlds.solid_distance import distance
 
@@ -65,7 +65,7 @@ def test_movers_of_a_fleet_begin_away_from_every_start() -> None:
     fleet = FleetTrial("downtown", 1, 12, Together(0.1), config, Population(40, 5.0, "drones"))
     movers = fleet.worlds().movers
     assert movers is not None
-    there = np.asarray(placed(movers))
+    there = np.asarray(place_movers(movers))
     assert there.shape == (12, 40)
     assert 0 < there[0].sum() < 40
     own = jax.tree.map(lambda x: x[0], movers)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from maxjax.sim.sensors.lidar import Lidar, cast_at, directions, scan
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, concatenate, ground_plane
-from maxjax.sim.worlds.movers import Movers, Moving, joined, places, solids_at, straight, through
+from maxjax.sim.worlds.movers import Movers, Moving, join_populations, places, solids_at, straight, through
 
 
 def shapes(*kinds: int) -> Geoms:
@@ -62,7 +62,7 @@ def test_velocities_are_the_derivatives_of_places() -> None:
             "phase": jnp.asarray(rng.uniform(0.0, 6.0, (2, 3, 3))),
         }
     )
-    movers = joined([swinging, straight(shapes(BOX), jnp.ones((1, 3)), jnp.array([[1.0, -2.0, 0.5]]))])
+    movers = join_populations([swinging, straight(shapes(BOX), jnp.ones((1, 3)), jnp.array([[1.0, -2.0, 0.5]]))])
     for time in (0.0, 0.7, 13.0):
         _, velocity = places(movers, jnp.float32(time))
         _, slope = jax.jvp(lambda t: places(movers, t)[0], (jnp.float32(time),), (jnp.float32(1.0),))
@@ -74,7 +74,7 @@ def test_populations_of_several_curves_keep_their_places() -> None:
     rng = np.random.default_rng(2)
     line = straight(shapes(BOX, SPHERE), jnp.asarray(rng.normal(size=(2, 3))), jnp.asarray(rng.normal(size=(2, 3))))
     curve = through(shapes(CAPSULE), *(jnp.asarray(rng.normal(size=(1, 4, 3))) for _ in range(2)), jnp.array([0.8]))
-    both = joined([line, curve])
+    both = join_populations([line, curve])
     assert both.count == 3
     assert both.solids.type == (BOX, SPHERE, CAPSULE)
     for time in (0.0, 0.9, 2.3, 9.0):

@@ -12,7 +12,7 @@ import pytest
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.mover_ways import ACCELERATION
 from maxjax.sim.worlds.movers import Movers, solids_at
-from maxjax.sim.worlds.populations import KINDS, Population, placed, population
+from maxjax.sim.worlds.populations import KINDS, Population, place_movers, population
 from maxjax.sim.worlds.solids import upright_boxes
 
 START, GOAL = np.array([-40.0, 0.0, 6.0]), np.array([40.0, 0.0, 9.0])
@@ -73,7 +73,7 @@ def surface(movers: Movers, time: float) -> np.ndarray:
 @pytest.mark.parametrize("kind", [*KINDS, "encounters"])
 def test_all_find_a_way_and_keep_the_bounds_that_they_claim(kind: str) -> None:
     movers = drawn(kind)
-    assert placed(movers).all()
+    assert place_movers(movers).all()
     path, step = places64(movers, TIMES), TIMES[1]
     speed = np.linalg.norm(np.diff(path, axis=1), axis=-1) / step
     fastest = Population(6, 5.0, kind).fastest
@@ -175,7 +175,7 @@ def test_who_finds_no_way_is_hidden_and_told() -> None:
     full = upright_boxes(jnp.array([[0.0, 0.0, 200.0, 200.0, 0.0, 80.0, 0.0]]))
     how = Population(2, 5.0, "drones")
     movers = population(full, jnp.asarray(START), jnp.asarray(GOAL), jax.random.key(0), how=how)
-    assert not placed(movers).any()
+    assert not place_movers(movers).any()
     assert places64(movers, TIMES)[..., 2].max() < -500.0
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(movers))
 

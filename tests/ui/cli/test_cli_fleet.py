@@ -51,7 +51,7 @@ def flown(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
 
 @pytest.fixture
 def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    monkeypatch.setattr(fleets, "flown_fleet", flown)
+    monkeypatch.setattr(fleets, "fly_swarm", flown)
     monkeypatch.setattr(drawing, "city_swaps", swaps)
     for module in (drawing, pictures):
         monkeypatch.setattr(module, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=house()))

@@ -17,10 +17,10 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 from maxjax.ui.cli import main
 from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.view_command import first_asked
-from maxjax.ui.cli.viewing_source import opened
+from maxjax.ui.cli.viewing_source import open_source
 from maxjax.ui.figures import drawable
 from maxjax.ui.page.download import file_of
-from maxjax.ui.page.question import Answer, answer, told
+from maxjax.ui.page.question import Answer, answer, describe
 
 town = test_cli_mission.town
 SQUARE = [(-15.0, -30.0), (20.0, -30.0), (20.0, 30.0), (-15.0, 30.0)]
@@ -39,7 +39,7 @@ def written(folder: Path, content: Any) -> str:
 
 def seen(file: str, **given: Any) -> Answer:
     """What the page of a file is answered first."""
-    city, question, _ = first_asked(opened(ViewOptions(file, **given)))
+    city, question, _ = first_asked(open_source(ViewOptions(file, **given)))
     return answer(city, question)
 
 
@@ -76,11 +76,11 @@ def test_a_mission_keeps_what_its_waypoints_say(
     file = test_cli_mission.around(town)
     planned = content_of(capsys, "mission", file)
     for source in (file, written(tmp_path, planned)):
-        city, question, earth = first_asked(opened(ViewOptions(source)))
+        city, question, earth = first_asked(open_source(ViewOptions(source)))
         assert [(stop.hover, stop.speed) for stop in question.stops[1:]] == [(2.5, 3.0), (None, 6.0), (None, 6.0)]
         found = answer(city, question)
         np.testing.assert_allclose(found.mission.path, planned["path"], atol=1e-6)
-        assert "hovers 2.5 s" in told(found)
+        assert "hovers 2.5 s" in describe(found)
         rows = file_of(city, earth, ".csv", found)[1].decode().splitlines()
         assert float(rows[-1].split(",")[0]) == pytest.approx(planned["duration"], abs=0.1)
 
@@ -88,10 +88,10 @@ def test_a_mission_keeps_what_its_waypoints_say(
 def test_options_given_to_the_page_count_and_ends_of_a_file_are_its_own(tmp_path: Path) -> None:
     configuration = {"map": "suburb:0", "start": [-20, 0, 30], "goal": [20, 0, 30], "method": "astar", "radius": 2.0}
     file = written(tmp_path, {"configuration": configuration})
-    options = opened(ViewOptions(file, margin=5.0)).options
+    options = open_source(ViewOptions(file, margin=5.0)).options
     assert (options.map, options.method, options.radius, options.margin) == ("suburb:0", "astar", 2.0, 5.0)
     with pytest.raises(ValueError, match=r"--start: .*plan\.json has its own waypoints"):
-        opened(ViewOptions(file, start=(0.0, 0.0, 30.0)))
+        open_source(ViewOptions(file, start=(0.0, 0.0, 30.0)))
 
 
 @pytest.mark.parametrize(
@@ -117,10 +117,10 @@ def test_what_the_page_cannot_follow_is_refused(
 def test_an_end_that_a_rule_closes_is_told_which(tmp_path: Path) -> None:
     file = areas(tmp_path, SQUARE, lower=0, upper=120)
     found = seen(str(SAMPLE), start=START, goal=(0.0, 0.0, 40.0), airspace=file, method="astar")
-    assert "GOAL_IN_CLOSED_AREA" in told(found)
-    assert "It lies in the keep-out area 'school'." in told(found)
+    assert "GOAL_IN_CLOSED_AREA" in describe(found)
+    assert "It lies in the keep-out area 'school'." in describe(found)
     below = seen(str(SAMPLE), start=START, goal=GOAL, ceiling=6.0, method="astar")
-    assert "above 6 m above ground" in told(below)
+    assert "above 6 m above ground" in describe(below)
 
 
 def test_a_map_too_large_to_show_is_shown_in_larger_voxels(
@@ -130,7 +130,7 @@ def test_a_map_too_large_to_show_is_shown_in_larger_voxels(
     occupied[10:14, 10:14, :9] = True
     np.savez(tmp_path / "a.npz", occupied=occupied, spacing=1.0, origin=np.zeros(3))
     monkeypatch.setattr(drawable, "MOST_DRAWN", 4000)
-    city, _, _ = first_asked(opened(ViewOptions(str(tmp_path / "a.npz"))))
+    city, _, _ = first_asked(open_source(ViewOptions(str(tmp_path / "a.npz"))))
     assert city.grid.spacing == 2.0
     assert city.occupied.sum() == 2 * 2 * 5
     assert "drawn in voxels of 2 m" in capsys.readouterr().err

@@ -14,7 +14,7 @@ import maxjax
 from maxjax import VoxelMap
 from maxjax.core.status import Closure
 from maxjax.ui.figures import drawable as module
-from maxjax.ui.figures.drawable import drawable, titled
+from maxjax.ui.figures.drawable import drawable, title_with_remark
 
 
 def town(shape: tuple[int, int, int] = (13, 9, 11)) -> VoxelMap:
@@ -54,8 +54,8 @@ def test_what_is_too_large_is_drawn_coarser_and_says_so(monkeypatch: pytest.Monk
     assert remark == "drawn in voxels of 4 m"
     assert columns is not None
     np.testing.assert_array_equal(columns, np.arange(7)[:, None] >= np.full((1, 5), 2))
-    assert titled("a.las", remark) == "a.las, drawn in voxels of 4 m"
-    assert titled(None, "") is None
+    assert title_with_remark("a.las", remark) == "a.las, drawn in voxels of 4 m"
+    assert title_with_remark(None, "") is None
 
 
 def test_a_home_that_cannot_be_written_is_no_news(tmp_path: Path) -> None:

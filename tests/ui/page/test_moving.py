@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from maxjax.core.rng_streams import named
+from maxjax.core.rng_streams import named_key
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.movers.moments import Moment
 from maxjax.sim.trials import batches as execution
@@ -50,7 +50,7 @@ def test_movers_are_those_that_the_trial_was_flown_among(monkeypatch: pytest.Mon
     assert shown is not None
     for given, expected in zip(jax.tree.leaves(shown), jax.tree.leaves(flown_among), strict=True):
         np.testing.assert_array_equal(given, expected)
-    key = jax.random.fold_in(named(jax.random.key(3), "movers suburb"), 5)
+    key = jax.random.fold_in(named_key(jax.random.key(3), "movers suburb"), 5)
     by_hand = population(town, jnp.array(START), jnp.array(GOAL), key, how=how)
     np.testing.assert_array_equal(shown.knots, by_hand.knots)
     assert movers_of({"map": "suburb", "seed": 3}, outcome(5, "OK")) is None

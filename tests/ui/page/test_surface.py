@@ -13,7 +13,7 @@ from maxjax.core.grid import Grid
 from maxjax.ui.page.colors import EARTH
 from maxjax.ui.page.gltf import glb
 from maxjax.ui.page.nodes import Frame, Surface
-from maxjax.ui.page.surface import parted, surface
+from maxjax.ui.page.surface import split_surface, surface
 
 SHAPE = (7, 6, 5)
 GRID = Grid(SHAPE, 2.0, (100.0, 200.0, 3.0))
@@ -100,7 +100,7 @@ def test_a_surface_is_parted_between_buildings(seed: int) -> None:
     solid = volume(seed) & (np.random.default_rng(seed).random(SHAPE[:2]) < 0.5)[:, :, None]
     number, _ = label(solid.any(axis=2))
     columns = number % 2 == 1
-    parts = parted(surface(solid, GRID, FRAME), GRID, FRAME, columns)
+    parts = split_surface(surface(solid, GRID, FRAME), GRID, FRAME, columns)
     for part, chosen in zip(parts, (columns, ~columns), strict=True):
         areas = area_vectors(part)
         for (axis, side), count in seen(solid & chosen[:, :, None]).items():
