@@ -28,7 +28,7 @@ from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.run.execution import whole_route
-from maxjax.planning.run.field_planner import climb
+from maxjax.planning.run.stages import climb
 from maxjax.planning.run.verifying import verified
 
 _climb = jax.jit(climb, static_argnames=("settings", "room"))

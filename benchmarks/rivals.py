@@ -40,8 +40,8 @@ from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import problem_of
-from maxjax.planning.run.field_planner import potential_field
 from maxjax.planning.run.shared_goal import formulate_fleet
+from maxjax.planning.run.stages import potential_field
 from maxjax.planning.search import astar, astar_compiled
 from maxjax.planning.search.astar_compiled import Queries, Query, Search
 from maxjax.sim.worlds.scenes import MAPS, make_scene, occupancy

@@ -39,7 +39,8 @@ from experiments.offline_table import failures
 from maxjax.planning.plan import Plan
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import plan_task
-from maxjax.planning.run.field_planner import FieldPlanner, PotentialFn
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.stages import PotentialFn
 from maxjax.solvers.potential import solve_potential
 
 RESULTS = Path(__file__).parent / "results"

@@ -18,7 +18,8 @@ from maxjax.planning.path.route import Route, Routes, failed, found
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.run.execution import with_longer_ascents
-from maxjax.planning.run.field_planner import ASCEND, TIGHTEN, FieldPlanner, PotentialFn
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.stages import STAGED, PotentialFn
 from maxjax.ui.methods import ALIASES, METHODS, planner_named
 
 
@@ -74,9 +75,8 @@ class FastMarching:
             log_phi = as_potential(march(), component, goal)
 
         def attempt(_: np.ndarray, settings: Ascent) -> Routes:
-            ends, room = (problem.start, problem.goal), problem.room
-            path, arrived, sight = ASCEND(log_phi, problem.blocked, *ends, settings=settings, room=room)
-            taut = np.asarray(TIGHTEN(sight.codes, path, problem.price, room=room))
-            return Routes.of([found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)])
+            path, arrived = STAGED.path(log_phi, problem, settings)
+            route = found(np.asarray(path), certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)
+            return Routes.of([route])
 
         return with_longer_ascents(attempt, 1, Ascent()).one(0)

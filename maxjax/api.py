@@ -22,11 +22,10 @@ from maxjax.planning import mission as missions
 from maxjax.planning.mission import Mission, Waypoint, legs_of
 from maxjax.planning.path.route import Route
 from maxjax.planning.plan import Plan, Plans, no_plans
-from maxjax.planning.planner import Planner, checked_planner
+from maxjax.planning.planner import FieldClimber, Planner, check_climber, check_planner
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.plan_route import plan_route as route_in
 from maxjax.planning.run.shared_goal import plan_fleet as plan_starts
 from maxjax.trajectories.clear_curve import ClearCurve
@@ -68,7 +67,7 @@ def plan(
         RuntimeError: in a process that was forked after JAX had run.
     """
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
-    return plan_task(_task(_single(where), *ends, distances, airspace), checked_planner(planner))[0]
+    return plan_task(_task(_single(where), *ends, distances, airspace), check_planner(planner))[0]
 
 
 def plan_route(
@@ -125,7 +124,7 @@ def plan_batch(
     """
     starts = points_of("starts", starts, ("b", 3))
     task = _task(where, starts, points_of("goals", goals, starts.shape), distances, airspace)
-    return plan_task(task, checked_planner(planner))
+    return plan_task(task, check_planner(planner))
 
 
 def plan_fleet(
@@ -133,7 +132,7 @@ def plan_fleet(
     starts: Real[Array | np.ndarray, "n 3"],
     goal: Position,
     *,
-    planner: FieldPlanner = FIELD,
+    planner: FieldClimber = FIELD,
     distances: Distances = DISTANCES,
     airspace: Airspace | None = None,
 ) -> Plans:
@@ -157,10 +156,9 @@ def plan_fleet(
     Raises:
         ValueError: as `plan`, for an empty fleet, or a planner that climbs no field.
     """
-    if not isinstance(planner, FieldPlanner):
-        raise ValueError(f"planner: expected one that climbs a field, as maxjax.Field(), given {planner!r}")
+    climber = check_climber(planner)
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
-    return plan_starts(_task(_single(where), *ends, distances, airspace), planner)
+    return plan_starts(_task(_single(where), *ends, distances, airspace), climber)
 
 
 def plan_scan(
@@ -186,7 +184,7 @@ def plan_scan(
     Raises:
         ValueError: as `plan`, and for points that are not (n, 3).
     """
-    cloud, finder = points_of("points", points, ("n", 3), least=0), checked_planner(planner)
+    cloud, finder = points_of("points", points, ("n", 3), least=0), check_planner(planner)
     known = VoxelMap.on(where, np.zeros(where.shape, bool)) if isinstance(where, Grid) else _single(where)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
@@ -231,7 +229,7 @@ def plan_mission(
     if return_to_start and places:
         places.append(Waypoint(places[0].position))
     task = _task(_single(where), *legs_of(places), distances, airspace)
-    return missions.plan_mission(task, places, checked_planner(planner))
+    return missions.plan_mission(task, places, check_planner(planner))
 
 
 def trajectory(

@@ -25,10 +25,10 @@ from maxjax.core.voxel_map import VoxelMap, check_map
 from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.planners import Field
 from maxjax.planning.plan import Plan, no_plans
+from maxjax.planning.planner import FieldClimber, check_climber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.taken_end import plans_of_taken_ends
 from maxjax.planning.problem.task import Task, points_of
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.remainder import remainder
 from maxjax.planning.run.verifying import verified, with_closures
 from maxjax.planning.windows.fixed_shapes import FixedShapes
@@ -79,18 +79,17 @@ class Replanner:
     def __init__(
         self,
         grid: Grid,
-        planner: FieldPlanner = Field(),  # noqa: B008 (frozen)
+        planner: FieldClimber = Field(),  # noqa: B008 (frozen)
         distances: Distances = Distances(),  # noqa: B008 (frozen)
         points: int = 32_768,
     ) -> None:
         if math.prod(grid.shape) > _LARGEST:
             raise ValueError(f"grid: expected at most {_LARGEST} voxels, given {grid.shape}; take those around the way")
-        if not isinstance(planner, FieldPlanner):
-            raise ValueError(f"planner: expected one that climbs a field, as maxjax.Field(), given {planner!r}")
+        climber = check_climber(planner)
         if points < 1:
             raise ValueError(f"points: expected at least 1, given {points}")
         self.grid, self.distances, self.points = grid, distances.within(grid), points
-        self._shapes = FixedShapes(grid, planner, distances)
+        self._shapes = FixedShapes(grid, climber, distances)
         self._warm = False
         # The last new plan, when its call began [s], and the last map that a scan was seen in.
         self._last: tuple[Plan, float] | None = None

@@ -7,7 +7,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from maxjax.planning.planner import Planner, checked_planner, in_flight
+from maxjax.planning.planner import Planner, check_planner, in_flight
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.ui.cli.options import FlyOptions, PlanOptions
 from maxjax.ui.methods import ALIASES, METHODS, climbs, label_of, method_named, planner_named
@@ -19,7 +19,7 @@ def test_what_it_says_of_each_is_true(name: str) -> None:
         pytest.importorskip("ompl", reason="RRT* is OMPL's: pip install 'maxjax[bench]'")
     planner = planner_named(name)
     assert isinstance(planner, Planner)
-    assert checked_planner(planner) is planner
+    assert check_planner(planner) is planner
     assert planner.name == METHODS[name].name == name
     assert label_of(name)
     assert isinstance(planner, FieldPlanner) == climbs(name) == planner.batched

@@ -36,7 +36,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem as Formulated
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import problem_of, whole_route
-from maxjax.planning.run.field_planner import climb
+from maxjax.planning.run.stages import climb
 from maxjax.planning.run.verifying import verified
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.trials.batches import fly_trials
@@ -193,7 +193,7 @@ def _potential(source: Source, sigma: Float[Array, "nx ny nz"], goal: Int32[Arra
     if source.network:
         return _network(source.network, source.weights)(sigma, goal)
     if source.length == 0:
-        return _solve(sigma, goal, setting="paper")
+        return _solve(sigma, goal, solver=maxjax.PaperSetting())
     # An array, so that all lengths are one program.
     return _solve(sigma, goal, screening_length=None if source.length is None else jnp.float32(source.length))
 

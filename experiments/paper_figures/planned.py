@@ -15,7 +15,7 @@ from benchmarks.common.paper import dilated
 from benchmarks.common.paper import planned as plan_of
 from benchmarks.common.problems import problems
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run.field_planner import potential_field
+from maxjax.planning.run.stages import potential_field
 from maxjax.ui.figures import plan_view
 
 

@@ -14,9 +14,10 @@ from jaxtyping import Array
 
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.nn.model import MAX_SWEEPS, load_model, network_potential, predict_potential
-from maxjax.planning.run.field_planner import PotentialFn
+from maxjax.planning.run.stages import PotentialFn
 from maxjax.solvers.certify import swept
 from maxjax.solvers.medium import medium_of
+from maxjax.solvers.paper import PaperSetting
 from maxjax.solvers.potential import Potential, solve_potential
 
 SWEEPS = MAX_SWEEPS
@@ -39,7 +40,7 @@ def swept_prediction(name: str, sweeps: int) -> PotentialFn:
 
 SOURCES: Mapping[str, Callable[[], PotentialFn]] = {
     **{name: functools.partial(network_potential, name, 0) for name in ("paper", "paper_difference", "maxjax")},
-    "exact, κ = 0": lambda: functools.partial(solve_potential, setting="paper"),
+    "exact, κ = 0": lambda: functools.partial(solve_potential, solver=PaperSetting()),
     "exact": lambda: solve_potential,
     "paper, swept": functools.partial(swept_prediction, "paper", SWEEPS),
     "paper, certified": functools.partial(network_potential, "paper", SWEEPS),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from maxjax.nn.model import MAX_SWEEPS, network_potential
-from maxjax.planning.run.field_planner import FieldPlanner, PotentialFn
+from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.stages import PotentialFn
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

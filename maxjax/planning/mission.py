@@ -22,12 +22,11 @@ from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
-from maxjax.planning.planner import Planner
+from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.spoken import Spoken
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.shared_goal import plan_fleet
 from maxjax.verification.verifier import verify
 
@@ -190,7 +189,7 @@ def plan_legs(task: Task, distances: Sequence[Distances], planner: Planner) -> l
         planner: as in `execution.plan_task`.
     """
     small = math.prod(task.grid.shape) <= _LARGEST_SHARED
-    shares = isinstance(planner, FieldPlanner) and planner.focus and small
+    climber = field_climber(planner) if small else None
     groups: dict[tuple[object, ...], list[int]] = {}
     for k, (kept, goal) in enumerate(zip(distances, task.goals.tolist(), strict=True)):
         groups.setdefault((kept, *goal), []).append(k)
@@ -198,9 +197,9 @@ def plan_legs(task: Task, distances: Sequence[Distances], planner: Planner) -> l
     found: dict[int, Plan] = {}
     for together in groups.values():
         kept = distances[together[0]]
-        if shares and len(together) > 1 and isinstance(planner, FieldPlanner):
+        if climber is not None and climber.focus and len(together) > 1:
             some = dataclasses.replace(task.some(np.array(together)), distances=kept)
-            found.update(zip(together, plan_fleet(some, planner), strict=True))
+            found.update(zip(together, plan_fleet(some, climber), strict=True))
         else:
             alone.setdefault(kept, []).extend(together)
     for kept, legs in alone.items():

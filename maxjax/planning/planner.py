@@ -15,6 +15,9 @@ compiled flights. Any other is called on the host, one problem at a time; in fli
             return Route(path, problem.status, certified=jnp.array(False))
 
 Whatever it returns is a claim: a path is handed out only if the verifier passes it, and flown only if it is clear.
+
+A planner that climbs a field can do more. It says so by the members of `FieldClimber`: its stages then run one by one,
+in windows of the map, with longer ascents where one stalls, and with one field for many starts.
 """
 
 from __future__ import annotations
@@ -34,6 +37,7 @@ from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.line_of_sight import clear, sight_of
 from maxjax.planning.path.route import Route, RouteFn, failed
 from maxjax.planning.problem.problem import Problem
+from maxjax.planning.run.stages import PotentialFn
 
 # Paths of all planners have one length in flight, so that a flight's arrays do.
 POINTS = Ascent().steps + 1
@@ -63,7 +67,42 @@ class Planner(Hashable, Protocol):
         ...
 
 
-def checked_planner(given: object) -> Planner:
+@runtime_checkable
+class FieldClimber(Planner, Protocol):
+    """A planner whose route is a climb of a field, by the stages of `planning.run.stages`."""
+
+    @property
+    def potential(self) -> PotentialFn:
+        """Makes the field."""
+        ...
+
+    @property
+    def ascent(self) -> Ascent:
+        """Settings of the ascent; paths have a point more than it has steps."""
+        ...
+
+    @property
+    def focus(self) -> bool:
+        """Whether plans are made in windows of the map, where these prove the same."""
+        ...
+
+    def with_ascent(self, ascent: Ascent) -> FieldClimber:
+        """The same planner with another ascent."""
+        ...
+
+
+def field_climber(planner: Planner) -> FieldClimber | None:
+    """The planner as one that climbs a field; None if it does not."""
+    return planner if isinstance(planner, FieldClimber) else None
+
+
+def plans_in_windows(planner: Planner) -> bool:
+    """Whether a planner may be shown windows of a map in place of the map."""
+    climber = field_climber(planner)
+    return climber is not None and climber.focus
+
+
+def check_planner(given: object) -> Planner:
     """The planner itself.
 
     Raises:
@@ -74,6 +113,17 @@ def checked_planner(given: object) -> Planner:
             "planner: expected a planner, as maxjax.Field(), maxjax.AStar() or a value with name, batched and route, "
             f"given {given!r}"
         )
+    return given
+
+
+def check_climber(given: object) -> FieldClimber:
+    """The planner itself.
+
+    Raises:
+        ValueError: if it climbs no field.
+    """
+    if isinstance(given, type) or not isinstance(given, FieldClimber):
+        raise ValueError(f"planner: expected one that climbs a field, as maxjax.Field(), given {given!r}")
     return given
 
 

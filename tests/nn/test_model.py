@@ -18,7 +18,7 @@ from maxjax.nn import model as module
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.autoencoder import init_params
 from maxjax.nn.model import Model, load_model, network_potential, predict_potential, save_model
-from maxjax.planning.run.field_planner import PotentialLike
+from maxjax.planning.run.stages import PotentialLike
 from maxjax.ui.methods import planner_named
 from tests.nn.scenes import GRID, MINI, Boxes
 

@@ -20,6 +20,8 @@ from maxjax.planning.problem.task import Task
 from maxjax.planning.run import execution as execute
 from maxjax.planning.run.execution import plan_task, with_longer_ascents
 from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.shared_goal import plan_fleet
+from maxjax.planning.run.stages import PotentialFn
 from maxjax.planning.run.verifying import verified
 from maxjax.solvers.screened import Screened
 from tests.planners import ByFunction
@@ -93,7 +95,7 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
 
 def capped(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
     nothing = Screened(max_iterations=0, max_sweeps=0, or_geodesic=False)
-    return solve_potential(sigma, goal, price, setting=nothing, screening_length=2.0)
+    return solve_potential(sigma, goal, price, solver=nothing, screening_length=2.0)
 
 
 def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
@@ -107,6 +109,37 @@ def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(execute, "_FACTORS", (1,))  # no number of steps would do
     check_failed(run(FieldPlanner(capped, focus=False)), Status.NOT_CONVERGED)  # type: ignore[arg-type]
     check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass(frozen=True)
+class StrangersClimber:
+    """A field climber by its members alone; its route as one function is not to be asked for on a CPU."""
+
+    ascent: Ascent = Ascent()  # noqa: RUF009 (frozen)
+    focus: bool = True
+    name: str = "stranger"
+    batched: bool = True
+
+    @property
+    def potential(self) -> PotentialFn:
+        return solve_potential
+
+    def with_ascent(self, ascent: Ascent) -> StrangersClimber:
+        return dataclasses.replace(self, ascent=ascent)
+
+    def route(self, problem: Problem, grid: Grid) -> Route:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("focus", [False, pytest.param(True, marks=pytest.mark.large)])
+def test_a_planner_with_the_members_of_a_field_climber_is_carried_out_in_stages(focus: bool) -> None:
+    """Whatever its class: with more steps where it has too few, and shared among starts."""
+    climber, task = StrangersClimber(Ascent(steps=64), focus), Task.of(VoxelMap.on(GRID, EMPTY), START[None], GOAL)
+    plan, same = plan_task(task, climber)[0], plan_task(task, FieldPlanner(solve_potential, climber.ascent, focus))[0]
+    assert plan.status is Status.OK
+    assert {"solve", "ascend", "tighten"} <= set(plan.timings)
+    np.testing.assert_array_equal(plan.path, same.path)
+    np.testing.assert_allclose(plan_fleet(task, climber).length, plan.length, rtol=1e-2)
 
 
 def test_a_wrong_problem_is_never_handed_to_a_planner() -> None:

@@ -25,19 +25,19 @@ from jaxtyping import Int64
 
 from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
-from maxjax.compile.stage_timer import Recorder, recording, timed
+from maxjax.compile.stage_timer import Recorder, recording, time_stage
 from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, RouteFn, Routes, failed, found, whole
+from maxjax.planning.path.route import Route, RouteFn, Routes, failed, whole
 from maxjax.planning.plan import Plans
-from maxjax.planning.planner import Planner
+from maxjax.planning.planner import FieldClimber, Planner, field_climber, plans_in_windows
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.taken_end import plans_of_taken_ends
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
-from maxjax.planning.run.field_planner import ASCEND, TIGHTEN, FieldPlanner, potential_field
+from maxjax.planning.run.stages import STAGED, status_of_climb
 from maxjax.planning.run.verifying import verified, with_closures
 from maxjax.planning.windows.corridor import in_corridor
 from maxjax.planning.windows.focus_window import View, in_windows
@@ -57,8 +57,8 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
 
     Args:
         task: what to plan.
-        planner: how. A `FieldPlanner` is carried out as suits the target, in windows if it has `focus`; of any other
-            the whole map is asked.
+        planner: how. One that climbs a field is carried out as suits the target, in windows if it has `focus`; any
+            other is shown the whole map.
         chunk: problems that go through a device at a time. None: what suits the target; on a CPU one by one.
 
     Returns:
@@ -108,8 +108,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
             return guided
         return find(View(one)).spending(np.arange(1), guided.timings)
 
-    focused = isinstance(planner, FieldPlanner) and planner.focus
-    return in_windows(task, find_all, otherwise) if focused else find(View(task))
+    return in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
 
 
 def with_largest_radii(plans: Plans) -> Plans:
@@ -145,8 +144,8 @@ def one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> R
 
 def _host_finder(planner: Planner) -> RouteFn:
     """How routes are found one by one: by stages, by one program, or by the planner's own search."""
-    if isinstance(planner, FieldPlanner):
-        return staged(planner)
+    if (climber := field_climber(planner)) is not None:
+        return staged(climber)
     if not planner.batched:
         return planner.route
 
@@ -195,26 +194,21 @@ _ROUTE = Program("route", _route, static=("grid", "planner"))
 
 def fetched(tree: Any) -> Any:
     """Arrays on the host, all at once: on an accelerator every fetch costs as much as a short program."""
-    with timed("transfer"):
+    with time_stage("transfer"):
         return jax.device_get(tree)
 
 
-def staged(planner: FieldPlanner, factors: Sequence[int] = _FACTORS) -> RouteFn:
+def staged(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
     """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
 
     def find(problem: Problem, grid: Grid) -> Route:
-        field = potential_field(problem.blocked, problem.price, problem.goal_index, grid, planner.potential)
-        room = problem.room
+        field = STAGED.field(problem, grid, planner.potential)
+        verdict = problem.status, field.status, field.certified, field.geodesic
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
-            ends = problem.start, problem.goal
-            path, arrived, sight = ASCEND(field.log_phi, problem.blocked, *ends, settings=settings, room=room)
-            taut = TIGHTEN(sight.codes, path, problem.price, room=room)
-            verdict = field.status, field.certified, field.geodesic
-            (status, certified, geodesic), on_goal, points = fetched((verdict, arrived, taut))
-            if status == Status.OK and on_goal:
-                return Routes.of([found(points, bool(certified), bool(geodesic))])
-            return Routes.of([failed(status if status != Status.OK else Status.PATH_STALLED, bool(certified))])
+            climbed = STAGED.path(field.log_phi, problem, settings)
+            (fault, status, certified, geodesic), (path, arrived) = fetched((verdict, climbed))
+            return Routes.of([Route(path, status_of_climb(fault, status, arrived, np), certified, geodesic=geodesic)])
 
         return with_longer_ascents(attempt, 1, planner.ascent, factors).one(0)
 
@@ -246,22 +240,22 @@ def with_longer_ascents(
 
 def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
     """Routes of a view as whole programs; those that stall by themselves again, in chunks of fewer sizes."""
+    climber = field_climber(planner)
 
     def attempt(which: Int64[np.ndarray, " n"], settings: Ascent | None) -> Routes:
         some = view.some(which)
-        longer = planner if settings is None else dataclasses.replace(planner, ascent=settings)  # type: ignore[type-var]
+        longer = climber.with_ascent(settings) if climber is not None and settings is not None else planner
         with recording() as recorder:
             if len(which) == 1:
                 route = pipeline.single(some, longer)
             else:
-                first = settings is None or settings == getattr(planner, "ascent", None)
-                route = pipeline.pipelined(some, longer, _sizes(some, chunk, first))
+                route = pipeline.pipelined(some, longer, _sizes(some, chunk, longer == planner))
         spent = recorder.report(len(which))
         return Routes(route, {name: np.full(len(which), seconds) for name, seconds in spent.items()})
 
-    if not isinstance(planner, FieldPlanner):
+    if climber is None:
         return attempt(np.arange(len(view)), None)
-    return with_longer_ascents(attempt, len(view), planner.ascent)
+    return with_longer_ascents(attempt, len(view), climber.ascent)
 
 
 def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:

@@ -23,15 +23,14 @@ from jaxtyping import Array, Float, Int64, Shaped, UInt8
 from maxjax.compile import message as messages
 from maxjax.compile.lowering import in_host_memory
 from maxjax.compile.program import Program
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid
 from maxjax.planning.path.route import Route, completed
-from maxjax.planning.planner import Planner
+from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate, largest_joining
 from maxjax.planning.problem.task import Rows
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.windows.focus_window import View
 
 # What a device is sent of a problem, by name: `occupied` and `ground` (what is closed counts as both), `ends` in index
@@ -85,7 +84,7 @@ def largest(parts: Parts, layout: Layout) -> Float[Array, ""]:
 def single(view: View, planner: Planner) -> Route:
     """The route of one problem, in a batch of one; no thread is worth its start."""
     layout = layout_of(view)
-    with timed("device"):
+    with time_stage("device"):
         message = np.asarray(_ONE.start(messages.pack(parts_of(view)), layout=layout, planner=planner))
         found = messages.unpack(message, _answered(planner, layout))
     return view.placed(found)
@@ -102,7 +101,7 @@ def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
         return jax.device_put((messages.pack(shared), np.resize(own, (sizes[k], own.shape[1]))))
 
     answers = []
-    with ThreadPoolExecutor(2) as pool, timed("device"):
+    with ThreadPoolExecutor(2) as pool, time_stage("device"):
         following = pool.submit(prepared, 0)
         for k in range(len(chunks)):
             sent = following.result()
@@ -152,8 +151,8 @@ def _answered(planner: Planner, layout: Layout) -> Route:
 
 def _points(planner: Planner, layout: Layout) -> int:
     """How many points the paths of a batched planner have."""
-    if isinstance(planner, FieldPlanner):
-        return planner.ascent.steps + 1
+    if (climber := field_climber(planner)) is not None:
+        return climber.ascent.steps + 1
     path = jax.eval_shape(lambda parts: planner.route(formulated(parts, layout), layout.grid).path, sent(layout))
     return int(path.shape[0])
 

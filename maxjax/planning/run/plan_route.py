@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maxjax.core.grid import Grid
-from maxjax.core.voxel_map import VoxelMap, checked_map
+from maxjax.core.voxel_map import VoxelMap, check_map
 from maxjax.planning.path.route import Route, completed
-from maxjax.planning.planner import Planner, checked_planner, in_flight
+from maxjax.planning.planner import Planner, check_planner, in_flight
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 
@@ -46,10 +46,10 @@ def plan_route(
     where: VoxelMap, start: Float[Any, " 3"], goal: Float[Any, " 3"], planner: Planner, distances: Distances
 ) -> Route:
     """A route through a map, its path in metres; arguments and errors as those of `maxjax.plan_route`."""
-    single = checked_map(where)
+    single = check_map(where)
     if single.batch is not None:
         raise ValueError(f"map: expected one map, given a batch of {single.batch}; use jax.vmap")
-    kept, finder = distances.within(single.grid), checked_planner(planner)
+    kept, finder = distances.within(single.grid), check_planner(planner)
     ends = jnp.stack([_index("start", start, single.grid), _index("goal", goal, single.grid)])
     ends = _without_derivative(ends)
     local = VoxelMap(single.occupied, single.ground, single.closed, single.grid.local)

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32, Int64, UInt
+from jaxtyping import Array, Bool, Float, Int32, Int64
 
 from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
-from maxjax.compile.stage_timer import recording, timed
+from maxjax.compile.stage_timer import recording, time_stage
 from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
@@ -32,13 +32,14 @@ from maxjax.planning.path.line_of_sight import Sight, sight_of
 from maxjax.planning.path.route import Route, Routes, whole, without_padding
 from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.plan import Plans
+from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.exemptions import Radius, exemptions
 from maxjax.planning.problem.problem import Problem, faults_of, inner_places, located, problem_in
 from maxjax.planning.problem.surroundings import Surroundings, surroundings
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import plans_of, with_longer_ascents
-from maxjax.planning.run.field_planner import FieldPlanner, potential_field
+from maxjax.planning.run.stages import potential_field, status_of_climb
 
 # Starts that climb at a time; fewer are filled up to the lesser number, so that fleets of all sizes share two programs.
 # On an accelerator a climb takes its number of steps, however many climb. On a CPU paths are pulled taut one by one:
@@ -129,42 +130,36 @@ def formulate_fleet(
     )
 
 
-def _ascents(
+def _ascend_all(
     log_phi: Float[Array, "nx ny nz"],
-    codes: UInt[Array, "nx ny nz"],
+    sight: Sight,
     blocked: Bool[Array, "nx ny nz"],
     ends: Float[Array, "n 2 3"],
     settings: Ascent,
-    room: float,
 ) -> tuple[Float[Array, "n t 3"], Bool[Array, " n"]]:
-    """Ascend one field from many starts: the paths, and which arrived; `codes` are those of `Sight`."""
+    """Ascend one field from many starts: the paths, and which arrived."""
     free = ~blocked
-    return jax.vmap(lambda pair: ascend(log_phi, Sight(codes, room), free, pair[0], pair[1], settings))(ends)
+    return jax.vmap(lambda pair: ascend(log_phi, sight, free, pair[0], pair[1], settings))(ends)
 
 
-def _tightened(
-    codes: UInt[Array, "nx ny nz"],
+def _tighten_all(
+    sight: Sight,
     price: Float[Array, "nx ny nz"] | None,
     paths: Float[Array, "n t 3"],
     ends: Float[Array, "n 2 3"],
-    room: float,
 ) -> tuple[Float[Array, "n s 3"], Float[Array, " n"]]:
     """The paths pulled taut, between their exact ends, and what they cost."""
-    return jax.vmap(lambda path, exact: whole(exact, price, tighten(Sight(codes, room), path, price)))(paths, ends)
-
-
-def _codes(blocked: Bool[Array, "nx ny nz"], room: float) -> UInt[Array, "nx ny nz"]:
-    return sight_of(blocked, room).codes
+    return jax.vmap(lambda path, exact: whole(exact, price, tighten(sight, path, price)))(paths, ends)
 
 
 _FORMULATE = Program("formulate", formulate_fleet, static=("distances", "grid"))
 _OPEN = Program("formulate", problem_in, static=("distances", "grid"))
-_CODES = Program("ascend", _codes, static=("room",))
-_ASCENTS = Program("ascend", _ascents, static=("settings", "room"))
-_TIGHTENED = Program("tighten", _tightened, static=("room",))
+_SIGHT = Program("ascend", sight_of, static=("room",))
+_ASCEND = Program("ascend", _ascend_all, static=("settings",))
+_TIGHTEN = Program("tighten", _tighten_all)
 
 
-def plan_fleet(task: Task, planner: FieldPlanner) -> Plans:
+def plan_fleet(task: Task, planner: FieldClimber) -> Plans:
     """`execution.plan_task` for a task of one map and one goal, with as few solves as exemptions allow."""
     with recording() as recorder:
         ends = jnp.asarray(task.ends)
@@ -197,26 +192,26 @@ def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Prob
             yield Group(np.array([k]), problem.blocked, jax.tree.map(lambda x: np.asarray(x)[None], places))
 
 
-def _routes(group: Group, fleet: Fleet, planner: FieldPlanner, task: Task) -> Routes:
+def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
-    price, room, count = fleet.around.price, task.distances.room, len(group.members)
+    price, count = fleet.around.price, len(group.members)
     field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)
     certified, geodesic = np.full(count, bool(field.certified)), np.full(count, bool(field.geodesic))
     if field.status != Status.OK:
         nothing = Routes.blank(count, int(field.status))
         return Routes(dataclasses.replace(nothing.route, certified=certified))
-    codes, places = _CODES(group.blocked, room=room), group.places
+    sight, places = _SIGHT(group.blocked, room=task.distances.room), group.places
     few, many = _ON_CPU if target() == "cpu" else _ON_ACCELERATOR
 
     def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> Routes:
         size = few if len(which) <= few else many
         batches = _filled(which, size)
-        climbs = [(field.log_phi, codes, group.blocked, places.inner[some]) for some in batches]
-        paths, arrived = _together(_ASCENTS, climbs, len(which), settings=settings, room=room)
+        climbs = [(field.log_phi, sight, group.blocked, places.inner[some]) for some in batches]
+        paths, arrived = _together(_ASCEND, climbs, len(which), settings=settings)
         rows = _filled(np.arange(len(which)), 1 if target() == "cpu" else size)
-        pulls = [(codes, price, paths[some], places.exact[which[some]]) for some in rows]
-        paths, costs = _together(_TIGHTENED, pulls, len(which), room=room)
-        status = np.where(arrived, Status.OK, Status.PATH_STALLED).astype(np.int32)
+        pulls = [(sight, price, paths[some], places.exact[which[some]]) for some in rows]
+        paths, costs = _together(_TIGHTEN, pulls, len(which))
+        status = status_of_climb(np.int32(Status.OK), np.asarray(field.status), arrived, np)
         costs = (task.grid.spacing * costs).astype(np.float32)
         route = Route(paths, status, certified[which], places.exemptions[which], geodesic[which], costs)
         return Routes(without_padding(route))
@@ -237,6 +232,6 @@ def _together(program: Program, calls: list[tuple[Any, ...]], count: int, **stat
 
     # The first by itself: it may compile.
     results = [tuple(map(np.asarray, program(*calls[0], **static)))]
-    with timed(program.name):
+    with time_stage(program.name):
         results += concurrently(result, calls[1:], os.cpu_count() or 1)
     return tuple(np.concatenate(rows)[:count] for rows in zip(*results, strict=True))

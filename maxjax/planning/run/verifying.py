@@ -12,7 +12,7 @@ import math
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from maxjax.compile.stage_timer import timed
+from maxjax.compile.stage_timer import time_stage
 from maxjax.compile.threads import in_parts
 from maxjax.core.status import Closure, Status
 from maxjax.planning.path.route import Route
@@ -46,7 +46,7 @@ def verified(routes: Route, task: Task, method: str, timings: Seconds | None = N
     some = task.some(which)
     local, counts = _local(np.asarray(routes.path, np.float64)[which], some)
     exemptions = np.asarray(routes.exemptions, np.float64)[which]
-    with timed("verify"):
+    with time_stage("verify"):
         verdicts = _verdicts(local, counts, some, exemptions)
     passed = which[verdicts.ok]
     status = status.copy()

@@ -23,11 +23,11 @@ from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.path.route import Routes
+from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
 from maxjax.planning.run.execution import one_by_one, staged
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.windows import focus_window
 from maxjax.planning.windows.focus_window import View, Windows, in_windows
 
@@ -49,9 +49,9 @@ class FixedShapes:
         distances: to keep.
     """
 
-    def __init__(self, grid: Grid, planner: FieldPlanner, distances: Distances) -> None:
+    def __init__(self, grid: Grid, planner: FieldClimber, distances: Distances) -> None:
         ascent = dataclasses.replace(planner.ascent, steps=LONGER * planner.ascent.steps)
-        self.grid, self.planner, self.distances = grid, dataclasses.replace(planner, ascent=ascent), distances
+        self.grid, self.planner, self.distances = grid, planner.with_ascent(ascent), distances
         self._finder = staged(self.planner, factors=())
         # What each shape took when it was last asked [s].
         self._seconds: dict[Index3, float] = {}

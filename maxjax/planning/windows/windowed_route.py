@@ -27,11 +27,10 @@ from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import clear, sight_of
 from maxjax.planning.path.route import Route, completed
-from maxjax.planning.planner import Planner, in_flight
+from maxjax.planning.planner import Planner, field_climber, in_flight, plans_in_windows
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.problem.surroundings import halo_of
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.windows.focus_window import GROWTH, GUESS, LOCAL, worthwhile
 
 # Windows that are tried before the whole map [voxels], and how many members of a batch are solved at once: nearly all
@@ -122,8 +121,7 @@ def route_in_windows(
         grid: of the map, its origin at zero. Static.
         planner: how. Static; without `focus` only the whole map is solved.
     """
-    focused = isinstance(planner, FieldPlanner) and planner.focus
-    sizes = [size for size in _SIZES if focused and worthwhile(size, grid.shape)]
+    sizes = [size for size in _SIZES if plans_in_windows(planner) and worthwhile(size, grid.shape)]
     finders = [_Finder(distances, grid, planner, k, size) for k, size in enumerate((*sizes, None))]
     zero, no = jnp.zeros((), jnp.float32), jnp.array(False)
     path = jnp.zeros((_points(planner, finders[-1], asked), 3), jnp.float32)
@@ -141,8 +139,8 @@ def route_in_windows(
 
 def _points(planner: Planner, finder: _Finder, asked: MapAndEnds) -> int:
     """How many points a route has, with its exact ends."""
-    if isinstance(planner, FieldPlanner):
-        return planner.ascent.steps + 3
+    if (climber := field_climber(planner)) is not None:
+        return climber.ascent.steps + 3
     shape = jax.eval_shape(lambda asked: finder.found(asked, jnp.zeros(())).route.path, asked).shape
     return int(shape[0])
 

@@ -17,7 +17,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import problem_shown
-from maxjax.planning.run.field_planner import potential_field
+from maxjax.planning.run.stages import potential_field
 from maxjax.planning.windows.corridor import coarse_task
 from maxjax.planning.windows.focus_window import View, rounded
 from maxjax.solvers.potential import solve_potential

@@ -17,7 +17,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.planning.run.execution import problem_of
-from maxjax.planning.run.field_planner import potential_field
+from maxjax.planning.run.stages import potential_field
 from maxjax.solvers.potential import solve_potential
 from maxjax.ui.page.colors import FIELD, PRICE, ramp
 from maxjax.ui.page.nodes import Frame, Picture, Quaternion, point3
