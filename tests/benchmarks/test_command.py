@@ -73,12 +73,13 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
     assert "main(configured(TINY))" in started.read_text(encoding="utf-8")
 
 
-# A small run of these flies, starts processes, or compiles for more than fifteen seconds.
-BY_NIGHT = {
-    *(f"benchmarks.{name}" for name in ("city_plan", "first_hour", "flight", "history", "page", "plan", "rivals")),
-    "benchmarks.service",
-    *(f"experiments.{name}" for name in ("ablations.study", "closed_loop", "faults", "fleets", "moving_cities")),
-    *(f"experiments.{name}" for name in ("moving_protocols", "paper_loop.study", "windowed_flights")),
+# The small runs that take less than ten seconds each, compiled anew; the others run by night.
+QUICK = {
+    *(f"benchmarks.{name}" for name in ("city_scale", "lidar", "profile", "startup", "verifier")),
+    *(
+        f"experiments.{name}"
+        for name in ("differentiable.sensitivity", "fleet_picture", "heights_picture", "long_ways")
+    ),
 }
 
 
@@ -95,7 +96,7 @@ def numbers(thing: object) -> Iterator[float]:
 
 @pytest.mark.large
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.nightly] if name in BY_NIGHT else []) for name in commands()]
+    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.nightly]) for name in commands()]
 )
 def test_a_small_run_ends_with_finite_figures(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     try:
