@@ -76,10 +76,7 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
 # The small runs that take less than ten seconds each, compiled anew; the others run by night.
 QUICK = {
     *(f"benchmarks.{name}" for name in ("city_scale", "lidar", "profile", "startup", "verifier")),
-    *(
-        f"experiments.{name}"
-        for name in ("differentiable.sensitivity", "fleet_picture", "heights_picture", "long_ways")
-    ),
+    *(f"experiments.{name}" for name in ("fleet_picture", "heights_picture", "long_ways")),
 }
 
 
