@@ -77,6 +77,7 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
 QUICK = {
     *(f"benchmarks.{name}" for name in ("city_scale", "lidar", "profile", "startup", "verifier")),
     *(f"experiments.{name}" for name in ("fleet_picture", "heights_picture", "long_ways")),
+    "experiments.differentiable.sensitivity",
 }
 
 
