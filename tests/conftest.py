@@ -38,7 +38,7 @@ import pytest
 # Shapes and dtypes of all signatures are checked in tests, and only there.
 jaxtyping.install_import_hook("maxjax", "beartype.beartype")
 # A tenth of what a test takes: these test what is made of the rooms, whose own tests check their shapes.
-UNCHECKED = ("benchmarks", "sim/trials", "docs", "experiments", "ui", "test_readme", "test_origins")
+UNCHECKED = ("benchmarks", "sim/trials", "docs", "experiments", "ui", "test_origins")
 
 # Left out by `make check`, with what is marked so by itself: large programs, and the world that moves.
 LARGE = (
@@ -62,7 +62,7 @@ LARGE = (
     "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
     "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
     "compile/test_lowering",
-    *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "tracking")),
+    *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "trajectory_flight")),
     "sim/swarm/",
     "sim/movers/",
     *(f"solvers/test_{name}" for name in ("newton", "random_walk", "sharding", "v_cycle")),
@@ -71,7 +71,6 @@ LARGE = (
     "sim/trials/test_shards",
     "test_origins",
     "ui/page/test_browser",
-    "test_readme.py::test_scans_maps_and_plans",
     "test_replanner.py::test_nothing_compiles",
     "test_public_calls.py::test_a_strangers_planner",
     "test_public_calls.py::test_routes_under_vmap",
