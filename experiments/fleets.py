@@ -37,7 +37,7 @@ from maxjax.sim.loop.flight import Flight, FlightConfig, World
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Avoidance
-from maxjax.sim.movers.avoid import straight_way
+from maxjax.sim.movers.steering import straight_way
 from maxjax.sim.swarm.swarm_flight import FleetLog, fly_fleet
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swaps import Swaps, antipodal

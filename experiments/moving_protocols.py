@@ -60,13 +60,13 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse
 from maxjax.sim.movers.among import Avoidance, Perception
-from maxjax.sim.movers.avoid import straight_way
 from maxjax.sim.movers.choice import Keeping
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionSet
-from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.reachable_sets import Bounds
+from maxjax.sim.movers.steering import straight_way
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances

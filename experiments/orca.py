@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.sim.movers.choice import Around, Commitment, Keeping, downhill
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet
-from maxjax.sim.movers.sets import Bounds, Tracks
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks
 
 _SECONDS = 2.0  # τ
 _SWEEPS = 40

@@ -34,9 +34,9 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.markdown import Document, device, table
 from experiments.moving_worlds import trefoils
-from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
-from maxjax.sim.movers.sets import Bounds, Tracks
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.perception import PerceptionState, initial_perception, process_scan
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers, Moving

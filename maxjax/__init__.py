@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from maxjax.planning.problem.problem import Problem
     from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.loop.trajectory_flight import Tracking, fly
+    from maxjax.solvers.cg import ConjugateGradients
+    from maxjax.solvers.paper import PaperSetting
     from maxjax.solvers.potential import Potential, solve_potential
+    from maxjax.solvers.screened import Screened
     from maxjax.trajectories.limits import FlightLimits
     from maxjax.trajectories.trajectory import Trajectory
     from maxjax.verification.verdicts import Verification
@@ -45,6 +48,7 @@ __all__ = [
     "Airspace",
     "Area",
     "Autopilot",
+    "ConjugateGradients",
     "Distances",
     "Field",
     "FileError",
@@ -54,6 +58,7 @@ __all__ = [
     "Mission",
     "Network",
     "Occupancy",
+    "PaperSetting",
     "Plan",
     "Planner",
     "Plans",
@@ -66,6 +71,7 @@ __all__ = [
     "Replanned",
     "Replanner",
     "Route",
+    "Screened",
     "Status",
     "TangentPlane",
     "Tracking",
@@ -157,6 +163,9 @@ _MODULES = {
         "Tracking",
         "fly",
     ),
+    "maxjax.solvers.cg": ("ConjugateGradients",),
+    "maxjax.solvers.paper": ("PaperSetting",),
+    "maxjax.solvers.screened": ("Screened",),
     "maxjax.solvers.potential": (
         "Potential",
         "solve_potential",

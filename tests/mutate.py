@@ -40,11 +40,11 @@ TESTS = {
         "planning/test_planning_execution.py",
     ),
     "sets": (
-        *("sim/movers/test_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_marks.py"),
-        *("sim/movers/test_choice.py", "sim/movers/test_seeing.py"),
+        *("sim/movers/test_reachable_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_body_marks.py"),
+        *("sim/movers/test_choice.py", "sim/movers/test_perception.py"),
     ),
     "flags": (
-        *("sim/movers/test_choice.py", "sim/movers/test_following.py", "sim/movers/test_slow_movers.py"),
+        *("sim/movers/test_choice.py", "sim/movers/test_tracking.py", "sim/movers/test_slow_movers.py"),
         "sim/movers/test_flight_among.py",
     ),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),

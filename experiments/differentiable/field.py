@@ -46,8 +46,8 @@ def log_volume(
     The tolerance is that of a derivative for the value too, so that both speak of the same φ. Called from outside of
     `jit`, it is compiled once for all losses on one shape.
     """
-    tolerance = TIGHT_TOLERANCE[sigma.dtype.itemsize]
-    return maxjax.solve_potential(sigma, goal, screening_length=screening_length, tolerance=tolerance).log_phi
+    solver = maxjax.Screened(tolerance=TIGHT_TOLERANCE[sigma.dtype.itemsize])
+    return maxjax.solve_potential(sigma, goal, screening_length=screening_length, solver=solver).log_phi
 
 
 def log_potential(

@@ -53,7 +53,7 @@ def priced_potential(
     """The potential of a price field, differentiable in theta; σ = 1."""
     sigma, tolerance = town.free.astype(theta.dtype), TIGHT_TOLERANCE[theta.dtype.itemsize]
     found: Potential = maxjax.solve_potential(
-        sigma, goal, price(town, theta), screening_length=length, tolerance=tolerance
+        sigma, goal, price(town, theta), screening_length=length, solver=maxjax.Screened(tolerance=tolerance)
     )
     return found
 

@@ -13,7 +13,6 @@ import numpy as np
 
 import maxjax
 from experiments.hard_maps.maps import Problems
-from maxjax.solvers.screened import Screened
 
 SPACING = 2.0
 """Edge of a voxel [m]."""
@@ -25,7 +24,7 @@ DEARER = 0.02
 """Beyond this share two images are planned again, to a tighter tolerance."""
 
 _FIELD = maxjax.Field()
-_ACCURATE = maxjax.Field(solver=Screened(tolerance=1e-4))
+_ACCURATE = maxjax.Field(solver=maxjax.Screened(tolerance=1e-4))
 _FAR = (84888.0, 447501.0, 0.0)  # where the moved maps lie [m]
 _PAD = 3  # how much wider the solid is in which maps are moved [voxels]
 

@@ -29,6 +29,7 @@ from maxjax.fields.conductivity import conductivity
 from maxjax.nn.encoding import Known
 from maxjax.solvers.medium import medium_of
 from maxjax.solvers.potential import solve_potential
+from maxjax.solvers.screened import Screened
 
 # The relative change of any voxel by one more sweep: values are then good to about 1 % of φ, 0.01 nats.
 TOLERANCE = 1e-3
@@ -71,7 +72,7 @@ def label(drawn: Drawn, grid: Grid) -> Scenes:
     """
     blocked, price, goal_index = drawn
     sigma = conductivity(blocked, goal_index, grid)
-    solved = solve_potential(sigma, goal_index, price, tolerance=TOLERANCE)
+    solved = solve_potential(sigma, goal_index, price, solver=Screened(tolerance=TOLERANCE))
     steps = medium_of(sigma, goal_index, price).distance.astype(jnp.uint16)
     target = jnp.where(jnp.isfinite(solved.log_phi), -solved.screening_length * solved.log_phi, 0)
     return Scenes(blocked, price, goal_index, steps, target, solved.screening_length, solved.status)

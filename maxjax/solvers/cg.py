@@ -24,7 +24,7 @@ from maxjax.fields.gradient import log_potential
 from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.krylov import Linear, chebyshev, pcg
-from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, system_with_goal, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, check_settings, system_with_goal, tolerance_of
 
 # Degree of the Chebyshev preconditioner. The vector work of a CG iteration costs as much as eight applications of the
 # stencil on two CPU cores, and a synchronisation on a GPU, so few iterations are taken.
@@ -48,7 +48,7 @@ def screening_length_for(distance: Int32[Array, "nx ny nz"]) -> Float[Array, ""]
 
 @dataclasses.dataclass(frozen=True)
 class LinearSolver(abc.ABC):
-    """What `cg` and `paper` share: conjugate gradients on the scaled system from φ = 0, sweeps, status.
+    """Conjugate gradients on the scaled system from φ = 0, sweeps, status: `ConjugateGradients` and `PaperSetting`.
 
     Attributes:
         tolerance: of the stopping rule; None: `tolerances`.
@@ -56,7 +56,7 @@ class LinearSolver(abc.ABC):
         max_sweeps: cap on positive sweeps.
 
     Raises:
-        ValueError: if a cap is no whole number of at least 0.
+        ValueError: if the tolerance is not positive, or a cap no whole number of at least 0.
     """
 
     tolerance: float | None = None
@@ -68,7 +68,7 @@ class LinearSolver(abc.ABC):
     attempts: ClassVar[int]
 
     def __post_init__(self) -> None:
-        check_caps(self.max_iterations, self.max_sweeps)
+        check_settings(self.tolerance, self.max_iterations, self.max_sweeps)
 
     @abc.abstractmethod
     def preconditioner(self, medium: Medium, operator: stencil.Operator, faces: stencil.Faces) -> Linear:
@@ -116,7 +116,7 @@ class LinearSolver(abc.ABC):
 
 @dataclasses.dataclass(frozen=True)
 class ConjugateGradients(LinearSolver):
-    """The solver `cg`: screened, insulated outer faces; until |r_i| ≤ tolerance · y_i in every voxel."""
+    """Conjugate gradients, screened, insulated outer faces; until |r_i| ≤ tolerance · y_i in every voxel."""
 
     tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
     grounded: ClassVar[bool] = False

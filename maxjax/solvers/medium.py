@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
@@ -166,8 +167,14 @@ def run(stages: Iterable[Stage], medium: Medium, progress: Progress) -> Progress
     return functools.reduce(lambda progress, stage: stage(medium, progress), stages, progress)
 
 
-def check_caps(max_iterations: Any, max_sweeps: Any) -> None:
-    """Check caps; raise a ValueError for one that is not a whole number, 0 or more."""
+def check_settings(tolerance: Any, max_iterations: Any, max_sweeps: Any) -> None:
+    """Check a solver's settings.
+
+    Raises:
+        ValueError: if a tolerance is not positive and finite, or a cap no whole number of at least 0.
+    """
+    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
+        raise ValueError(f"tolerance: expected a positive finite number, given {tolerance}")
     for name, cap in (("max_iterations", max_iterations), ("max_sweeps", max_sweeps)):
         if isinstance(cap, bool) or not isinstance(cap, int) or cap < 0:
             raise ValueError(f"{name}: expected a whole number, 0 or more, given {cap}")

@@ -26,8 +26,8 @@ TOLERANCES = {4: 1e-6, 8: 1e-13}
 
 
 @dataclasses.dataclass(frozen=True)
-class Paper(LinearSolver):
-    """The solver `paper`: until |r| ≤ tolerance · |b|."""
+class PaperSetting(LinearSolver):
+    """The paper's setting: κ = 0, outer faces grounded; until |r| ≤ tolerance · |b|."""
 
     tolerances: ClassVar[Mapping[int, float]] = TOLERANCES
     grounded: ClassVar[bool] = True

@@ -4,12 +4,13 @@
 
 A price n ≥ 1 is what a metre costs: −ℓ log φ tends to min ∫ n ds as ℓ shrinks (Varadhan 1967, with the metric n).
 
-Settings: `screened` (leak κ, insulated outer faces; the default), `cg` (the same, by conjugate gradients alone) and
-`paper` (κ = 0, outer faces grounded), each a solver object in a file of its own. Scaling φ to 1 at the goal instead of
-feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
+Solvers: `Screened` (leak κ, insulated outer faces; the default), `ConjugateGradients` (the same, by conjugate gradients
+alone) and `PaperSetting` (κ = 0, outer faces grounded), each in a file of its own. Scaling φ to 1 at the goal instead
+of feeding a unit source changes φ by a factor only, and spends float32's range where it is needed.
 
 What is returned is log φ, since φ itself may span more than a float can. ℓ is 1.25 voxels, whatever the map's size;
-`cg` and `paper` solve for φ, so `cg` chooses ℓ such that float32 spans it, and lengthens it where that was not enough.
+the other two solve for φ, so `ConjugateGradients` chooses ℓ such that float32 spans it, and lengthens it where that was
+not enough.
 The solver does one attempt; what it finds carries the implicit derivative (`solvers.derivative`).
 """
 
@@ -17,8 +18,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
-from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -28,14 +27,11 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.lowering import maximum
 from maxjax.core.status import Status
-from maxjax.solvers.cg import ConjugateGradients
 from maxjax.solvers.derivative import differentiable
 from maxjax.solvers.medium import Medium, Progress, Solver, medium_of, no_progress, run
-from maxjax.solvers.paper import Paper
 from maxjax.solvers.screened import Screened
 
-Setting = Literal["screened", "paper", "cg"]
-SETTINGS: dict[str, Solver] = {"screened": Screened(), "paper": Paper(), "cg": ConjugateGradients()}
+SCREENED = Screened()
 
 # Where float32's range was not enough, the screening length grows by this factor.
 _LENGTHEN = 1.5
@@ -52,10 +48,10 @@ class Potential:
     Attributes:
         log_phi: logarithm of the potential: 0 at the goal, −∞ in obstacles and in pockets that no current reaches.
         status: `Status` as int32: OK, NOT_CONVERGED, NOT_CERTIFIED, GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, NONFINITE_INPUT.
-        iterations: Newton cycles (`screened`); CG iterations (`paper`, `cg`).
+        iterations: Newton cycles (`Screened`); CG iterations (the others).
         sweeps: positive sweeps after them.
-        residual: largest relative change that one more sweep would have made (`screened`); |q − A φ| / |q| of the
-            Jacobi-scaled system, recomputed from φ (`paper`, `cg`).
+        residual: largest relative change that one more sweep would have made (`Screened`); |q − A φ| / |q| of the
+            Jacobi-scaled system, recomputed from φ (the others).
         certified: every voxel of the goal's component but the goal has a strictly higher face neighbour, in `log_phi`.
         uncertified: number of voxels that have none.
         screening_length: ℓ that was used [voxels].
@@ -85,26 +81,24 @@ def solve_potential(
     price: Float[Array, "..."] | None = None,
     *,
     screening_length: Float[Array, ""] | float | None = None,
-    setting: Setting | Solver = "screened",
-    tolerance: float | None = None,
+    solver: Solver = SCREENED,
 ) -> Potential:
     """The certified conduction potential of a conductivity field; composes with `jit`, `vmap` and `grad`.
 
     Args:
         sigma: conductivity, zero in obstacles, of any scale; float32, or float64 for references.
         goal_index: voxel of the goal, int32.
-        price: n ≥ 1, what a metre costs, finite wherever sigma is positive; None: 1 everywhere. Unused in `paper`. On
-            the lattice φ decays along an axis by 2 asinh(n / 2ℓ) a voxel, which falls short of n/ℓ where n is large:
+        price: n ≥ 1, what a metre costs, finite wherever sigma is positive; None: 1. Unused in `PaperSetting`.
+            On the lattice φ decays along an axis by 2 asinh(n / 2ℓ) a voxel, which falls short of n/ℓ where n is large:
             `fields.price.lattice_price` makes up for it.
-        screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.25, in `cg` the length at which
-            float32 spans φ. Unused in `paper`.
-        setting: `screened`, `paper`, `cg`, or a solver object with caps of its own, such as
-            `solvers.screened.Screened(max_iterations=50, or_geodesic=False)`, which may then end uncertified,
-            NOT_CONVERGED or NOT_CERTIFIED; `screened` always answers (`geodesic`). Static.
-        tolerance: when the solve stops. `screened`: the relative change of any voxel by one more sweep; by default 1e-2
-            in float32, where directions are right and values to some ten times that (1e-5 once a derivative is taken,
-            1e-12 in float64); values to 1 % need 1e-4. `cg`: the residual of any voxel beside its own φ, likewise.
-            `paper`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). Static.
+        screening_length: ℓ [voxels], an array argument, taken as it is; by default 1.25, in `ConjugateGradients` the
+            length at which float32 spans φ. Unused in `PaperSetting`.
+        solver: `maxjax.Screened()`, `PaperSetting()` or `ConjugateGradients()`. Their `tolerance` says when the solve
+            stops. `Screened`: the relative change of any voxel by one more sweep; by default 1e-2 in float32, where
+            directions are right and values to some ten times that (1e-5 once a derivative is taken, 1e-12 in float64);
+            values to 1 % need 1e-4. `ConjugateGradients`: the residual of any voxel beside its own φ, likewise.
+            `PaperSetting`: the residual's norm over the source's, by default 1e-6 (1e-13 in float64). `Screened` always
+            answers (`geodesic`), unless `or_geodesic=False`; the others may end NOT_CONVERGED or NOT_CERTIFIED. Static.
 
     Returns:
         A `Potential`; `log_phi` is differentiable in sigma, price and screening_length at any distance from the goal
@@ -112,20 +106,14 @@ def solve_potential(
 
     Raises:
         ValueError: for a sigma that is not three-dimensional or neither float32 nor float64, a goal_index that is not
-            (3,), a price that is not of sigma's shape, an unknown setting, or a tolerance that is not positive.
+            (3,), a price that is not of sigma's shape, or a solver that is none.
         RuntimeError: in a process that was forked after JAX had run.
     """
     refuse_after_fork()
     sigma, goal_index = jnp.asarray(sigma), jnp.asarray(goal_index)
     check_inputs(sigma, goal_index, price)
-    if isinstance(setting, str):
-        if setting not in SETTINGS:
-            expected = ", ".join(map(repr, SETTINGS))
-            raise ValueError(f"setting: expected {expected} or a solver object, given {setting!r}")
-        setting = SETTINGS[setting]
-    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"tolerance: expected a positive finite number, given {tolerance}")
-    solver = setting if tolerance is None else dataclasses.replace(setting, tolerance=tolerance)  # type: ignore[type-var]
+    if isinstance(solver, type) or not isinstance(solver, Solver):
+        raise ValueError(f"solver: expected a solver, as maxjax.Screened(), given {solver!r}")
     price = None if price is None else jnp.asarray(price, sigma.dtype)
     if screening_length is not None:
         screening_length = jnp.asarray(screening_length, sigma.dtype)

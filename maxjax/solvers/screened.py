@@ -25,7 +25,7 @@ from maxjax.fields.price import SCREENING_LENGTH, decay
 from maxjax.solvers.certify import decide_status, sweep_until_certified
 from maxjax.solvers.cg import SWEEPS_BETWEEN_LOOKS
 from maxjax.solvers.geodesic_solver import or_geodesic
-from maxjax.solvers.medium import Medium, Progress, Stage, check_caps, pad_medium, tolerance_of
+from maxjax.solvers.medium import Medium, Progress, Stage, check_settings, pad_medium, tolerance_of
 from maxjax.solvers.newton import newton_cycles, newton_steps
 
 # Relative change of any voxel by one more sweep, by a number's bytes. Errors that remain are smooth, some ten times as
@@ -38,7 +38,7 @@ _PRICED = 5.0
 
 @dataclasses.dataclass(frozen=True)
 class Screened:
-    """The solver `screened`.
+    """The default: Newton on log φ, insulated outer faces.
 
     Attributes:
         tolerance: the relative change of any voxel by one more sweep at which cycles end; None: `TOLERANCES`,
@@ -48,7 +48,7 @@ class Screened:
         or_geodesic: whether the flood's distance takes the place of a field that is not certified.
 
     Raises:
-        ValueError: if a cap is no whole number of at least 0.
+        ValueError: if the tolerance is not positive, or a cap no whole number of at least 0.
     """
 
     tolerance: float | None = None
@@ -61,7 +61,7 @@ class Screened:
     attempts: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        check_caps(self.max_iterations, self.max_sweeps)
+        check_settings(self.tolerance, self.max_iterations, self.max_sweeps)
 
     @property
     def stages(self) -> tuple[Stage, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from experiments.orca import _SECONDS, half_spaces, solved
-from maxjax.sim.movers.sets import Tracks, no_tracks
+from maxjax.sim.movers.reachable_sets import Tracks, no_tracks
 
 
 def drawn(rng: np.random.Generator, count: int) -> Tracks:

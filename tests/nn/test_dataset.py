@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax import Status, conductivity, solve_potential
+from maxjax import Screened, Status, conductivity, solve_potential
 from maxjax.nn.dataset import Chunks, Scenes, generate, usable
 from tests.nn.scenes import GRID, Boxes
 
@@ -33,7 +33,7 @@ def test_a_scene_is_its_key_whatever_the_count(scenes: Scenes) -> None:
 
 
 def test_targets_are_the_solvers_log_potential(scenes: Scenes) -> None:
-    solve = jax.jit(lambda sigma, goal, price: solve_potential(sigma, goal, price, tolerance=1e-5))
+    solve = jax.jit(lambda sigma, goal, price: solve_potential(sigma, goal, price, solver=Screened(tolerance=1e-5)))
     for i in range(5):
         sigma = conductivity(scenes.blocked[i], scenes.goal_index[i], GRID)
         exact = solve(sigma, scenes.goal_index[i], scenes.price[i])

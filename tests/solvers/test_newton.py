@@ -152,7 +152,7 @@ def test_anisotropic_and_odd_shapes_converge(shape: tuple[int, int, int]) -> Non
 @pytest.mark.parametrize("seed", [1, 11])
 def test_doors_of_one_voxel_are_passed(seed: int) -> None:
     sigma, goal = scene(seed, (33, 33, 33))
-    potential = jax.jit(lambda s, g: solve_potential(s, g, tolerance=1e-4))(sigma, goal)
+    potential = jax.jit(lambda s, g: solve_potential(s, g, solver=Screened(tolerance=1e-4)))(sigma, goal)
     assert potential.status == Status.OK
     expected = direct_potential(sigma, tuple(goal), float(potential.screening_length) ** -2)
     np.testing.assert_allclose(potential.phi, expected, rtol=1e-2)
@@ -262,7 +262,7 @@ def test_a_batch_answers_each_scene_as_it_is_answered_alone() -> None:
     sigma = jnp.asarray(np.stack([easy, doors, corridor, walled]))
     goals = jnp.asarray(np.array([goal, beyond, corner, corner], np.int32))
     # A tolerance that no other test uses: programs traced with other constants are kept.
-    solve = functools.partial(solve_potential, tolerance=1.01e-4)
+    solve = functools.partial(solve_potential, solver=Screened(tolerance=1.01e-4))
 
     here = [solve(*given) for given in zip(sigma, goals, strict=True)]
     assert [int(one.status) for one in here] == [Status.OK, Status.OK, Status.OK, Status.GOAL_OCCUPIED]

@@ -42,7 +42,7 @@ from maxjax.sim.loop.replan import plan
 from maxjax.sim.loop.sensing import fuse, look, sense
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Among, Flag, no_flags, no_sightings, record_of
-from maxjax.sim.movers.avoid import hover_at
+from maxjax.sim.movers.steering import hover_at
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics

@@ -20,7 +20,7 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.loop.reactive import push
 from maxjax.sim.loop.sensing import look
 from maxjax.sim.movers.among import raise_flags, record_look, record_of
-from maxjax.sim.movers.avoid import setpoint_of, steer_vehicle
+from maxjax.sim.movers.steering import setpoint_of, steer_vehicle
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
 from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error

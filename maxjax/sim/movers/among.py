@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.sim.movers.choice import Chooser, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionSet
-from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, reachable
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks, reachable
 
 AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Shares of the horizon at which a record says where movers may be."""

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.reachable_sets import Bounds
 
 # Earlier looks that velocities are taken from.
 _EARLIER = 10

@@ -27,7 +27,7 @@ from jaxtyping import Array, Bool, Float
 from maxjax.sim.movers.hard_set import HardSet, gaps, seen_free
 from maxjax.sim.movers.local_value import LocalValue, cost_to_go
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
-from maxjax.sim.movers.sets import Bounds, Tracks, likely_sets, reachable
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, likely_sets, reachable
 
 # Distances are compared with so much room for rounding [m].
 _SLACK = 1e-3

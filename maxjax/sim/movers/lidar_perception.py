@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool
 
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
 from maxjax.sim.movers.among import Flag, Sightings
-from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.perception import PerceptionState, initial_perception, process_scan
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 
 
 @jax.tree_util.register_static

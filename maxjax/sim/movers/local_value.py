@@ -26,7 +26,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.core.grid import Index3
-from maxjax.sim.movers.sets import Tracks
+from maxjax.sim.movers.reachable_sets import Tracks
 
 _AROUND = tuple(o for o in itertools.product((-1, 0, 1), repeat=3) if any(o))
 # Cost of what cannot be reached [m]: more than any way, and finite, so that it can be interpolated.

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from maxjax.compile.lowering import rotate
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.sensors.range_image import clear_range, pixel
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maxjax.sim.movers.among import Flag, Sightings
-from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks
 from maxjax.sim.worlds.geoms import half_edges
 from maxjax.sim.worlds.movers import Movers, places, solids_at
 

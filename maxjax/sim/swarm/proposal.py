@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.sim.movers.among import Avoidance
 from maxjax.sim.movers.choice import Around, Commitment, downhill, score
 from maxjax.sim.movers.motions import MotionPrimitive, at, motions
-from maxjax.sim.movers.sets import Tracks, no_tracks
+from maxjax.sim.movers.reachable_sets import Tracks, no_tracks
 from maxjax.sim.swarm.agreement import NEVER, Agreement, Message
 from maxjax.sim.swarm.separation import Scheduled, courses, separation
 

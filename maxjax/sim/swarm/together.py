@@ -21,10 +21,10 @@ from maxjax.core.status import Status
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.loop.follow import fly_period, step_alone, unless
 from maxjax.sim.movers.among import Avoidance, Flag, raise_flags, record_look, record_of
-from maxjax.sim.movers.avoid import guide_around, hard_around
 from maxjax.sim.movers.choice import Around, Commitment
 from maxjax.sim.movers.motions import MotionSet, later
-from maxjax.sim.movers.sets import Tracks, propagate
+from maxjax.sim.movers.reachable_sets import Tracks, propagate
+from maxjax.sim.movers.steering import guide_around, hard_around
 from maxjax.sim.swarm.agreement import Agreement, proposing, swap_proposal
 from maxjax.sim.swarm.member import NOBODY, committed_place, saying
 from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion

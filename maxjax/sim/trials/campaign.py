@@ -25,8 +25,8 @@ from maxjax.sim.loop.flight import FlightConfig, stages_of
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.movers.among import Avoidance, Flag
 from maxjax.sim.movers.lidar_perception import LidarPerception
-from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.reachable_sets import Bounds
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import INVALID_DRAW, Outcome, Table
 from maxjax.sim.vehicle.disturbances import Disturbances, scan_error

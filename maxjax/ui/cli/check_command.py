@@ -21,6 +21,7 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.fields.conductivity import conductivity
 from maxjax.solvers.potential import solve_potential
+from maxjax.solvers.screened import Screened
 from maxjax.ui.cli import report
 from maxjax.ui.cli.options import CheckOptions
 from maxjax.ui.cli.progress import progress
@@ -50,7 +51,7 @@ def run_check(_: CheckOptions) -> int:
     goal = jnp.array([3, 4, 5], jnp.int32)
     started = time.perf_counter()
     with progress("Solving a small potential"):
-        solve = jax.jit(functools.partial(solve_potential, tolerance=_RESIDUAL))
+        solve = jax.jit(functools.partial(solve_potential, solver=Screened(tolerance=_RESIDUAL)))
         potential = solve(conductivity(jnp.asarray(occupied), goal, _GRID), goal)
         status, residual = Status(int(potential.status)), float(potential.residual)
     rows |= {

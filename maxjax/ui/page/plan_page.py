@@ -21,7 +21,7 @@ from maxjax.ui.page.controls import add_controls, legend, place_text, reach, tex
 from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.ui.page.nodes import point3
 from maxjax.ui.page.page_map import City, hit
-from maxjax.ui.page.question import Answer, Question, answer, describe
+from maxjax.ui.page.question import Answer, Question, answer, describe_answer
 from maxjax.ui.page.server import look_at, set_theme
 from maxjax.ui.page.slices import Field, Slice, field_of, picture
 from maxjax.ui.page.stage import Stage
@@ -236,7 +236,7 @@ class PlanPage:
         elif place != self.waypoints[k]:
             self.move(k % len(self._stops), place)
         elif self.answer is not None:
-            self._say(describe(self.answer))
+            self._say(describe_answer(self.answer))
 
     def _download(self, event: Any, ending: str) -> None:
         """Send a file to the browser that asked for it, or say why there is none."""
@@ -267,7 +267,7 @@ class PlanPage:
         with self._server.atomic():
             self._stage.show("/plan", answer_scene(found, self._city.frame))
             self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.question))
-            self._say(describe(found))
+            self._say(describe_answer(found))
             self._say_legend(found, wanted)
         self.answer = found
 

@@ -176,7 +176,7 @@ def densify(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n
     return np.concatenate([*pieces, path[-1:]])
 
 
-def describe(found: Answer) -> str:
+def describe_answer(found: Answer) -> str:
     """An answer in words: Markdown, a headline and the figures."""
     if found.mission is None:
         return f"### Cannot be planned\n{found.refusal}"

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from maxjax.sim.movers.seeing import process_scan
-from maxjax.sim.movers.sets import Bounds, Tracks
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.perception import process_scan
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, Scan, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Movers, Moving, straight

@@ -25,8 +25,8 @@ from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.moments import moments_of
 from maxjax.sim.movers.motions import MotionSet, at, duration
-from maxjax.sim.movers.sets import Bounds, reachable
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.reachable_sets import Bounds, reachable
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, concatenate, ground_plane

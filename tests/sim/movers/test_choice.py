@@ -14,7 +14,7 @@ from maxjax.sim.movers.choice import Around, Commitment, Keeping, choose_motion,
 from maxjax.sim.movers.hard_set import hard_set
 from maxjax.sim.movers.local_value import LocalValue
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
-from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks
 
 BOUNDS = Bounds(speed=4.0, acceleration=2.0, size=1.0)
 CHOICE = MotionSet(speed=5.0, acceleration=4.0, directions=24, brakes=(0.3, 0.8), horizon=2.2)

@@ -15,7 +15,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.movers.among import Avoidance, Flag
-from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, ground_plane

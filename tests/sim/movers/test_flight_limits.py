@@ -14,8 +14,8 @@ from maxjax.planners import Field
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, take_off
 from maxjax.sim.loop.follow import step_alone
 from maxjax.sim.movers.among import Avoidance, Flag
-from maxjax.sim.movers.avoid import steer_vehicle
 from maxjax.sim.movers.motions import MotionSet
+from maxjax.sim.movers.steering import steer_vehicle
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from maxjax.sim.movers.local_value import Crowding, cost_to_go, crowding, local_value
-from maxjax.sim.movers.sets import no_tracks
+from maxjax.sim.movers.reachable_sets import no_tracks
 
 
 def test_costs_are_those_of_dijkstra() -> None:

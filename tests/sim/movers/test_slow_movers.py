@@ -16,8 +16,8 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse, sense
 from maxjax.sim.movers.among import Avoidance
-from maxjax.sim.movers.avoid import clearance_to_movers, straight_way
-from maxjax.sim.movers.sets import Bounds, no_tracks
+from maxjax.sim.movers.reachable_sets import Bounds, no_tracks
+from maxjax.sim.movers.steering import clearance_to_movers, straight_way
 from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane

@@ -17,8 +17,8 @@ from maxjax.sim.loop.flight_state import Flight
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Avoidance, Flag
-from maxjax.sim.movers.avoid import straight_way
-from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.reachable_sets import Bounds
+from maxjax.sim.movers.steering import straight_way
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.swarm.swarm_flight import FleetLog, fleet_take_off, fly_fleet, watch_fleet

@@ -501,7 +501,7 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     assert "pip install 'maxjax[viz]'" in terminal("check")[1]
     monkeypatch.setattr(check, "versions", lambda: {"jax": "0.10.2", "mujoco": "3.17.0", "mujoco-mjx": "3.16.0"})
     short = Screened(max_iterations=1, or_geodesic=False)
-    monkeypatch.setattr(check, "solve_potential", functools.partial(solve_potential, setting=short))
+    monkeypatch.setattr(check, "solve_potential", functools.partial(solve_potential, solver=short))
     code, out, err = terminal("check")
     assert code == 1
     assert "all good" not in out

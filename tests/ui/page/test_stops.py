@@ -13,7 +13,7 @@ import maxjax
 from maxjax.planning.mission import Mission, Waypoint
 from maxjax.ui.page.download import _timed
 from maxjax.ui.page.incoming import fault_of, refusal_of
-from maxjax.ui.page.question import Answer, Question, answer, describe
+from maxjax.ui.page.question import Answer, Question, answer, describe_answer
 from tests.planners import bare_plan
 
 PLACES = ((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), (120.0, 0.0, 20.0))
@@ -60,12 +60,12 @@ def test_the_speed_of_the_mission_rules_where_a_leg_has_none() -> None:
     assert own > 8.0
     assert speeds(()) == pytest.approx([4.0, 4.0], abs=0.1)
     assert speeds((start, Waypoint(PLACES[1], speed=3.0), fast))[0] == pytest.approx(3.0, abs=0.1)
-    assert "1. 60.0 m, at most 4 m/s" in describe(answered((start, click, fast))).replace("nan m", "60.0 m")
+    assert "1. 60.0 m, at most 4 m/s" in describe_answer(answered((start, click, fast))).replace("nan m", "60.0 m")
 
 
 def test_a_waypoint_nearer_than_the_radius_is_told() -> None:
-    assert "Radius not kept" not in describe(answered(()))
-    text = describe(answered((), clear=1.36))
+    assert "Radius not kept" not in describe_answer(answered(()))
+    text = describe_answer(answered((), clear=1.36))
     assert "**Radius not kept:** waypoint 1 (60, 0, 20) stands 1.36 m from an obstacle" in text
 
 
@@ -105,10 +105,10 @@ def test_an_end_in_something_is_told_as_on_the_command_line() -> None:
     where = maxjax.VoxelMap.of(walls, spacing=2.0, origin=(0.0, 0.0, 0.0), ground=ground)
     city = City("town", where)
     question = Question(((50.0, 30.0, 31.0), (10.0, 20.0, 20.0)), method="astar", radius=1.0, margin=2.0)
-    text = describe(answer(city, question))
+    text = describe_answer(answer(city, question))
     assert "START_OCCUPIED" in text
     assert "(50, 30, 31) lies in an obstacle, 8.0 m below its top at z = 39.0; free from z = " in text
     closed = dataclasses.replace(question, waypoints=((10.0, 20.0, 12.0), (10.0, 50.0, 30.0)), band=(10.0, 40.0))
-    text = describe(answer(city, closed))
+    text = describe_answer(answer(city, closed))
     assert "START_OUTSIDE_BAND" in text
     assert ". There z = 20.0 to z = 46.0 is open" in text

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim.movers.clusters import Clusters
-from maxjax.sim.movers.sets import Bounds
-from maxjax.sim.movers.sight import TrackingSettings
-from maxjax.sim.movers.visible import Detections, detect_bodies
+from maxjax.sim.movers.detection import Detections, detect_bodies
+from maxjax.sim.movers.reachable_sets import Bounds
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, scan
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms, concatenate, ground_plane
 from maxjax.sim.worlds.movers import Moving

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from maxjax.sim.movers.lidar_perception import sightings_of
-from maxjax.sim.movers.seeing import PerceptionState, initial_perception, process_scan
-from maxjax.sim.movers.sets import reachable
+from maxjax.sim.movers.perception import PerceptionState, initial_perception, process_scan
+from maxjax.sim.movers.reachable_sets import reachable
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.worlds.movers import Movers, Moving
 from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres

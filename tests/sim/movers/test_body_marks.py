@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxjax.sim.movers.body_marks import Marks, append_marks, no_history, propagate_marks, velocities
-from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.reachable_sets import Bounds
 
 COUNT = 64
 fast_velocities = jax.jit(velocities)

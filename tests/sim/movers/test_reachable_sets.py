@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, propagate, reachable
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks, propagate, reachable
 
 BOUNDS = Bounds(speed=3.0, acceleration=2.0, size=1.0)
 

@@ -22,7 +22,10 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.compile.lowering import rotate
 from maxjax.sim.movers.clusters import Clusters, Signs, cluster_returns, gather_rays
-from maxjax.sim.movers.following import (
+from maxjax.sim.movers.detection import detect_bodies
+from maxjax.sim.movers.range_memory import Memory, empty_memory, margin, remember_scan, was_empty
+from maxjax.sim.movers.reachable_sets import Tracks
+from maxjax.sim.movers.tracking import (
     Association,
     ExpectedView,
     TrackerState,
@@ -32,10 +35,7 @@ from maxjax.sim.movers.following import (
     predict_tracks,
     update_tracks,
 )
-from maxjax.sim.movers.range_memory import Memory, empty_memory, margin, remember_scan, was_empty
-from maxjax.sim.movers.sets import Tracks
-from maxjax.sim.movers.sight import TrackingSettings
-from maxjax.sim.movers.visible import detect_bodies
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.sensors.range_image import clear_range, pixel
 

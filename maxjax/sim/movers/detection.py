@@ -20,9 +20,9 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.compile.lowering import rotate
 from maxjax.sim.movers.body_marks import Marks
+from maxjax.sim.movers.cluster_extents import BeamFrames, Group, cluster_extents
 from maxjax.sim.movers.clusters import Clusters
-from maxjax.sim.movers.sight import TrackingSettings
-from maxjax.sim.movers.sighted import BeamFrames, Group, cluster_extents
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Scan, cast_at, directions
 
 _SIGMAS = 4.0

@@ -7,7 +7,7 @@ import math
 
 import jax
 
-from maxjax.sim.movers.sets import Bounds
+from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.sensors.lidar import Lidar
 
 

@@ -25,7 +25,7 @@ from maxjax.sim.movers.choice import Around, Commitment
 from maxjax.sim.movers.hard_set import HardSet, hard_set
 from maxjax.sim.movers.local_value import LocalValue, crowding, local_value
 from maxjax.sim.movers.motions import MotionPrimitive, at, later
-from maxjax.sim.movers.sets import Tracks, reachable
+from maxjax.sim.movers.reachable_sets import Tracks, reachable
 from maxjax.trajectories.online import Setpoint, profile, straight_course
 
 if TYPE_CHECKING:

@@ -34,10 +34,10 @@ from maxjax.sim.movers.body_marks import (
     propagate_marks,
     velocities,
 )
+from maxjax.sim.movers.detection import Detections
 from maxjax.sim.movers.estimate import Estimate, correct, predict
-from maxjax.sim.movers.sets import Bounds, Tracks, no_tracks, propagate
-from maxjax.sim.movers.sight import TrackingSettings
-from maxjax.sim.movers.visible import Detections
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks, propagate
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 
 # A measurement that no set expects, but this near to where a track was expected, is its [m].
 _BROKE = 1.5

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from maxjax.compile.lowering import rotate
 from maxjax.sim.movers.clusters import Clusters
 from maxjax.sim.movers.range_memory import margin
-from maxjax.sim.movers.sight import TrackingSettings
+from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.sensors.range_image import clear_range, rise
 

@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from maxjax.sim.movers.assignment import assign
 from maxjax.sim.movers.body_marks import Marks
-from maxjax.sim.movers.following import ExpectedView, initial_tracker_state, update_tracks
-from maxjax.sim.movers.visible import Detections
+from maxjax.sim.movers.detection import Detections
+from maxjax.sim.movers.tracking import ExpectedView, initial_tracker_state, update_tracks
 from tests.sim.movers.scenes import SIGHT, arrays
 
 jit_followed = jax.jit(update_tracks)
