@@ -235,7 +235,7 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
         return potential_field(*arrays, grid, solve_potential).log_phi
 
     def run() -> maxjax.Plans:
-        return maxjax.plan_fleet(task.map, task.starts, task.goals[0])
+        return maxjax.plan_to_goal(task.map, task.starts, task.goals[0])
 
     field()
     rows = [_row(f"{what}: the field alone", [_least(field, config.repeats)])]

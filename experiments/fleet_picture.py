@@ -51,7 +51,7 @@ def main(config: Config) -> list[Float[np.ndarray, "_ 3"]]:
     voxels = occupancy(make_scene(*config.city).geoms, grid)
     occupied, ground = (np.asarray(volume) for volume in voxels)
     starts = _starts(occupied, grid, config)
-    plans = maxjax.plan_fleet(
+    plans = maxjax.plan_to_goal(
         maxjax.VoxelMap.on(grid, occupied, ground),
         starts,
         config.goal,

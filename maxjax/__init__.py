@@ -4,7 +4,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxjax.api import plan, plan_batch, plan_fleet, plan_mission, plan_route, plan_scan, trajectory
+    from maxjax.api import plan, plan_batch, plan_fleet, plan_mission, plan_route, plan_scan, plan_to_goal, trajectory
     from maxjax.baselines.apf import APF
     from maxjax.baselines.astar_planner import AStar
     from maxjax.baselines.rrt_star import RRTStar
@@ -92,6 +92,7 @@ __all__ = [
     "plan_mission",
     "plan_route",
     "plan_scan",
+    "plan_to_goal",
     "solve_potential",
     "trajectory",
     "verify",
@@ -113,6 +114,7 @@ _MODULES = {
         "plan_mission",
         "plan_route",
         "plan_scan",
+        "plan_to_goal",
         "trajectory",
     ),
     "maxjax.baselines.apf": ("APF",),

@@ -27,7 +27,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.plan_route import plan_route as route_in
-from maxjax.planning.run.shared_goal import plan_fleet as plan_starts
+from maxjax.planning.run.shared_goal import plan_to_goal as plan_starts
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
 from maxjax.trajectories.mission_schedule import schedule_mission
@@ -127,7 +127,7 @@ def plan_batch(
     return plan_task(task, check_planner(planner))
 
 
-def plan_fleet(
+def plan_to_goal(
     where: VoxelMap,
     starts: Real[Array | np.ndarray, "n 3"],
     goal: Position,
@@ -154,11 +154,15 @@ def plan_fleet(
         others alone.
 
     Raises:
-        ValueError: as `plan`, for an empty fleet, or a planner that climbs no field.
+        ValueError: as `plan`, for no starts, or a planner that climbs no field.
     """
     climber = check_climber(planner)
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
     return plan_starts(_task(_single(where), *ends, distances, airspace), climber)
+
+
+plan_fleet = plan_to_goal
+"""The name that `plan_to_goal` had before; it stays for one release."""
 
 
 def plan_scan(
@@ -210,7 +214,7 @@ def plan_mission(
 ) -> Mission:
     """Plan a path through waypoints in order, leg by leg, and verify it as a whole.
 
-    Legs of one goal and the same distances share a field where the map is solved as a whole (`plan_fleet`).
+    Legs of one goal and the same distances share a field where the map is solved as a whole (`plan_to_goal`).
 
     Args:
         where, planner, distances, airspace: as in `plan`.

@@ -19,8 +19,8 @@ from maxjax import (
     dilate,
     plan,
     plan_batch,
-    plan_fleet,
     plan_scan,
+    plan_to_goal,
     verify,
     voxelize,
 )
@@ -92,10 +92,10 @@ def test_paths_differ_by_the_shift_alone(method: str, problem: tuple[np.ndarray,
 
 def test_fleets_differ_by_the_shift_alone(problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     occupied, starts, goal = problem
-    fleet = plan_fleet(VoxelMap.on(GRID, occupied), starts, goal, distances=Distances(margin=MARGIN))
+    fleet = plan_to_goal(VoxelMap.on(GRID, occupied), starts, goal, distances=Distances(margin=MARGIN))
     assert (fleet.status == Status.OK).any()
     for shift in SHIFTS:
-        away = plan_fleet(
+        away = plan_to_goal(
             VoxelMap.on(moved(shift), occupied), starts + shift, goal + shift, distances=Distances(margin=MARGIN)
         )
         for one, other in zip(fleet, away, strict=True):
@@ -156,7 +156,9 @@ def test_a_second_map_of_a_shape_compiles_nothing_elsewhere(
         )
         return [
             *plans,
-            *plan_fleet(VoxelMap.on(grid, occupied), starts + shift, goal + shift, distances=Distances(margin=MARGIN)),
+            *plan_to_goal(
+                VoxelMap.on(grid, occupied), starts + shift, goal + shift, distances=Distances(margin=MARGIN)
+            ),
         ]
 
     run((0.0, 0.0, 0.0))

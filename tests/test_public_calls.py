@@ -46,7 +46,7 @@ def test_the_calls_that_the_design_names_run_as_written(tmp_path: Path) -> None:
     plans = maxjax.plan_batch(city, starts, goals)
     assert plans.status.shape == plans.length.shape == (3,)
     assert plans[2].status == plans.status[2]
-    fleet = maxjax.plan_fleet(city, starts[[0, 2]], goal)
+    fleet = maxjax.plan_to_goal(city, starts[[0, 2]], goal)
     assert len(fleet) == 2
     flight = maxjax.trajectory(plan, maxjax.FlightLimits())
     assert flight.plan is plan

@@ -14,9 +14,9 @@ The same derivative gives where to begin. With the wall closed but for a hair (�
 of the wall carries its share of the way from the starts: −∂ mean log φ / ∂ log σ, summed over what a gate would open,
 ranks all positions of the gate at once. A second search begins at the north end of the wall, seventy metres off.
 
-The judge is `plan_fleet` on the voxel map with the gate cut out: its mean length before and after, and brute force over
-gates on a lattice. Expected: the search from the gate ranked first ends within two per cent of the best gate of the
-lattice; the other one gets most of the way, and stops over a roof.
+The judge is `plan_to_goal` on the voxel map with the gate cut out: its mean length before and after, and brute force
+over gates on a lattice. Expected: the search from the gate ranked first ends within two per cent of the best gate of
+the lattice; the other one gets most of the way, and stops over a roof.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Place:
         walled, ground = jnp.asarray(self.walled(gate, config)), jnp.asarray(self.ground)
         blocked = np.asarray(maxjax.dilate(walled, config.margin, self.grid, ground))
         where = maxjax.VoxelMap.on(self.grid, blocked)
-        plans = maxjax.plan_fleet(where, *ends, distances=maxjax.Distances(0.0, 0.0))
+        plans = maxjax.plan_to_goal(where, *ends, distances=maxjax.Distances(0.0, 0.0))
         ok = plans.status == maxjax.Status.OK
         return [plan.path for plan in plans], float(plans.length.mean()) if ok.all() else np.nan
 

@@ -126,7 +126,7 @@ class Crossing:
         """The plan where these voxels are occupied."""
         points = metres(self.start, self.grid)[None], metres(self.goal, self.grid)
         where = maxjax.VoxelMap.on(self.grid, np.asarray(self.blocked(occupied)))
-        return maxjax.plan_fleet(where, *points, distances=maxjax.Distances(0.0, 0.0))[0]
+        return maxjax.plan_to_goal(where, *points, distances=maxjax.Distances(0.0, 0.0))[0]
 
     def blocked(self, occupied: Bool[np.ndarray, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
         """These voxels, dilated."""

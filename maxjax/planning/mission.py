@@ -27,7 +27,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.spoken import Spoken
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
-from maxjax.planning.run.shared_goal import plan_fleet
+from maxjax.planning.run.shared_goal import plan_to_goal
 from maxjax.verification.verifier import verify
 
 LONGEST_HOVER = 3600.0  # [s]
@@ -199,7 +199,7 @@ def plan_legs(task: Task, distances: Sequence[Distances], planner: Planner) -> l
         kept = distances[together[0]]
         if climber is not None and climber.focus and len(together) > 1:
             some = dataclasses.replace(task.some(np.array(together)), distances=kept)
-            found.update(zip(together, plan_fleet(some, climber), strict=True))
+            found.update(zip(together, plan_to_goal(some, climber), strict=True))
         else:
             alone.setdefault(kept, []).extend(together)
     for kept, legs in alone.items():

@@ -9,7 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from maxjax import AStar, Grid, Plans, Potential, Status, VoxelMap, dilate, plan, plan_fleet, solve_potential, verify
+from maxjax import AStar, Grid, Plans, Potential, Status, VoxelMap, dilate, plan, plan_to_goal, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
@@ -57,7 +57,7 @@ def starts(occupied: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def fleet(occupied: np.ndarray, starts: np.ndarray) -> Plans:
-    return plan_fleet(
+    return plan_to_goal(
         VoxelMap.on(GRID, occupied), starts, world(GOAL_INDEX), distances=Distances(radius=RADIUS, margin=MARGIN)
     )
 
@@ -103,14 +103,14 @@ def test_a_wrong_goal_fails_all(occupied: np.ndarray, starts: np.ndarray) -> Non
         ((2, 2, 2), Status.NO_VALID_PATH),
     ):
         with patch("maxjax.planning.run.shared_goal.potential_field", side_effect=AssertionError):  # nothing is solved
-            found = plan_fleet(
+            found = plan_to_goal(
                 VoxelMap.on(GRID, occupied),
                 starts[len(WRONG) :],
                 world(goal),
                 distances=Distances(radius=RADIUS, margin=MARGIN),
             )
         assert set(found.status) == {status}
-    unknown = plan_fleet(
+    unknown = plan_to_goal(
         VoxelMap.on(GRID, occupied), starts, [0.0, math.nan, 0.0], distances=Distances(radius=RADIUS, margin=MARGIN)
     )
     assert set(unknown.status) == {Status.NONFINITE_INPUT}
@@ -124,7 +124,7 @@ def test_many_starts_in_one_call_cost_one_solve() -> None:
     clear = np.asarray(dilate(occupied, MARGIN, GRID))
     starts = world(rng.choice(np.argwhere(~clear), 200) + rng.uniform(-0.4, 0.4, (200, 3)))
     with patch.object(fleet_module, "potential_field", wraps=fleet_module.potential_field) as solves:
-        found = plan_fleet(
+        found = plan_to_goal(
             VoxelMap.on(GRID, occupied), starts, world(GOAL_INDEX), distances=Distances(radius=RADIUS, margin=MARGIN)
         )
     assert solves.call_count == 1
@@ -140,7 +140,7 @@ def test_many_starts_in_one_call_cost_one_solve() -> None:
 
 def statuses_of(potential: object, maze: np.ndarray, starts: np.ndarray, goal: np.ndarray, steps: int) -> list[Status]:
     task = Task.of(VoxelMap.on(GRID, maze), starts, goal, Distances(0.0, 0.0))
-    found = fleet_module.plan_fleet(task, FieldPlanner(potential, Ascent(steps=steps)))  # type: ignore[arg-type]
+    found = fleet_module.plan_to_goal(task, FieldPlanner(potential, Ascent(steps=steps)))  # type: ignore[arg-type]
     for p in found:
         assert p.status is not Status.OK or verify(p.path, VoxelMap.on(GRID, maze)).ok
     return [p.status for p in found]
@@ -161,7 +161,7 @@ def test_those_that_need_more_steps_go_again_and_a_field_that_fails_says_so() ->
 
 
 def test_wrong_arguments_are_told_with_what_was_given(occupied: np.ndarray, starts: np.ndarray) -> None:
-    call, where = getattr(plan_fleet, "__wrapped__", plan_fleet), VoxelMap.on(GRID, occupied)
+    call, where = getattr(plan_to_goal, "__wrapped__", plan_to_goal), VoxelMap.on(GRID, occupied)
     with pytest.raises(ValueError, match=r"starts: .*shape \(n, 3\) with n >= 1 .*given float64 \(0, 3\)"):
         call(where, starts[:0], world(GOAL_INDEX))
     with pytest.raises(ValueError, match=r"starts: .*shape \(n, 3\) with n >= 1 .*given float64 \(3,\)"):

@@ -80,8 +80,8 @@ def test_legs_of_one_goal_share_a_field(monkeypatch: pytest.MonkeyPatch) -> None
         fleets.append(len(task))
         return real(task, *rest)
 
-    real = missions.plan_fleet
-    monkeypatch.setattr(missions, "plan_fleet", counted)
+    real = missions.plan_to_goal
+    monkeypatch.setattr(missions, "plan_to_goal", counted)
     ways = A, B, A, C, A
     shared = planned(*ways, planner=maxjax.Field())
     assert fleets == [2]

@@ -20,7 +20,7 @@ from maxjax.planning.problem.task import Task
 from maxjax.planning.run import execution as execute
 from maxjax.planning.run.execution import plan_task, with_longer_ascents
 from maxjax.planning.run.field_planner import FieldPlanner
-from maxjax.planning.run.shared_goal import plan_fleet
+from maxjax.planning.run.shared_goal import plan_to_goal
 from maxjax.planning.run.stages import PotentialFn
 from maxjax.planning.run.verifying import verified
 from maxjax.solvers.screened import Screened
@@ -139,7 +139,7 @@ def test_a_planner_with_the_members_of_a_field_climber_is_carried_out_in_stages(
     assert plan.status is Status.OK
     assert {"solve", "ascend", "tighten"} <= set(plan.timings)
     np.testing.assert_array_equal(plan.path, same.path)
-    np.testing.assert_allclose(plan_fleet(task, climber).length, plan.length, rtol=1e-2)
+    np.testing.assert_allclose(plan_to_goal(task, climber).length, plan.length, rtol=1e-2)
 
 
 def test_a_wrong_problem_is_never_handed_to_a_planner() -> None:

@@ -159,7 +159,7 @@ _ASCEND = Program("ascend", _ascend_all, static=("settings",))
 _TIGHTEN = Program("tighten", _tighten_all)
 
 
-def plan_fleet(task: Task, planner: FieldClimber) -> Plans:
+def plan_to_goal(task: Task, planner: FieldClimber) -> Plans:
     """`execution.plan_task` for a task of one map and one goal, with as few solves as exemptions allow."""
     with recording() as recorder:
         ends = jnp.asarray(task.ends)

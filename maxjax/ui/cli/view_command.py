@@ -33,7 +33,7 @@ from maxjax.ui.cli.progress import progress
 from maxjax.ui.cli.viewing_source import Opened, open_source, shared_options
 from maxjax.ui.figures.drawable import drawable
 from maxjax.ui.page.page_map import City, first_ends
-from maxjax.ui.page.question import Question, answer, describe
+from maxjax.ui.page.question import Question, answer, describe_answer
 from maxjax.ui.page.server import need_viser
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
@@ -81,7 +81,7 @@ def _share(options: ViewOptions, city: City, question: Question) -> int:
     with progress("Planning"):
         found = answer(city, question)
     if not found.ok:
-        report.complain(describe(found).replace("### ", "").replace("**", "").replace("\n\n", ". "))
+        report.complain(describe_answer(found).replace("### ", "").replace("**", "").replace("\n\n", ". "))
         return 1
     with progress("Writing the page"):
         page = page_of(city, found, dark=options.dark)

@@ -289,7 +289,7 @@ def test_batches_and_fleets_keep_the_rules_and_name_them() -> None:
     maps = maxjax.VoxelMap.on(AIR, np.stack([occupied] * 2), np.stack([ground] * 2))
     batch = maxjax.plan_batch(where, starts, goals, **options)
     several = maxjax.plan_batch(maps, starts, goals, **options)
-    fleet = maxjax.plan_fleet(where, starts, GOAL, **options)
+    fleet = maxjax.plan_to_goal(where, starts, GOAL, **options)
     np.testing.assert_array_equal(batch[1].map.closed, np.where(occupied, 0, airspace.closed(ground, AIR)))
     expected = [Status.START_IN_CLOSED_AREA, Status.OK]
     assert batch.status.tolist() == several.status.tolist() == fleet.status.tolist() == expected

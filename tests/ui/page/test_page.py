@@ -18,7 +18,7 @@ from maxjax.ui.page.download import page_of
 from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.page_map import City, first_ends, hit
-from maxjax.ui.page.question import Question, answer, describe
+from maxjax.ui.page.question import Question, answer, describe_answer
 from maxjax.ui.page.slices import Field, Slice, picture
 from maxjax.ui.page.worker import Worker
 from tests.ui.page.test_surface import area_vectors
@@ -54,8 +54,8 @@ def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None
     assert step.max() <= 0.5 * city.grid.spacing + 1e-9
     assert step.sum() == pytest.approx(plan.length)
     np.testing.assert_array_equal(line.colors[:, 0], ramp(CLEARANCES, found.clearance[:-1] / 8.0))
-    assert "Verified path, certified" in describe(found)
-    assert f"{plan.length:.1f} m" in describe(found)
+    assert "Verified path, certified" in describe_answer(found)
+    assert f"{plan.length:.1f} m" in describe_answer(found)
 
 
 def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
@@ -64,7 +64,7 @@ def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
     assert found.ok
     assert np.abs(found.dense - (34.0, 40.0, 20.0)).sum(axis=1).min() < 1e-9
     assert {"/plan/path", "/plan/astar"} == set(answer_scene(found, city.frame))
-    assert "A\\* beside it" in describe(found)
+    assert "A\\* beside it" in describe_answer(found)
 
 
 def test_a_path_keeps_the_altitude_band() -> None:
@@ -77,7 +77,7 @@ def test_a_path_keeps_the_altitude_band() -> None:
     assert kept.dense[:, 2].max() <= 2.0 + 14.0
     assert answer(city, Question(above)).ok
     assert not answer(city, Question(above, band=(4.0, 14.0))).ok
-    assert "ground" in describe(answer(City("bare", maxjax.VoxelMap.on(city.grid, city.occupied)), kept.question))
+    assert "ground" in describe_answer(answer(City("bare", maxjax.VoxelMap.on(city.grid, city.occupied)), kept.question))
 
 
 def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
@@ -140,7 +140,7 @@ def test_where_there_is_no_path_nothing_is_drawn_and_words_say_why(question: Que
     found = answer(city, question)
     assert not found.ok
     assert answer_scene(found, city.frame) == {}
-    assert words in describe(found)
+    assert words in describe_answer(found)
 
 
 def test_the_map_drawn_is_what_is_seen_of_it() -> None:
