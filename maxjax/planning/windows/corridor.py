@@ -30,7 +30,8 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.path.route import Route, Routes
 from maxjax.planning.problem.task import Task
-from maxjax.planning.windows.focus_window import SHAPES, RouteViews, ellipsoid_box, in_windows, rounded, straight
+from maxjax.planning.windows.focus_window import SHAPES, RouteViews, in_windows, rounded
+from maxjax.planning.windows.geometry import ellipsoid_box, guess_costs
 from maxjax.planning.windows.lattice_guide import Show, lattice_path
 
 # Voxels of a coarse map that is solved as a whole, and the length of a leg [voxels].
@@ -131,7 +132,7 @@ def _path(routes: Routes, k: int) -> Points:
 def _factors(task: Task) -> list[int]:
     """f: the least at which a window of the coarse map holds the way, and that at which it is solved as a whole."""
     shape = np.array(task.grid.shape)
-    low, high = ellipsoid_box(task.index, straight(task.index), shape)
+    low, high = ellipsoid_box(task.index, guess_costs(task.index, np), shape, np)
     window = math.ceil(((high - low + 1) / np.array(SHAPES[-1])).max())
     whole = math.ceil((math.prod(task.grid.shape) / _COARSE) ** (1 / 3))
     return sorted({max(factor, 2) for factor in (min(window, whole), whole)})

@@ -30,6 +30,7 @@ from maxjax.planning.run import pipeline
 from maxjax.planning.run.execution import one_by_one, staged
 from maxjax.planning.windows import focus_window
 from maxjax.planning.windows.focus_window import View, Windows, in_windows
+from maxjax.planning.windows.geometry import worthwhile
 
 LONGER = 4
 # By what the time of a shape shrinks when it is not asked: one slow turn is not held against it for ever.
@@ -60,7 +61,7 @@ class FixedShapes:
     def shapes(self) -> tuple[Index3, ...]:
         """Of all windows that may be asked, and of the grid."""
         whole = self.grid.shape
-        few = [shape for shape in focus_window.SHAPES if focus_window.worthwhile(shape, whole)]
+        few = [shape for shape in focus_window.SHAPES if worthwhile(shape, whole)]
         return (*(few if self.planner.focus else []), whole)
 
     def warm_up(self) -> None:

@@ -1,15 +1,11 @@
 """Focus: the window of a map that holds the cheapest way between two ends, and what a device is shown of a task.
 
-    |x − s| + |x − g| ≤ C        for every point x of a way from s to g that costs no more than C
-
-as no metre costs less than 1. So a way that leaves a box around both ends crosses one of its faces, and costs at least
-
-    bound = min over the faces of |s' − g|,    s' = s mirrored at the face
-
-A face beyond which the map ends, or holds nothing but occupied voxels, is crossed by no way and does not count. A path
-of cost C ≤ bound, found in the box, proves that the cheapest way of the whole map lies in it. Until there is one the
-box grows, from the ellipsoid of a guess of C to that of the cost that was found, and at last to the whole map. What a
-part of a map cannot show (that nothing joins the ends, or no smaller exemption) is left to the whole map as well.
+A way that leaves a box around both ends crosses one of its faces, and costs at least the bound of
+`planning.windows.geometry`. A face beyond which the map ends, or holds nothing but occupied voxels, is crossed by no
+way and does not count. A path of cost C ≤ bound, found in the box, proves that the cheapest way of the whole map lies
+in it. Until there is one the box grows, from the ellipsoid of a guess of C to that of the cost that was found, and at
+last to the whole map. What a part of a map cannot show (that nothing joins the ends, or no smaller exemption) is left
+to the whole map as well.
 
 Boxes come in few shapes, for which programs are compiled, and which serve every map: along an axis where the map is
 smaller, the box reaches beyond its *rim*, where nothing is flown. Distances to walls are read beyond the box, in a
@@ -21,19 +17,28 @@ Positions are index coordinates of the map (whole numbers at voxel centres), cos
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64
+from jaxtyping import Float, Float64, Int32, Int64
 
 from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid, Index3
-from maxjax.core.status import Status
 from maxjax.planning.path.route import Route, Routes, without_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
+from maxjax.planning.windows.geometry import (
+    centre,
+    costs_over_faces,
+    ellipsoid_box,
+    ends_inside,
+    guess_costs,
+    is_proved,
+    next_costs,
+    path_costs,
+    worthwhile,
+)
 from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
 
 # Shapes of windows, flat as cities are [voxels].
@@ -51,13 +56,6 @@ SHAPES: tuple[Index3, ...] = (
 _ROUNDED = 32, 32, 16
 # Windows that a thread chooses in one go: of fewer, NumPy's calls would cost more than what they find.
 _TOGETHER = 64
-# What the cheapest way is taken to cost, in terms of the straight line, and by what that grows where ends are not
-# joined.
-GUESS, GROWTH = 1.25, 1.6
-# Such faults of an end are plain in any window that holds it.
-LOCAL = (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)
-
-
 # By name.
 Volumes = dict[str, np.ndarray]
 
@@ -87,17 +85,6 @@ class Windows:
         return Windows(self.corners[rows], self.sizes[rows], self.bounds[rows])
 
 
-def worthwhile(shapes: Index3 | Int64[np.ndarray, "n 3"], whole: Index3) -> Bool[np.ndarray, "*n"]:
-    """Whether windows of such shapes, each three numbers, have less than half of the voxels of a whole map."""
-    return np.asarray(2 * np.prod(np.asarray(shapes), axis=-1) < math.prod(whole))
-
-
-def straight(ends: Float64[np.ndarray, "b 2 3"]) -> Float64[np.ndarray, " b"]:
-    """First guesses of what the cheapest ways cost."""
-    first: Float64[np.ndarray, " b"] = GUESS * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return first
-
-
 def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     """The smallest window of each problem that no way of its cost leaves.
 
@@ -109,11 +96,9 @@ def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
         The windows; none where there is no smaller one than the whole map, or an end is not inside it.
     """
     limits, shapes = np.array(task.grid.shape), np.array(SHAPES)
-    voxels = np.floor(np.where(np.isfinite(task.index), task.index, -1) + 0.5)
-    inside = ((voxels >= 0) & (voxels < limits)).all(axis=(1, 2)) & (task.index[:, 0] != task.index[:, 1]).any(axis=1)
-    rows = np.flatnonzero(inside)
+    rows = np.flatnonzero(ends_inside(task.index, limits, np))
     some = task.some(rows)
-    low, high = ellipsoid_box(some.index, costs[rows], limits)
+    low, high = ellipsoid_box(some.index, costs[rows], limits, np)
     low[:, 2] = np.minimum(lowest_open(Boxes(*some.stacked(task.barred), low, high)), high[:, 2])
     fits = (high - low < shapes[:, None]).all(axis=2) & worthwhile(shapes, task.grid.shape)[:, None]
     sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
@@ -129,46 +114,30 @@ def _corners(
     task: Task, low: Int64[np.ndarray, "b 3"], high: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
 ) -> Int64[np.ndarray, "b 3"]:
     """Lowest voxels of windows around boxes: these in the middle, and below them only layers that are all occupied."""
-    last = np.maximum(np.array(task.grid.shape) - sizes, 0)
-    corners: Int64[np.ndarray, "b 3"] = np.clip((low + high + 1 - sizes) // 2, 0, last)
+    limits = np.array(task.grid.shape)
+    corners: Int64[np.ndarray, "b 3"] = centre(low, high, sizes, limits, np)
     top = corners + sizes - 1
     top[:, 2] = low[:, 2]
     floor = lowest_open(Boxes(*task.stacked(task.barred), corners, top))
-    corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), last[:, 2])
+    corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), np.maximum(limits - sizes, 0)[:, 2])
     return corners
-
-
-def ellipsoid_box(
-    ends: Float64[np.ndarray, "b 2 3"], costs: Float64[np.ndarray, " b"], limits: Int64[np.ndarray, " 3"]
-) -> tuple[Int64[np.ndarray, "b 3"], Int64[np.ndarray, "b 3"]]:
-    """The lowest and the highest voxels of a map of this shape that ellipsoids with these foci meet."""
-    middle, chord = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    across = np.maximum(costs**2 - (chord**2).sum(axis=1), 0.0) / 4
-    # Along each axis: a² u² + b² (1 − u²) with the half axes a² = b² + |chord|²/4 and b, u the chord's direction.
-    half = np.sqrt(across[:, None] + chord**2 / 4)
-    low, high = np.floor(middle - half).astype(np.int64), np.ceil(middle + half).astype(np.int64)
-    return np.clip(low, 0, limits - 1), np.clip(high, 0, limits - 1)
 
 
 def ways_out(
     task: Task, corners: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
 ) -> Float64[np.ndarray, " b"]:
-    """The least cost of a way that leaves each window, by the centres of its outermost voxels; infinite if none can."""
-    limits, (start, goal) = np.array(task.grid.shape), np.moveaxis(task.index, 1, 0)
+    """The least cost of a way that leaves each window; infinite if none can."""
+    limits, own = np.array(task.grid.shape), np.eye(3, dtype=bool)
     maps, map_of = task.stacked(task.barred)
-    lowest = np.repeat(corners[None], 6, axis=0)
-    highest = np.repeat(np.minimum(corners + sizes, limits)[None] - 1, 6, axis=0)
-    images = np.repeat(start[None], 6, axis=0)
-    for k, (axis, step) in enumerate(itertools.product(range(3), (-1, 1))):
-        face = corners[:, axis] if step < 0 else corners[:, axis] + sizes[:, axis] - 1
-        lowest[k, :, axis] = highest[k, :, axis] = face + step
-        images[k, :, axis] = 2 * face - start[:, axis]
+    beyond = np.stack([corners - 1, corners + sizes], axis=1)[:, :, None]
+    lowest = np.where(own, beyond, corners[:, None, None])
+    highest = np.where(own, beyond, np.minimum(corners + sizes, limits)[:, None, None] - 1)
     # The layers beyond the faces: those within the map that are not all occupied are crossed.
-    inside = ((lowest >= 0) & (highest < limits)).all(axis=2)
-    layers = Boxes(maps, np.tile(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3))
-    crossed = inside & (lowest_open(layers).reshape(inside.shape) <= highest[..., 2])
-    ways: Float64[np.ndarray, "6 b"] = np.where(crossed, np.linalg.norm(images - goal, axis=2), math.inf)
-    return np.asarray(ways.min(axis=0))
+    within = ((lowest >= 0) & (highest < limits)).all(axis=3)
+    layers = Boxes(maps, np.repeat(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3))
+    crossed = within & (lowest_open(layers).reshape(within.shape) <= highest[..., 2])
+    costs: Float64[np.ndarray, "b 2 3"] = np.where(crossed, costs_over_faces(task.index, corners, sizes, np), math.inf)
+    return np.asarray(costs.min(axis=(1, 2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -274,7 +243,7 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
         One route a problem, with the timings of all its windows.
     """
     found = Routes.blank(len(task))
-    costs, asked = straight(task.index), np.arange(len(task))
+    costs, asked = guess_costs(task.index, np), np.arange(len(task))
     while asked.size:
         windows = _windows_of_all(task.some(asked), costs[asked])
         groups = [rows for shape in SHAPES if (rows := np.flatnonzero((windows.sizes == shape).all(axis=1))).size]
@@ -288,7 +257,7 @@ def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) ->
             better = answers.ok | ~found.ok[rest]
             found = found.put(rest[better], answers.some(better))
             found = found.spending(rest[~better], answers.some(~better).timings)
-        costs[asked] = _next_costs(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
+        costs[asked] = _costs_to_try(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
         asked = asked[~np.isnan(costs[asked])]
     return found
 
@@ -301,7 +270,7 @@ def _windows_of_all(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     )
 
 
-def _next_costs(
+def _costs_to_try(
     route: Route,
     asked: Int64[np.ndarray, " r"],
     bounds: Float64[np.ndarray, " r"],
@@ -318,11 +287,6 @@ def _next_costs(
         spacing: of the grid [m].
     """
     status, path = np.asarray(route.status)[asked], np.asarray(route.path)[asked]
-    found = np.asarray(route.cost, np.float64)[asked] / spacing
-    # Without a price a metre costs 1.
-    lengths = np.linalg.norm(np.diff(path, axis=1), axis=2).sum(axis=1)
-    found = np.where(found > 0, found, lengths)
-    ok = status == Status.OK
-    proved = np.isnan(bounds) | np.logical_or(*(status == fault for fault in LOCAL)) | (ok & (found <= bounds))
-    following: Float64[np.ndarray, " r"] = np.where(ok, np.maximum(found, costs), GROWTH * costs)
-    return np.where(proved, math.nan, following)
+    found = path_costs(path, np.asarray(route.cost, np.float64)[asked] / spacing, np)
+    done = np.isnan(bounds) | is_proved(status, found, bounds)
+    return np.where(done, math.nan, next_costs(status, found, costs, np))

@@ -23,10 +23,11 @@ from maxjax.core.status import Status
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.search import astar_compiled
-from maxjax.planning.windows.focus_window import View, Windows, ellipsoid_box, straight, ways_out
+from maxjax.planning.windows.focus_window import View, Windows, ways_out
+from maxjax.planning.windows.geometry import GROWTH, centre, ellipsoid_box, guess_costs
 
-# Boxes are of multiples of these voxels, so that few shapes are compiled for; and by what C grows without a path.
-_ROUNDED, _GROWTH = (64, 64, 16), 1.6
+# Boxes are of multiples of these voxels, so that few shapes are compiled for.
+_ROUNDED = 64, 64, 16
 
 # The only problem of a view, formulated.
 Show = Callable[[View], Problem]
@@ -55,22 +56,22 @@ def lattice_path(task: Task, show: Show) -> LatticePath | None:
     with time_stage("compile"):
         if not astar_compiled.available():
             return None
-    costs = straight(task.index)
+    costs = guess_costs(task.index, np)
     while True:
         window = _box(task, costs)
         path, bound = _search(show(View(task, window)), window), float(window.bounds[0])
         if bound == math.inf or (path is not None and path.cost <= bound):
             return path
-        costs = _GROWTH * costs if path is None else np.maximum(path.cost, costs)
+        costs = GROWTH * costs if path is None else np.maximum(path.cost, costs)
 
 
 def _box(task: Task, costs: Float64[np.ndarray, " 1"]) -> Windows:
     """The box around the ellipsoid of a cost, of a rounded shape within the map where the map is large enough."""
     limits, step = np.array(task.grid.shape), np.array(_ROUNDED)
-    low, high = ellipsoid_box(task.index, costs, limits)
+    low, high = ellipsoid_box(task.index, costs, limits, np)
     low[:, 2] = 0  # the ground is its own bound
     sizes = -(-(high + 1 - low) // step) * step
-    corners = np.maximum(np.minimum((low + high + 1 - sizes) // 2, limits - sizes), 0)
+    corners = centre(low, high, sizes, limits, np)
     return Windows(corners, sizes, ways_out(task, corners, sizes))
 
 

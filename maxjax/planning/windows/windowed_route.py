@@ -13,7 +13,6 @@ Positions are index coordinates of the map (whole numbers at voxel centres), cos
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from typing import NamedTuple
 
@@ -31,7 +30,17 @@ from maxjax.planning.planner import Planner, field_climber, in_flight, plans_in_
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.problem.surroundings import halo_of
-from maxjax.planning.windows.focus_window import GROWTH, GUESS, LOCAL, worthwhile
+from maxjax.planning.windows.geometry import (
+    centre,
+    costs_over_faces,
+    ellipsoid_box,
+    ends_inside,
+    guess_costs,
+    is_proved,
+    next_costs,
+    path_costs,
+    worthwhile,
+)
 
 # Windows that are tried before the whole map [voxels], and how many members of a batch are solved at once: nearly all
 # ask for the first, few for the next, hardly any for the whole map.
@@ -128,7 +137,7 @@ def route_in_windows(
     sought = Sought(
         Route(path, jnp.int32(Status.NO_VALID_PATH), no, jnp.zeros(2, jnp.float32), no, zero),
         jnp.ones((2 * NEAR + 1,) * 3, bool),
-        GUESS * jnp.linalg.norm(asked.ends[1] - asked.ends[0]),
+        guess_costs(asked.ends, jnp),
         jnp.where(wanted, 0, len(finders)).astype(jnp.int32),
     )
     whole = _AT_ONCE[-1] if sizes else max(_VOXELS // math.prod(grid.shape), 1)
@@ -200,17 +209,14 @@ class _Finder:
         route = dataclasses.replace(
             route, path=path, status=status.astype(jnp.int32), geodesic=jnp.asarray(route.geodesic)
         )
-        length = jnp.sum(jnp.linalg.norm(jnp.diff(path, axis=0), axis=1))
-        paid = jnp.where(route.cost > 0, route.cost / grid.spacing, length)
-        ok = status == Status.OK
-        proved = (ok & (paid <= bound)) | functools.reduce(jnp.logical_or, [status == fault for fault in LOCAL])
+        paid = path_costs(path, jnp.asarray(route.cost) / grid.spacing, jnp)
         near = corner_around(asked.ends[0], NEAR) - corner
         k = 2 * NEAR + 1
         return Sought(
             route,
             boxed(problem.blocked, near, (k, k, k), beyond=True),
-            jnp.where(ok, jnp.maximum(paid, cost), GROWTH * cost).astype(jnp.float32),
-            jnp.where(proved, _PROVED, self.number + 1).astype(jnp.int32),
+            next_costs(status, paid, cost, jnp).astype(jnp.float32),
+            jnp.where(is_proved(status, paid, bound), _PROVED, self.number + 1).astype(jnp.int32),
         )
 
     def _problem(self, asked: MapAndEnds, corner: Int32[Array, " 3"], grid: Grid) -> Problem:
@@ -226,37 +232,31 @@ class _Finder:
 
 def _placed(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
     """Whether a window of this size holds every way of a cost and what is near the start, and its lowest voxel."""
-    limits, ends = jnp.asarray(asked.occupied.shape, jnp.int32), asked.ends
-    whole = jnp.floor(ends + 0.5)
-    inside = jnp.all(jnp.isfinite(ends)) & jnp.all((whole >= 0) & (whole < limits)) & jnp.any(ends[0] != ends[1])
-    ends = jnp.where(inside, ends, 0.0)
-    middle, chord = 0.5 * (ends[0] + ends[1]), ends[1] - ends[0]
-    # The box of the ellipsoid, as in `focus_window.ellipsoid_box`.
-    half = jnp.sqrt(jnp.maximum(cost**2 - jnp.sum(chord**2), 0.0) / 4 + chord**2 / 4)
+    limits, sizes = (jnp.asarray(shape, jnp.int32) for shape in (asked.occupied.shape, size))
+    sound = ends_inside(asked.ends, limits, jnp)
+    ends = jnp.where(sound, asked.ends, 0.0)
     start = corner_around(ends[0], 0)
-    low = jnp.minimum(jnp.floor(middle - half).astype(jnp.int32), start - NEAR)
-    high = jnp.maximum(jnp.ceil(middle + half).astype(jnp.int32), start + NEAR)
-    low, high = (jnp.clip(corner, 0, limits - 1) for corner in (low, high))
+    low, high = ellipsoid_box(ends, cost, limits, jnp)
+    low = jnp.minimum(low, jnp.maximum(start - NEAR, 0))
+    high = jnp.maximum(high, jnp.minimum(start + NEAR, limits - 1))
     # Layers that are solid everywhere, as below the ground, need no room.
     layer = jnp.arange(len(asked.solid), dtype=jnp.int32)
     floor = jnp.min(jnp.where(~asked.solid & (layer >= low[2]) & (layer <= high[2]), layer, high[2]))
     low = low.at[2].set(floor)
-    last = jnp.maximum(limits - jnp.asarray(size), 0)
-    corner = jnp.clip((low + high + 1 - jnp.asarray(size)) // 2, 0, last)
-    corner = corner.at[2].set(jnp.minimum(floor, last[2]))
-    return inside & jnp.all(high - low < jnp.asarray(size)), corner
+    corner = centre(low, high, sizes, limits, jnp)
+    corner = corner.at[2].set(jnp.minimum(floor, jnp.maximum(limits - sizes, 0)[2]))
+    return sound & jnp.all(high - low < sizes), corner
 
 
 def _way_out(asked: MapAndEnds, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
-    """`focus_window.way_out`: the least cost of a way that leaves a window; infinite if none can."""
-    start, goal = asked.ends
+    """The least cost of a way that leaves a window, as `focus_window.ways_out`; infinite if none can."""
+    costs = costs_over_faces(asked.ends, corner, jnp.asarray(size, jnp.int32), jnp)
     bound = jnp.asarray(jnp.inf, jnp.float32)
     for axis in range(3):
-        for face, step in ((corner[axis], -1), (corner[axis] + size[axis] - 1, 1)):
-            x, y, z = (1 if k == axis else n for k, n in enumerate(size))
-            beyond = boxed(asked.occupied, corner.at[axis].set(face + step), (x, y, z), beyond=True)
-            way = jnp.linalg.norm(start.at[axis].set(2 * face - start[axis]) - goal)
-            bound = jnp.where(jnp.all(beyond), bound, jnp.minimum(bound, way))
+        x, y, z = (1 if k == axis else n for k, n in enumerate(size))
+        for side, layer in enumerate((corner[axis] - 1, corner[axis] + size[axis])):
+            beyond = boxed(asked.occupied, corner.at[axis].set(layer), (x, y, z), beyond=True)
+            bound = jnp.where(jnp.all(beyond), bound, jnp.minimum(bound, costs[side, axis]))
     return bound
 
 
