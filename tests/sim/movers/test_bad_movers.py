@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +33,8 @@ from maxjax.sim.worlds.movers import Movers, through
 from maxjax.ui.methods import planner_named
 from tests.sim.movers.scenes import box
 
-pytestmark = pytest.mark.large
+# What they compile for two minutes, eleven flights run in seconds.
+pytestmark = [pytest.mark.large, pytest.mark.full_speed]
 
 COUNT, SLOTS, RADIUS = 8, 6, 0.5
 LIDAR = Lidar(channels=32, rays=4096, elevation_min=-30.0, elevation_max=30.0)
@@ -185,15 +185,6 @@ def nan_in(flight: Flight) -> set[str]:
     return {name for name, x in floats if np.isnan(x).any()}
 
 
-BY_NIGHT = ("through one another", "through walls", "away and back", "drop-outs")
-
-
-def cases(*but: str) -> list[Any]:
-    """Names of all cases; in the daytime those that differ most."""
-    names = [name for name in CASES if name not in but]
-    return [pytest.param(name, marks=[pytest.mark.nightly] if name in BY_NIGHT else []) for name in names]
-
-
 NAN = {
     ".scan.points": "rays without a return",
     ".log.position": "after the end",
@@ -204,7 +195,7 @@ NAN = {
 """Where NaN says that there is nothing."""
 
 
-@pytest.mark.parametrize("name", cases())
+@pytest.mark.parametrize("name", CASES)
 def test_nothing_is_nan(name: str) -> None:
     flights = flown(name)
     assert set().union(*map(nan_in, flights)) <= set(NAN)
@@ -219,7 +210,7 @@ def test_nothing_is_nan(name: str) -> None:
         assert np.isfinite(flight.scan.points[flight.scan.hit]).all()
 
 
-@pytest.mark.parametrize("name", cases("in the vehicle"))
+@pytest.mark.parametrize("name", [name for name in CASES if name != "in the vehicle"])
 def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> None:
     log = flown(name)[-1].log
     assert log.flags is not None

@@ -17,6 +17,9 @@ from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.worlds.movers import Movers, Moving
 from tests.sim.movers.scenes import CITY, LIDAR, SIGHT, arrays, fast_look, fast_scan, pose, spheres
 
+# Two hundred looks: they run for longer than they compile.
+pytestmark = pytest.mark.full_speed
+
 
 def watched(movers: Movers | None, looks: int, speed: float = 0.0, key: int = 0) -> list[tuple[PerceptionState, Scan]]:
     """States and scans of a flight."""
