@@ -14,7 +14,7 @@ from maxjax.compile.stage_timer import time_stage
 from maxjax.nn.architecture import CONFIGS
 from maxjax.nn.model import MAX_SWEEPS, network_potential, shipped_networks
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, Routes, failed, found
+from maxjax.planning.path.route import Route, Routes, no_route, route_of
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.run.execution import with_longer_ascents
@@ -76,7 +76,7 @@ class FastMarching:
 
         def attempt(_: np.ndarray, settings: Ascent) -> Routes:
             path, arrived = STAGED.path(log_phi, problem, settings)
-            route = found(np.asarray(path), certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)
+            route = route_of(np.asarray(path), certified=False) if arrived else no_route(maxjax.Status.PATH_STALLED)
             return Routes.of([route])
 
         return with_longer_ascents(attempt, 1, Ascent()).one(0)

@@ -29,7 +29,6 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop", "closed_loop"),
         ("closed_loop_many", "closed_loop"),
         ("closed_loop_disturbed", "closed_loop"),
-        ("windowed_flights", "windowed_flights"),
         ("faults", "faults"),
         ("faults_random", "faults"),
         ("paper_loop", "paper_loop.tables"),
@@ -45,10 +44,6 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
         ("hard_maps", "hard_maps.study"),
-        ("focus", "focus"),
-        ("focus_many", "focus"),
-        ("focus_many_cities", "focus"),
-        ("mazes", "mazes"),
         ("warframe_crops", "warframe_crops"),
         ("warframe_full", "warframe_full"),
         ("real_cities", "real_cities"),

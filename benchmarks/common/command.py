@@ -1,7 +1,7 @@
 """The command line of an experiment or a benchmark: its configuration, where results go, and `--tiny` and `--record`.
 
-    python -m experiments.mazes --problems 20            a field of the configuration an option; writes to build/results
-    python -m experiments.mazes --record                 takes the place of the recorded result
+    python -m experiments.hard_maps --problems 20        a field as an option; writes to build/results
+    python -m experiments.hard_maps --record             takes the place of the recorded result
     python -m experiments.offline_table --tiny           begins with TINY, and writes to build/tiny
 
 Recorded results are replaced only where that is asked for. A tiny run shows that all of it works here; its figures mean

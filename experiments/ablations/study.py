@@ -29,15 +29,15 @@ from maxjax.fields.conductivity import SIGMA_FREE
 from maxjax.fields.gradient import gradient
 from maxjax.nn.model import load_model, predict_potential, shipped_networks
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, Routes, failed, found
+from maxjax.planning.path.route import Route, Routes, no_route, route_of
 from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.plan import Plan
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem as Formulated
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run.execution import problem_of, whole_route
+from maxjax.planning.run.execution import complete_on_host, problem_of
 from maxjax.planning.run.stages import climb
-from maxjax.planning.run.verifying import verified
+from maxjax.planning.run.verifying import verify_routes
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.trials.batches import fly_trials
 from maxjax.sim.trials.campaign import Campaign
@@ -156,7 +156,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
         m = task.distances.margin if v.margin is None else v.margin
         p = formulated[m]
         if p.status != maxjax.Status.OK:
-            taut = walked = failed(p.status)
+            taut = walked = no_route(p.status)
         elif v.guard == "none":
             u = smoothed(v.source, v.smoothing, v.kernel, m)
             path, status = bare(_gradient(u, ~p.blocked), ~p.blocked, p.start, p.goal, Bare(v.rule))
@@ -170,7 +170,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             taut, walked = _guarded(log_phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
         for route in (taut, walked):
             plans += maps[m].measured(
-                verified(Routes.of([whole_route(p, route, grid)]).route, maps[m].task, "ablation")
+                verify_routes(Routes.of([complete_on_host(p, route, grid)]).route, maps[m].task, "ablation")
             )
     climbed = [plan.length for plan in plans[1::2]]
     return {v: Result(plan, length) for v, plan, length in zip(variants, plans[::2], climbed, strict=True)}
@@ -222,9 +222,9 @@ def _guarded(
     ends, room = (problem.start, problem.goal), problem.room
     path, arrived, sight = _climb(log_phi, problem.blocked, *ends, settings=settings, room=room)
     if not arrived:
-        nothing = failed(maxjax.Status.PATH_STALLED, certified)
+        nothing = no_route(maxjax.Status.PATH_STALLED, certified)
         return nothing, nothing
-    return found(np.asarray(_tighten(sight, path)), certified), found(np.asarray(path), certified)
+    return route_of(np.asarray(_tighten(sight, path)), certified), route_of(np.asarray(path), certified)
 
 
 def _figures(results: Sequence[Result], defaults: Sequence[Result], geodesics: Sequence[float]) -> dict[str, Any]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import pytest
 
-from experiments import focus, mazes, warframe_crops
+from experiments import warframe_crops
 
 
 @pytest.mark.nightly
@@ -55,19 +54,3 @@ def test_random_problems_end_alike_in_national_coordinates(tmp_path: Path) -> No
         for origin in ((0.0, 0.0, 0.0), (84888.0, 447501.0, 0.0))
     )
     assert here == away
-
-
-@pytest.mark.nightly
-def test_windows_give_the_plans_of_whole_maps(tmp_path: Path) -> None:
-    (row,) = focus.main(dataclasses.replace(focus.TINY, out=tmp_path))
-    assert row["same_status"] == row["ok"] == row["certified"] == 3
-    assert row["length_worst"] <= 1.02
-
-
-@pytest.mark.nightly
-def test_mazes_are_planned_and_certified(tmp_path: Path) -> None:
-    rows = mazes.main(dataclasses.replace(mazes.TINY, out=tmp_path))
-    assert [row["map"] for row in rows] == ["downtown", "noise, 40%", "noise, 50%", "3 doors", "snake"]
-    assert all(row["ok"] == row["certified"] == row["problems"] for row in rows)
-    assert rows[-1]["length_m_max"] > 2 * 25 * 12  # the snake folds twelve times
-    assert "| 3 doors | 1 | 1 | 1 |" in mazes.section(json.loads((tmp_path / "mazes.json").read_text()))

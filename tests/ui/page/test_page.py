@@ -77,7 +77,8 @@ def test_a_path_keeps_the_altitude_band() -> None:
     assert kept.dense[:, 2].max() <= 2.0 + 14.0
     assert answer(city, Question(above)).ok
     assert not answer(city, Question(above, band=(4.0, 14.0))).ok
-    assert "ground" in describe_answer(answer(City("bare", maxjax.VoxelMap.on(city.grid, city.occupied)), kept.question))
+    bare = City("bare", maxjax.VoxelMap.on(city.grid, city.occupied))
+    assert "ground" in describe_answer(answer(bare, kept.question))
 
 
 def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
