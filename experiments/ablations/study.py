@@ -186,7 +186,7 @@ def _network(name: str, weights: Path | None) -> Callable[..., Potential]:
     return jax.jit(functools.partial(predict_potential, load_model(name, weights)))
 
 
-_solve: Callable[..., Potential] = jax.jit(solve_potential, static_argnames=("setting",))
+_solve: Callable[..., Potential] = jax.jit(solve_potential, static_argnames=("solver",))
 
 
 def _potential(source: Source, sigma: Float[Array, "nx ny nz"], goal: Int32[Array, " 3"]) -> Potential:

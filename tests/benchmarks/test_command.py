@@ -57,7 +57,7 @@ def test_help_tells_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert ended.value.code == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "With --tiny: a small run" in told
-    assert "Options of experiments and benchmarks: recorded results are replaced only" in told
+    assert "Commands of experiments and benchmarks: what their options mean" in told
 
 
 @pytest.mark.parametrize("name", commands())
