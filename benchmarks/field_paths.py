@@ -25,11 +25,11 @@ from benchmarks.common.screened_system import Mask
 from benchmarks.common.travel_time import as_potential, marching
 from maxjax.fields.certificate import count_uncertified
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, Routes, failed, found
+from maxjax.planning.path.route import Route, Routes, no_route, route_of
 from maxjax.planning.path.string_pulling import tighten
-from maxjax.planning.run.execution import whole_route
+from maxjax.planning.run.execution import complete_on_host
 from maxjax.planning.run.stages import climb
-from maxjax.planning.run.verifying import verified
+from maxjax.planning.run.verifying import verify_routes
 
 _climb = jax.jit(climb, static_argnames=("settings", "room"))
 _tighten = jax.jit(tighten)
@@ -89,12 +89,12 @@ def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, 
                 if arrived:
                     break
             taut = np.asarray(_tighten(sight, path))
-            route = found(taut, certified=False) if arrived else failed(maxjax.Status.PATH_STALLED)
-            routes.append(whole_route(problem, route, scene.task.grid))
+            route = route_of(taut, certified=False) if arrived else no_route(maxjax.Status.PATH_STALLED)
+            routes.append(complete_on_host(problem, route, scene.task.grid))
             climbed.append(
                 scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
             )
-        plans[name] = list(zip(verified(Routes.of(routes).route, scene.task, name), climbed, strict=True))
+        plans[name] = list(zip(verify_routes(Routes.of(routes).route, scene.task, name), climbed, strict=True))
     shared = [all(p[k][0].status == maxjax.Status.OK for p in plans.values()) for k in range(len(scene.task))]
     figures: dict[str, dict[str, Any]] = {}
     for name, own in plans.items():

@@ -30,7 +30,7 @@ from benchmarks.common.harness import RESULTS, Row, keep, save
 from benchmarks.common.problems import joined, planned, problems
 from maxjax.core.grid import Index3
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run.execution import one_by_one, plans_of
+from maxjax.planning.run.execution import find_one_by_one, plans_of
 from maxjax.planning.windows.focus_window import View
 from maxjax.sim.worlds.scenes import MAPS
 from maxjax.ui.methods import planner_named
@@ -106,7 +106,7 @@ def _milliseconds(what: str, seconds: Sequence[float]) -> dict[str, str | float 
 
 def _plan_rows(tasks: list[Task]) -> list[Row]:
     def run_in_stages(task: Task, method: str) -> maxjax.Plan:
-        return plans_of(one_by_one(View(task), planner_named(method)), task, method)[0]
+        return plans_of(find_one_by_one(View(task), planner_named(method)), task, method)[0]
 
     rows: list[Row] = []
     ways = [("plan, solver", "solver", planned), ("plan, astar", "astar", planned)]

@@ -112,7 +112,7 @@ def _program(shape: Index3) -> Row:
     started = time.perf_counter()
     with lowering_for(target()):
         traced = jax.jit(functools.partial(pipeline.answer, layout=layout, planner=maxjax.Field())).trace(
-            pipeline.sent(layout)
+            pipeline.part_shapes(layout)
         )
         traced.lower().compile()
     seconds = round(time.perf_counter() - started, 3)

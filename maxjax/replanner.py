@@ -27,10 +27,10 @@ from maxjax.planners import Field
 from maxjax.planning.plan import Plan, no_plans
 from maxjax.planning.planner import FieldClimber, check_climber
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.taken_end import plans_of_taken_ends
+from maxjax.planning.problem.occupied_end import plans_of_occupied_ends
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.remainder import remainder
-from maxjax.planning.run.verifying import verified, with_closures
+from maxjax.planning.run.verifying import verify_routes, with_closures
 from maxjax.planning.windows.fixed_shapes import FixedShapes
 from maxjax.verification.verifier import verify
 
@@ -174,10 +174,10 @@ class Replanner:
     def _planned(self, task: Task, until: float) -> Plan:
         """A new plan, or why there is none."""
         name = self._shapes.planner.name
-        taken = plans_of_taken_ends(task, name)
+        taken = plans_of_occupied_ends(task, name)
         if taken is None:
             routes = self._shapes.route(task, until)
-            taken = verified(routes.route, task, name, routes.timings)
+            taken = verify_routes(routes.route, task, name, routes.timings)
         return with_closures(taken)[0]
 
     def _nothing(self, task: Task) -> Plan:

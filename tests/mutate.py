@@ -48,7 +48,7 @@ TESTS = {
         "sim/movers/test_flight_among.py",
     ),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),
-    "airspace": ("io/airspace", "planning/test_taken_end.py", "io/export/test_exports.py"),
+    "airspace": ("io/airspace", "planning/test_occupied_end.py", "io/export/test_exports.py"),
     "replanner": ("test_replanner.py",),
     "page": ("ui/page/test_border.py", "ui/page/test_page.py", "ui/page"),
 }

@@ -7,7 +7,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from maxjax.planning.planner import Planner, check_planner, in_flight
+from maxjax.planning.planner import Planner, check_planner, pure_route
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.ui.cli.options import FlyOptions, PlanOptions
 from maxjax.ui.methods import ALIASES, METHODS, climbs, label_of, method_named, planner_named
@@ -26,7 +26,7 @@ def test_what_it_says_of_each_is_true(name: str) -> None:
     # Equal values, so that nothing is compiled twice.
     assert planner == planner_named(name)
     assert hash(planner) == hash(planner_named(name))
-    assert in_flight(planner) == in_flight(planner_named(name))
+    assert pure_route(planner) == pure_route(planner_named(name))
 
 
 def test_the_command_line_offers_the_same_and_other_words_for_them() -> None:

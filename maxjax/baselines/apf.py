@@ -32,7 +32,7 @@ from maxjax.baselines.rrt_star import line_of_sight
 from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.path.route import Route, failed, found
+from maxjax.planning.path.route import Route, no_route, route_of
 from maxjax.planning.problem.problem import Problem
 
 # The best of what was tried on the training map (d₀ 1 to 5, η 0.001 to 10, D 0.5 to 5): 20 of 30 problems. More
@@ -72,8 +72,8 @@ class APF:
             clear = line_of_sight(np.asarray(problem.blocked), problem.room) if problem.room else None
             path = descend(distance, start, goal, price, clear)
         if path is None:
-            return failed(Status.PATH_STALLED)
-        return found(path, certified=False)
+            return no_route(Status.PATH_STALLED)
+        return route_of(path, certified=False)
 
 
 def distance_field(blocked: Bool[np.ndarray, "nx ny nz"]) -> Volume:

@@ -43,7 +43,7 @@ from maxjax.compile.stage_timer import time_stage
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import TOUCH
-from maxjax.planning.path.route import Route, failed, found
+from maxjax.planning.path.route import Route, no_route, route_of
 from maxjax.planning.problem.problem import Problem
 
 _PIECE = 0.25  # [voxels]
@@ -97,9 +97,9 @@ class RRTStar:
             finally:
                 util.setLogLevel(level)
         if path is None:
-            return failed(Status.PATH_STALLED)
+            return no_route(Status.PATH_STALLED)
         # The ends as they came: float64 and back is exact.
-        return found(path, certified=False)
+        return route_of(path, certified=False)
 
 
 def _grow(

@@ -98,9 +98,9 @@ class NearWaypoint:
     hover: float | None
 
     def __str__(self) -> str:
-        return self.told(Spoken())
+        return self.describe(Spoken())
 
-    def told(self, spoken: Spoken) -> str:
+    def describe(self, spoken: Spoken) -> str:
         """A sentence without its full stop, in the words of whoever gave the waypoint."""
         x, y, z = np.round(self.position, 3).tolist()
         hovers = f", and the mission hovers there for {self.hover:g} s" if self.hover else ""
@@ -222,10 +222,10 @@ def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) ->
     distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
     legs = plan_legs(task, distances, planner)
     spent = functools.reduce(sum_reports, (leg.timings for leg in legs))
-    return joined(waypoints, legs, task, spent)
+    return join_legs(waypoints, legs, task, spent)
 
 
-def joined(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spent: Mapping[str, float]) -> Mission:
+def join_legs(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spent: Mapping[str, float]) -> Mission:
     """The mission of some legs, verified.
 
     Args:
@@ -279,7 +279,7 @@ def first_legs(mission: Mission, task: Task) -> Mission | None:
     count = next(iter(mission.failed), len(mission.legs))
     if count == 0:
         return None
-    return joined(mission.waypoints[: count + 1], mission.legs[:count], task, mission.timings)
+    return join_legs(mission.waypoints[: count + 1], mission.legs[:count], task, mission.timings)
 
 
 def legs_of(waypoints: Sequence[Waypoint]) -> tuple[Float64[np.ndarray, "b 3"], Float64[np.ndarray, "b 3"]]:

@@ -35,7 +35,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.line_of_sight import clear, sight_of
-from maxjax.planning.path.route import Route, RouteFn, failed
+from maxjax.planning.path.route import Route, RouteFn, no_route
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.run.stages import PotentialFn
 
@@ -128,7 +128,7 @@ def check_climber(given: object) -> FieldClimber:
 
 
 @functools.cache
-def in_flight(planner: Planner) -> RouteFn:
+def pure_route(planner: Planner) -> RouteFn:
     """How a planner finds routes inside a compiled flight: by itself if it is batched, else by a callback.
 
     Of a path from the host, points inside straight runs are left out, which changes no point of the line, and the last
@@ -165,12 +165,12 @@ def _corners_on_host(
     planner: Planner, grid: Grid, problem: Problem
 ) -> tuple[Float[np.ndarray, "n 3"], Int32[np.ndarray, ""]]:
     """Corners of a path, filled up to `POINTS`; nothing is searched for a problem whose status is not OK."""
-    route = planner.route(problem, grid) if problem.status == Status.OK else failed(problem.status)
+    route = planner.route(problem, grid) if problem.status == Status.OK else no_route(problem.status)
     whole = np.asarray(route.path, np.float32)
     between = whole[1:-1] if len(whole) > 2 else whole[:1]
     corners = corners_of(between)
     if route.status == Status.OK and len(corners) + 3 > POINTS:
-        route = failed(Status.PATH_STALLED)
+        route = no_route(Status.PATH_STALLED)
     if route.status != Status.OK:
         return np.broadcast_to(np.asarray(problem.start, np.float32), (POINTS, 3)), np.asarray(route.status, np.int32)
     second = between[min(1, len(between) - 1)]

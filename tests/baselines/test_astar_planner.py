@@ -14,7 +14,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.line_of_sight import clear, sight_of
-from maxjax.planning.planner import POINTS, corners_of, in_flight
+from maxjax.planning.planner import POINTS, corners_of, pure_route
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.search.astar import astar
@@ -37,7 +37,7 @@ def problem_of(seed: int) -> tuple[Problem, Grid]:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_astar_in_the_loop_is_astar(seed: int) -> None:
     problem, grid = problem_of(seed)
-    route = jax.jit(in_flight(AStar()), static_argnums=1)(problem, grid)
+    route = jax.jit(pure_route(AStar()), static_argnums=1)(problem, grid)
     path, status, certified = route.path, route.status, route.certified
     expected = astar(np.asarray(problem.blocked), (1, 1, 1), (12, 10, 7))
     assert path.shape == (POINTS, 3) == (Ascent().steps + 1, 3)
@@ -63,9 +63,9 @@ def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
     problems = [problem_of(seed)[0] for seed in (0, 1, 2)]
     grid = problem_of(0)[1]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *problems)
-    routes = jax.vmap(lambda one: in_flight(AStar())(one, grid))(batch)
+    routes = jax.vmap(lambda one: pure_route(AStar())(one, grid))(batch)
     for problem, path, status in zip(problems, routes.path, routes.status, strict=True):
-        alone = in_flight(AStar())(problem, grid)
+        alone = pure_route(AStar())(problem, grid)
         np.testing.assert_array_equal(path, alone.path)
         assert status == alone.status
 

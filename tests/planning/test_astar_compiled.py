@@ -26,7 +26,7 @@ PRICES = [None, (1.0,), (1.0, 1.5, 3.0), (1.0, 1.3, 4.7, 9.1)]
 
 
 def check(blocked: np.ndarray, start: Index, goal: Index, price: np.ndarray | None = None) -> AstarResult:
-    found, expected = (find(blocked, start, goal, price) for find in (astar_compiled.compiled_astar, astar))
+    found, expected = (find(blocked, start, goal, price) for find in (astar_compiled.astar_in_cpp, astar))
     assert found.status is expected.status
     np.testing.assert_array_equal(found.path, expected.path)
     assert (found.length, found.cost, found.expanded) == (expected.length, expected.cost, expected.expanded)
@@ -102,7 +102,7 @@ def test_answers_do_not_depend_on_threads_nor_on_earlier_queries() -> None:
             assert (found.status, found.cost, found.expanded) == (one.status, one.cost, one.expanded)
             np.testing.assert_array_equal(found.path, one.path)
     with ThreadPoolExecutor(4) as pool:
-        costs = list(pool.map(lambda query: astar_compiled.compiled_astar(*query).cost, asked))
+        costs = list(pool.map(lambda query: astar_compiled.astar_in_cpp(*query).cost, asked))
     assert costs == [one.cost for one in expected]
 
 
@@ -128,7 +128,7 @@ def test_wrong_queries_are_told_with_what_was_given() -> None:
         with pytest.raises(ValueError, match=message):
             Queries(queries)
     with pytest.raises(ValueError, match=r"at least 1, given 0\.5"):
-        astar_compiled.compiled_astar(blocked, (0, 0, 0), (1, 1, 2), 0.5 * ones)
+        astar_compiled.astar_in_cpp(blocked, (0, 0, 0), (1, 1, 2), 0.5 * ones)
     with pytest.raises(ValueError, match="searches: expected maps of"):
         Queries([Query(blocked, (0, 0, 0), (1, 1, 2))]).run([Search((3, 3, 3))])
 

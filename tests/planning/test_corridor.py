@@ -106,7 +106,7 @@ def test_what_no_corridor_joins_has_the_status_of_the_whole_map() -> None:
 @pytest.mark.parametrize(("factor", "share"), [(2, 0.0), (3, 0.0), (3, 0.5)])
 def test_a_coarse_voxel_is_occupied_by_the_share_of_its_voxels(factor: int, share: float) -> None:
     volume = np.random.default_rng(1).random((7, 8, 10)) < 0.4
-    found = corridor.coarse(volume, factor, share)
+    found = corridor.coarsen(volume, factor, share)
     for index in np.ndindex(*found.shape):
         block = volume[tuple(slice(i * factor, (i + 1) * factor) for i in index)]
         assert found[index] == (block.sum() > share * factor**3)
@@ -115,7 +115,7 @@ def test_a_coarse_voxel_is_occupied_by_the_share_of_its_voxels(factor: int, shar
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_a_coarse_price_is_the_mean_of_its_voxels_and_one_beyond_the_map(factor: int) -> None:
     price = 1 + np.random.default_rng(2).random((7, 9, 5)).astype(np.float32)
-    found = corridor.coarse_price(price, factor)
+    found = corridor.coarsen_price(price, factor)
     assert found.shape == tuple(-(-n // factor) for n in price.shape)
     for index in np.ndindex(*found.shape):
         block = price[tuple(slice(i * factor, (i + 1) * factor) for i in index)]

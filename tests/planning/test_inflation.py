@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, generate_binary_structure
 
 from maxjax.fields.distance import cube_distance
 from maxjax.fields.occupancy import squared_distance
-from maxjax.planning.problem.inflation import inflated_obstacles, least_quarters
+from maxjax.planning.problem.inflation import inflate, least_quarters
 
 SHAPE = (10, 9, 8)
 
@@ -23,7 +23,7 @@ def distance_to_cubes(points: np.ndarray, occupied: np.ndarray) -> np.ndarray:
 
 def blocked_at(occupied: np.ndarray, ground: np.ndarray, radius: float) -> np.ndarray:
     quarters = cube_distance(jnp.asarray(occupied & ~ground), radius)
-    return np.asarray(inflated_obstacles(quarters, squared_distance(jnp.asarray(ground), 1), least_quarters(radius)))
+    return np.asarray(inflate(quarters, squared_distance(jnp.asarray(ground), 1), least_quarters(radius)))
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.5, 0.6, 0.8, 1.0, 1.5, 2.2, 3.0])

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from maxjax import Grid
 from maxjax.compile.lowering import lowering_for
-from maxjax.planning.path.line_of_sight import TOUCH, clear, clear_and_paid, sight_of, stands_free, visibility
+from maxjax.planning.path.line_of_sight import TOUCH, clear, clear_and_costs, sight_of, stands_free, visibility
 from maxjax.verification.contacts import touched_voxels
 from tests.references import keeps, touched
 
@@ -204,7 +204,7 @@ def test_what_is_paid_is_the_integral_of_the_price() -> None:
     for price in (smooth, rough):
         expected = length * ndimage.map_coordinates(price, at, order=1, mode="nearest").mean(0)
         sight = sights(rng.random(price.shape) < 0.02, 0.5)
-        free, paid = jax.jit(clear_and_paid)(sight, price.astype(np.float32), a, b)
+        free, paid = jax.jit(clear_and_costs)(sight, price.astype(np.float32), a, b)
         np.testing.assert_array_equal(free, see(sight, a, b))
         steepest = max(np.abs(np.diff(price, axis=axis)).max() for axis in range(3))
         assert (np.abs(paid - expected) <= steepest * length + 1e-4).all()

@@ -138,7 +138,7 @@ def test_the_judge_sees_the_joined_path(monkeypatch: pytest.MonkeyPatch) -> None
     through[20, :, :] = True
     task = missions.Task.of(maxjax.VoxelMap.on(GRID, through), *missions.legs_of([Waypoint(A), Waypoint(B)]))
     free = maxjax.plan(maxjax.VoxelMap.on(GRID, np.zeros(GRID.shape, bool)), A, B, planner=maxjax.AStar())
-    mission = missions.joined([Waypoint(A), Waypoint(B)], [free], task, {})
+    mission = missions.join_legs([Waypoint(A), Waypoint(B)], [free], task, {})
     assert mission.status == Status.PATH_IN_COLLISION
     assert mission.path.shape == (0, 3)
 

@@ -8,7 +8,7 @@ import pytest
 import maxjax
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.taken_end import taken_end
+from maxjax.planning.problem.occupied_end import find_occupied_end
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import execution
 
@@ -34,7 +34,7 @@ def distance(where: maxjax.VoxelMap, volume: np.ndarray, point: tuple[float, flo
 @pytest.mark.parametrize("point", [(10.0, 20.0, 5.0), (50.0, 30.0, 31.0), (41.0, 21.5, 20.0), (50.0, 30.0, 2.0)])
 def test_the_free_place_keeps_the_radius_and_none_is_nearer(point: tuple[float, float, float], radius: float) -> None:
     where = town()
-    found = taken_end(where, point, radius)
+    found = find_occupied_end(where, point, radius)
     assert found is not None
     walls = np.asarray(where.occupied & ~where.ground)
     assert found.nearest is not None
@@ -48,19 +48,19 @@ def test_the_free_place_keeps_the_radius_and_none_is_nearer(point: tuple[float, 
 
 def test_heights_are_those_of_the_stack_that_holds_the_end() -> None:
     where = town()
-    ground = taken_end(where, (10.0, 20.0, 5.0), 1.0)
+    ground = find_occupied_end(where, (10.0, 20.0, 5.0), 1.0)
     assert ground is not None
     assert (ground.ground, ground.top) == (True, 9.0)
     assert ground.free_from == pytest.approx(12.0)
     assert "4.0 m below its top at z = 9.0; free from z = 12.0" in ground.sentence
     assert "did you mean 5 m above ground, z = 14.0?" in ground.sentence
-    house = taken_end(where, (50.0, 30.0, 31.0), 1.0)
+    house = find_occupied_end(where, (50.0, 30.0, 31.0), 1.0)
     assert house is not None
     assert (house.ground, house.top) == (False, 39.0)
     assert "an obstacle, 8.0 m below its top at z = 39.0" in house.sentence
-    assert taken_end(where, (10.0, 20.0, 15.0), 1.0) is None
-    assert taken_end(where, (-50.0, 20.0, 15.0), 1.0) is None
-    assert taken_end(where, (10.0, 20.0, 9.0), 1.0) is None  # on a face, which is free
+    assert find_occupied_end(where, (10.0, 20.0, 15.0), 1.0) is None
+    assert find_occupied_end(where, (-50.0, 20.0, 15.0), 1.0) is None
+    assert find_occupied_end(where, (10.0, 20.0, 9.0), 1.0) is None  # on a face, which is free
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_nothing_is_compiled_for_an_end_that_is_taken(
     task = Task.of(town(), np.array([start]), np.array([goal]), Distances(1.0, 8.0))
     planned = execution.plan_task(task, maxjax.Field())[0]
     with monkeypatch.context() as patch:
-        patch.setattr(execution, "plans_of_taken_ends", lambda *_: None)
+        patch.setattr(execution, "plans_of_occupied_ends", lambda *_: None)
         on_device = execution.plan_task(task, maxjax.Field())[0]
     assert planned.status == on_device.status == expected
     assert (planned.timings["compile"], planned.timings["total"]) == (0.0, 0.0)

@@ -11,7 +11,7 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.field_planner import FieldPlanner
-from maxjax.planning.run.pipeline import pipelined
+from maxjax.planning.run.pipeline import run_chunks
 from maxjax.planning.windows.focus_window import View
 from tests.references import random_blocks, random_free, serpentine
 
@@ -76,7 +76,7 @@ def test_chunks_without_a_problem_are_left_out(problems: tuple[np.ndarray, ...])
     occupied, ground, starts, goals = problems
     task = Task.of(VoxelMap.on(GRID, occupied, ground), starts, goals, DISTANCES)
     planner = FieldPlanner(solve_potential, Ascent(steps=STEPS[0]))
-    few, many = (pipelined(View(task), planner, [3] * count) for count in (3, 5))
+    few, many = (run_chunks(View(task), planner, [3] * count) for count in (3, 5))
     assert np.array_equal(few.status, many.status)
     assert np.array_equal(few.path, many.path)
 

@@ -13,7 +13,7 @@ import pytest
 
 from maxjax import Grid, Plan, Status, VoxelMap, plan, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, RouteFn, Routes, failed, found
+from maxjax.planning.path.route import Route, RouteFn, Routes, no_route, route_of
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
@@ -22,7 +22,7 @@ from maxjax.planning.run.execution import plan_task, with_longer_ascents
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.shared_goal import plan_to_goal
 from maxjax.planning.run.stages import PotentialFn
-from maxjax.planning.run.verifying import verified
+from maxjax.planning.run.verifying import verify_routes
 from maxjax.solvers.screened import Screened
 from tests.planners import ByFunction
 from tests.references import random_blocks, random_free, serpentine
@@ -45,7 +45,7 @@ def check_failed(plan: Plan, status: Status) -> None:
 
 
 def returning(path: Callable[[Problem], np.ndarray]) -> RouteFn:
-    return lambda problem, grid: found(path(problem), certified=True)
+    return lambda problem, grid: route_of(path(problem), certified=True)
 
 
 def test_a_path_through_a_wall_is_withheld() -> None:
@@ -77,12 +77,12 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
     beside[x - 1, y, z] = True
     task = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(1.9))
     loose = Task.of(VoxelMap.on(GRID, beside), START[None], GOAL, Distances(0.0))
-    bare = found((np.stack([START, GOAL]) - GRID.origin) / GRID.spacing, certified=True)
+    bare = route_of((np.stack([START, GOAL]) - GRID.origin) / GRID.spacing, certified=True)
     numbers = {"exemptions": np.float32([3, 0]), "geodesic": np.bool_(True), "cost": np.float32(99.5)}
     excused = dataclasses.replace(bare, **{name: np.asarray(number) for name, number in numbers.items()})
-    check_failed(verified(Routes.of([bare]).route, task, "test")[0], Status.PATH_IN_COLLISION)
-    (plan,) = verified(Routes.of([excused]).route, task, "test")
-    (free,) = verified(Routes.of([bare]).route, loose, "test")
+    check_failed(verify_routes(Routes.of([bare]).route, task, "test")[0], Status.PATH_IN_COLLISION)
+    (plan,) = verify_routes(Routes.of([excused]).route, task, "test")
+    (free,) = verify_routes(Routes.of([bare]).route, loose, "test")
     verdict = verify(plan.path, VoxelMap.on(GRID, beside))
     assert plan.status is free.status is Status.OK
     assert (plan.radius, plan.exemptions, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
@@ -234,11 +234,11 @@ def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
 
         def route(k: int) -> Route:
             if k == 1:
-                return failed(Status.NOT_CERTIFIED)
+                return no_route(Status.NOT_CERTIFIED)
             return (
-                found(np.full((1, 3), float(k)), certified=True)
+                route_of(np.full((1, 3), float(k)), certified=True)
                 if settings.steps >= 10**k
-                else failed(Status.PATH_STALLED)
+                else no_route(Status.PATH_STALLED)
             )
 
         return Routes.of([route(k) for k in which.tolist()])
@@ -256,7 +256,7 @@ def test_those_that_stall_go_again_by_themselves_with_longer_ascents() -> None:
 def test_a_default_ascent_may_grow_to_half_a_million_steps() -> None:
     def attempt(which: np.ndarray, settings: Ascent) -> Routes:
         arrives = settings.steps > 500_000
-        one = found(np.zeros((1, 3)), certified=True) if arrives else failed(Status.PATH_STALLED)
+        one = route_of(np.zeros((1, 3)), certified=True) if arrives else no_route(Status.PATH_STALLED)
         return Routes.of([one] * len(which))
 
     assert with_longer_ascents(attempt, 2, Ascent()).route.status.tolist() == [Status.OK] * 2

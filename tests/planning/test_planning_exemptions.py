@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from maxjax import Grid, Price, Status
 from maxjax.planning.problem.exemptions import last_level
-from maxjax.planning.problem.problem import Problem, formulate, largest_joining
+from maxjax.planning.problem.problem import Problem, formulate, largest_joining_radius
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Distances
 from tests.references import component_of, distances_to_cubes, inflated, random_blocks, random_free
@@ -47,7 +47,7 @@ def formulated_in_part(occupied: jax.Array, ground: jax.Array, ends: jax.Array) 
 
 @functools.partial(jax.jit, static_argnums=3)
 def largest(occupied: jax.Array, ground: jax.Array, ends: jax.Array, radius: float) -> jax.Array:
-    return largest_joining(occupied, ground, ends, distances(radius), GRID)
+    return largest_joining_radius(occupied, ground, ends, distances(radius), GRID)
 
 
 def scene(rng: np.random.Generator, off: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxjax import Status
-from maxjax.planning.path.route import Route, Routes, without_padding
+from maxjax.planning.path.route import Route, Routes, trim_padding
 
 
 def padded(rng: np.random.Generator, counts: np.ndarray, width: int) -> Route:
@@ -32,7 +32,7 @@ def test_paths_without_padding_are_the_same_paths(width: int, longest: int) -> N
     route = padded(rng, counts, width)
     route.status[4] = Status.PATH_STALLED  # which means nothing, and may be as long as it likes
     route.path[4] = rng.random((width, 3))
-    found = without_padding(route)
+    found = trim_padding(route)
     rows = np.flatnonzero(route.status == Status.OK)
     for k in rows.tolist():
         np.testing.assert_array_equal(corners(found.path[k]), corners(route.path[k]))
@@ -40,7 +40,7 @@ def test_paths_without_padding_are_the_same_paths(width: int, longest: int) -> N
 
 
 def test_no_points_are_no_padding() -> None:
-    assert without_padding(Routes.blank(3).route).path.shape == (3, 0, 3)
+    assert trim_padding(Routes.blank(3).route).path.shape == (3, 0, 3)
 
 
 def test_routes_put_among_others_keep_their_points() -> None:

@@ -12,7 +12,7 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from maxjax import Grid, Status, VoxelMap, verify
-from maxjax.planning.path.line_of_sight import clear_and_paid, sight_of
+from maxjax.planning.path.line_of_sight import clear_and_costs, sight_of
 from maxjax.planning.path.string_pulling import WINDOW, tighten
 from maxjax.planning.search.astar import astar
 from tests.references import component_of, grid_graph, keeps, random_blocks, random_free, serpentine
@@ -124,7 +124,7 @@ def test_start_equal_to_goal() -> None:
 def test_with_a_price_it_pays_less_than_dijkstra_and_never_more_than_before() -> None:
     rng = np.random.default_rng(4)
     tight = jax.jit(lambda sight, path, price: tighten(sight, path, price))
-    paid = jax.jit(lambda sight, path, price: clear_and_paid(sight, price, path[:-1], path[1:]))
+    paid = jax.jit(lambda sight, path, price: clear_and_costs(sight, price, path[:-1], path[1:]))
     ratios = []
     for count in (5, 15, 20):
         blocked = random_blocks(rng, SHAPE, count, 6)

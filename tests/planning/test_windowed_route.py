@@ -14,7 +14,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.run.field_planner import FieldPlanner
-from maxjax.planning.run.plan_route import routed
+from maxjax.planning.run.plan_route import find_route
 from maxjax.planning.windows import windowed_route as windowed
 from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
@@ -62,14 +62,14 @@ def test_routes_in_windows_are_those_of_whole_maps(small_windows: None) -> None:
     origin = jnp.zeros(3)
     volumes = jnp.asarray(occupied), jnp.asarray(ground)
 
-    def sought(ends: jax.Array, wanted: jax.Array) -> windowed.Sought:
+    def sought(ends: jax.Array, wanted: jax.Array) -> windowed.WindowedRoute:
         asked = windowed.MapAndEnds.of(volumes, ends, origin)
         return windowed.route_in_windows(asked, wanted, DISTANCES, GRID, planner)
 
     wanted = jnp.ones(len(both), bool).at[0].set(False)
     together = jax.jit(jax.vmap(sought))(both, wanted)
     where = VoxelMap.on(GRID, occupied, ground)
-    whole = jax.jit(functools.partial(routed, where, distances=DISTANCES, planner=planner))
+    whole = jax.jit(functools.partial(find_route, where, distances=DISTANCES, planner=planner))
     one = jax.jit(sought)
     numbers = []
     for k, pair in enumerate(both):
@@ -108,7 +108,9 @@ def test_what_lies_around_the_start_is_what_the_whole_map_blocks(small_windows: 
     occupied[2:7, 2:7, 3:6] = False
     asked = windowed.MapAndEnds.of((jnp.asarray(occupied), jnp.asarray(ground)), ends, jnp.zeros(3))
     found = jax.jit(lambda: windowed.route_in_windows(asked, jnp.array(True), DISTANCES, GRID, planner))()
-    problem, _ = routed(VoxelMap.on(GRID, occupied, ground), ends, DISTANCES, dataclasses.replace(planner, focus=False))
+    problem, _ = find_route(
+        VoxelMap.on(GRID, occupied, ground), ends, DISTANCES, dataclasses.replace(planner, focus=False)
+    )
     blocked = np.pad(np.asarray(problem.blocked), windowed.NEAR, constant_values=True)
     size = 2 * windowed.NEAR + 1
     expected = blocked[4 : 4 + size, 4 : 4 + size, 4 : 4 + size]
@@ -121,5 +123,5 @@ def test_a_box_of_a_volume_is_that_of_a_padded_one(corner: tuple[int, int, int])
     volume = np.random.default_rng(0).integers(0, 9, (7, 6, 5)).astype(np.float32)
     padded = np.pad(volume, 9, constant_values=-1)
     x, y, z = (9 + c for c in corner)
-    found = windowed.boxed(jnp.asarray(volume), jnp.array(corner), (6, 5, 4), beyond=-1.0)
+    found = windowed.cut_box(jnp.asarray(volume), jnp.array(corner), (6, 5, 4), beyond=-1.0)
     np.testing.assert_array_equal(found, padded[x : x + 6, y : y + 5, z : z + 4])

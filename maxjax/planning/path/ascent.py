@@ -3,7 +3,7 @@
     m ← β m + g / |g|,    x ← x + η m,    g = ∇ log φ at x       (momentum; the paper has β = 0.9, η = 0.1)
     m ← β m + (1 − β) g,  v ← β₂ v + (1 − β₂) g²,  x ← x + η m̂ / √v̂      (its predecessor's ADAM, per component)
 
-A step must be clear (`sight.clear`: of blocked voxels; with room, half a voxel beside it) and must not enter a
+A step must be clear (`line_of_sight.clear`: of blocked voxels; with room, half a voxel beside it) and must not enter a
 voxel whose log φ is lower than where it left from.
 Where the wall is in the way the step loses the components that point into it, so the path slides along the wall. Where
 no such step is left, or the path lingers in one voxel, the *discrete step* takes over: to the centre of the voxel, then

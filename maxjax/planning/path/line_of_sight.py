@@ -82,7 +82,7 @@ def _reach(room: float) -> float:
     return room - TOUCH if room else TOUCH
 
 
-def touched(
+def voxels_at(
     shape: tuple[int, ...], x: Float[Array, " 3"], room: float = 0.0
 ) -> tuple[Bool[Array, ""], tuple[Int32[Array, "..."], Int32[Array, "..."], Int32[Array, "..."]]]:
     """The voxels that a point meets: whether all are inside the grid, and an index to a (2, 2, 2) array of them.
@@ -99,7 +99,7 @@ def touched(
 
 def stands_free(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"], room: float = 0.0) -> Bool[Array, ""]:
     """Whether every voxel that the point meets is inside the grid and free. `room` is static."""
-    inside, at = touched(blocked.shape, x, room)
+    inside, at = voxels_at(blocked.shape, x, room)
     return inside & ~jnp.any(blocked[at])
 
 
@@ -243,7 +243,7 @@ def clear(
     return free & (s.slabs <= slabs)[..., 0]
 
 
-def clear_and_paid(
+def clear_and_costs(
     sight: Sight,
     price: Float[Array, "nx ny nz"],
     a: Float[Array, "*#k 3"],
@@ -274,8 +274,10 @@ def clear_and_paid(
     return (hits == 0) & (s.slabs <= slabs)[..., 0], paid * length / s.run[..., 0]
 
 
-def paid(price: Float[Array, "nx ny nz"], a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]) -> Float[Array, "*k"]:
-    """∫ n ds along segments [voxels], by the quadrature of `clear_and_paid`."""
+def segment_costs(
+    price: Float[Array, "nx ny nz"], a: Float[Array, "*#k 3"], b: Float[Array, "*#k 3"]
+) -> Float[Array, "*k"]:
+    """∫ n ds along segments [voxels], by the quadrature of `clear_and_costs`."""
     s = _segments(price.shape, 0.0, a, b)
     summed = total(lambda layer: _paid(price, s, layer), max(price.shape) + 1, jnp.max(s.slabs))
     return jnp.asarray(summed * jnp.linalg.norm(b - a, axis=-1) / s.run[..., 0])
@@ -292,5 +294,5 @@ def visibility(
     if price is None:
         seen = clear(sight, points[rows], points[columns])
         return seen[pair] & upper, jnp.where(upper, jnp.linalg.norm(points[:, None] - points[None], axis=-1), 0)
-    seen, paid = clear_and_paid(sight, price, points[rows], points[columns])
+    seen, paid = clear_and_costs(sight, price, points[rows], points[columns])
     return seen[pair] & upper, jnp.where(upper, paid[pair], 0)

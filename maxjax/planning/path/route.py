@@ -1,9 +1,9 @@
 """What every planner returns: a route.
 
-    RouteFn = (Problem, Grid) -> Route        completed = (Problem, Route, Grid) -> Route
+    RouteFn = (Problem, Grid) -> Route        complete_route = (Problem, Route, Grid) -> Route
 
-A route is a claim: only the verifier makes a `Plan` of it. It leads from start to goal of its problem; `completed` adds
-the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing; its origin lies at
+A route is a claim: only the verifier makes a `Plan` of it. It leads from start to goal of its problem;
+`complete_route` adds the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing; its origin lies at
 zero wherever the map is, so that a planner is compiled once for all places.
 """
 
@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Float64, Int32, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
-from maxjax.planning.path.line_of_sight import paid
+from maxjax.planning.path.line_of_sight import segment_costs
 from maxjax.planning.problem.problem import Problem
 
 
@@ -52,32 +52,32 @@ RouteFn = Callable[[Problem, Grid], Route]
 NO_PATH = np.zeros((0, 3), np.float32)
 
 
-def found(path: Float[np.ndarray, "t 3"], certified: bool, geodesic: bool = False) -> Route:
+def route_of(path: Float[np.ndarray, "t 3"], certified: bool, geodesic: bool = False) -> Route:
     """A route on the host, to be completed."""
     status = np.asarray(Status.OK, np.int32)
     return Route(path.astype(np.float32), status, np.asarray(certified), geodesic=np.asarray(geodesic))
 
 
-def failed(status: int | Array | np.ndarray, certified: bool = False) -> Route:
+def no_route(status: int | Array | np.ndarray, certified: bool = False) -> Route:
     """A route without a path, on the host."""
     return Route(NO_PATH, np.asarray(status, np.int32), np.asarray(certified))
 
 
-def completed(problem: Problem, route: Route, grid: Grid) -> Route:
+def complete_route(problem: Problem, route: Route, grid: Grid) -> Route:
     """A route from exact start to exact goal, with its cost and the problem's exemptions; `jit`- and `vmap`-safe."""
-    path, cost = whole(problem.ends, problem.price, jnp.asarray(route.path))
+    path, cost = complete_path(problem.ends, problem.price, jnp.asarray(route.path))
     return dataclasses.replace(route, path=path, exemptions=problem.exemptions, cost=grid.spacing * cost)
 
 
-def whole(
+def complete_path(
     ends: Float[Array, "2 3"], price: Float[Array, "nx ny nz"] | None, path: Float[Array, "t 3"]
 ) -> tuple[Float[Array, "s 3"], Float[Array, ""]]:
     """A path between its exact ends, and what it costs: ∫ n ds [voxels], 0 without a price."""
     path = jnp.concatenate([ends[:1], path, ends[1:]])
-    return path, jnp.zeros(()) if price is None else jnp.sum(paid(price, path[:-1], path[1:]))
+    return path, jnp.zeros(()) if price is None else jnp.sum(segment_costs(price, path[:-1], path[1:]))
 
 
-def without_padding(route: Route) -> Route:
+def trim_padding(route: Route) -> Route:
     """Routes of a batch on the host, whose paths repeat a point no more than about as often as others need points.
 
     A device's paths have the room of the longest that might be: a few points among hundreds, and the exact goal.

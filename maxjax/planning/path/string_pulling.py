@@ -3,8 +3,8 @@
     cost(i) = min over j > i with j visible from i of  ∫ n ds from x_i to x_j  +  cost(j)
 
 is solved by dynamic programming over the points of the path, which never lengthens it and never leaves free space:
-every new edge was found clear (`sight.clear`). Without a price n = 1 and the integral is |x_j − x_i|; with one it is
-that of `sight.clear_and_paid`, by which the path never becomes dearer. The points that survive are the corners of the
+every new edge was found clear (`line_of_sight.clear`). Without a price n = 1 and the integral is |x_j − x_i|; with one
+it is that of `clear_and_costs`, by which the path never becomes dearer. The points that survive are the corners of the
 new path; extra points inserted along its edges then let the next round cut each corner closer to the obstacle, until
 the string is taut.
 

@@ -22,7 +22,7 @@ class End:
 
     Attributes:
         exact: index coordinates; −1 where they are not finite.
-        off: the same, moved `off_faces`.
+        off: the same, by `move_off_faces`.
         index: its voxel; outside the grid for a point outside.
         finite: whether the point was.
     """
@@ -33,7 +33,7 @@ class End:
     finite: Bool[Array, "*n"]
 
 
-def off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def move_off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The point moved off the faces of its voxel, so that it touches no other voxel.
 
     A start at 3 m lies on a face of 2 m voxels. Touching the margin there must not cost the whole flight its margin.
@@ -46,11 +46,11 @@ def off_faces(x: Float[Array, " 3"]) -> Float[Array, " 3"]:
 def locate(point: Float[Array, " 3"], shape: Index3) -> End:
     """Where a point is on a grid of this shape; NaN and infinity are allowed."""
     exact = jnp.where(jnp.isfinite(point), point, -1.0)
-    off = off_faces(exact)
+    off = move_off_faces(exact)
     index = jnp.floor(jnp.clip(off, -1, max(shape)) + 0.5).astype(jnp.int32)
     return End(exact, off, index, jnp.all(jnp.isfinite(point)))
 
 
-def placed(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def free_place(blocked: Bool[Array, "nx ny nz"], x: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The point itself where it stands free of blocked voxels, else off the faces of its voxel."""
-    return jnp.where(stands_free(blocked, x), x, off_faces(x))
+    return jnp.where(stands_free(blocked, x), x, move_off_faces(x))

@@ -35,8 +35,8 @@ from jaxtyping import Array, Bool, Float, Int32, Integer, Shaped, UInt8
 from maxjax.compile.lowering import shift_axis
 from maxjax.core.grid import Index3
 from maxjax.fields.stencil import cell
-from maxjax.planning.path.line_of_sight import TOUCH, touched
-from maxjax.planning.problem.ends import End, placed
+from maxjax.planning.path.line_of_sight import TOUCH, voxels_at
+from maxjax.planning.problem.ends import End, free_place
 from maxjax.planning.problem.inflation import least_quarters
 from maxjax.planning.problem.surroundings import BESIDE, GROUND, NOTHING, OBSTACLE, Surroundings, cubes_within
 
@@ -113,11 +113,11 @@ def last_level(radius: float) -> int:
 @jax.named_scope("exemption")
 def exemption(around: Surroundings, end: End, radius: Radius) -> Exemption:
     """The exemption of an end; `jit`- and `vmap`-safe."""
-    place = placed(around.occupied, end.exact)
+    place = free_place(around.occupied, end.exact)
     kind, centres = _cubes(around, end.index, cubes_within(radius.widest))
     own = jnp.sqrt(jnp.min(jnp.where(kind == OBSTACLE, _squared(place[:, None] - centres), jnp.inf)))
     kept = jnp.maximum(jnp.minimum(radius.value, own) - _ROUNDING, 0.0)
-    _, at = touched(around.kind.shape, place + around.halo)
+    _, at = voxels_at(around.kind.shape, place + around.halo)
     beside = jnp.any(around.kind[at] == BESIDE)
     needed = (beside & (jnp.asarray(radius.value) > 0)) | (own < radius.value - _ROUNDING)
 
@@ -164,7 +164,7 @@ def exemptions(around: Surroundings, ends: End, radius: Radius) -> Exemption:
     return jax.vmap(exemption, (None, 0, None))(around, ends, radius)
 
 
-def opened_by(blocked: Bool[Array, "nx ny nz"], both: Exemption) -> Bool[Array, "nx ny nz"]:
+def open_exemptions(blocked: Bool[Array, "nx ny nz"], both: Exemption) -> Bool[Array, "nx ny nz"]:
     """What remains blocked with the opened voxels of both ends."""
     for end in range(2):
         blocked = jax.tree.map(lambda x, end=end: x[end], both).open_in(blocked)

@@ -28,7 +28,7 @@ def least_quarters(radius: float) -> int:
     return max(math.ceil(4 * radius**2 - _INCLUSIVE), int(radius > 0))
 
 
-def inflated_obstacles(
+def inflate(
     quarters: Integer[Array, "nx ny nz"], ground_squared: Integer[Array, "nx ny nz"], least: Int32[Array, ""] | int
 ) -> Bool[Array, "nx ny nz"]:
     """Voxels that a path keeps out of.

@@ -27,7 +27,7 @@ _HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class TakenEnd:
+class OccupiedEnd:
     """An end in an occupied voxel, all in the map's coordinates [m].
 
     Attributes:
@@ -47,9 +47,9 @@ class TakenEnd:
     @property
     def sentence(self) -> str:
         """What is in the way, by how much, and where there is room, in the map's coordinates."""
-        return self.told(Spoken())
+        return self.describe(Spoken())
 
-    def told(self, spoken: Spoken) -> str:
+    def describe(self, spoken: Spoken) -> str:
         """What is in the way, by how much, and where there is room, in the words of whoever gave the end."""
         x, y, z = self.point
         if self._on_ground(spoken):
@@ -76,7 +76,7 @@ class TakenEnd:
         return self.ground and math.isfinite(ground) and abs(self.point[2] - ground) <= _STANDING
 
 
-def taken_end(where: VoxelMap, point: Point3, radius: float) -> TakenEnd | None:
+def find_occupied_end(where: VoxelMap, point: Point3, radius: float) -> OccupiedEnd | None:
     """What stands at a point of a map, and where there is room beside; None where the point is not in anything.
 
     Args:
@@ -106,7 +106,7 @@ def taken_end(where: VoxelMap, point: Point3, radius: float) -> TakenEnd | None:
             grid.origin[2] + grid.spacing * z,
         )
     face = grid.lower[2] + grid.spacing * top
-    return TakenEnd(point, bool(where.ground[i, j, k]), face, free_from, nearest)
+    return OccupiedEnd(point, bool(where.ground[i, j, k]), face, free_from, nearest)
 
 
 def open_heights(where: VoxelMap, point: Point3) -> tuple[float, float] | None:
@@ -144,7 +144,7 @@ def inside(index: Float64[np.ndarray, " 3"], barred: Bool[np.ndarray, "nx ny nz"
     return bool(barred[tuple(slice(a, b + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True))].all())
 
 
-def plans_of_taken_ends(task: Task, method: str) -> Plans | None:
+def plans_of_occupied_ends(task: Task, method: str) -> Plans | None:
     """Plans without a path, where each problem has an end in something: nothing is compiled then; None otherwise."""
     status = np.zeros(len(task), np.int32)
     for k, (start, goal) in enumerate(task.index):

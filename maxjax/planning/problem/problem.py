@@ -28,10 +28,10 @@ from maxjax.compile.lowering import materialise
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.fields.connectivity import first_joined
-from maxjax.planning.path.line_of_sight import stands_free, touched
+from maxjax.planning.path.line_of_sight import stands_free, voxels_at
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.ends import End, locate
-from maxjax.planning.problem.exemptions import Exemption, Radius, exemptions, last_level, opened_by, radii_below
+from maxjax.planning.problem.exemptions import Exemption, Radius, exemptions, last_level, open_exemptions, radii_below
 from maxjax.planning.problem.inflation import least_quarters
 from maxjax.planning.problem.surroundings import Surroundings, surroundings
 
@@ -129,10 +129,10 @@ def formulate(
 
 def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Distances, grid: Grid) -> Problem:
     """The problem of two ends; arguments as in `formulate`."""
-    both = exemptions(around, located(ends, grid.shape), Radius.of(distances.radius / grid.spacing))
-    blocked = materialise(opened_by(around.inflated, both))
+    both = exemptions(around, locate_all(ends, grid.shape), Radius.of(distances.radius / grid.spacing))
+    blocked = materialise(open_exemptions(around.inflated, both))
     inner, radii = inner_places(blocked, both, distances, grid)
-    joined = joined_status(around.occupied, blocked, both, distances.radius)
+    joined = connection_status(around.occupied, blocked, both, distances.radius)
     if around.halo:
         joined = jnp.where(jnp.all(both.local), joined, Status.NO_VALID_PATH)
     fault = faults_of(around.occupied, ends, grid).status
@@ -150,7 +150,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
     )
 
 
-def located(ends: Float[Array, "n 3"], shape: tuple[int, ...]) -> End:
+def locate_all(ends: Float[Array, "n 3"], shape: tuple[int, ...]) -> End:
     """Where several ends are on a grid of this shape."""
     nx, ny, nz = shape
     return jax.vmap(lambda end: locate(end, (nx, ny, nz)))(ends)
@@ -174,7 +174,7 @@ def inner_places(
     return jax.vmap(one)(ends)
 
 
-def joined_status(
+def connection_status(
     occupied: Bool[Array, "nx ny nz"], blocked: Bool[Array, "nx ny nz"], both: Exemption, radius: float
 ) -> Int32[Array, ""]:
     """Whether two ends are joined: OK; NO_SAFE_PATH where only radius 0 joins them, NO_VALID_PATH where nothing does.
@@ -195,7 +195,7 @@ def joined_status(
 def faults_of(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Faults:
     """What is wrong with two ends by themselves."""
     a, b = (locate(end, grid.shape) for end in ends)
-    (inside_a, at_a), (inside_b, at_b) = (touched(grid.shape, end.off) for end in (a, b))
+    (inside_a, at_a), (inside_b, at_b) = (voxels_at(grid.shape, end.off) for end in (a, b))
     return Faults(
         nonfinite=~(a.finite & b.finite),
         start_outside=~inside_a,
@@ -206,7 +206,7 @@ def faults_of(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid
     )
 
 
-def largest_joining(
+def largest_joining_radius(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
     ends: Float[Array, "2 3"],
@@ -220,15 +220,15 @@ def largest_joining(
     """
     radius = distances.radius / grid.spacing
     around = surroundings(occupied, ground, dataclasses.replace(distances, margin=distances.radius), grid)
-    both, lower = located(ends, grid.shape), radii_below(radius)
+    both, lower = locate_all(ends, grid.shape), radii_below(radius)
     least, last = (jnp.asarray([law(r) for r in lower], jnp.int32) for law in (least_quarters, last_level))
     values = jnp.asarray(lower, jnp.float32)
 
     def joins(k: Int32[Array, ""]) -> Bool[Array, ""]:
         inflated = around.with_radius(least[k])
         left = exemptions(inflated, both, Radius(values[k], least[k], last[k], radius))
-        blocked = opened_by(inflated.inflated, left)
-        return joined_status(around.occupied, blocked, left, 0.0) == Status.OK
+        blocked = open_exemptions(inflated.inflated, left)
+        return connection_status(around.occupied, blocked, left, 0.0) == Status.OK
 
     def halve(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         worse, better = bounds

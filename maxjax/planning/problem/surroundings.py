@@ -24,7 +24,7 @@ from maxjax.core.grid import Grid
 from maxjax.fields.distance import cube_distance, farthest, metres
 from maxjax.fields.occupancy import squared_distance
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.inflation import inflated_obstacles, least_quarters
+from maxjax.planning.problem.inflation import inflate, least_quarters
 
 NOTHING, BESIDE, GROUND, OBSTACLE = range(4)
 
@@ -63,7 +63,7 @@ class Surroundings(NamedTuple):
         """The same, inflated by another radius, which is no larger than the margin, by its `least_quarters`."""
         kind = _inside(self.kind, self.halo)
         squared = jnp.where(kind == GROUND, 0, jnp.where(kind == BESIDE, 1, 2))
-        return self._replace(inflated=inflated_obstacles(self.quarters, squared, least))
+        return self._replace(inflated=inflate(self.quarters, squared, least))
 
 
 def surroundings(
@@ -81,7 +81,7 @@ def surroundings(
     occupied, ground = materialise(occupied), materialise(ground)
     obstacles, squared = occupied & ~ground, squared_distance(ground, 1)
     quarters = _inside(cube_distance(obstacles, distances.margin / grid.spacing), halo)
-    inflated = inflated_obstacles(quarters, _inside(squared, halo), least_quarters(distances.radius / grid.spacing))
+    inflated = inflate(quarters, _inside(squared, halo), least_quarters(distances.radius / grid.spacing))
     kind = jnp.where(obstacles, OBSTACLE, jnp.where(ground, GROUND, jnp.where(squared <= 1, BESIDE, NOTHING)))
     price = None
     if distances.priced:

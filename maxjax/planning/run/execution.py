@@ -3,7 +3,7 @@
     staged           formulate | solve | ascend | tighten | price, each by itself    a CPU
     on the host      formulate | the planner's own search                        planners that are not batched
     single program   all of it in one, one message in, one out                   one problem, accelerator
-    pipelined        chunks of problems (`planning.run.pipeline`)                    many problems, accelerator
+    in chunks        chunks of problems (`planning.run.pipeline`)                    many problems, accelerator
 
 and in all of them the verifier at the end, once for all paths. On a CPU a few problems are planned at a time, each on a
 core. A field is solved in a window of the map wherever that proves the same (`planning.windows.focus_window`). Where an
@@ -30,17 +30,17 @@ from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, RouteFn, Routes, failed, whole
+from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, no_route
 from maxjax.planning.plan import Plans
 from maxjax.planning.planner import FieldClimber, Planner, field_climber, plans_in_windows
+from maxjax.planning.problem.occupied_end import plans_of_occupied_ends
 from maxjax.planning.problem.problem import Problem
-from maxjax.planning.problem.taken_end import plans_of_taken_ends
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
 from maxjax.planning.run.stages import STAGED, status_of_climb
-from maxjax.planning.run.verifying import verified, with_closures
-from maxjax.planning.windows.corridor import in_corridor
-from maxjax.planning.windows.focus_window import View, in_windows
+from maxjax.planning.run.verifying import verify_routes, with_closures
+from maxjax.planning.windows.corridor import find_in_corridor
+from maxjax.planning.windows.focus_window import View, find_in_windows
 
 # Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
 _CHUNK = 32
@@ -64,7 +64,7 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
     Returns:
         One plan a problem. In chunks each has an equal share of the `timings`, and so it has of `verify`.
     """
-    if (taken := plans_of_taken_ends(task, planner.name)) is not None:
+    if (taken := plans_of_occupied_ends(task, planner.name)) is not None:
         spent = {name: np.full(len(task), s) for name, s in Recorder().report().items()}
         return with_closures(dataclasses.replace(taken, timings=spent))
     routes = routes_of(task, planner, chunk=chunk)
@@ -74,7 +74,7 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
 def plans_of(routes: Routes, task: Task, method: str) -> Plans:
     """Plans of routes: verified, with a radius that joins where the one asked for does not, and with closures."""
     with recording() as recorder:
-        plans = verified(routes.route, task, method)
+        plans = verify_routes(routes.route, task, method)
         plans = with_closures(with_largest_radii(plans))
     spent, share = recorder.report(), np.arange(len(task))
     timings = routes.spending(share, {name: np.full(len(task), s / len(task)) for name, s in spent.items()}).timings
@@ -86,7 +86,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
     chunked = planner.batched and (chunk is not None or target() != "cpu")
 
     def find(view: View) -> Routes:
-        return _in_chunks(view, planner, chunk) if chunked else one_by_one(view, planner)
+        return _in_chunks(view, planner, chunk) if chunked else find_one_by_one(view, planner)
 
     def find_all(views: list[View]) -> list[Routes]:
         # One shape is compiled beside the others.
@@ -103,12 +103,12 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def _routed(one: Task) -> Routes:
         """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        guided = in_corridor(one, find_all, problem_shown)
+        guided = find_in_corridor(one, find_all, formulate_view)
         if guided.ok.all():
             return guided
         return find(View(one)).spending(np.arange(1), guided.timings)
 
-    return in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
+    return find_in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
 
 
 def with_largest_radii(plans: Plans) -> Plans:
@@ -120,17 +120,17 @@ def with_largest_radii(plans: Plans) -> Plans:
     return dataclasses.replace(plans, radius=radius)
 
 
-def one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> Routes:
+def find_one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> Routes:
     """Routes of a view problem by problem; those of a batched planner on all cores, by a finder if one is given."""
     find = finder or _host_finder(planner)
 
     def one(k: int) -> tuple[Route, dict[str, float]]:
         with recording() as recorder:
             shown = view.some(slice(k, k + 1))
-            problem = problem_shown(shown)
-            status = fetched(problem.status)
-            route = failed(status) if status != Status.OK else find(problem, view.grid)
-            route = whole_route(problem, route, view.grid)
+            problem = formulate_view(shown)
+            status = fetch(problem.status)
+            route = no_route(status) if status != Status.OK else find(problem, view.grid)
+            route = complete_on_host(problem, route, view.grid)
         return route, recorder.report()
 
     # The first by itself: it may compile.
@@ -145,7 +145,7 @@ def one_by_one(view: View, planner: Planner, finder: RouteFn | None = None) -> R
 def _host_finder(planner: Planner) -> RouteFn:
     """How routes are found one by one: by stages, by one program, or by the planner's own search."""
     if (climber := field_climber(planner)) is not None:
-        return staged(climber)
+        return stage_finder(climber)
     if not planner.batched:
         return planner.route
 
@@ -162,22 +162,22 @@ def _route(problem: Problem, grid: Grid, planner: Planner) -> Route:
 
 def problem_of(task: Task) -> Problem:
     """The only problem of a task, formulated in its whole map."""
-    return problem_shown(View(task))
+    return formulate_view(View(task))
 
 
-def problem_shown(view: View) -> Problem:
+def formulate_view(view: View) -> Problem:
     """The only problem that a device is shown."""
     problem: Problem = _FORMULATE(pipeline.parts_of(view), layout=pipeline.layout_of(view))
     return problem
 
 
-def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
-    """`route.completed` on the host."""
+def complete_on_host(problem: Problem, route: Route, grid: Grid) -> Route:
+    """`route.complete_route` on the host."""
     if route.status != Status.OK:
         return dataclasses.replace(route, path=np.zeros((0, 3), np.float32))
     path = np.asarray(route.path)
     path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
-    (path, cost), exemptions = fetched((_PRICE(problem.ends, problem.price, path), problem.exemptions))
+    (path, cost), exemptions = fetch((_PRICE(problem.ends, problem.price, path), problem.exemptions))
     return dataclasses.replace(
         route, path=path, exemptions=exemptions, cost=np.asarray(grid.spacing * cost, np.float32)
     )
@@ -186,19 +186,19 @@ def whole_route(problem: Problem, route: Route, grid: Grid) -> Route:
 # Paths are filled up to whole multiples of so many points, so that searches share programs.
 _POINTS = 128
 
-_FORMULATE = Program("formulate", pipeline.formulated, static=("layout",))
-_LARGEST = Program("largest radius", pipeline.largest, static=("layout",))
-_PRICE = Program("price", whole)
+_FORMULATE = Program("formulate", pipeline.formulate_parts, static=("layout",))
+_LARGEST = Program("largest radius", pipeline.largest_radius, static=("layout",))
+_PRICE = Program("price", complete_path)
 _ROUTE = Program("route", _route, static=("grid", "planner"))
 
 
-def fetched(tree: Any) -> Any:
+def fetch(tree: Any) -> Any:
     """Arrays on the host, all at once: on an accelerator every fetch costs as much as a short program."""
     with time_stage("transfer"):
         return jax.device_get(tree)
 
 
-def staged(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
+def stage_finder(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
     """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
 
     def find(problem: Problem, grid: Grid) -> Route:
@@ -207,7 +207,7 @@ def staged(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
             climbed = STAGED.path(field.log_phi, problem, settings)
-            (fault, status, certified, geodesic), (path, arrived) = fetched((verdict, climbed))
+            (fault, status, certified, geodesic), (path, arrived) = fetch((verdict, climbed))
             return Routes.of([Route(path, status_of_climb(fault, status, arrived, np), certified, geodesic=geodesic)])
 
         return with_longer_ascents(attempt, 1, planner.ascent, factors).one(0)
@@ -247,9 +247,9 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
         longer = climber.with_ascent(settings) if climber is not None and settings is not None else planner
         with recording() as recorder:
             if len(which) == 1:
-                route = pipeline.single(some, longer)
+                route = pipeline.run_one(some, longer)
             else:
-                route = pipeline.pipelined(some, longer, _sizes(some, chunk, longer == planner))
+                route = pipeline.run_chunks(some, longer, _sizes(some, chunk, longer == planner))
         spent = recorder.report(len(which))
         return Routes(route, {name: np.full(len(which), seconds) for name, seconds in spent.items()})
 

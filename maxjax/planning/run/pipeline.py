@@ -26,10 +26,10 @@ from maxjax.compile.program import Program
 from maxjax.compile.stage_timer import time_stage
 from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid
-from maxjax.planning.path.route import Route, completed
+from maxjax.planning.path.route import Route, complete_route
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.problem import Problem, formulate, largest_joining
+from maxjax.planning.problem.problem import Problem, formulate, largest_joining_radius
 from maxjax.planning.problem.task import Rows
 from maxjax.planning.windows.focus_window import View
 
@@ -68,20 +68,20 @@ def parts_of(view: View) -> Parts:
     return view.shared | {name: part[0] for name, part in _own(view, slice(0, 1)).items()}
 
 
-def formulated(parts: Parts, layout: Layout) -> Problem:
+def formulate_parts(parts: Parts, layout: Layout) -> Problem:
     """The problem of its parts."""
     occupied, ground = parts["occupied"] | parts["ground"], parts["ground"]
     problem = formulate(occupied, ground, parts["ends"], layout.distances, layout.grid, parts.get("rim"))
     return dataclasses.replace(problem, price=parts["price"]) if layout.priced else problem
 
 
-def largest(parts: Parts, layout: Layout) -> Float[Array, ""]:
+def largest_radius(parts: Parts, layout: Layout) -> Float[Array, ""]:
     """A radius [m] below the one asked for that joins the ends of its parts."""
     ground = parts["ground"]
-    return largest_joining(parts["occupied"] | ground, ground, parts["ends"], layout.distances, layout.grid)
+    return largest_joining_radius(parts["occupied"] | ground, ground, parts["ends"], layout.distances, layout.grid)
 
 
-def single(view: View, planner: Planner) -> Route:
+def run_one(view: View, planner: Planner) -> Route:
     """The route of one problem, in a batch of one; no thread is worth its start."""
     layout = layout_of(view)
     with time_stage("device"):
@@ -90,7 +90,7 @@ def single(view: View, planner: Planner) -> Route:
     return view.placed(found)
 
 
-def pipelined(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
+def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
     """Routes in chunks of these sizes, which are enough for all; the last one is filled up with copies."""
     layout, shared = layout_of(view), view.shared
     chunks = [rows for rows in np.split(np.arange(len(view)), np.cumsum(sizes)[:-1]) if rows.size]
@@ -126,7 +126,7 @@ def _own(view: View, rows: Rows) -> Parts:
     return view.own(rows) | rim | {"ends": view.ends(rows)}
 
 
-def sent(layout: Layout) -> Parts:
+def part_shapes(layout: Layout) -> Parts:
     """Shapes and types of the parts of one problem."""
     seen = [n + 2 * layout.halo for n in layout.grid.shape]
     rim = {"rim": _blank(np.int32, 3)} if layout.halo else {}
@@ -153,7 +153,9 @@ def _points(planner: Planner, layout: Layout) -> int:
     """How many points the paths of a batched planner have."""
     if (climber := field_climber(planner)) is not None:
         return climber.ascent.steps + 1
-    path = jax.eval_shape(lambda parts: planner.route(formulated(parts, layout), layout.grid).path, sent(layout))
+    path = jax.eval_shape(
+        lambda parts: planner.route(formulate_parts(parts, layout), layout.grid).path, part_shapes(layout)
+    )
     return int(path.shape[0])
 
 
@@ -164,14 +166,14 @@ def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
 
 def answer(parts: Parts, layout: Layout, planner: Planner) -> Route:
     """The route of one problem, from its parts."""
-    problem = formulated(parts, layout)
-    answer = completed(problem, planner.route(problem, layout.grid), layout.grid)
+    problem = formulate_parts(parts, layout)
+    answer = complete_route(problem, planner.route(problem, layout.grid), layout.grid)
     return dataclasses.replace(answer, geodesic=jnp.asarray(answer.geodesic))
 
 
 def _plan_one(message: UInt8[Array, " sent"], layout: Layout, planner: Planner) -> UInt8[Array, "1 got"]:
     """One problem, from its message to that of its answer."""
-    found = answer(messages.unpack(message, sent(layout)), layout, planner)
+    found = answer(messages.unpack(message, part_shapes(layout)), layout, planner)
     return in_host_memory(jnp.asarray(messages.pack(found))[None])
 
 
@@ -183,7 +185,7 @@ def _plan_many(
     planner: Planner,
 ) -> UInt8[Array, "b written"]:
     """Several problems; maps that all of them share are sent once, in `common`."""
-    like = sent(layout)
+    like = part_shapes(layout)
     maps = messages.unpack(common, {name: like[name] for name in shared})
 
     def one(message: UInt8[Array, " sent"]) -> UInt8[Array, " written"]:

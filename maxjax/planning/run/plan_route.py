@@ -19,13 +19,15 @@ from jaxtyping import Array, Float
 
 from maxjax.core.grid import Grid
 from maxjax.core.voxel_map import VoxelMap, check_map
-from maxjax.planning.path.route import Route, completed
-from maxjax.planning.planner import Planner, check_planner, in_flight
+from maxjax.planning.path.route import Route, complete_route
+from maxjax.planning.planner import Planner, check_planner, pure_route
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 
 
-def routed(where: VoxelMap, ends: Float[Array, "2 3"], distances: Distances, planner: Planner) -> tuple[Problem, Route]:
+def find_route(
+    where: VoxelMap, ends: Float[Array, "2 3"], distances: Distances, planner: Planner
+) -> tuple[Problem, Route]:
     """The problem of two ends in a map, and its route between the exact ends; both in index coordinates.
 
     Args:
@@ -39,7 +41,7 @@ def routed(where: VoxelMap, ends: Float[Array, "2 3"], distances: Distances, pla
     problem = formulate(occupied, ground, ends, law, where.grid)
     if price is not None:
         problem = dataclasses.replace(problem, price=jnp.asarray(price))
-    return problem, completed(problem, in_flight(planner)(problem, where.grid), where.grid)
+    return problem, complete_route(problem, pure_route(planner)(problem, where.grid), where.grid)
 
 
 def plan_route(
@@ -53,7 +55,7 @@ def plan_route(
     ends = jnp.stack([_index("start", start, single.grid), _index("goal", goal, single.grid)])
     ends = _without_derivative(ends)
     local = VoxelMap(single.occupied, single.ground, single.closed, single.grid.local)
-    _, route = routed(local, ends, kept, finder)
+    _, route = find_route(local, ends, kept, finder)
     return dataclasses.replace(
         route, path=single.grid.to_world(jnp.asarray(route.path)), geodesic=jnp.asarray(route.geodesic)
     )

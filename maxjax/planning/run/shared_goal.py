@@ -29,13 +29,13 @@ from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.planning.path.ascent import Ascent, ascend
 from maxjax.planning.path.line_of_sight import Sight, sight_of
-from maxjax.planning.path.route import Route, Routes, whole, without_padding
+from maxjax.planning.path.route import Route, Routes, complete_path, trim_padding
 from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.plan import Plans
 from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.exemptions import Radius, exemptions
-from maxjax.planning.problem.problem import Problem, faults_of, inner_places, located, problem_in
+from maxjax.planning.problem.problem import Problem, faults_of, inner_places, locate_all, problem_in
 from maxjax.planning.problem.surroundings import Surroundings, surroundings
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import plans_of, with_longer_ascents
@@ -102,8 +102,8 @@ def formulate_fleet(
     """`problem.formulate` for every start whose exemption opens no voxel; the goal is the same for all."""
     around = surroundings(occupied, ground, distances, grid)
     radius = Radius.of(distances.radius / grid.spacing)
-    goals = exemptions(around, located(ends[:1, 1], grid.shape), radius)
-    starts = exemptions(around, located(ends[:, 0], grid.shape), radius)
+    goals = exemptions(around, locate_all(ends[:1, 1], grid.shape), radius)
+    starts = exemptions(around, locate_all(ends[:, 0], grid.shape), radius)
     goal = jax.tree.map(lambda x: x[0], goals)
     blocked = goal.open_in(around.inflated)
     inner, radii = inner_places(blocked, starts, distances, grid)
@@ -149,7 +149,7 @@ def _tighten_all(
     ends: Float[Array, "n 2 3"],
 ) -> tuple[Float[Array, "n s 3"], Float[Array, " n"]]:
     """The paths pulled taut, between their exact ends, and what they cost."""
-    return jax.vmap(lambda path, exact: whole(exact, price, tighten(sight, path, price)))(paths, ends)
+    return jax.vmap(lambda path, exact: complete_path(exact, price, tighten(sight, path, price)))(paths, ends)
 
 
 _FORMULATE = Program("formulate", formulate_fleet, static=("distances", "grid"))
@@ -214,7 +214,7 @@ def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Ro
         status = status_of_climb(np.int32(Status.OK), np.asarray(field.status), arrived, np)
         costs = (task.grid.spacing * costs).astype(np.float32)
         route = Route(paths, status, certified[which], places.exemptions[which], geodesic[which], costs)
-        return Routes(without_padding(route))
+        return Routes(trim_padding(route))
 
     return with_longer_ascents(attempt, count, planner.ascent)
 

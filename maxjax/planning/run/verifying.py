@@ -28,7 +28,7 @@ _TOGETHER = 32
 _SAME = 1e-4
 
 
-def verified(routes: Route, task: Task, method: str, timings: Seconds | None = None) -> Plans:
+def verify_routes(routes: Route, task: Task, method: str, timings: Seconds | None = None) -> Plans:
     """Plans of completed routes: only a path that the verifier passes is handed out.
 
     Args:

@@ -72,7 +72,7 @@ def astar(
         ValueError: unless `blocked` is a volume of bool, both indices have three components, and `price` has the shape
             of `blocked` and is finite and at least 1.
     """
-    dearest = checked(blocked, start, goal, price)
+    dearest = check_query(blocked, start, goal, price)
     status = status_of_ends(blocked, start, goal)
     if status is not Status.OK:
         return no_path(status)
@@ -95,10 +95,10 @@ def astar(
         node -= offsets[came[node]]
         backward.append(node)
     path = np.stack(np.unravel_index(backward[::-1], shape), axis=1).astype(np.int32) - 1
-    return path_found(path, price, expanded)
+    return result_of_path(path, price, expanded)
 
 
-def checked(blocked: np.ndarray, start: Sequence[int], goal: Sequence[int], price: np.ndarray | None) -> float:
+def check_query(blocked: np.ndarray, start: Sequence[int], goal: Sequence[int], price: np.ndarray | None) -> float:
     """The highest price, at least 1; raises as `astar`."""
     if blocked.ndim != 3 or blocked.dtype != np.bool_:
         raise ValueError(f"blocked: expected bool of shape (nx, ny, nz), given {blocked.dtype} {blocked.shape}")
@@ -120,7 +120,7 @@ def no_path(status: Status, expanded: int = 0) -> AstarResult:
     return AstarResult(status, np.empty((0, 3), np.int32), math.inf, math.inf, expanded)
 
 
-def path_found(
+def result_of_path(
     path: Int32[np.ndarray, "t 3"], price: Float[np.ndarray, "nx ny nz"] | None, expanded: int
 ) -> AstarResult:
     """The result of this path."""

@@ -22,7 +22,7 @@ from maxjax.compile import native
 from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Index3
 from maxjax.core.status import Status
-from maxjax.planning.search.astar import AstarResult, checked, no_path, path_found, status_of_ends
+from maxjax.planning.search.astar import AstarResult, check_query, no_path, result_of_path, status_of_ends
 from maxjax.planning.search.steps import AT_START, STEPS, rules
 
 SOURCE = Path(__file__).with_name("astar.cpp")
@@ -151,7 +151,7 @@ class Queries:
             return no_path(Status.NO_VALID_PATH, expanded)
         moves = np.array(STEPS, np.int32)[path[:count]]
         voxels = np.cumsum(np.concatenate([np.array(query.start, np.int32)[None], moves]), axis=0, dtype=np.int32)
-        return path_found(voxels, query.price, expanded)
+        return result_of_path(voxels, query.price, expanded)
 
     def _in_order(self, volume: np.ndarray, dtype: type) -> np.ndarray:
         """The volume as the library reads it: checked, and contiguous."""
@@ -161,7 +161,7 @@ class Queries:
 
     def _row(self, query: Query, path: UInt8[np.ndarray, " n"]) -> tuple[int, ...]:
         """A query in the library's terms; where all prices are 1, it is searched without."""
-        dearest = checked(query.blocked, query.start, query.goal, query.price)
+        dearest = check_query(query.blocked, query.start, query.goal, query.price)
         if (status := status_of_ends(query.blocked, query.start, query.goal)) is not Status.OK:
             raise ValueError(f"queries: expected ends in free voxels, given {query.start}, {query.goal}: {status.name}")
         start, goal = (int(np.ravel_multi_index(end, self.shape)) for end in (query.start, query.goal))
@@ -169,7 +169,7 @@ class Queries:
         return query.blocked.ctypes.data, price, start, goal, path.ctypes.data, len(path), 0, 0
 
 
-def compiled_astar(
+def astar_in_cpp(
     blocked: Bool[np.ndarray, "nx ny nz"],
     start: Index3,
     goal: Index3,
@@ -181,7 +181,7 @@ def compiled_astar(
         NotCompiledError: as `compile.native.library`.
         MemoryError: as `Search` and `Queries.result`.
     """
-    checked(blocked, start, goal, price)
+    check_query(blocked, start, goal, price)
     status = status_of_ends(blocked, start, goal)
     if status is not Status.OK:
         return no_path(status)

@@ -30,7 +30,7 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.path.route import Route, Routes
 from maxjax.planning.problem.task import Task
-from maxjax.planning.windows.focus_window import SHAPES, RouteViews, in_windows, rounded
+from maxjax.planning.windows.focus_window import SHAPES, RouteViews, find_in_windows, round_up
 from maxjax.planning.windows.geometry import ellipsoid_box, guess_costs
 from maxjax.planning.windows.lattice_guide import Show, lattice_path
 
@@ -48,7 +48,7 @@ Points = Float64[np.ndarray, "_ 3"]
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 
-def in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
+def find_in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
     """The route of the only problem of a task, in a corridor of windows.
 
     Args:
@@ -76,7 +76,7 @@ def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
     best, least = None, math.inf
     straight_line = float(np.linalg.norm(task.goals[0] - task.starts[0]))
     for share, factor in itertools.product((0.0, 0.5), _factors(task)):
-        coarse_map = coarse_task(task, share, factor)
+        coarse_map = coarsen_task(task, share, factor)
         guide = _guide(coarse_map, find)
         spent = spent.spending(_ONLY, guide.timings)
         if not guide.ok.all():
@@ -113,7 +113,7 @@ def _legs(task: Task, points: Points, find: RouteViews) -> Routes:
     """Routes from each point to the next."""
     starts, goals = points[:-1], points[1:]
     some = dataclasses.replace(task, starts=starts, goals=goals, map_of=np.zeros(len(starts), np.int64))
-    return in_windows(some, find, _nothing)
+    return find_in_windows(some, find, _nothing)
 
 
 def _sound(legs: Routes) -> bool:
@@ -139,25 +139,25 @@ def _factors(task: Task) -> list[int]:
 
 
 def _guide(coarse_map: Task, find: RouteViews) -> Routes:
-    """The route in a coarse map (`coarse_task`)."""
+    """The route in a coarse map (`coarsen_task`)."""
     small = math.prod(coarse_map.grid.shape) <= 2 * _COARSE
-    return in_windows(coarse_map, find, (lambda whole: find([rounded(whole)])[0]) if small else _nothing)
+    return find_in_windows(coarse_map, find, (lambda whole: find([round_up(whole)])[0]) if small else _nothing)
 
 
-def coarse_task(task: Task, share: float, factor: int) -> Task:
+def coarsen_task(task: Task, share: float, factor: int) -> Task:
     """A task in voxels of `factor`³ voxels, occupied where more than this share is; the ends stand in free ones."""
-    occupied, ground = (coarse(volume, factor, share) for volume in (task.barred, task.kept_off))
+    occupied, ground = (coarsen(volume, factor, share) for volume in (task.barred, task.kept_off))
     fine = task.grid
     x, y, z = (o + fine.spacing * (factor - 1) / 2 for o in fine.origin)
     grid = Grid(occupied.shape, factor * fine.spacing, (x, y, z))
     for end in task.index[0]:
         _open(occupied, np.floor((end + 0.5) / factor).astype(int), task.barred, factor)
     where = VoxelMap(occupied, ground & occupied, None, grid)
-    price = None if task.price is None else coarse_price(task.price, factor)
+    price = None if task.price is None else coarsen_price(task.price, factor)
     return dataclasses.replace(task, map=where, price=price)
 
 
-def coarse_price(price: Float32[np.ndarray, "nx ny nz"], factor: int) -> Float32[np.ndarray, "mx my mz"]:
+def coarsen_price(price: Float32[np.ndarray, "nx ny nz"], factor: int) -> Float32[np.ndarray, "mx my mz"]:
     """What a metre costs in the mean in voxels of `factor`³ voxels; 1 beyond the map."""
     filled = np.pad(price, [(0, -n % factor) for n in price.shape], constant_values=1.0)
     x, y, z = (n // factor for n in filled.shape)
@@ -170,7 +170,7 @@ def _nothing(task: Task) -> Routes:
     return Routes.blank(len(task))
 
 
-def coarse(volume: Volume, factor: int, share: float) -> Bool[np.ndarray, "mx my mz"]:
+def coarsen(volume: Volume, factor: int, share: float) -> Bool[np.ndarray, "mx my mz"]:
     """Voxels of `factor`³ voxels of which more than this share is in a volume; beyond it nothing is."""
     counts = np.zeros([-(-n // factor) for n in volume.shape], np.uint16)
     for offset in itertools.product(range(factor), repeat=3):
@@ -185,7 +185,7 @@ def _open(occupied: Volume, index: Int64[np.ndarray, " 3"], fine: Bool[np.ndarra
     low = [max(i - 1, 0) for i in index.tolist()]
     around = tuple(slice(a, i + 2) for a, i in zip(low, index.tolist(), strict=True))
     held = fine[tuple(slice(a * factor, (i + 2) * factor) for a, i in zip(low, index.tolist(), strict=True))]
-    occupied[around] &= ~coarse(~held, factor, 0.0)
+    occupied[around] &= ~coarsen(~held, factor, 0.0)
 
 
 def _handovers(task: Task, guide: Points, reach: float) -> Points:

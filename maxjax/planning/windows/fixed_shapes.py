@@ -27,9 +27,9 @@ from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
-from maxjax.planning.run.execution import one_by_one, staged
+from maxjax.planning.run.execution import find_one_by_one, stage_finder
 from maxjax.planning.windows import focus_window
-from maxjax.planning.windows.focus_window import View, Windows, in_windows
+from maxjax.planning.windows.focus_window import View, Windows, find_in_windows
 from maxjax.planning.windows.geometry import worthwhile
 
 LONGER = 4
@@ -53,7 +53,7 @@ class FixedShapes:
     def __init__(self, grid: Grid, planner: FieldClimber, distances: Distances) -> None:
         ascent = dataclasses.replace(planner.ascent, steps=LONGER * planner.ascent.steps)
         self.grid, self.planner, self.distances = grid, planner.with_ascent(ascent), distances
-        self._finder = staged(self.planner, factors=())
+        self._finder = stage_finder(self.planner, factors=())
         # What each shape took when it was last asked [s].
         self._seconds: dict[Index3, float] = {}
 
@@ -98,7 +98,7 @@ class FixedShapes:
             return find([View(some)])[0]
 
         try:
-            return in_windows(task, find, whole) if self.planner.focus else whole(task)
+            return find_in_windows(task, find, whole) if self.planner.focus else whole(task)
         except _LateError:
             return best
 
@@ -106,10 +106,10 @@ class FixedShapes:
         """The route that a view shows."""
         started = time.perf_counter()
         if target() == "cpu":
-            found = one_by_one(view, self.planner, self._finder)
+            found = find_one_by_one(view, self.planner, self._finder)
         else:
             with recording() as recorder:
-                route = pipeline.single(view, self.planner)
+                route = pipeline.run_one(view, self.planner)
             spent: dict[str, Float64[np.ndarray, " b"]] = {k: np.array([s]) for k, s in recorder.report().items()}
             found = Routes(route, spent)
         self._seconds[view.grid.shape] = time.perf_counter() - started

@@ -25,7 +25,7 @@ from jaxtyping import Float, Float64, Int32, Int64
 
 from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid, Index3
-from maxjax.planning.path.route import Route, Routes, without_padding
+from maxjax.planning.path.route import Route, Routes, trim_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
 from maxjax.planning.windows.geometry import (
@@ -205,7 +205,7 @@ class View:
 
     def placed(self, route: Route) -> Route:
         """Routes of all problems on the host, in index coordinates of the whole map."""
-        route = without_padding(route)
+        route = trim_padding(route)
         if self.windows is None:
             return route
         return dataclasses.replace(route, path=np.asarray(route.path, np.float64) + self.corners[:, None])
@@ -220,7 +220,7 @@ class View:
         return View(self.task.some(rows), None if self.windows is None else self.windows.some(rows))
 
 
-def rounded(task: Task) -> View:
+def round_up(task: Task) -> View:
     """Whole maps, in windows of a rounded shape, so that their programs serve other maps as well."""
     x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
     corners = np.zeros((len(task), 3), np.int64)
@@ -231,7 +231,7 @@ def rounded(task: Task) -> View:
 RouteViews = Callable[[list[View]], list[Routes]]
 
 
-def in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) -> Routes:
+def find_in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) -> Routes:
     """Routes of a task by windows that grow until they prove what they show, at last by whole maps.
 
     Args:

@@ -84,7 +84,7 @@ def _search(problem: Problem, window: Windows) -> LatticePath | None:
     start: Index3 = a, b, c
     with time_stage("search"):
         price = None if problem.price is None else np.asarray(problem.price)
-        found = astar_compiled.compiled_astar(np.asarray(problem.blocked), start, (d, e, f), price)
+        found = astar_compiled.astar_in_cpp(np.asarray(problem.blocked), start, (d, e, f), price)
     if found.status != Status.OK:
         return None
     return LatticePath(found.path + window.corners[0].astype(np.float64), found.cost)

@@ -25,8 +25,8 @@ from maxjax.compile.lowering import materialise
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import clear, sight_of
-from maxjax.planning.path.route import Route, completed
-from maxjax.planning.planner import Planner, field_climber, in_flight, plans_in_windows
+from maxjax.planning.path.route import Route, complete_route
+from maxjax.planning.planner import Planner, field_climber, plans_in_windows, pure_route
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.problem.surroundings import halo_of
@@ -50,7 +50,7 @@ _AT_ONCE = 512, 64, 8
 _VOXELS = 2**26
 # Of a route that is proved: no number of a size.
 _PROVED = 1000
-# Voxels around the start that every window holds, so that `Sought.near` is known.
+# Voxels around the start that every window holds, so that `WindowedRoute.near` is known.
 NEAR = 6
 
 
@@ -85,7 +85,7 @@ class MapAndEnds(NamedTuple):
         return cls(*volumes, ends, origin, jnp.all(volumes[0], axis=(0, 1)), price)
 
 
-class Sought(NamedTuple):
+class WindowedRoute(NamedTuple):
     """A route, and how far it is sought.
 
     Attributes:
@@ -101,7 +101,7 @@ class Sought(NamedTuple):
     least: Int32[Array, ""]
 
 
-def boxed(
+def cut_box(
     volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: float | int = False
 ) -> Shaped[Array, "bx by bz"]:
     """What a volume holds in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
@@ -120,7 +120,7 @@ def corner_around(place: Float[Array, " 3"], half: int) -> Int32[Array, " 3"]:
 
 def route_in_windows(
     asked: MapAndEnds, wanted: Bool[Array, ""], distances: Distances, grid: Grid, planner: Planner
-) -> Sought:
+) -> WindowedRoute:
     """The route of two ends in a map, in index coordinates of the map.
 
     Args:
@@ -134,7 +134,7 @@ def route_in_windows(
     finders = [_Finder(distances, grid, planner, k, size) for k, size in enumerate((*sizes, None))]
     zero, no = jnp.zeros((), jnp.float32), jnp.array(False)
     path = jnp.zeros((_points(planner, finders[-1], asked), 3), jnp.float32)
-    sought = Sought(
+    sought = WindowedRoute(
         Route(path, jnp.int32(Status.NO_VALID_PATH), no, jnp.zeros(2, jnp.float32), no, zero),
         jnp.ones((2 * NEAR + 1,) * 3, bool),
         guess_costs(asked.ends, jnp),
@@ -170,12 +170,12 @@ class _Finder:
     number: int
     size: Index3 | None
 
-    def suits(self, asked: MapAndEnds, sought: Sought) -> Bool[Array, ""]:
+    def suits(self, asked: MapAndEnds, sought: WindowedRoute) -> Bool[Array, ""]:
         """Whether the window may show more, and no way of the cost leaves it."""
         more = sought.least <= self.number
         return more if self.size is None else more & _placed(asked, sought.cost, self.size)[0]
 
-    def improved(self, asked: MapAndEnds, sought: Sought) -> Sought:
+    def improved(self, asked: MapAndEnds, sought: WindowedRoute) -> WindowedRoute:
         """The better of a route and the one that the window holds."""
         # Where nobody asks, as in what fills up a batch, all is closed: that is solved in no time.
         closed = sought.least > self.number
@@ -185,7 +185,7 @@ class _Finder:
         route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
         return new._replace(route=route)
 
-    def found(self, asked: MapAndEnds, cost: Float[Array, ""]) -> Sought:
+    def found(self, asked: MapAndEnds, cost: Float[Array, ""]) -> WindowedRoute:
         """The route that the window holds, and what to look for next."""
         if self.size is None:
             problem = formulate(asked.occupied, asked.ground, asked.ends, self.distances, self.grid)
@@ -195,10 +195,10 @@ class _Finder:
             _, corner = _placed(asked, cost, self.size)
             bound = _way_out(asked, corner, self.size)
             problem = self._problem(asked, corner, grid)
-            price = None if asked.price is None else boxed(asked.price, corner, self.size, beyond=1.0)
+            price = None if asked.price is None else cut_box(asked.price, corner, self.size, beyond=1.0)
         if price is not None:
             problem = dataclasses.replace(problem, price=price)
-        route = completed(problem, in_flight(self.planner)(problem, grid), grid)
+        route = complete_route(problem, pure_route(self.planner)(problem, grid), grid)
         path = jnp.asarray(route.path) + corner
         status = jnp.where(
             (route.status == Status.OK)
@@ -212,9 +212,9 @@ class _Finder:
         paid = path_costs(path, jnp.asarray(route.cost) / grid.spacing, jnp)
         near = corner_around(asked.ends[0], NEAR) - corner
         k = 2 * NEAR + 1
-        return Sought(
+        return WindowedRoute(
             route,
-            boxed(problem.blocked, near, (k, k, k), beyond=True),
+            cut_box(problem.blocked, near, (k, k, k), beyond=True),
             next_costs(status, paid, cost, jnp).astype(jnp.float32),
             jnp.where(is_proved(status, paid, bound), _PROVED, self.number + 1).astype(jnp.int32),
         )
@@ -223,7 +223,7 @@ class _Finder:
         """The problem in a window of the map, with what lies around it."""
         halo = halo_of(self.distances, grid)
         x, y, z = (n + 2 * halo for n in grid.shape)
-        occupied, ground = (boxed(v, corner - halo, (x, y, z)) for v in (asked.occupied, asked.ground))
+        occupied, ground = (cut_box(v, corner - halo, (x, y, z)) for v in (asked.occupied, asked.ground))
         left = jnp.asarray(self.grid.shape, jnp.int32) - corner
         rim = jnp.minimum(left, jnp.asarray(grid.shape, jnp.int32))
         ends = asked.ends - corner
@@ -255,7 +255,7 @@ def _way_out(asked: MapAndEnds, corner: Int32[Array, " 3"], size: Index3) -> Flo
     for axis in range(3):
         x, y, z = (1 if k == axis else n for k, n in enumerate(size))
         for side, layer in enumerate((corner[axis] - 1, corner[axis] + size[axis])):
-            beyond = boxed(asked.occupied, corner.at[axis].set(layer), (x, y, z), beyond=True)
+            beyond = cut_box(asked.occupied, corner.at[axis].set(layer), (x, y, z), beyond=True)
             bound = jnp.where(jnp.all(beyond), bound, jnp.minimum(bound, costs[side, axis]))
     return bound
 

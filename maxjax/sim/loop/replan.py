@@ -2,7 +2,7 @@
 
     (world, flight) ↦ flight with a new reference
 
-The path leads from the estimated position to the goal. It is verified on the present map, on the device (`sight.clear`:
+The path leads from the estimated position to the goal. It is verified on the present map, on the device (`line_of_sight.clear`:
 every voxel that an edge meets, with the room that it has to keep; the step from an exact end to where it has room was
 checked when the problem was formulated, against the cubes themselves). A path that fails is not flown: the vehicle
 brakes along the last one that passed. Where it has come to rest, or where a path leads into voxels outside the field of
@@ -28,7 +28,7 @@ from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
-from maxjax.planning.windows.windowed_route import MapAndEnds, boxed, corner_around, route_in_windows
+from maxjax.planning.windows.windowed_route import MapAndEnds, corner_around, cut_box, route_in_windows
 from maxjax.sim.faults import answer_planner
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.mapping import rolling_map as mapping
@@ -70,7 +70,7 @@ class Candidate:
         path: [m], world frame.
         status: of planning and verification.
         certified: whether it climbs a certified field.
-        near: blocked voxels around its start (`planning.windows.windowed_route.Sought`).
+        near: blocked voxels around its start (`planning.windows.windowed_route.WindowedRoute`).
     """
 
     start: Float[Array, "3"]
@@ -233,8 +233,8 @@ def _view(rolling_map: mapping.RollingMap, near: Bool[Array, "k k k"], corner: I
     edge = 2 * AROUND + 1
     occupied = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
     return MapView(
-        boxed(mapping.seen(rolling_map), corner, (edge, edge, edge)),
-        boxed(occupied, corner, (edge, edge, edge), beyond=True),
+        cut_box(mapping.seen(rolling_map), corner, (edge, edge, edge)),
+        cut_box(occupied, corner, (edge, edge, edge), beyond=True),
         jnp.pad(near, (edge - near.shape[0]) // 2, constant_values=True),
     )
 

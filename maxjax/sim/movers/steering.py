@@ -17,7 +17,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.core.grid import Index3
-from maxjax.planning.windows.windowed_route import boxed, corner_around
+from maxjax.planning.windows.windowed_route import corner_around, cut_box
 from maxjax.sim.loop.flight_state import estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Among, Avoidance, Flag
@@ -87,7 +87,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
     corner = corner_around((place - mapping.origin(rolling_map)) / config.spacing, half)
     blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
     origin = mapping.origin(rolling_map) + config.spacing * corner
-    blocked, seen = boxed(blocked, corner, shape, beyond=True), boxed(mapping.seen(rolling_map), corner, shape)
+    blocked, seen = cut_box(blocked, corner, shape, beyond=True), cut_box(mapping.seen(rolling_map), corner, shape)
     if how.perception is None:  # each scan is fused at once
         return hard_set(blocked, seen, origin, config.spacing), jnp.array(False)
     met = _met(flight, config, origin, shape)
@@ -121,7 +121,7 @@ def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"],
     corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
     corner -= jnp.asarray([size * (n // 2) + size // 2 for n in cells])
     blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
-    blocked = boxed(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
+    blocked = cut_box(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
     # A large cell is dear where some of it is blocked, and closed where most is.
     share = jnp.mean(blocked.reshape(cells[0], size, cells[1], size, cells[2], size), axis=(1, 3, 5))
     origin = base + config.spacing * (corner + 0.5 * (size - 1))

@@ -113,7 +113,7 @@ def plan_file(asked: Asked) -> tuple[Mission, FlightLimits]:
         mission = plan_mission(given.task, waypoints, planner)
     if options.keep_radius and mission.near:
         raise ValueError(
-            f"{'; '.join(one.told(given.spoken) for one in mission.near)}; move it, or leave out keep_radius"
+            f"{'; '.join(one.describe(given.spoken) for one in mission.near)}; move it, or leave out keep_radius"
         )
     report.warn_near(mission, given.spoken)
     return mission, limits

@@ -27,8 +27,8 @@ from maxjax.core.status import Status
 from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Mission, NearWaypoint
 from maxjax.planning.plan import Plan
+from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
 from maxjax.planning.problem.spoken import Spoken
-from maxjax.planning.problem.taken_end import open_sentence, taken_end
 from maxjax.planning.problem.task import Task
 from maxjax.planning.windows.corridor import NEARLY
 from maxjax.ui.cli.map_task import MapTask
@@ -105,8 +105,8 @@ def explain(plan: Plan, given: MapTask) -> str:
             sentence += f"; {open_sentence(given.task.map_at(0), point, spoken)}"
     for point, taken in zip((start, goal), (Status.START_OCCUPIED, Status.GOAL_OCCUPIED), strict=True):
         if plan.status == taken:
-            stands = taken_end(given.task.map_at(0), point, given.task.distances.radius)
-            sentence += "" if stands is None else f"; {stands.told(spoken)}"
+            stands = find_occupied_end(given.task.map_at(0), point, given.task.distances.radius)
+            sentence += "" if stands is None else f"; {stands.describe(spoken)}"
             if stands is not None and _unknown(given, np.array([point]))[0]:
                 sentence += ", where nothing of the map's data is: unknown, and closed; --unknown free opens it"
     if given.returns:
@@ -255,7 +255,7 @@ def refuse_near(near: Sequence[NearWaypoint], spoken: Spoken, out: Path | None, 
         remove_plans(out, name)
     for one in near:
         complain(
-            f"Refused: {one.told(spoken)}; move it, give a smaller --radius, or leave out --keep-radius. "
+            f"Refused: {one.describe(spoken)}; move it, give a smaller --radius, or leave out --keep-radius. "
             "Nothing was written."
         )
     return 1
@@ -264,7 +264,7 @@ def refuse_near(near: Sequence[NearWaypoint], spoken: Spoken, out: Path | None, 
 def warn_near(mission: Mission, spoken: Spoken) -> None:
     """Say on stderr at which waypoints of a mission its radius is not kept."""
     for one in mission.near:
-        complain(f"Warning: {one.told(spoken)}; --keep-radius refuses that.")
+        complain(f"Warning: {one.describe(spoken)}; --keep-radius refuses that.")
 
 
 def warn_outside(path: Float64[np.ndarray, "n 3"], given: MapTask) -> None:

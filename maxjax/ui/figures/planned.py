@@ -16,10 +16,10 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run.execution import problem_shown
+from maxjax.planning.run.execution import formulate_view
 from maxjax.planning.run.stages import potential_field
-from maxjax.planning.windows.corridor import coarse_task
-from maxjax.planning.windows.focus_window import View, rounded
+from maxjax.planning.windows.corridor import coarsen_task
+from maxjax.planning.windows.focus_window import View, round_up
 from maxjax.solvers.potential import solve_potential
 from maxjax.ui.figures.figures import Nearness, Overlay, figure_plan
 from maxjax.ui.methods import climbs, label_of
@@ -67,12 +67,12 @@ def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
     factor = math.ceil((math.prod(task.grid.shape) / _FINE) ** (1 / 3))
     if factor == 1:
         return _field_in(View(task))
-    view = rounded(coarse_task(task, 0.5, factor))
+    view = round_up(coarsen_task(task, 0.5, factor))
     return refine_field(_field_in(view)[tuple(map(slice, view.task.grid.shape))], factor, task.grid.shape)
 
 
 def _field_in(view: View) -> Float[np.ndarray, "nx ny nz"]:
-    problem = problem_shown(view)
+    problem = formulate_view(view)
     return np.asarray(
         potential_field(problem.blocked, problem.price, problem.goal_index, view.grid, solve_potential).log_phi
     )

@@ -19,8 +19,8 @@ from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
 from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
 from maxjax.planning.problem.spoken import Spoken
-from maxjax.planning.problem.taken_end import open_sentence, taken_end
 from maxjax.planning.problem.task import Task
 from maxjax.trajectories.limits import PX4
 from maxjax.ui.methods import planner_named
@@ -158,8 +158,8 @@ def _closed_end(city: City, question: Question, mission: Mission) -> str:
                 why = " and ".join(rules.reasons_at((x, y, z), city.terrain))
                 return f"It lies {why}. {heights[0].upper()}{heights[1:]}."
             if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
-                stands = taken_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
-                return "" if stands is None else f"{stands.told(Spoken(terrain=city.terrain))}."
+                stands = find_occupied_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
+                return "" if stands is None else f"{stands.describe(Spoken(terrain=city.terrain))}."
     return ""
 
 
