@@ -25,7 +25,7 @@ from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Sampling
 from tests.sim.movers.scenes import spheres
 
-pytestmark = pytest.mark.large
+pytestmark = [pytest.mark.large, pytest.mark.full_speed]  # flights run for longer than they compile
 
 START, GOAL = np.array([-25.0, 0.0, 8.0]), np.array([25.0, 0.0, 8.0])
 BOUNDS = Bounds(speed=5.5, acceleration=2.2, turn=0.0)
