@@ -126,9 +126,9 @@ def judge_lines(
 
 
 def waypoints_of(lines: Lines) -> Waypoints:
-    """The waypoints of a file that has holds."""
-    assert lines.holds is not None
-    assert lines.accepted is not None
+    """The waypoints of a file that has holds; raises a ValueError for one that has none."""
+    if lines.holds is None or lines.accepted is None:
+        raise ValueError("expected a file of waypoints with holds and acceptance radii")
     return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None)
 
 

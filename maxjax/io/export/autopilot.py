@@ -102,10 +102,10 @@ class Autopilot:
     def parameters(self) -> Mapping[str, float]:
         """The parameters that a file relies on, in the autopilot's own units."""
         if self.name == "px4":
-            assert self.height_radius is not None
+            height = {} if self.height_radius is None else {"NAV_MC_ALT_RAD": self.height_radius}
             return {
                 "NAV_ACC_RAD": self.corner_radius,
-                "NAV_MC_ALT_RAD": self.height_radius,
+                **height,
                 "RTL_RETURN_ALT": self.return_height,
                 "RTL_CONE_ANG": 0.0,
                 "RTL_MIN_DIST": 0.5,

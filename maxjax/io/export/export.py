@@ -133,7 +133,8 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         flown = _judged(file, text, mission, timed, standings)
         atomic_write(file, text)
         return dataclasses.replace(flown, remarks=near)
-    assert place is not None
+    if place is None:
+        raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
     speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
     if ending not in _FROM_HOME:
         drawings = _drawings(mission, place, speed)

@@ -53,11 +53,16 @@ class Standing:
         known = [min(max(stated, height - self.terrain.doubt), height) for height in around if not math.isnan(height)]
         return min(known, key=lambda height: abs(height - stated), default=stated)
 
-    def placed(self, places: Points) -> Points:
-        """Points of the map [m] at latitudes, longitudes [degrees] and heights [m]."""
+    @property
+    def place(self) -> Earth:
+        """The place on Earth; raises a ValueError where none is known."""
         if self.earth is None:
             raise ValueError("expected a place on Earth to read places on Earth")
-        return self.earth.local(places)
+        return self.earth
+
+    def placed(self, places: Points) -> Points:
+        """Points of the map [m] at latitudes, longitudes [degrees] and heights [m]."""
+        return self.place.local(places)
 
     def lifted(self, home: Points, places: Points) -> Points:
         """Points of the map [m] at heights above home, which stands on the ground.
@@ -68,8 +73,7 @@ class Standing:
         """
         ((x, y, z),) = self.placed(home).tolist()
         foot = np.array([[x, y, self.level(x, y, z)]])
-        assert self.earth is not None
-        return self.placed(places + np.array([0.0, 0.0, self.earth.geodetic(foot)[0, 2]]))
+        return self.placed(places + np.array([0.0, 0.0, self.place.geodetic(foot)[0, 2]]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,6 +218,5 @@ def _setpoints(text: str, standing: Standing, *, ned: bool) -> Lines:
 
 def _height_of(standing: Standing, latitude: float, longitude: float, height: float) -> float:
     """Height [m] of the ground where a file has its origin."""
-    assert standing.earth is not None
     ((x, y, z),) = standing.placed(np.array([[latitude, longitude, height]])).tolist()
-    return float(standing.earth.geodetic(np.array([[x, y, standing.level(x, y, z)]]))[0, 2])
+    return float(standing.place.geodetic(np.array([[x, y, standing.level(x, y, z)]]))[0, 2])

@@ -35,7 +35,7 @@ from maxjax.sim.trials.trial_movers import movers_key
 from maxjax.sim.trials.trials import draw_many
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers
-from maxjax.sim.worlds.populations import place_movers, population
+from maxjax.sim.worlds.populations import Population, place_movers, population
 from maxjax.sim.worlds.scenes import make_scene
 from maxjax.sim.worlds.solid_distance import distance
 
@@ -168,7 +168,7 @@ def fly_batch(
     each = [_city(campaign.map, int(city)) for city in cities]
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
-    movers = None if campaign.movers is None else _movers(campaign, drawn, filled)
+    movers = None if campaign.movers is None else _movers(campaign, campaign.movers, drawn, filled)
     batch = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
     logs = _fly_split(batch, campaign.flight, devices, movers)
     if movers is not None:
@@ -196,20 +196,19 @@ def _to_walls(geoms: Geoms, points: Float[Array, "b 3"]) -> Float[Array, " b"]:
     return jax.vmap(distance)(geoms, points)
 
 
-def _movers(campaign: Campaign, drawn: Table, rows: Sequence[int] | np.ndarray) -> Movers:
+def _movers(campaign: Campaign, how: Population, drawn: Table, rows: Sequence[int] | np.ndarray) -> Movers:
     """The movers of some trials; of each the same, bit for bit, in any selection."""
-    each = [_movers_of(campaign, drawn, int(row)) for row in rows]
+    each = [_movers_of(campaign, how, drawn, int(row)) for row in rows]
     stacked: Movers = jax.tree.map(lambda *x: jnp.stack(x), *each)
     return stacked
 
 
-def _movers_of(campaign: Campaign, drawn: Table, row: int) -> Movers:
+def _movers_of(campaign: Campaign, how: Population, drawn: Table, row: int) -> Movers:
     """The movers of one trial."""
-    assert campaign.movers is not None
     geoms = _city(campaign.map, int(drawn["city"][row]))
     key = movers_key(campaign.map, campaign.seed, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
-    return population(geoms, start, goal, key, how=campaign.movers)
+    return population(geoms, start, goal, key, how=how)
 
 
 # Geoms, start, goal and key of each flight.
@@ -290,6 +289,6 @@ def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
     """The world of one trial, as its flight in a batch has it."""
     key = jax.random.fold_in(campaign.key, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
-    movers = None if campaign.movers is None else _movers_of(campaign, drawn, row)
+    movers = None if campaign.movers is None else _movers_of(campaign, campaign.movers, drawn, row)
     geoms = _city(campaign.map, int(drawn["city"][row]))
     return World(geoms, start, goal, key, campaign.flight.disturbances, movers)

@@ -68,7 +68,7 @@ class Drawn:
         phase: α₀ and β [rad].
         rate: ω [rad/s].
         rotation, size: of its solid.
-        points: to be free [m]; None: were looked at.
+        points: that have to be free [m]; none once that was tested.
         need: distance of those to walls [m].
         reach: from its place to its surface, at most [m].
     """
@@ -82,7 +82,7 @@ class Drawn:
     rate: Float[Array, "*batch"]
     rotation: Float[Array, "*batch 3 3"]
     size: Float[Array, "*batch 3"]
-    points: Float[Array, "*batch n 3"] | None
+    points: Float[Array, "*batch n 3"]
     need: Float[Array, "*batch"]
     reach: Float[Array, "*batch"]
 

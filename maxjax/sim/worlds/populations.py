@@ -121,7 +121,8 @@ def population(
         rows.append(lax.map(lambda given, draw=draw: draw(*given), (keys[used : used + count], numbers)))
         kinds += [TYPES[kind][number % len(TYPES[kind])] for number in range(count)]
         used += count
-    one: Drawn = jax.tree.map(lambda *x: jnp.concatenate(x), *[dataclasses.replace(r, points=None) for r in rows])
+    tested = [dataclasses.replace(row, points=row.points[:, :0]) for row in rows]
+    one: Drawn = jax.tree.map(lambda *x: jnp.concatenate(x), *tested)
     faces = np.array([kind in ("birds", "cranes") for kind, count in how.counts.items() for _ in range(count)])
     return _movers(one, tuple(kinds), faces)
 
@@ -167,7 +168,6 @@ def _first(draw: Draw, floor: bool, place: Place, how: Population, key: PRNGKeyA
 
 
 def _fits(place: Place, walls: Geoms, fastest: float, drawn: Drawn) -> Bool[Array, ""]:
-    assert drawn.points is not None
     clear = jax.vmap(functools.partial(distance, walls))(drawn.points) if walls.type else jnp.full(1, jnp.inf)
     times = jnp.linspace(0.0, _SECONDS, 17)
     early = jax.vmap(drawn.at)(times)

@@ -29,11 +29,12 @@ from maxjax.ui.cli.progress import progress
 _ALONE = ("trials", "trial", "batch", "shard", "merge", "distributed")
 
 
-def fly_together(options: FlyOptions, config: FlightConfig, movers: Population | None) -> int:
+def fly_together(count: int, options: FlyOptions, config: FlightConfig, movers: Population | None) -> int:
     """Fly a fleet, show and write. Returns 0, as who does not arrive is a result.
 
     Args:
-        options: of `fly`, with a fleet.
+        count: of vehicles.
+        options: of `fly`.
         config: how each vehicle flies.
         movers: in the city besides.
 
@@ -41,8 +42,7 @@ def fly_together(options: FlyOptions, config: FlightConfig, movers: Population |
         ValueError, OSError, ImportError: for arguments that cannot be used.
     """
     tracking.refuse(options, _ALONE, "goes with trials of one vehicle, not with --fleet")
-    assert options.fleet is not None
-    fleet = FleetTrial(options.map, options.seed, options.fleet, Together(options.delay), config, movers)
+    fleet = FleetTrial(options.map, options.seed, count, Together(options.delay), config, movers)
     report.check_output(options.out)
     with progress(f"Drawing the swaps of {fleet.count} vehicles"):
         worlds = fleet.worlds()

@@ -46,7 +46,7 @@ def run_fly(options: FlyOptions) -> int:
         return tracking.fly_given(options)
     tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
     if options.fleet is not None:
-        return fleets.fly_together(options, *flight_of(options))
+        return fleets.fly_together(options.fleet, options, *flight_of(options))
     tracking.refuse(options, ("delay",), "needs --fleet")
     whole = _folder_of_shares(options)
     if whole is not None and options.distributed:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 from maxjax.core.files import atomic_write
-from maxjax.ui.cli.options import ViewOptions
 
 
 def wait(server: Any) -> None:
@@ -21,8 +21,7 @@ def wait(server: Any) -> None:
         server.stop()
 
 
-def write_page(options: ViewOptions, page: str) -> None:
+def write_page(path: Path, page: str) -> None:
     """Write what is shared, whole or not at all, and say how large it is."""
-    assert options.share is not None
-    atomic_write(options.share, page)
-    print(f"{options.share}   {len(page.encode()) / 1e6:.1f} MB")
+    atomic_write(path, page)
+    print(f"{path}   {len(page.encode()) / 1e6:.1f} MB")

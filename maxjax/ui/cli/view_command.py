@@ -56,7 +56,7 @@ def run_view(options: ViewOptions) -> int:
     with progress(f"Reading {options.map}"):
         city, question, earth = first_asked(shown)
     if options.share is not None:
-        return _share(options, city, question)
+        return _share(options, options.share, city, question)
     from maxjax.ui.page.download import file_of
     from maxjax.ui.page.plan_page import PlanPage
     from maxjax.ui.page.server import serve
@@ -75,7 +75,7 @@ def run_view(options: ViewOptions) -> int:
     return 0
 
 
-def _share(options: ViewOptions, city: City, question: Question) -> int:
+def _share(options: ViewOptions, path: Path, city: City, question: Question) -> int:
     from maxjax.ui.page.download import page_of
 
     with progress("Planning"):
@@ -85,7 +85,7 @@ def _share(options: ViewOptions, city: City, question: Question) -> int:
         return 1
     with progress("Writing the page"):
         page = page_of(city, found, dark=options.dark)
-    write_page(options, page)
+    write_page(path, page)
     return 0
 
 

@@ -49,7 +49,7 @@ def view_flights(options: ViewOptions) -> int:
         movers = movers_of(ledger.configuration, outcome)
         film = film_of(outcome, ledger.positions()[trial], city, flights, movers)
         page_text = playing_page(city, film, caption(name, outcome), dark=options.dark)
-    write_page(options, page_text)
+    write_page(options.share, page_text)
     return 0
 
 

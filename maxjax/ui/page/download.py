@@ -12,13 +12,14 @@ from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.export import export
 from maxjax.io.geo.earth import Earth
+from maxjax.planning.mission import Mission
 from maxjax.trajectories.limits import PX4
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.camera import hiding, over_way
 from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.ui.page.page_map import City
-from maxjax.ui.page.question import Answer
+from maxjax.ui.page.question import Answer, Question
 from maxjax.ui.page.share import playing_page
 from maxjax.ui.page.timeline import trajectory_film
 
@@ -37,7 +38,7 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
-    flight = _timed(found)
+    flight = _timed(found.verified, found.question)
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"
@@ -49,20 +50,16 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         return file.name, file.read_bytes()
 
 
-def _timed(found: Answer) -> Trajectory:
-    """The trajectory of an answer that is OK, which keeps to its rules of the air as well."""
-    assert found.mission is not None
-    limits = dataclasses.replace(
-        PX4, speed=max([found.question.speed, *(stop.speed or 0.0 for stop in found.question.stops)])
-    )
-    return trajectory(found.mission, limits)
+def _timed(mission: Mission, question: Question) -> Trajectory:
+    """The trajectory of a mission that is OK, which keeps to the question's rules of the air as well."""
+    limits = dataclasses.replace(PX4, speed=max([question.speed, *(stop.speed or 0.0 for stop in question.stops)]))
+    return trajectory(mission, limits)
 
 
 def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     """The page of an answer that is OK: map, path, and a vehicle that flies its trajectory."""
-    mission = found.mission
-    assert mission is not None
-    flight = _timed(found)
+    mission = found.verified
+    flight = _timed(mission, found.question)
     ends = ends_scene(found.question.waypoints, city.frame)
     air = air_scene(city, found.question)
     way = city.frame.page(found.dense)

@@ -106,6 +106,13 @@ class Answer:
         """Whether there is a verified path."""
         return self.mission is not None and self.mission.status == Status.OK
 
+    @property
+    def verified(self) -> Mission:
+        """The mission of an answer that is OK; raises a ValueError for any other."""
+        if self.mission is None or not self.ok:
+            raise ValueError(f"expected an answer with a verified path, given none: {self.refusal or 'no path'}")
+        return self.mission
+
 
 def answer(city: City, question: Question) -> Answer:
     """Plan what is asked, by the method and, where wanted, by A* beside it."""
@@ -197,7 +204,7 @@ def describe_answer(found: Answer) -> str:
         f"{mission.clearance:.1f} m at the least; radius {mission.radius:g} m, "
         f"planned in {1e3 * mission.timings['total']:.0f} ms.",
     ]
-    rows += _legs(found)
+    rows += _legs(mission) if found.question.details else []
     rows += [f"**Radius not kept:** {one}." for one in mission.near]
     if found.beside is not None:
         rival = found.beside
@@ -209,14 +216,13 @@ def describe_answer(found: Answer) -> str:
     return "\n\n".join(rows)
 
 
-def _legs(found: Answer) -> list[str]:
+def _legs(mission: Mission) -> list[str]:
     """A line for each leg of a mission with details."""
-    assert found.mission is not None
     rows = []
-    for k, (leg, stop) in enumerate(zip(found.mission.legs, found.mission.waypoints[1:], strict=True), 1):
+    for k, (leg, stop) in enumerate(zip(mission.legs, mission.waypoints[1:], strict=True), 1):
         words = [f"{leg.length:.1f} m"]
         words += [f"at most {stop.speed:g} m/s"] if stop.speed is not None else []
         words += [f"hovers {stop.hover:g} s"] if stop.hover is not None else []
         words += [f"radius {leg.radius:g} m"] if stop.radius is not None else []
         rows.append(f"{k}. {', '.join(words)}")
-    return ["\n".join(rows)] if found.question.details else []
+    return ["\n".join(rows)]

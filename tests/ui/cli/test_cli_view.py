@@ -20,7 +20,7 @@ from maxjax.ui.cli.view_command import first_asked
 from maxjax.ui.cli.viewing_source import open_source
 from maxjax.ui.figures import drawable
 from maxjax.ui.page.download import file_of
-from maxjax.ui.page.question import Answer, answer, describe
+from maxjax.ui.page.question import Answer, answer, describe_answer
 
 town = test_cli_mission.town
 SQUARE = [(-15.0, -30.0), (20.0, -30.0), (20.0, 30.0), (-15.0, 30.0)]
@@ -80,7 +80,7 @@ def test_a_mission_keeps_what_its_waypoints_say(
         assert [(stop.hover, stop.speed) for stop in question.stops[1:]] == [(2.5, 3.0), (None, 6.0), (None, 6.0)]
         found = answer(city, question)
         np.testing.assert_allclose(found.mission.path, planned["path"], atol=1e-6)
-        assert "hovers 2.5 s" in describe(found)
+        assert "hovers 2.5 s" in describe_answer(found)
         rows = file_of(city, earth, ".csv", found)[1].decode().splitlines()
         assert float(rows[-1].split(",")[0]) == pytest.approx(planned["duration"], abs=0.1)
 
@@ -117,10 +117,10 @@ def test_what_the_page_cannot_follow_is_refused(
 def test_an_end_that_a_rule_closes_is_told_which(tmp_path: Path) -> None:
     file = areas(tmp_path, SQUARE, lower=0, upper=120)
     found = seen(str(SAMPLE), start=START, goal=(0.0, 0.0, 40.0), airspace=file, method="astar")
-    assert "GOAL_IN_CLOSED_AREA" in describe(found)
-    assert "It lies in the keep-out area 'school'." in describe(found)
+    assert "GOAL_IN_CLOSED_AREA" in describe_answer(found)
+    assert "It lies in the keep-out area 'school'." in describe_answer(found)
     below = seen(str(SAMPLE), start=START, goal=GOAL, ceiling=6.0, method="astar")
-    assert "above 6 m above ground" in describe(below)
+    assert "above 6 m above ground" in describe_answer(below)
 
 
 def test_a_map_too_large_to_show_is_shown_in_larger_voxels(

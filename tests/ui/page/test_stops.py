@@ -45,7 +45,7 @@ def answered(details: tuple[Waypoint, ...], clear: float = np.inf) -> Answer:
 
 def speeds(details: tuple[Waypoint, ...]) -> list[float]:
     """Greatest speed on each leg [m/s]."""
-    flight = _timed(answered(details))
+    flight = _timed((found := answered(details)).verified, found.question)
     motion = flight.sampled(0.05)
     fast = np.linalg.norm(motion.velocity, axis=1)
     legs = itertools.pairwise(flight.passes)
