@@ -115,7 +115,7 @@ class FlightLog:
         clearance: least distance from the centre of the vehicle to any solid [m].
         margin: of each plan [m]; NaN where there was none.
         certified: number of paths that climb a certified field.
-        flags: what was assumed of movers and did not hold; None where none are expected.
+        flags: assumptions about movers that failed, with their times; None where no movers are expected.
         unseen: times, ten a second, at which the vehicle was more than a voxel from any that was seen free, as
             `faults.account` counts them; None where nothing may fail.
     """

@@ -29,7 +29,7 @@ AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 
 
 class Flag(enum.IntEnum):
-    """What did not hold."""
+    """An assumption about movers that failed."""
 
     BOUND = 0
     NEAR = 1
@@ -55,7 +55,7 @@ class Flags:
 
 
 def no_flags() -> Flags:
-    """None was up."""
+    """Flags before take-off: none is up."""
     return Flags(jnp.zeros(len(Flag)), jnp.float32(0.0), jnp.full(len(Flag), -jnp.inf, jnp.float32))
 
 

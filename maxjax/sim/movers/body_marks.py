@@ -53,7 +53,7 @@ class History:
 
 
 def no_history(slots: int) -> History:
-    """Nothing before."""
+    """An empty history."""
     never = jnp.full((_EARLIER, 3, slots, 3), jnp.inf)
     return History(-never, never, jnp.full((_EARLIER, slots), -jnp.inf))
 

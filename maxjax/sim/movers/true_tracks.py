@@ -37,7 +37,7 @@ class TrueTracks:
     velocity: float = 0.1
 
     def start(self, world: object, flight: object, config: object) -> Sightings:
-        """Nobody."""
+        """No tracks: the first look makes them."""
         return self._seen(no_tracks(self.slots), config)
 
     def look(self, world: object, flight: object, config: object) -> Sightings:

@@ -213,7 +213,7 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
             "length": f"{plan.length:.2f} m",
             "straight line": f"{math.dist(task.starts[0], task.goals[0]):.2f} m",
             "price paid": f"{plan.cost:.2f} m",
-            "over that of its guide": "" if math.isnan(plan.ratio) else f"{plan.ratio:.3f}",
+            "price over the lattice guide's": "" if math.isnan(plan.ratio) else f"{plan.ratio:.3f}",
             "clearance": f"{plan.clearance:.2f} m",
             "clearance away from the ends": f"{plan.cruise_clearance:.2f} m",
             "waypoints": str(len(plan.path)),
