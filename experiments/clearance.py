@@ -10,13 +10,10 @@ and is at most `DETOUR` times as long as the shortest; likewise 8 m. Costs are t
 it says none those of the planner's default; they are compared with the cheapest 26-neighbour way and with fast
 marching.
 
-`paths_before.npz` holds the paths of the planner at the commit that it names, which knew no prices and lowered one
-margin for the whole path; they are judged anew in every run, as variants "before". `--keep` writes such a file.
-
 Plans and judgements are kept by blocks of problems (`experiments.blocks`): the same command goes on where it was ended.
 
 Expected of the solver: all solvable problems OK and certified, none unsafe; where 4 m are possible at most 1 % keep
-less and none less than 2 m; at least 7 m in the median where 8 m are; 1.08 of the length before; in the mean at most
+less and none less than 2 m; at least 7 m in the median where 8 m are; in the mean at most
 0.98 of the cheapest way (worst 1.05) and 1.02 of fast marching.
 """
 
@@ -24,7 +21,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import multiprocessing
 import sys
 from collections import Counter
@@ -45,12 +41,10 @@ from maxjax.fields.price import Price
 from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
-BEFORE = RESULTS / "paths_before.npz"
 DETOUR = 1.2
 ASKED = (2.0, 4.0, 8.0)  # clearances that ways are looked for with [m]
 BLOCK = 50  # problems that are planned and judged before they are kept; whole cities
 _SLACK = 1e-3  # rounding of a path's coordinates [m]
-_STRAIGHT = 1e-6  # points of a path closer to the line through their neighbours are left out of a stored path [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,8 +101,6 @@ class Config:
         half: half extent of a map [m].
         seed: of cities and ends.
         workers: processes that judge.
-        before: whether the stored paths are judged as well.
-        keep: file to store the paths in; None: none.
         data: folder of public inputs.
         name: of the result file.
         out: where the JSON goes.
@@ -121,8 +113,6 @@ class Config:
     half: float = 100.0
     seed: int = 0
     workers: int = 2
-    before: bool = True
-    keep: Path | None = None
     data: Path = DATA
     name: str = "clearance"
     out: Path = RESULTS
@@ -134,7 +124,7 @@ class Config:
         return {name: VARIANTS[name] for name in names}
 
 
-TINY = Config(sets=("suburb",), problems=2, half=40.0, before=False)
+TINY = Config(sets=("suburb",), problems=2, half=40.0)
 
 
 class Outcome(NamedTuple):
@@ -231,22 +221,15 @@ class Found(NamedTuple):
 def main(config: Config) -> list[Row]:
     """Plan, judge, save; one row a set and variant."""
     rows: list[Row] = []
-    stored: dict[str, np.ndarray] = {}  # for `--keep`
-    told = {key: getattr(config, key) for key in ("problems", "street", "half", "seed", "variants", "before")}
+    told = {key: getattr(config, key) for key in ("problems", "street", "half", "seed", "variants")}
     blocks = Blocks(config.out / f"{config.name}.partial", {"commit": provenance()["commit"], **told})
     with multiprocessing.get_context("spawn").Pool(config.workers) as pool:
         for name in config.sets:
             count = config.street if name not in SETS[:3] else config.problems
             instances = problem_set(name, count, config.seed, half=config.half, data=config.data)
             found = found_in(name, instances, config, blocks, pool.imap)
-            if config.keep is not None:
-                for variant in config.named:
-                    stored |= columns(f"{name}/{variant}", found.outcomes[variant], instances)
-                held: dict[str, Any] = {"meta": np.array(json.dumps(provenance())), **stored}
-                np.savez_compressed(config.keep, **held)
-            reference = found.judged.get("before, solver")
             for variant, judged in found.judged.items():
-                rows.append({"set": name, "variant": variant, **_figures(found.outcomes[variant], judged, reference)})
+                rows.append({"set": name, "variant": variant, **_figures(found.outcomes[variant], judged)})
                 print(rows[-1], file=sys.stderr, flush=True)
             keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
@@ -262,15 +245,14 @@ def found_in(
     mapped: Callable[[Callable[[Case], Any], list[Case]], Iterable[dict[str, list[Judged]]]] = map,
 ) -> Found:
     """What is found in a set: by block kept from an earlier run, or planned and judged; `mapped` as in `judged_by`."""
-    variants, stored = config.named, before(name, instances) if config.before else {}
+    variants = config.named
     parts = []
     for first in range(0, len(instances), BLOCK):
         some, at = instances[first : first + BLOCK], f"{name}, {first + 1} to {min(first + BLOCK, len(instances))}"
         block = blocks.kept(at)
         if block is None:
-            outcomes = {f"before, {method}": found[first : first + BLOCK] for method, found in stored.items()}
-            outcomes |= {variant: [outcome_of(one, how) for one in some] for variant, how in variants.items()}
-            prices = {variant: variants.get(variant, Variant()).priced for variant in outcomes}
+            outcomes = {variant: [outcome_of(one, how) for one in some] for variant, how in variants.items()}
+            prices = {variant: how.priced for variant, how in variants.items()}
             parts.append(Found(outcomes, judged_by(some, outcomes, prices, mapped)))
             blocks.keep(at, _listed(parts[-1]))
         else:
@@ -312,43 +294,6 @@ def outcome_of(instance: Instance, how: Variant) -> Outcome:
     return Outcome(int(plan.status), plan.certified, path, *claims, plan.timings["total"])
 
 
-def columns(key: str, outcomes: Sequence[Outcome], instances: Sequence[Instance]) -> dict[str, np.ndarray]:
-    """Outcomes as arrays that a file can hold, paths in metres and float32, without points on straight lines."""
-    paths = [_bare(o.path * i.grid.spacing + np.array(i.grid.origin)) for o, i in zip(outcomes, instances, strict=True)]
-    return {
-        f"{key}/status": np.array([o.status for o in outcomes], np.int32),
-        f"{key}/certified": np.array([o.certified for o in outcomes], bool),
-        f"{key}/points": np.array([len(path) for path in paths], np.int32),
-        f"{key}/path": np.concatenate(paths).astype(np.float32),
-    }
-
-
-def _bare(path: np.ndarray) -> np.ndarray:
-    """A path without the points on straight runs of voxels."""
-    if len(path) < 3:
-        return path
-    step = np.diff(path, axis=0)
-    step = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
-    turns = np.linalg.norm(np.diff(step, axis=0), axis=1) > _STRAIGHT
-    return np.asarray(path[np.concatenate([[True], turns, [True]])])
-
-
-def before(name: str, instances: Sequence[Instance], file: Path = BEFORE) -> dict[str, list[Outcome]]:
-    """The stored outcomes of the first problems of a set, by method; without those that are too few."""
-    found: dict[str, list[Outcome]] = {}
-    with np.load(file, allow_pickle=False) as stored:
-        for key in [file.removesuffix("/path") for file in stored.files if file.endswith("/path")]:
-            points = stored[f"{key}/points"]
-            if key.startswith(f"{name}/") and len(points) >= len(instances):
-                paths = np.split(stored[f"{key}/path"].astype(float), np.cumsum(points)[:-1])
-                rows = zip(stored[f"{key}/status"], stored[f"{key}/certified"], paths, instances, strict=False)
-                found[key.removeprefix(f"{name}/")] = [
-                    Outcome(int(status), bool(certified), (path - np.array(one.grid.origin)) / one.grid.spacing)
-                    for status, certified, path, one in rows
-                ]
-    return found
-
-
 def judged_by(
     instances: Sequence[Instance],
     outcomes: Mapping[str, list[Outcome]],
@@ -373,7 +318,7 @@ def judged_by(
     return {name: [judged[k] for k in range(len(instances))] for name, judged in found.items()}
 
 
-def _figures(outcomes: Sequence[Outcome], judged: Sequence[Judged], reference: Sequence[Judged] | None) -> Row:
+def _figures(outcomes: Sequence[Outcome], judged: Sequence[Judged]) -> Row:
     """Figures of one variant on one set."""
     ok = np.array([len(o.path) > 0 for o in outcomes])
     field = {name: np.array([getattr(j, name) for j in judged]) for name in ("length", "least", "cruise", "cost")}
@@ -407,10 +352,6 @@ def _figures(outcomes: Sequence[Outcome], judged: Sequence[Judged], reference: S
     for name, optimum in optima.items():
         figures[f"over_{name}_mean"] = _number(field["cost"] / optimum, 4)
         figures[f"over_{name}_worst"] = _number(field["cost"] / optimum, 4, np.nanmax)
-    if reference is not None:
-        lengths = np.array([j.length for j in reference])
-        both = np.isfinite(lengths) & ok
-        figures["over_before"] = _number(field["length"][both].sum() / lengths[both].sum(), 4)
     return figures
 
 
@@ -454,7 +395,6 @@ def section(document: Document) -> str:
             row["set"],
             row["variant"],
             text(row["length_m"], ".1f"),
-            text(row.get("over_before"), ".3f"),
             f"{text(row['over_cheapest_mean'], '.3f')} ({text(row['over_cheapest_worst'], '.3f')})",
             f"{text(row['over_marched_mean'], '.3f')} ({text(row['over_marched_worst'], '.3f')})",
             f"{row['balls']} ({row['ball_most_m']:g})",
@@ -462,7 +402,7 @@ def section(document: Document) -> str:
         ]
         for row in rows
     ]
-    costs = ["problems", "planner", "length [m]", "/ before", "cost / Dijkstra's", "cost / fast marching's"]
+    costs = ["problems", "planner", "length [m]", "cost / Dijkstra's", "cost / fast marching's"]
     costs += ["balls [m]", "ms"]
     missing = [f"- {row['set']}, {row['variant']}: {row['failures']}\n" for row in rows if row["failures"]]
     title = "Clearance, by price" if document["name"].endswith("ablation") else "Clearance"
@@ -473,11 +413,11 @@ def section(document: Document) -> str:
         "and farther than 10 m from both ends; `10 % below` and `worst` are of the latter. `under 4 m` and\n"
         "`under 2 m`: paths that keep less there, of those problems where a way keeps 4 m at no more than\n"
         f"{DETOUR:g} times the length of the shortest; `where 8 m`: median kept where such a way keeps 8 m.\n"
-        "`before`: one margin for the whole path, lowered where it sealed an end in, and no prices.\n\n"
+        "\n"
         + table(heads, safe, left=2)
         + "\nWhat paths cost at prices of their own (of the planner's default, where they knew none) over the\n"
         "cheapest 26-neighbour way and over fast marching, mean and, in brackets, worst; ends that needed a ball to\n"
-        "leave by, and the largest; median of a whole plan. `/ before`: mean length over that of the solver before.\n"
+        "leave by, and the largest; median of a whole plan.\n"
         "\n" + table(costs, paid, left=2) + ("\nWithout a path:\n\n" + "".join(missing) if missing else "")
     )
 
