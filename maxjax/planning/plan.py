@@ -20,6 +20,8 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.problem.task import Task
 
+# What is one number of each plan.
+NUMBERS = "length", "clearance", "cruise_clearance", "cost", "ratio", "radius"
 # Seconds of each problem by stage; NaN where it had none of that stage.
 Seconds = Mapping[str, Float64[np.ndarray, " b"]]
 
@@ -147,14 +149,9 @@ class Plans(Sequence[Plan]):
         return Plan(
             status=Status(int(self.status[k])),
             path=self.points[k, :count].copy(),
-            length=float(self.length[k]),
-            clearance=float(self.clearance[k]),
-            cruise_clearance=float(self.cruise_clearance[k]),
+            **{name: float(getattr(self, name)[k]) for name in NUMBERS},
             clearance_at=self.clearance_at[k, :count].copy(),
-            radius=float(self.radius[k]),
             exemptions=(start, goal),
-            cost=float(self.cost[k]),
-            ratio=float(self.ratio[k]),
             certified=bool(self.certified[k]),
             potential=kind if count else "",
             margin=self.margin,
@@ -172,13 +169,8 @@ def no_plans(task: Task, status: Status, method: str, timings: Seconds | None = 
         status=np.full(count, int(status), np.int32),
         points=np.full((count, 0, 3), math.nan),
         counts=np.zeros(count, np.int64),
-        length=nothing,
-        clearance=nothing,
-        cruise_clearance=nothing,
-        cost=nothing,
-        ratio=nothing,
+        **(dict.fromkeys(NUMBERS, nothing) | {"radius": np.full(count, task.distances.radius)}),
         clearance_at=np.full((count, 0), math.nan),
-        radius=np.full(count, task.distances.radius),
         exemptions=np.zeros((count, 2)),
         certified=none,
         geodesic=none,

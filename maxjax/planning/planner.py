@@ -137,28 +137,19 @@ def pure_route(planner: Planner) -> RouteFn:
     plan. So from the exact start the path leads to the end of the first straight run where that is clear, else to the
     run's second point where that is, and else to its first.
     """
-    return planner.route if planner.batched else _HostRoute(planner)
+    return planner.route if planner.batched else functools.partial(_route_on_host, planner)
 
 
-class _HostRoute:
-    """Routes of a planner that runs on the host, as a pure function.
-
-    Returns:
-        A route of `POINTS` points; PATH_STALLED where the path has more corners than the array holds.
-    """
-
-    def __init__(self, planner: Planner) -> None:
-        self.planner = planner
-
-    def __call__(self, problem: Problem, grid: Grid) -> Route:
-        shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
-        found = functools.partial(_corners_on_host, self.planner, grid)
-        path, status = jax.pure_callback(found, shapes, problem, vmap_method="sequential")
-        sight = sight_of(problem.blocked, problem.room)
-        to_end, to_second = clear(sight, path[0], path[3]), clear(sight, path[0], path[2])
-        first = jnp.where(to_end | to_second, path[0], path[1])
-        second = jnp.where(to_end, path[0], path[2])
-        return Route(path.at[1].set(first).at[2].set(second), status, jnp.array(False))
+def _route_on_host(planner: Planner, problem: Problem, grid: Grid) -> Route:
+    """A route of `POINTS` points by a callback; PATH_STALLED where the path has more corners than the array holds."""
+    shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
+    corners = functools.partial(_corners_on_host, planner, grid)
+    path, status = jax.pure_callback(corners, shapes, problem, vmap_method="sequential")
+    sight = sight_of(problem.blocked, problem.room)
+    to_end, to_second = clear(sight, path[0], path[3]), clear(sight, path[0], path[2])
+    first = jnp.where(to_end | to_second, path[0], path[1])
+    second = jnp.where(to_end, path[0], path[2])
+    return Route(path.at[1].set(first).at[2].set(second), status, jnp.array(False))
 
 
 def _corners_on_host(

@@ -3,8 +3,8 @@
     RouteFn = (Problem, Grid) -> Route        complete_route = (Problem, Route, Grid) -> Route
 
 A route is a claim: only the verifier makes a `Plan` of it. It leads from start to goal of its problem;
-`complete_route` adds the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing; its origin lies at
-zero wherever the map is, so that a planner is compiled once for all places.
+`complete_route` adds the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing;
+its origin lies at zero wherever the map is, so that a planner is compiled once for all places.
 """
 
 from __future__ import annotations
@@ -127,13 +127,11 @@ class Routes:
     @classmethod
     def of(cls, routes: Sequence[Route], timings: Sequence[Mapping[str, float]] = ()) -> Routes:
         """Those of single routes, at least one, and what each took."""
-        longest = max((len(route.path) for route in routes), default=0)
-        paths = [_filled_up(np.asarray(route.path)[None], longest) for route in routes]
-        rest = [field.name for field in dataclasses.fields(Route) if field.name != "path"]
-        joined = {name: np.stack([np.asarray(getattr(route, name)) for route in routes]) for name in rest}
+        longest = max(len(route.path) for route in routes)
+        alike = [_fill_up(jax.tree.map(lambda x: np.asarray(x)[None], route), longest) for route in routes]
         stages = dict.fromkeys(name for spent in timings for name in spent)
         seconds = {name: np.array([spent.get(name, np.nan) for spent in timings]) for name in stages}
-        return cls(Route(np.concatenate(paths), **joined), seconds)
+        return cls(jax.tree.map(lambda *rows: np.concatenate(rows), *alike), seconds)
 
     def __len__(self) -> int:
         return len(self.route.status)
@@ -154,19 +152,15 @@ class Routes:
 
     def put(self, rows: Int64[np.ndarray, " r"], others: Routes) -> Routes:
         """Others in place of some of these; the seconds add up."""
-        mine, theirs = self.route, others.route
-        count = max(mine.path.shape[1], theirs.path.shape[1])
-        path = _filled_up(np.asarray(mine.path), count)
-        path[rows] = _filled_up(np.asarray(theirs.path), count)
 
-        def merged(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+        def merge(old: np.ndarray, new: np.ndarray) -> np.ndarray:
             both = np.array(old)
             both[rows] = new
             return both
 
-        rest = [field.name for field in dataclasses.fields(Route) if field.name != "path"]
-        route = Route(path, **{name: merged(getattr(mine, name), getattr(theirs, name)) for name in rest})
-        return Routes(route, self.spending(rows, others.timings).timings, merged(self.ratio, others.ratio))
+        count = max(self.route.path.shape[1], others.route.path.shape[1])
+        route = jax.tree.map(merge, _fill_up(self.route, count), _fill_up(others.route, count))
+        return Routes(route, self.spending(rows, others.timings).timings, merge(self.ratio, others.ratio))
 
     def spending(self, rows: Int64[np.ndarray, " r"], seconds: Mapping[str, Float64[np.ndarray, " r"]]) -> Routes:
         """The same routes, with seconds added to those of some."""
@@ -178,10 +172,11 @@ class Routes:
         return Routes(self.route, timings, self.ratio)
 
 
-def _filled_up(path: Float[np.ndarray, "b t 3"], count: int) -> Float64[np.ndarray, "b n 3"]:
-    """A copy of paths with so many points, their last ones repeated; zeros where there is no point."""
-    filled, given = np.zeros((len(path), count, 3)), path.shape[1]
-    filled[:, :given] = path
+def _fill_up(route: Route, count: int) -> Route:
+    """Routes whose paths have so many points, in float64, their last ones repeated; zeros where there is no point."""
+    given = route.path.shape[1]
+    path = np.zeros((len(route.path), count, 3))
+    path[:, :given] = route.path
     if given:
-        filled[:, given:] = path[:, -1:]
-    return filled
+        path[:, given:] = route.path[:, -1:]
+    return dataclasses.replace(route, path=path)

@@ -67,40 +67,6 @@ class Problem:
     room: float = dataclasses.field(metadata={"static": True})
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Faults:
-    """What may be wrong with a start and a goal, in the order in which it counts.
-
-    Attributes:
-        nonfinite: one of them is NaN or infinite.
-        start_outside, goal_outside: not inside the map.
-        same: they are one point.
-        start_inside, goal_inside: in an occupied voxel.
-    """
-
-    nonfinite: Bool[Array, "*n"]
-    start_outside: Bool[Array, "*n"]
-    goal_outside: Bool[Array, "*#n"]
-    same: Bool[Array, "*n"]
-    start_inside: Bool[Array, "*n"]
-    goal_inside: Bool[Array, "*#n"]
-
-    @property
-    def status(self) -> Int32[Array, "*n"]:
-        """The `Status` of the first fault; OK if there is none."""
-        codes = {
-            "nonfinite": Status.NONFINITE_INPUT,
-            "start_outside": Status.START_OUTSIDE_MAP,
-            "goal_outside": Status.GOAL_OUTSIDE_MAP,
-            "same": Status.START_EQUALS_GOAL,
-            "start_inside": Status.START_OCCUPIED,
-            "goal_inside": Status.GOAL_OCCUPIED,
-        }
-        status = jnp.select([getattr(self, name) for name in codes], list(codes.values()), Status.OK)
-        return status.astype(jnp.int32)
-
-
 @jax.named_scope("formulate")
 def formulate(
     occupied: Bool[Array, "nx ny nz"],
@@ -135,7 +101,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
     joined = connection_status(around.occupied, blocked, both, distances.radius)
     if around.halo:
         joined = jnp.where(jnp.all(both.local), joined, Status.NO_VALID_PATH)
-    fault = faults_of(around.occupied, ends, grid).status
+    fault = fault_of_ends(around.occupied, ends, grid)
     return Problem(
         blocked=blocked,
         price=around.price,
@@ -192,18 +158,19 @@ def connection_status(
     return jnp.where(met, jnp.where(kept, Status.OK, Status.NO_SAFE_PATH), Status.NO_VALID_PATH).astype(jnp.int32)
 
 
-def faults_of(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Faults:
-    """What is wrong with two ends by themselves."""
+def fault_of_ends(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Int32[Array, ""]:
+    """What is wrong with a start and a goal by themselves: the first that counts; OK if nothing is."""
     a, b = (locate(end, grid.shape) for end in ends)
     (inside_a, at_a), (inside_b, at_b) = (voxels_at(grid.shape, end.off) for end in (a, b))
-    return Faults(
-        nonfinite=~(a.finite & b.finite),
-        start_outside=~inside_a,
-        goal_outside=~inside_b,
-        same=jnp.all(ends[0] == ends[1]),
-        start_inside=~inside_a | jnp.any(occupied[at_a]),
-        goal_inside=~inside_b | jnp.any(occupied[at_b]),
-    )
+    faults = {
+        Status.NONFINITE_INPUT: ~(a.finite & b.finite),
+        Status.START_OUTSIDE_MAP: ~inside_a,
+        Status.GOAL_OUTSIDE_MAP: ~inside_b,
+        Status.START_EQUALS_GOAL: jnp.all(ends[0] == ends[1]),
+        Status.START_OCCUPIED: jnp.any(occupied[at_a]),
+        Status.GOAL_OCCUPIED: jnp.any(occupied[at_b]),
+    }
+    return jnp.select(list(faults.values()), list(faults), Status.OK).astype(jnp.int32)
 
 
 def largest_joining_radius(

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -35,7 +34,7 @@ from maxjax.planning.plan import Plans
 from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.exemptions import Radius, exemptions
-from maxjax.planning.problem.problem import Problem, faults_of, inner_places, locate_all, problem_in
+from maxjax.planning.problem.problem import Problem, fault_of_ends, inner_places, locate_all, problem_in
 from maxjax.planning.problem.surroundings import Surroundings, surroundings
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import plans_of, with_longer_ascents
@@ -77,8 +76,7 @@ class Fleet:
     goal_index: Int32[Array, " 3"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Group:
+class Group(NamedTuple):
     """Starts that share a field.
 
     Attributes:
@@ -119,7 +117,7 @@ def formulate_fleet(
         met, jnp.where(kept & starts.leaves & goal.leaves, Status.OK, Status.NO_SAFE_PATH), Status.NO_VALID_PATH
     )
     opens = starts.leaves & (starts.level > 0)
-    faults = jax.vmap(lambda pair: faults_of(around.occupied, pair, grid).status)(ends)
+    faults = jax.vmap(lambda pair: fault_of_ends(around.occupied, pair, grid))(ends)
     return Fleet(
         around=around,
         blocked=blocked,
@@ -168,47 +166,40 @@ def plan_to_goal(task: Task, planner: FieldClimber) -> Plans:
         if task.price is not None:
             fleet = dataclasses.replace(fleet, around=fleet.around._replace(price=jnp.asarray(task.price)))
         status, opens = np.array(fleet.status), np.asarray(fleet.opens)
-        alone: dict[int, Problem] = {}
+        shared = np.flatnonzero((status == Status.OK) & ~opens)
+        groups = [Group(shared, fleet.blocked, jax.tree.map(lambda x: np.asarray(x)[shared], fleet.places))]
         for k in np.flatnonzero((status == Status.OK) & opens).tolist():
-            alone[k] = _OPEN(fleet.around, ends[k], distances=task.distances, grid=task.grid.local)
-            status[k] = int(alone[k].status)
-        routes = Routes.blank(len(task))
-        routes = Routes(dataclasses.replace(routes.route, status=status))
-        for group in _groups(fleet, status, alone):
-            routes = routes.put(group.members, _routes(group, fleet, planner, task))
+            problem: Problem = _OPEN(fleet.around, ends[k], distances=task.distances, grid=task.grid.local)
+            status[k] = int(problem.status)
+            if status[k] == Status.OK:
+                inner = np.stack([problem.start, problem.goal])
+                rows = Places(*(np.asarray(x)[None] for x in (inner, problem.ends, problem.exemptions)))
+                groups.append(Group(np.array([k]), problem.blocked, rows))
+        routes = Routes(dataclasses.replace(Routes.blank(len(task)).route, status=status))
+        for group in groups:
+            if group.members.size:
+                routes = routes.put(group.members, _routes(group, fleet, planner, task))
     share = np.arange(len(task))
     spent = {name: np.full(len(task), s) for name, s in recorder.report(len(task)).items()}
     return plans_of(routes.spending(share, spent), task, planner.name)
 
 
-def _groups(fleet: Fleet, status: Int32[np.ndarray, " n"], alone: dict[int, Problem]) -> Iterator[Group]:
-    """Starts by the field that they climb."""
-    members = np.flatnonzero((status == Status.OK) & ~np.asarray(fleet.opens))
-    if members.size:
-        yield Group(members, fleet.blocked, jax.tree.map(lambda x: np.asarray(x)[members], fleet.places))
-    for k, problem in alone.items():
-        if status[k] == Status.OK:
-            places = Places(jnp.stack([problem.start, problem.goal]), problem.ends, problem.exemptions)
-            yield Group(np.array([k]), problem.blocked, jax.tree.map(lambda x: np.asarray(x)[None], places))
-
-
 def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
-    price, count = fleet.around.price, len(group.members)
+    price, places, count = fleet.around.price, group.places, len(group.members)
     field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)
     certified, geodesic = np.full(count, bool(field.certified)), np.full(count, bool(field.geodesic))
     if field.status != Status.OK:
         nothing = Routes.blank(count, int(field.status))
         return Routes(dataclasses.replace(nothing.route, certified=certified))
-    sight, places = _SIGHT(group.blocked, room=task.distances.room), group.places
+    sight = _SIGHT(group.blocked, room=task.distances.room)
     few, many = _ON_CPU if target() == "cpu" else _ON_ACCELERATOR
 
     def attempt(which: Int64[np.ndarray, " m"], settings: Ascent) -> Routes:
         size = few if len(which) <= few else many
-        batches = _filled(which, size)
-        climbs = [(field.log_phi, sight, group.blocked, places.inner[some]) for some in batches]
+        climbs = [(field.log_phi, sight, group.blocked, places.inner[some]) for some in _batches(which, size)]
         paths, arrived = _together(_ASCEND, climbs, len(which), settings=settings)
-        rows = _filled(np.arange(len(which)), 1 if target() == "cpu" else size)
+        rows = _batches(np.arange(len(which)), 1 if target() == "cpu" else size)
         pulls = [(sight, price, paths[some], places.exact[which[some]]) for some in rows]
         paths, costs = _together(_TIGHTEN, pulls, len(which))
         status = status_of_climb(np.int32(Status.OK), np.asarray(field.status), arrived, np)
@@ -219,7 +210,7 @@ def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Ro
     return with_longer_ascents(attempt, count, planner.ascent)
 
 
-def _filled(which: Int64[np.ndarray, " m"], size: int) -> list[Int64[np.ndarray, " size"]]:
+def _batches(which: Int64[np.ndarray, " m"], size: int) -> list[Int64[np.ndarray, " size"]]:
     """Parts of one size, the last one filled up."""
     return [np.resize(which[k : k + size], size) for k in range(0, len(which), size)]
 

@@ -38,38 +38,35 @@ def verify_routes(routes: Route, task: Task, method: str, timings: Seconds | Non
         timings: seconds spent on each.
     """
     nothing = no_plans(task, Status.PATH_IN_COLLISION, method, timings)
-    status = np.asarray(routes.status, np.int32)
-    nothing = dataclasses.replace(nothing, certified=np.asarray(routes.certified, bool))
+    status = np.array(routes.status, np.int32)
+    nothing = dataclasses.replace(nothing, status=status, certified=np.asarray(routes.certified, bool))
     which = np.flatnonzero(status == Status.OK)
     if not which.size:
-        return dataclasses.replace(nothing, status=status)
+        return nothing
     some = task.some(which)
     local, counts = _local(np.asarray(routes.path, np.float64)[which], some)
     exemptions = np.asarray(routes.exemptions, np.float64)[which]
     with time_stage("verify"):
         verdicts = _verdicts(local, counts, some, exemptions)
-    passed = which[verdicts.ok]
-    status = status.copy()
     status[which[~verdicts.ok]] = Status.PATH_IN_COLLISION
 
-    def spread(values: np.ndarray, empty: float | int | bool) -> np.ndarray:
+    def spread(values: np.ndarray, empty: float | int | bool = math.nan) -> np.ndarray:
         """Values of the paths that passed, among all problems."""
         filled = np.full((len(task), *values.shape[1:]), empty, values.dtype)
-        filled[passed] = values[verdicts.ok]
+        filled[which[verdicts.ok]] = values[verdicts.ok]
         return filled
 
     cost = np.asarray(routes.cost, np.float64)[which]
     cost = np.where(cost > 0, cost, verdicts.length)  # 0 where nothing was priced
     return dataclasses.replace(
         nothing,
-        status=status,
-        points=spread(_world(local, some), math.nan),
+        points=spread(_world(local, some)),
         counts=spread(counts, 0),
-        length=spread(verdicts.length, math.nan),
-        clearance=spread(verdicts.clearance, math.nan),
-        cruise_clearance=spread(verdicts.cruise_clearance, math.nan),
-        cost=spread(cost, math.nan),
-        clearance_at=spread(verdicts.clearance_at, math.nan),
+        length=spread(verdicts.length),
+        clearance=spread(verdicts.clearance),
+        cruise_clearance=spread(verdicts.cruise_clearance),
+        cost=spread(cost),
+        clearance_at=spread(verdicts.clearance_at),
         exemptions=spread(exemptions, 0.0),
         geodesic=spread(np.asarray(routes.geodesic, bool)[which], False),
     )

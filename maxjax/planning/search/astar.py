@@ -82,11 +82,8 @@ def astar(
     padded_start, padded_goal = (tuple(int(c) + 1 for c in index) for index in (start, goal))
     source, target = (int(np.ravel_multi_index(index, shape)) for index in (padded_start, padded_goal))
     heuristic = _octile(shape, padded_goal)
-    if price is None or dearest == 1:
-        came, expanded, found = _search(codes, heuristic, source, target)
-    else:
-        halves = np.pad(0.5 * price.astype(np.float64), 1)
-        came, expanded, found = _search_priced(codes, heuristic, halves, source, target)
+    halves = None if price is None or dearest == 1 else np.pad(0.5 * price.astype(np.float64), 1)
+    came, expanded, found = _search(codes, heuristic, halves, source, target)
     if not found:
         return no_path(Status.NO_VALID_PATH, expanded)
 
@@ -151,17 +148,21 @@ def status_of_ends(blocked: Bool[np.ndarray, "nx ny nz"], start: Index3, goal: I
 def _search(
     codes: UInt32[np.ndarray, "px py pz"],
     heuristic: Float64[np.ndarray, "px py pz"],
+    halves: Float64[np.ndarray, "px py pz"] | None,
     source: int,
     target: int,
 ) -> tuple[bytearray, int, bool]:
     """Label voxels from `source` until `target` has its exact label.
 
-    Indices are flat, in the padded grid. Returns the step by which each voxel was reached (its place in
-    `STEPS`), the number of expansions, and whether the target was reached.
+    Indices are flat, in the padded grid. `halves` are those of the prices; with prices all legal steps but the way back
+    are tried. Returns the step by which each voxel was reached (its place in `STEPS`), the number of expansions, and
+    whether the target was reached.
     """
     moves_of = list(zip(_offsets(codes.shape), map(length_of, STEPS), range(len(STEPS)), strict=True))
-    code, h = codes.reshape(-1).data, heuristic.reshape(-1).data
     # Plain containers: one look-up in a NumPy array costs more than all the arithmetic on it.
+    code, h = codes.reshape(-1).data, heuristic.reshape(-1).data
+    half = None if halves is None else halves.reshape(-1).data
+    onwards = successors if half is None else onward
     g = [math.inf] * codes.size
     came = bytearray(codes.size)
     moves: dict[int, list[tuple[int, float, int]]] = {}
@@ -179,61 +180,12 @@ def _search(
             expanded += 1
             key = code[i] << 5 | came[i]
             try:
-                pruned = moves[key]
+                steps = moves[key]
             except KeyError:
-                pruned = moves[key] = [moves_of[k] for k in successors(code[i], came[i])]
-            for offset, cost, k in pruned:
+                steps = moves[key] = [moves_of[k] for k in onwards(code[i], came[i])]
+            for offset, cost, k in steps:
                 j = i + offset
-                g_j = g_i + cost
-                if g_j < g[j]:
-                    f = g_j + h[j]
-                    if f < best:
-                        g[j], came[j] = g_j, k
-                        if j == target:
-                            best = f
-                            continue
-                        try:
-                            buckets[int(f)].append((g_j, j))
-                        except IndexError:
-                            buckets.extend([] for _ in range(int(f) + 1 - len(buckets)))
-                            buckets[int(f)].append((g_j, j))
-    return came, expanded, best < math.inf
-
-
-def _search_priced(
-    codes: UInt32[np.ndarray, "px py pz"],
-    heuristic: Float64[np.ndarray, "px py pz"],
-    halves: Float64[np.ndarray, "px py pz"],
-    source: int,
-    target: int,
-) -> tuple[bytearray, int, bool]:
-    """`_search` where voxels have prices, of which `halves` holds the halves: all legal steps but the way back."""
-    moves_of = list(zip(_offsets(codes.shape), map(length_of, STEPS), range(len(STEPS)), strict=True))
-    code, h, half = codes.reshape(-1).data, heuristic.reshape(-1).data, halves.reshape(-1).data
-    g = [math.inf] * codes.size
-    came = bytearray(codes.size)
-    moves: dict[int, list[tuple[int, float, int]]] = {}
-    g[source], came[source] = -h[source], AT_START
-    best = g[target]
-    buckets = [[(g[source], source)]] if source != target else []
-    expanded = 0
-    for lower, bucket in enumerate(buckets):  # grows while we walk
-        if lower >= best:
-            break
-        while bucket:
-            g_i, i = bucket.pop()
-            if g_i != g[i] or g_i + h[i] >= best:
-                continue
-            expanded += 1
-            key = code[i] << 5 | came[i]
-            try:
-                legal = moves[key]
-            except KeyError:
-                legal = moves[key] = [moves_of[k] for k in onward(code[i], came[i])]
-            half_i = half[i]
-            for offset, cost, k in legal:
-                j = i + offset
-                g_j = g_i + cost * (half_i + half[j])
+                g_j = g_i + (cost if half is None else cost * (half[i] + half[j]))
                 if g_j < g[j]:
                     f = g_j + h[j]
                     if f < best:

@@ -150,8 +150,7 @@ def _points(planner: Planner, finder: _Finder, asked: MapAndEnds) -> int:
     """How many points a route has, with its exact ends."""
     if (climber := field_climber(planner)) is not None:
         return climber.ascent.steps + 3
-    shape = jax.eval_shape(lambda asked: finder.found(asked, jnp.zeros(())).route.path, asked).shape
-    return int(shape[0])
+    return int(jax.eval_shape(lambda asked: finder.found(asked, jnp.zeros(())).route.path, asked).shape[0])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,15 +199,10 @@ class _Finder:
             problem = dataclasses.replace(problem, price=price)
         route = complete_route(problem, pure_route(self.planner)(problem, grid), grid)
         path = jnp.asarray(route.path) + corner
-        status = jnp.where(
-            (route.status == Status.OK)
-            & ~_is_clear(problem, path - corner, asked.origin + grid.spacing * corner, grid),
-            Status.PATH_IN_COLLISION,
-            route.status,
-        )
-        route = dataclasses.replace(
-            route, path=path, status=status.astype(jnp.int32), geodesic=jnp.asarray(route.geodesic)
-        )
+        passes = _is_clear(problem, path - corner, asked.origin + grid.spacing * corner, grid)
+        status = jnp.where((route.status == Status.OK) & ~passes, Status.PATH_IN_COLLISION, route.status)
+        status, geodesic = status.astype(jnp.int32), jnp.asarray(route.geodesic)
+        route = dataclasses.replace(route, path=path, status=status, geodesic=geodesic)
         paid = path_costs(path, jnp.asarray(route.cost) / grid.spacing, jnp)
         near = corner_around(asked.ends[0], NEAR) - corner
         k = 2 * NEAR + 1
