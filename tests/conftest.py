@@ -79,9 +79,6 @@ LARGE = (
     *(f"sim/worlds/test_{name}" for name in ("movers", "populations")),
 )
 
-# Left out by `make test`, run by `make nightly`.
-NIGHTLY: tuple[str, ...] = ()
-
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
 KEPT = 14 * 86400.0
 """How long a compiled program is kept that no test asks for [s]."""
@@ -154,9 +151,9 @@ def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of pages, of large files, and of those that wait for the night."""
+    """Mark the tests of pages and of large files."""
     for item in items:
-        for mark, places in (("docs", ("docs/",)), ("large", LARGE), ("nightly", NIGHTLY)):
+        for mark, places in (("docs", ("docs/",)), ("large", LARGE)):
             if of(item, places):
                 item.add_marker(mark)
 
