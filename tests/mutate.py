@@ -36,7 +36,7 @@ TESTS = {
         *("solvers/test_potential.py", "solvers/test_newton.py"),
     ),
     "windows": (
-        *("planning/test_boxes_of_maps.py", "planning/test_focus_window.py", "planning/test_corridor.py"),
+        *(f"planning/test_{name}.py" for name in ("boxes_of_maps", "window_geometry", "focus_window", "corridor")),
         "planning/test_planning_execution.py",
     ),
     "sets": (
