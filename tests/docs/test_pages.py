@@ -94,11 +94,12 @@ def test_every_name_in_the_pages_exists() -> None:
     called = sorted({(page, name) for page, code in codes for name in re.findall(r"(?<![\w.])([a-z_]\w+)\(", code)})
     sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "maxjax").rglob("*.py"))
     private = set(re.findall(r"^ *(?:def|class) (\w+)", sources, re.MULTILINE))
-    assert not [
+    faults = [
         *wrong(lambda _, name: resolved(name), full),
         *wrong(lambda _, name: callable(getattr(maxjax, name)), public),
         *wrong(lambda page, name: hasattr(maxjax, name) or (page.startswith("docs/") and name in private), called),
     ]
+    assert faults == []
 
 
 def test_every_path_and_every_relative_link_leads_to_a_file() -> None:
@@ -122,7 +123,8 @@ def test_every_path_and_every_relative_link_leads_to_a_file() -> None:
     in_code = {(page, path) for page, code in found(r"`([^`\n]+)`") for path in re.findall(IN_CODE, code)}
     paths = sorted({*found(WRITTEN_OUT), *in_code} - {(page, path) for page in TEXTS for path in EXAMPLES})
     links = [(page, link) for page, link in found(r"\]\(([^)\s]+)\)") if not link.startswith("https://")]
-    assert not [*wrong(lies, paths), *wrong(leads, links)]
+    faults = [*wrong(lies, paths), *wrong(leads, links)]
+    assert faults == []
 
 
 def test_command_lines_of_pages_parse(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +136,8 @@ def test_command_lines_of_pages_parse(monkeypatch: pytest.MonkeyPatch) -> None:
             program, *arguments = shlex.split(line, comments=True)
             if program == "maxjax" and not any(word.isupper() for word in arguments):
                 lines.append((page.stem, shlex.join(arguments)))
-    assert not wrong(lambda _, line: main(shlex.split(line)) == 0, lines)
+    faults = wrong(lambda _, line: main(shlex.split(line)) == 0, lines)
+    assert faults == []
 
 
 def test_python_that_is_only_shown_runs(tmp_path: Path) -> None:
@@ -167,7 +170,8 @@ def test_the_glossary_has_a_word_once_and_names_what_is_defined_where_it_says() 
         path = ROOT / "maxjax" / file
         return path.exists() and (not name or name in defined(path))
 
-    assert not wrong(defines, [("glossary", place) for place in places])
+    faults = wrong(defines, [("glossary", place) for place in places])
+    assert faults == []
     wanted = {place.partition("::")[2] for place in places}
     classes: dict[str, list[str]] = {}
     for folder in ("maxjax", "experiments", "benchmarks", "tests"):
