@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int32, Int64
 
+from maxjax.compile.stage_timer import Recorder
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import segment_costs
@@ -91,6 +92,11 @@ def trim_padding(route: Route) -> Route:
     )
 
 
+def equal_shares(recorder: Recorder, count: int) -> dict[str, Float64[np.ndarray, " b"]]:
+    """Seconds by stage of problems that were planned together: an equal share of what was recorded for each."""
+    return {name: np.full(count, seconds) for name, seconds in recorder.report(count).items()}
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Routes:
     """Routes of several problems on the host, and the seconds that each took.
@@ -160,9 +166,9 @@ class Routes:
 
         count = max(self.route.path.shape[1], others.route.path.shape[1])
         route = jax.tree.map(merge, _fill_up(self.route, count), _fill_up(others.route, count))
-        return Routes(route, self.spending(rows, others.timings).timings, merge(self.ratio, others.ratio))
+        return Routes(route, self.add_seconds(rows, others.timings).timings, merge(self.ratio, others.ratio))
 
-    def spending(self, rows: Int64[np.ndarray, " r"], seconds: Mapping[str, Float64[np.ndarray, " r"]]) -> Routes:
+    def add_seconds(self, rows: Int64[np.ndarray, " r"], seconds: Mapping[str, Float64[np.ndarray, " r"]]) -> Routes:
         """The same routes, with seconds added to those of some."""
         timings = {name: np.array(values) for name, values in self.timings.items()}
         for name, values in seconds.items():

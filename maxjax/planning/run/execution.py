@@ -30,7 +30,7 @@ from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
-from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, no_route
+from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, equal_shares, no_route
 from maxjax.planning.plan import Plans
 from maxjax.planning.planner import FieldClimber, Planner, field_climber, plans_in_windows
 from maxjax.planning.problem.occupied_end import plans_of_occupied_ends
@@ -65,19 +65,15 @@ def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plan
         One plan a problem. In chunks each has an equal share of the `timings`, and so it has of `verify`.
     """
     if (taken := plans_of_occupied_ends(task, planner.name)) is not None:
-        spent = {name: np.full(len(task), s) for name, s in Recorder().report().items()}
-        return with_closures(dataclasses.replace(taken, timings=spent))
-    routes = routes_of(task, planner, chunk=chunk)
-    return plans_of(routes, task, planner.name)
+        return with_closures(dataclasses.replace(taken, timings=equal_shares(Recorder(), len(task))))
+    return plans_of(routes_of(task, planner, chunk=chunk), task, planner.name)
 
 
 def plans_of(routes: Routes, task: Task, method: str) -> Plans:
     """Plans of routes: verified, with a radius that joins where the one asked for does not, and with closures."""
     with recording() as recorder:
-        plans = verify_routes(routes.route, task, method)
-        plans = with_closures(with_largest_radii(plans))
-    spent, share = recorder.report(), np.arange(len(task))
-    timings = routes.spending(share, {name: np.full(len(task), s / len(task)) for name, s in spent.items()}).timings
+        plans = with_closures(with_largest_radii(verify_routes(routes.route, task, method)))
+    timings = routes.add_seconds(np.arange(len(task)), equal_shares(recorder, len(task))).timings
     return dataclasses.replace(plans, timings=timings, ratio=np.where(plans.ok, routes.ratio, math.nan))
 
 
@@ -106,7 +102,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
         guided = find_in_corridor(one, find_all, formulate_view)
         if guided.ok.all():
             return guided
-        return find(View(one)).spending(np.arange(1), guided.timings)
+        return find(View(one)).add_seconds(np.arange(1), guided.timings)
 
     return find_in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
 
@@ -250,8 +246,7 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
                 route = pipeline.run_one(some, longer)
             else:
                 route = pipeline.run_chunks(some, longer, _sizes(some, chunk, longer == planner))
-        spent = recorder.report(len(which))
-        return Routes(route, {name: np.full(len(which), seconds) for name, seconds in spent.items()})
+        return Routes(route, equal_shares(recorder, len(which)))
 
     if climber is None:
         return attempt(np.arange(len(view)), None)

@@ -28,7 +28,7 @@ from maxjax.core.status import Status
 from maxjax.fields.connectivity import flood
 from maxjax.planning.path.ascent import Ascent, ascend
 from maxjax.planning.path.line_of_sight import Sight, sight_of
-from maxjax.planning.path.route import Route, Routes, complete_path, trim_padding
+from maxjax.planning.path.route import Route, Routes, complete_path, equal_shares, trim_padding
 from maxjax.planning.path.string_pulling import tighten
 from maxjax.planning.plan import Plans
 from maxjax.planning.planner import FieldClimber
@@ -179,9 +179,8 @@ def plan_to_goal(task: Task, planner: FieldClimber) -> Plans:
         for group in groups:
             if group.members.size:
                 routes = routes.put(group.members, _routes(group, fleet, planner, task))
-    share = np.arange(len(task))
-    spent = {name: np.full(len(task), s) for name, s in recorder.report(len(task)).items()}
-    return plans_of(routes.spending(share, spent), task, planner.name)
+    routes = routes.add_seconds(np.arange(len(task)), equal_shares(recorder, len(task)))
+    return plans_of(routes, task, planner.name)
 
 
 def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Routes:

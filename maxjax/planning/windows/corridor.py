@@ -28,7 +28,7 @@ from maxjax.compile.stage_timer import recording
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.path.route import Route, Routes
+from maxjax.planning.path.route import Route, Routes, equal_shares
 from maxjax.planning.problem.task import Task
 from maxjax.planning.windows.focus_window import SHAPES, RouteViews, find_in_windows, round_up
 from maxjax.planning.windows.geometry import ellipsoid_box, guess_costs
@@ -62,7 +62,7 @@ def find_in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
     task = dataclasses.replace(task, map=task.map_at(0), map_of=np.zeros(1, np.int64))
     with recording() as recorder:
         guide = lattice_path(task, show)
-    spent = Routes.blank(1).spending(_ONLY, {name: np.array([s]) for name, s in recorder.report().items()})
+    spent = Routes.blank(1).add_seconds(_ONLY, equal_shares(recorder, 1))
     if guide is not None:
         route, spent = _along(task, task.grid.to_metres(guide.points), _BESIDE, find, spent)
         if route is not None:
@@ -78,7 +78,7 @@ def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
     for share, factor in itertools.product((0.0, 0.5), _factors(task)):
         coarse_map = coarsen_task(task, share, factor)
         guide = _guide(coarse_map, find)
-        spent = spent.spending(_ONLY, guide.timings)
+        spent = spent.add_seconds(_ONLY, guide.timings)
         if not guide.ok.all():
             continue
         points = coarse_map.grid.to_metres(_path(guide, 0))
@@ -97,7 +97,7 @@ def _along(task: Task, guide: Points, reach: float, find: RouteViews, spent: Rou
     points = _handovers(task, guide, reach)
     for k in range(1, _PASSES + 1):
         legs = _legs(task, points, find)
-        spent = spent.spending(_ONLY, {name: np.nansum(s, keepdims=True) for name, s in legs.timings.items()})
+        spent = spent.add_seconds(_ONLY, {name: np.nansum(s, keepdims=True) for name, s in legs.timings.items()})
         if not _sound(legs):
             return None, spent
         points = _between(task, legs, 0.5 * (k % 2))

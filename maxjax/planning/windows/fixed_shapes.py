@@ -15,14 +15,13 @@ import math
 import time
 
 import numpy as np
-from jaxtyping import Float64
 
 from maxjax.compile.lowering import target
 from maxjax.compile.stage_timer import recording
 from maxjax.core.grid import Grid, Index3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.path.route import Routes
+from maxjax.planning.path.route import Routes, equal_shares
 from maxjax.planning.planner import FieldClimber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
@@ -110,7 +109,6 @@ class FixedShapes:
         else:
             with recording() as recorder:
                 route = pipeline.run_one(view, self.planner)
-            spent: dict[str, Float64[np.ndarray, " b"]] = {k: np.array([s]) for k, s in recorder.report().items()}
-            found = Routes(route, spent)
+            found = Routes(route, equal_shares(recorder, 1))
         self._seconds[view.grid.shape] = time.perf_counter() - started
         return found

@@ -19,6 +19,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64, Int32, Int64
@@ -60,8 +61,7 @@ _TOGETHER = 64
 Volumes = dict[str, np.ndarray]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Windows:
+class Windows(NamedTuple):
     """Boxes of maps, one for each of several problems.
 
     Attributes:
@@ -82,7 +82,7 @@ class Windows:
 
     def some(self, rows: Rows) -> Windows:
         """Those of some of the problems."""
-        return Windows(self.corners[rows], self.sizes[rows], self.bounds[rows])
+        return Windows(*(numbers[rows] for numbers in self))
 
 
 def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
@@ -256,7 +256,7 @@ def find_in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes
             # A path that a window did not prove the cheapest is better than none.
             better = answers.ok | ~found.ok[rest]
             found = found.put(rest[better], answers.some(better))
-            found = found.spending(rest[~better], answers.some(~better).timings)
+            found = found.add_seconds(rest[~better], answers.some(~better).timings)
         costs[asked] = _costs_to_try(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
         asked = asked[~np.isnan(costs[asked])]
     return found
@@ -265,9 +265,7 @@ def find_in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes
 def _windows_of_all(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     """`windows_around`, on all cores."""
     parts = in_parts(lambda rows: windows_around(task.some(rows), costs[rows]), len(task), _TOGETHER)
-    return Windows(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("corners", "sizes", "bounds"))
-    )
+    return Windows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _costs_to_try(
