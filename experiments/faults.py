@@ -3,9 +3,9 @@
     python -m experiments.faults --flights 4                                # two cores: an hour
     python -m experiments.faults --flights 200 --random 10000 --batch 512   # one GPU
 
-What fails and how is the table of `maxjax.sim.faults`; it begins at a time drawn from 1 to 8 s. A planner that answers
-wrongly returns, of half its paths, the middle moved aside by three voxels, or points at random: nobody but the check of
-every path stands between these and the vehicle. In the random flights each target fails with probability 1/3.
+What fails and how is the table of `maxjax.sim.faults.modes`; it begins at a time drawn from 1 to 8 s. A planner that
+answers wrongly returns, of half its paths, the middle moved aside by three voxels, or points at random: nobody but the
+check of every path stands between these and the vehicle. In the random flights each target fails with probability 1/3.
 
 Counted: arrivals, contacts (exact distance at every physics step, within 0.5 m of the centre), states that are no
 numbers, and times at which the vehicle was more than a voxel from any that was seen free. Bounds are those of Clopper
@@ -41,7 +41,8 @@ from maxjax.planning.path.route import Route
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.run.field_planner import FieldPlanner
-from maxjax.sim.faults import MEANINGLESS, Faults, Mode, Target, account
+from maxjax.sim.faults.effects import account
+from maxjax.sim.faults.modes import MEANINGLESS, Faults, Mode, Target
 from maxjax.sim.loop.flight import STAGES, FlightConfig, FlightLog, World, fly_all_closed_loop, watch
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.trials.trials import draw_many
@@ -290,7 +291,7 @@ def section(document: Document) -> str:
     return (
         f"### {_TITLES.get(document['name'], 'Faults in flight')} ({device(document)})\n\n"
         f"These are {trials(document)}.\n"
-        "What fails and how: the table of `maxjax.sim.faults`; it begins 1 to 8 s after take-off and does not end.\n"
+        "What fails and how: the table of `sim.faults.modes`. It begins 1 to 8 s after take-off and does not end.\n"
         "No numbers: flights with a state that was none; unseen: those more than a voxel from any seen free.\n"
         "Bounds of Clopper and Pearson, 95 %. Random: each target fails with probability 1/3.\n\n"
         + table(heads, lines, left=1)

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.common.markdown import trials
 from experiments import faults
 from maxjax.planners import Field
-from maxjax.sim.faults import MEANINGLESS, Mode, Target
+from maxjax.sim.faults.modes import MEANINGLESS, Mode, Target
 
 LIARS = {"planner-garbage": "garbage", "planner-wrong": "wrong"}
 

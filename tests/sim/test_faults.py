@@ -12,19 +12,8 @@ import pytest
 
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
-from maxjax.sim.faults import (
-    MEANINGLESS,
-    Failing,
-    Faults,
-    Mode,
-    Target,
-    account,
-    deliver_scan,
-    locate,
-    none_yet,
-    thrusts,
-    tick_reference,
-)
+from maxjax.sim.faults.effects import account, deliver_scan, locate, thrusts, tick_reference
+from maxjax.sim.faults.modes import MEANINGLESS, Failing, Faults, Mode, Target, none_yet
 from maxjax.sim.loop.flight import STAGES, Flight, FlightConfig, World, take_off, watch
 from maxjax.sim.loop.flight_state import estimated_position
 from maxjax.sim.loop.follow import advance_time

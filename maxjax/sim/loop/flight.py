@@ -35,7 +35,7 @@ from maxjax.compile.threads import concurrently
 from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
-from maxjax.sim.faults import none_yet
+from maxjax.sim.faults.modes import none_yet
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.loop.follow import clearance_of, follow
 from maxjax.sim.loop.replan import plan

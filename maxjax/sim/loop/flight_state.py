@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int32, Key, UInt32
 from maxjax.core.grid import Grid, Index3
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.distances import Distances
-from maxjax.sim.faults import Failing, Faults
+from maxjax.sim.faults.modes import Failing, Faults
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Among, Avoidance, Flags
 from maxjax.sim.sensors.lidar import Lidar, Scan
@@ -32,6 +33,7 @@ from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Reference, Sampling
 
 Path = Float[Array, "n 3"]
+T = TypeVar("T")
 
 # Positions are logged this often [s].
 LOG_PERIOD = 0.1
@@ -95,6 +97,11 @@ class FlightConfig:
         return Grid(self.shape, self.spacing, (x, y, z))
 
     @property
+    def avoidance(self) -> Avoidance:
+        """How to fly among movers; raises a ValueError where none are expected."""
+        return _present(self.moving, "moving")
+
+    @property
     def log_samples(self) -> int:
         """Positions logged in a planning period."""
         return round(self.period / LOG_PERIOD)
@@ -131,6 +138,11 @@ class FlightLog:
     certified: Int32[Array, "*batch"]
     flags: Flags | None = None
     unseen: Int32[Array, "*batch"] | None = None
+
+    @property
+    def flags_among_movers(self) -> Flags:
+        """`flags`; raises a ValueError where no movers were expected."""
+        return _present(self.flags, "moving")
 
 
 @jax.tree_util.register_dataclass
@@ -198,6 +210,22 @@ class Flight:
     among: Among | None = None
     member: Member | None = None
     failing: Failing | None = None
+
+    @property
+    def tracked(self) -> Among:
+        """`among`; raises a ValueError where no movers are expected."""
+        return _present(self.among, "moving")
+
+    @property
+    def swarm_member(self) -> Member:
+        """`member`; raises a ValueError for a vehicle by itself."""
+        return _present(self.member, "a swarm")
+
+
+def _present(part: T | None, of: str) -> T:
+    if part is None:
+        raise ValueError(f"expected a flight with {of}, given one without")
+    return part
 
 
 def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:

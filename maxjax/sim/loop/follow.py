@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.sim.faults import air, locate, thrusts, tick_reference
+from maxjax.sim.faults.effects import air, locate, thrusts, tick_reference
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World
 from maxjax.sim.loop.reactive import push
 from maxjax.sim.loop.sensing import look
@@ -84,10 +84,9 @@ def steer_alone(world: World, flight: Flight, config: FlightConfig, number: Int3
     if config.moving is None:
         return flight
     among, up = steer_vehicle(world, flight, config)
-    assert flight.log.flags is not None
     record = record_of(among.seen, among.flown, up, config.moving)
     among = record_look(among, record, number)
-    flags = raise_flags(flight.log.flags, up, flight.log.duration, LOG_PERIOD)
+    flags = raise_flags(flight.log.flags_among_movers, up, flight.log.duration, LOG_PERIOD)
     after = dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
     return unless(flight.done, flight, after)
 

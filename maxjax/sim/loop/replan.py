@@ -30,7 +30,7 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.windows.windowed_route import MapAndEnds, corner_around, cut_box, route_in_windows
-from maxjax.sim.faults import answer_planner
+from maxjax.sim.faults.effects import answer_planner
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.mapping.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable

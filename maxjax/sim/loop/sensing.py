@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int32
 
 from maxjax.core.rng_streams import Stream, stream
-from maxjax.sim.faults import deliver_scan, scan_origin
+from maxjax.sim.faults.effects import deliver_scan, scan_origin
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.sensors.lidar import scan
@@ -50,14 +50,13 @@ def _scanned(world: World, flight: Flight, config: FlightConfig, number: Int32[A
 
 def look(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """A scan, and what it shows of movers; nothing where nobody looks for any."""
-    assert config.moving is not None
-    assert flight.among is not None
-    if config.moving.perception is None:
+    perception = config.avoidance.perception
+    if perception is None:
         return flight
     number = jnp.round(flight.log.duration / LOG_PERIOD).astype(jnp.int32)
     flight = _scanned(world, flight, config, number)
-    seen = config.moving.perception.look(world, flight, config)
-    among = dataclasses.replace(flight.among, seen=seen)  # type: ignore[type-var]
+    seen = perception.look(world, flight, config)
+    among = dataclasses.replace(flight.tracked, seen=seen)
     return dataclasses.replace(flight, among=among)
 
 

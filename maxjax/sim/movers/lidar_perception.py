@@ -31,19 +31,19 @@ class LidarPerception:
         Raises:
             ValueError: for another sensor than the flight's, or other bounds.
         """
-        assert config.moving is not None
-        if self.sight.lidar != config.lidar or self.sight.bounds != config.moving.bounds:
+        if self.sight.lidar != config.lidar or self.sight.bounds != config.avoidance.bounds:
             raise ValueError(
-                "MoverSight: expected the lidar of the flight and the bounds of its avoidance, given "
+                "TrackingSettings: expected the lidar of the flight and the bounds of its avoidance, given "
                 f"{self.sight.lidar} and {self.sight.bounds}"
             )
         return sightings_of(initial_perception(self.sight))
 
     def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """After the scan in `flight.scan`."""
-        assert flight.among is not None
         pose = estimated_position(world, flight), flight.vehicle.rotation
-        return sightings_of(process_scan(flight.among.seen.memory, flight.scan, *pose, flight.log.duration, self.sight))
+        return sightings_of(
+            process_scan(flight.tracked.seen.memory, flight.scan, *pose, flight.log.duration, self.sight)
+        )
 
 
 def sightings_of(seeing: PerceptionState) -> Sightings:

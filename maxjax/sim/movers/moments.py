@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.sim.loop.flight_state import Flight
 from maxjax.sim.movers.among import Flag
 from maxjax.sim.movers.motions import at, duration
-
-if TYPE_CHECKING:
-    from maxjax.sim.loop.flight_state import Flight
 
 _POINTS = np.linspace(0.0, 1.0, 13, dtype=np.float32)  # of a motion, shares of its duration
 

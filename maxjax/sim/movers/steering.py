@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.core.grid import Index3
 from maxjax.planning.windows.windowed_route import corner_around, cut_box
-from maxjax.sim.loop.flight_state import estimated_position
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Among, Avoidance, Flag
 from maxjax.sim.movers.choice import Around, Commitment
@@ -27,9 +26,6 @@ from maxjax.sim.movers.local_value import LocalValue, crowding, local_value
 from maxjax.sim.movers.motions import MotionPrimitive, at, later
 from maxjax.sim.movers.reachable_sets import Tracks, reachable
 from maxjax.trajectories.online import Setpoint, profile, straight_course
-
-if TYPE_CHECKING:
-    from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 
 # Cost of a metre beside the static way, in metres of it.
 _ASIDE = 1.5
@@ -55,9 +51,7 @@ def setpoint_of(among: Among, lead: float) -> Setpoint:
 
 def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
     """The motion from now on, and the flags that are up with it."""
-    how, among = config.moving, flight.among
-    assert how is not None
-    assert among is not None
+    how, among = config.avoidance, flight.tracked
     left = later(among.flown.motion, among.since)
     # Where it believes to be: map, sets and motions are in that frame.
     position = estimated_position(world, flight)
@@ -79,8 +73,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
 
     The map learns of a scan once a second. Until then, and until it is confirmed as a mover, what was met is blocked.
     """
-    how, rolling_map = config.moving, flight.rolling_map
-    assert how is not None
+    how, rolling_map = config.avoidance, flight.rolling_map
     furthest = how.choice.speed * how.choice.horizon
     half = math.ceil(furthest / config.spacing) + 1
     shape = (2 * half + 1,) * 3
@@ -100,8 +93,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
 
 def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape: Index3) -> Bool[Array, "bx by bz"]:
     """Voxels of a box in which the last scan met something, but movers."""
-    assert flight.among is not None
-    still = flight.scan.hit & ~flight.among.seen.returns
+    still = flight.scan.hit & ~flight.tracked.seen.returns
     points = jnp.where(still[:, None], flight.scan.points, jnp.inf)
     index = jnp.floor((points - origin) / config.spacing + 0.5)
     inside = jnp.all((index >= 0) & (index < np.asarray(shape)), axis=1)
@@ -114,8 +106,7 @@ def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape:
 
 def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
     """Cost-to-go around a place, dearer near those who move: where the window ends, along the static way."""
-    how, rolling_map = config.moving, flight.rolling_map
-    assert how is not None
+    how, rolling_map = config.avoidance, flight.rolling_map
     cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
     base = mapping.origin(rolling_map)
     corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)

@@ -76,8 +76,7 @@ def fly_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetL
 
 def log_of(flown: Flight) -> FleetLog:
     """The log of a fleet's flights."""
-    member = flown.member
-    assert member is not None
+    member = flown.swarm_member
     return FleetLog(flown.log, member.gap, member.touched, member.swaps, member.dropped)
 
 
@@ -143,13 +142,11 @@ def _flies(_: World, flights: Flight) -> Bool[Array, ""]:
 def _take_off(world: World, config: FlightConfig, together: Together) -> Flight:
     """A flight before its first planning period, with its member of the fleet."""
     flight = take_off(world, config)
-    assert config.moving is not None
-    assert flight.among is not None
-    member: Member = hovering(flight.among.flown.motion, together.wait)
+    member: Member = hovering(flight.tracked.flown.motion, together.wait)
     places = jax.lax.all_gather(flight.vehicle.position, FLEET)
     others = jnp.arange(len(places)) != jax.lax.axis_index(FLEET)
     apart = jnp.linalg.norm(places - flight.vehicle.position, axis=-1)
-    crowded = jnp.any(others & (apart < together.agreement(config.moving).apart)) & (flight.log.status == Status.OK)
+    crowded = jnp.any(others & (apart < together.agreement(config.avoidance).apart)) & (flight.log.status == Status.OK)
     status = jnp.where(crowded, Status.START_OCCUPIED, flight.log.status).astype(jnp.int32)
     log = dataclasses.replace(flight.log, status=status)
     return dataclasses.replace(flight, member=member, done=flight.done | crowded, log=log)

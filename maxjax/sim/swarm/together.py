@@ -79,10 +79,7 @@ class Together:
 
     def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
         """Swap, propose, and send the message of this look; `number`: of it in its period."""
-        how, member, among = config.moving, flight.member, flight.among
-        assert how is not None
-        assert member is not None
-        assert among is not None
+        how, member, among = config.avoidance, flight.swarm_member, flight.tracked
         agreement, index = self.agreement(how), lax.axis_index(FLEET)
         told, own = lax.all_gather(member.oldest, FLEET), member.latest
         look = own.sent + 1
@@ -107,8 +104,9 @@ class Together:
         from_now = Commitment(later(flown.motion, since), flown.verified - since)
         among = dataclasses.replace(among, flown=flown, since=since)
         among = record_look(among, record_of(among.seen, from_now, up, how), number)
-        assert flight.log.flags is not None
-        log = dataclasses.replace(flight.log, flags=raise_flags(flight.log.flags, up, flight.log.duration, LOG_PERIOD))
+        log = dataclasses.replace(
+            flight.log, flags=raise_flags(flight.log.flags_among_movers, up, flight.log.duration, LOG_PERIOD)
+        )
         after = dataclasses.replace(flight, among=among, log=log)
         after = unless(flight.done, flight, after)
         return dataclasses.replace(after, member=saying(counted, own))
@@ -121,9 +119,7 @@ def _around(
 
     The way is dear where others may be.
     """
-    how, among = config.moving, flight.among
-    assert how is not None
-    assert among is not None
+    how, among = config.avoidance, flight.tracked
     tracks = propagate(among.seen.tracks, ahead, how.bounds)
     priced = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), tracks, others)
     guide = guide_around(flight, config, place, priced)
@@ -135,10 +131,7 @@ def _up(
     world: World, flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]
 ) -> Bool[Array, " f"]:
     """The flags that are up."""
-    how, among, member = config.moving, flight.among, flight.member
-    assert how is not None
-    assert among is not None
-    assert member is not None
+    how, among, member = config.avoidance, flight.tracked, flight.swarm_member
     # Where it believes to be: map, sets and motions are in that frame.
     position = estimated_position(world, flight)
     drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - position) > how.drift
@@ -148,8 +141,7 @@ def _up(
 def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
     """One time step, and how near the others are after it."""
     flight = step_alone(world, flight, config, noise)
-    assert flight.member is not None
-    member = dataclasses.replace(flight.member, since=flight.member.since + config.vehicle.timestep)
+    member = dataclasses.replace(flight.swarm_member, since=flight.swarm_member.since + config.vehicle.timestep)
     place = jnp.where(flight.done, committed_place(member, LOG_PERIOD), flight.vehicle.position)
     places = lax.all_gather(place, FLEET)
     others = jnp.arange(len(places)) != lax.axis_index(FLEET)

@@ -67,9 +67,8 @@ def fly_together(count: int, options: FlyOptions, config: FlightConfig, movers: 
 def fleet_figures(fleet: FleetTrial, log: FleetLog) -> dict[str, Any]:
     """What fleet.json says; lengths [m], times [s]."""
     flights, touched = log.flights, np.asarray(log.touched)
-    assert flights.flags is not None
     status, seconds = np.asarray(flights.status), np.asarray(flights.duration)
-    flagged = np.asarray(flights.flags.any_seconds)
+    flagged = np.asarray(flights.flags_among_movers.any_seconds)
     vehicles = [
         {
             "vehicle": k,
@@ -83,7 +82,7 @@ def fleet_figures(fleet: FleetTrial, log: FleetLog) -> dict[str, Any]:
             "touched": int(touched[k]) if touched[k] >= 0 else None,
             "swaps": int(log.swaps[k]),
             "dropped": int(log.dropped[k]),
-            "flagged": {flag.name: round(float(flights.flags.seconds[k, flag]), 3) for flag in Flag},
+            "flagged": {flag.name: round(float(flights.flags_among_movers.seconds[k, flag]), 3) for flag in Flag},
         }
         for k in range(fleet.count)
     ]

@@ -1,31 +1,15 @@
-"""Faults of a flight: sensors, air, motors, planner and clock that fail from a time on, and what is refused of them.
+"""What faults do to a flight, and what a flight refuses of what cannot be.
 
-    what is said = fault(what is so, mode, time)        t ≥ onset; `Mode.INTERMITTENT`: in random planning periods
-
-| | LiDAR | pose | wind | motors | planner | clock |
-|---|---|---|---|---|---|---|
-| off | no returns | not a number | – | one gives nothing | no answer | stands |
-| stuck | the scan of before | where it was | 12 m/s, constant | one stays at hover | the path of before | stands |
-| garbage | random ranges | random within 20 m | 10 m/s, random | thrusts ± 30 % | – | random within a period |
-| late | 0.3 s old | 0.5 s old | – | 50 ms old | flown a period later | 0.3 s behind |
-| intermittent | no returns | not a number | 12 m/s | one at half | no answer | stands |
-| wrong | 0.5 m too long | off by 1.5 m, slowly | 5 m/s down | 85 % of it | – | 30 % fast |
-| slow | every third scan | every 2 s | 1 m/s each second, to 15 | follow in 0.1 s | every third period | 30 % slow |
-
-Modes are arrays, so that one program flies all of a batch. A flight whose world says what may fail (`World.faults`)
-refuses what cannot be: a scan that repeats the one before or whose neighbouring ranges are unrelated, a position that
-is not a number or further than `_JUMP` from where dead reckoning is, a path that does not begin at the vehicle.
-Planners that answer wrongly are planners (`experiments.faults`): what they answer is verified like any path.
-
-Frame: world.
+A scan that repeats the one before or whose neighbouring ranges are unrelated, a position that is not a number or
+further than `_JUMP` from where dead reckoning is, and a path that does not begin at the vehicle are refused. Planners
+that answer wrongly are planners (`experiments.faults`): what they answer is verified like any path. What each mode does
+is the table of `sim.faults.modes`. Frame: world.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -33,12 +17,11 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
+from maxjax.sim.faults.modes import STEPS_LATE, Failing, Faults, Mode, Target
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.vehicle.quadrotor import Vehicle
-
-if TYPE_CHECKING:
-    from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 
 # How late: scans, positions, the clock [s].
 _SCAN_LAG, _POSE_LAG, _CLOCK_LAG = 0.3, 0.5, 0.3
@@ -49,8 +32,8 @@ _TOO_LONG, _OFF, _OFF_RATE = 0.5, 1.5, 0.2
 _ANYWHERE = 20.0
 # Wind: constant and squalls, random, downwards, growing at most to [m/s].
 _SQUALL, _RANDOM_WIND, _DOWN, _MOST_WIND = 12.0, 10.0, 5.0, 15.0
-# Motors: spread, share of the thrust, time constant [s], steps between a command and its effect.
-_SPREAD, _WEAK, _LAZY, _STEPS_LATE = 0.3, 0.85, 0.1, 5
+# Motors: spread, share of the thrust, time constant [s].
+_SPREAD, _WEAK, _LAZY = 0.3, 0.85, 0.1
 _FAST, _SLOW_CLOCK = 1.3, 0.7
 
 # Greatest innovation of a position [m], the time in which one is taken over [s], and the relative error of the speed
@@ -61,83 +44,23 @@ _JUMP, _TAKEN_OVER, _ODOMETER = 1.0, 0.5, 0.01
 _UNRELATED, _SHARE, _MOST_UNRELATED = 5.0, 0.25, 0.5
 
 
-class Target(enum.IntEnum):
-    """What fails: a column of `Faults.modes`."""
-
-    LIDAR = 0
-    POSE = 1
-    WIND = 2
-    MOTORS = 3
-    PLANNER = 4
-    CLOCK = 5
+def _faults(world: World) -> Faults:
+    """The faults of a world; raises a ValueError where nothing may fail."""
+    if world.faults is None:
+        raise ValueError("expected a world with faults, given one without")
+    return world.faults
 
 
-class Mode(enum.IntEnum):
-    """How it fails."""
-
-    NONE = 0
-    OFF = 1
-    STUCK = 2
-    GARBAGE = 3
-    LATE = 4
-    INTERMITTENT = 5
-    WRONG = 6
-    SLOW = 7
-
-
-# What means nothing: air cannot be off or late, and a planner that answers wrongly is another planner.
-MEANINGLESS = frozenset({
-    (Target.WIND, Mode.OFF), (Target.WIND, Mode.LATE), (Target.PLANNER, Mode.GARBAGE), (Target.PLANNER, Mode.WRONG)
-})  # fmt: skip
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Faults:
-    """What fails in a flight, and from when on; batch axes lead.
-
-    Attributes:
-        modes: the `Mode` of each `Target`.
-        onset: time since take-off [s].
-    """
-
-    modes: Int32[Array, "*batch 6"]
-    onset: Float[Array, "*batch"]
-
-    @classmethod
-    def of(cls, modes: dict[Target, Mode], onset: float = 3.0) -> Faults:
-        """Those of one flight: targets that are not named work."""
-        return cls(jnp.array([modes.get(target, Mode.NONE) for target in Target], jnp.int32), jnp.float32(onset))
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Failing:
-    """What a flight with faults remembers; batch axes lead.
-
-    Attributes:
-        position: what the vehicle takes for its position [m].
-        held: the last position that a stuck or slow sensor saw [m].
-        ranges: of the last scan as it was delivered [m].
-        commands: thrusts that were commanded, the latest first [N].
-    """
-
-    position: Float[Array, "*batch 3"]
-    held: Float[Array, "*batch 3"]
-    ranges: Float[Array, "*batch r"]
-    commands: Float[Array, "*batch s 4"]
-
-
-def none_yet(start: Float[Array, "3"], rays: int, vehicle: Vehicle) -> Failing:
-    """At take-off."""
-    commands = jnp.full((_STEPS_LATE + 1, 4), vehicle.hover, jnp.float32)
-    return Failing(start, start, jnp.full(rays, jnp.nan, jnp.float32), commands)
+def _memory(flight: Flight) -> Failing:
+    """What is remembered of faults; raises a ValueError where nothing may fail."""
+    if flight.failing is None:
+        raise ValueError("expected a flight in a world with faults, given one without")
+    return flight.failing
 
 
 def _mode(world: World, flight: Flight, target: Target) -> Int32[Array, ""]:
     """The mode of a target now; `OFF` in the bad periods of one that fails from time to time."""
-    assert world.faults is not None
-    mode = jnp.where(flight.log.duration >= world.faults.onset, world.faults.modes[target], Mode.NONE)
+    mode = jnp.where(flight.log.duration >= _faults(world).onset, _faults(world).modes[target], Mode.NONE)
     bad = jax.random.bernoulli(_key(world, flight, target))
     return jnp.where((mode == Mode.INTERMITTENT) & ~bad, Mode.NONE, mode)
 
@@ -169,8 +92,7 @@ def deliver_scan(
         lidar: the sensor's model. Static.
         number: of the scan.
     """
-    assert flight.failing is not None
-    mode, before = _mode(world, flight, Target.LIDAR), flight.failing.ranges
+    mode, before = _mode(world, flight, Target.LIDAR), _memory(flight).ranges
     lost_key, range_key = jax.random.split(_key(world, flight, Target.LIDAR))
     silent = (mode == Mode.OFF) | (mode == Mode.INTERMITTENT) | ((mode == Mode.SLOW) & (number % _SLOW != 0))
     lost = (mode == Mode.GARBAGE) & jax.random.bernoulli(lost_key, shape=scan.hit.shape)
@@ -184,7 +106,7 @@ def deliver_scan(
     origin = scan_origin(world, flight)
     points = origin + (scan.points - origin) * stretch[:, None]
     used = Scan(jnp.where((hit & scan.hit)[:, None], points, jnp.nan), jnp.where(hit, ranges, jnp.inf), hit)
-    return used, dataclasses.replace(flight.failing, ranges=ranges)
+    return used, dataclasses.replace(_memory(flight), ranges=ranges)
 
 
 def _refused(ranges: Float[Array, " r"], before: Float[Array, " r"], lidar: Lidar) -> Bool[Array, ""]:
@@ -207,11 +129,9 @@ def locate(world: World, flight: Flight, error: Float[Array, "3"], timestep: flo
         error: of a sensor that works [m].
         timestep: since the last position [s].
     """
-    assert flight.failing is not None
-    assert world.faults is not None
-    vehicle, failing, mode = flight.vehicle, flight.failing, _mode(world, flight, Target.POSE)
+    vehicle, failing, mode = flight.vehicle, _memory(flight), _mode(world, flight, Target.POSE)
     exact = vehicle.position + error
-    since = flight.log.duration - world.faults.onset
+    since = flight.log.duration - _faults(world).onset
     fresh = (mode == Mode.NONE) | ((mode == Mode.SLOW) & (jnp.mod(since, _SLOW_POSE) < timestep))
     held = jnp.where(fresh, exact, failing.held)
     somewhere = jax.random.uniform(_step_key(world, flight, Target.POSE), (3,), minval=-_ANYWHERE, maxval=_ANYWHERE)
@@ -230,8 +150,7 @@ def locate(world: World, flight: Flight, error: Float[Array, "3"], timestep: flo
 
 def air(world: World, flight: Flight) -> Float[Array, "3"]:
     """Wind besides that of the disturbances [m/s]."""
-    assert world.faults is not None
-    mode, since = _mode(world, flight, Target.WIND), flight.log.duration - world.faults.onset
+    mode, since = _mode(world, flight, Target.WIND), flight.log.duration - _faults(world).onset
     angle = 2.0 * math.pi * jax.random.uniform(stream(world.key, Stream.FAULTS))
     level = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros(())])
     noise = _RANDOM_WIND * jax.random.normal(_step_key(world, flight, Target.WIND), (3,))
@@ -248,8 +167,7 @@ def thrusts(
     world: World, flight: Flight, command: Float[Array, "4"], vehicle: Vehicle
 ) -> tuple[Float[Array, "4"], Failing]:
     """What the motors are told of a command [N], and what is remembered of it."""
-    assert flight.failing is not None
-    mode, failing = _mode(world, flight, Target.MOTORS), flight.failing
+    mode, failing = _mode(world, flight, Target.MOTORS), _memory(flight)
     spread = jax.random.uniform(_step_key(world, flight, Target.MOTORS), (4,), minval=-_SPREAD, maxval=_SPREAD)
     first = jnp.arange(4) == 0
     last = failing.commands[0]
@@ -259,7 +177,7 @@ def thrusts(
             jnp.where(first, 0.0, command),
             jnp.where(first, vehicle.hover, command),
             command * (1.0 + spread),
-            failing.commands[_STEPS_LATE - 1],
+            failing.commands[STEPS_LATE - 1],
             jnp.where(first, 0.5 * command, command),
             _WEAK * command,
         ],
@@ -303,7 +221,6 @@ def tick_reference(world: World, flight: Flight, config: FlightConfig) -> Float[
 
 def account(world: World, flight: Flight, config: FlightConfig) -> Flight:
     """The stage that counts where the vehicle was not in sight of any voxel seen free, by its true positions."""
-    assert flight.log.unseen is not None
     rows = config.log_samples * (flight.log.planning_iterations - 1) + 1 + jnp.arange(config.log_samples)
     positions = flight.log.position[rows]
     local = positions - config.spacing * (flight.rolling_map.corner + jnp.asarray(config.shape) // 2)
@@ -314,4 +231,7 @@ def account(world: World, flight: Flight, config: FlightConfig) -> Flight:
     free = jnp.any(seen[around[..., 0], around[..., 1], around[..., 2]], axis=1)
     # What flew ended within the period has no position after that.
     unseen = jnp.sum(jnp.isfinite(positions[:, 0]) & ~free & ~flight.done, dtype=jnp.int32)
-    return dataclasses.replace(flight, log=dataclasses.replace(flight.log, unseen=flight.log.unseen + unseen))
+    if flight.log.unseen is None:
+        raise ValueError("expected a flight in a world with faults, given one without")
+    log = dataclasses.replace(flight.log, unseen=flight.log.unseen + unseen)
+    return dataclasses.replace(flight, log=log)

@@ -1,0 +1,1 @@
+"""Faults of a flight: what fails, and what that does."""
