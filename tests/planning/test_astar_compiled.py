@@ -18,6 +18,7 @@ from maxjax.compile import native
 from maxjax.compile.native import NotCompiledError
 from maxjax.planning.search import astar_compiled
 from maxjax.planning.search.astar import AstarResult, astar
+from maxjax.planning.search.astar_compiled import Queries, Query, Search
 from tests.references import cuts_no_corner, grid_graph, priced_graph, random_free, serpentine
 
 Index = tuple[int, int, int]
@@ -73,27 +74,36 @@ def test_equals_dijkstra_among_boxes(priced: bool) -> None:
 def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Path) -> None:
     with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:
         blocked, starts, goals, optima = (crop[k] for k in ("occupancy", "start", "goal", "optimal_length"))
-    for start, goal, optimum in zip(starts.tolist(), goals.tolist(), optima, strict=True):
-        found = astar_compiled.astar_in_cpp(blocked, tuple(start), tuple(goal))
+    ends = zip(map(tuple, starts.tolist()), map(tuple, goals.tolist()), strict=True)
+    queries = Queries([Query(blocked, *pair) for pair in ends])
+    queries.run([Search(blocked.shape) for _ in range(2)])
+    for k, optimum in enumerate(optima):
+        found = queries.result(k)
         assert found.length == pytest.approx(optimum, abs=1e-7)  # the files state eight decimals
         assert cuts_no_corner(found.path, blocked)
 
 
 @pytest.mark.usefixtures("compiled_astar")
-def test_answers_do_not_depend_on_threads() -> None:
+def test_answers_do_not_depend_on_threads_nor_on_earlier_queries() -> None:
     rng = np.random.default_rng(4)
     maps = rng.random((3, 12, 11, 10)) < 0.25
     price = rng.choice([1.0, 2.7], maps.shape).astype(np.float32)
-    asked: list[tuple[np.ndarray, Index, Index, np.ndarray | None]] = []
+    asked = []
     for k in range(300):
-        start, goal = map(tuple, random_free(rng, maps[k % 3], 2).tolist())
-        asked.append((maps[k % 3], start, goal, price[k % 3] if k % 2 else None))
+        ends = map(tuple, random_free(rng, maps[k % 3], 2).tolist())
+        asked.append(Query(maps[k % 3], *ends, price=price[k % 3] if k % 2 else None))  # type: ignore[misc]
+    expected = [astar(*query) for query in asked]
+    searches = [Search(maps.shape[1:]) for _ in range(3)]
+    for threads in (1, 3):
+        queries = Queries(asked)
+        queries.run(searches[:threads])
+        for k, one in enumerate(expected):
+            found = queries.result(k)
+            assert (found.status, found.cost, found.expanded) == (one.status, one.cost, one.expanded)
+            np.testing.assert_array_equal(found.path, one.path)
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda query: astar_compiled.astar_in_cpp(*query), asked))
-    for one, query in zip(found, asked, strict=True):
-        expected = astar(*query)
-        assert (one.status, one.cost, one.expanded) == (expected.status, expected.cost, expected.expanded)
-        np.testing.assert_array_equal(one.path, expected.path)
+        costs = list(pool.map(lambda query: astar_compiled.astar_in_cpp(*query).cost, asked))
+    assert costs == [one.cost for one in expected]
 
 
 @pytest.mark.usefixtures("compiled_astar")
@@ -106,15 +116,21 @@ def test_a_path_longer_than_was_reckoned_with_is_whole() -> None:
 
 @pytest.mark.usefixtures("compiled_astar")
 def test_wrong_queries_are_told_with_what_was_given() -> None:
-    blocked, find = np.zeros((3, 4, 5), bool), astar_compiled.astar_in_cpp
+    blocked = np.zeros((3, 4, 5), bool)
+    blocked[1, 1, 1] = True
     ones = np.ones(blocked.shape, np.float32)
-    for prices, message in (
-        (ones.astype(float), "price: expected float32, given float64"),
-        (0.5 * ones, r"at least 1, given 0\.5"),
-        (ones[:2], r"price: expected shape \(3, 4, 5\), given \(2, 4, 5\)"),
+    for queries, message in (
+        ([Query(blocked, (0, 0, 0), (1, 1, 1))], r"ends in free voxels, given .*\(1, 1, 1\): GOAL_OCCUPIED"),
+        ([Query(blocked, (0, 9, 0), (1, 1, 2))], "START_OUTSIDE_MAP"),
+        ([Query(blocked, (0, 0, 0), (1, 1, 2)), Query(blocked[:2], (0, 0, 0), (1, 1, 2))], r"given bool \(2, 4, 5\)"),
+        ([Query(blocked, (0, 0, 0), (1, 1, 2), ones.astype(float))], "float32.*given float64"),  # type: ignore[arg-type]
     ):
         with pytest.raises(ValueError, match=message):
-            getattr(find, "__wrapped__", find)(blocked, (0, 0, 0), (1, 1, 2), prices)
+            Queries(queries)
+    with pytest.raises(ValueError, match=r"at least 1, given 0\.5"):
+        astar_compiled.astar_in_cpp(blocked, (0, 0, 0), (1, 1, 2), 0.5 * ones)
+    with pytest.raises(ValueError, match="searches: expected maps of"):
+        Queries([Query(blocked, (0, 0, 0), (1, 1, 2))]).run([Search((3, 3, 3))])
 
 
 def plan_by_astar() -> maxjax.Plan:
