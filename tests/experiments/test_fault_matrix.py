@@ -58,7 +58,6 @@ def test_an_unknown_cell_is_refused_by_name() -> None:
         cells(dataclasses.replace(faults.TINY, cells=("lidar-stucked",)))
 
 
-@pytest.mark.nightly
 @pytest.mark.large
 @pytest.mark.parametrize("trial", [285, 6970])
 def test_a_stuck_planner_with_a_broken_clock_touches_nothing(trial: int, tmp_path: Path) -> None:
