@@ -65,7 +65,7 @@ def saying(member: Member, message: Message) -> Member:
     return dataclasses.replace(member, sent=sent, since=jnp.zeros_like(member.since))
 
 
-def committed_place(member: Member, period: float) -> Float[Array, "3"]:
+def place_of_commitment(member: Member, period: float) -> Float[Array, "3"]:
     """Where the motion that it is committed to leads by now [m]; `period` of looks [s]."""
     latest = member.latest
     looks = (latest.sent - latest.committed.start).astype(jnp.float32)

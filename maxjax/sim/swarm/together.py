@@ -26,7 +26,7 @@ from maxjax.sim.movers.motions import MotionSet, later
 from maxjax.sim.movers.reachable_sets import Tracks, propagate
 from maxjax.sim.movers.steering import guide_around, hard_around
 from maxjax.sim.swarm.agreement import Agreement, proposing, swap_proposal
-from maxjax.sim.swarm.member import NOBODY, committed_place, saying
+from maxjax.sim.swarm.member import NOBODY, place_of_commitment, saying
 from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion
 from maxjax.sim.swarm.separation import Sampled, Scheduled
 
@@ -134,7 +134,7 @@ def _up(
     how, among, member = config.avoidance, flight.tracked, flight.swarm_member
     # Where it believes to be: map, sets and motions are in that frame.
     position = estimated_position(world, flight)
-    drifted = jnp.linalg.norm(committed_place(member, LOG_PERIOD) - position) > how.drift
+    drifted = jnp.linalg.norm(place_of_commitment(member, LOG_PERIOD) - position) > how.drift
     return among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
 
 
@@ -142,7 +142,7 @@ def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array
     """One time step, and how near the others are after it."""
     flight = step_alone(world, flight, config, noise)
     member = dataclasses.replace(flight.swarm_member, since=flight.swarm_member.since + config.vehicle.timestep)
-    place = jnp.where(flight.done, committed_place(member, LOG_PERIOD), flight.vehicle.position)
+    place = jnp.where(flight.done, place_of_commitment(member, LOG_PERIOD), flight.vehicle.position)
     places = lax.all_gather(place, FLEET)
     others = jnp.arange(len(places)) != lax.axis_index(FLEET)
     gaps = jnp.where(others, jnp.linalg.norm(places - place, axis=-1) - 2.0 * config.radius, jnp.inf)

@@ -30,7 +30,7 @@ from maxjax.ui.cli.mission_command import locate_waypoints
 from maxjax.ui.cli.options import PlanOptions, ViewOptions
 from maxjax.ui.cli.page import wait, write_page
 from maxjax.ui.cli.progress import progress
-from maxjax.ui.cli.viewing_source import Opened, open_source, shared_options
+from maxjax.ui.cli.viewing_source import Opened, common_options, open_source
 from maxjax.ui.figures.drawable import drawable
 from maxjax.ui.page.page_map import City, first_ends
 from maxjax.ui.page.question import Question, answer, describe_answer
@@ -127,7 +127,7 @@ def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
     """A map with the rules of the air that do not depend on the ends."""
     if options.via or options.frame != "map":
         raise ValueError("--via and --frame: expected with --start and --goal, given without")
-    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **shared_options(options))
+    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **common_options(options))
     check_options(given)
     if isinstance(source, Scene):
         return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))

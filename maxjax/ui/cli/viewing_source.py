@@ -48,12 +48,12 @@ class Opened:
         options = self.options
         if options.start is None or options.goal is None:
             raise ValueError("--start and --goal: expected both or none, given one")
-        given = shared_options(options) | {"start": options.start, "goal": options.goal, "return_to_start": self.back}
+        given = common_options(options) | {"start": options.start, "goal": options.goal, "return_to_start": self.back}
         planned = PlanOptions(**given if self.speed is None else {**given, "speed": self.speed})
         return Asked(planned, self.waypoints) if self.waypoints else Asked.of(planned)
 
 
-def shared_options(options: RouteOptions) -> dict[str, Any]:
+def common_options(options: RouteOptions) -> dict[str, Any]:
     """The options that plan and page have in common, by name, the ends left out."""
     return {name: getattr(options, name) for name in _names() if name not in _ENDS}
 
@@ -87,7 +87,7 @@ def open_source(options: ViewOptions) -> Opened:
 
 
 def _of_mission(options: ViewOptions, asked: Asked) -> Opened:
-    given = {**shared_options(asked.options), "start": asked.options.start, "goal": asked.options.goal}
+    given = {**common_options(asked.options), "start": asked.options.start, "goal": asked.options.goal}
     return Opened(_merged(options, given), asked.waypoints, asked.options.return_to_start, asked.options.speed)
 
 

@@ -33,7 +33,7 @@ def drawable(where: VoxelMap, within: Columns | None = None) -> tuple[VoxelMap, 
     return coarse, within, f"drawn in voxels of {coarse.grid.spacing:g} m"
 
 
-def known_voxels(where: VoxelMap, within: Columns | None) -> VoxelMap:
+def voxels_to_draw(where: VoxelMap, within: Columns | None) -> VoxelMap:
     """What is drawn of a map: not what is closed because nothing is known of its column."""
     if within is None:
         return where

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.ui.figures.areas import draw_closed, draw_outside
-from maxjax.ui.figures.drawable import drawable, known_voxels, title_with_remark
+from maxjax.ui.figures.drawable import drawable, title_with_remark, voxels_to_draw
 from maxjax.ui.figures.marks import Mark, draw_colored, draw_ends, draw_mark, draw_path, draw_returns
 from maxjax.ui.figures.plan_view import View, draw_field, draw_plan, level_of, view_around
 from maxjax.ui.figures.section import Section, draw_section, horizontal_distance, section_along
@@ -147,7 +147,7 @@ def figure_plan(
         figure = new_figure(figsize=page.size)
         plan, bar, side = (figure.add_axes(page.share(box)) for box in (page.plan, page.bar, page.side))
         altitude = float(np.median(main[:, 2]))
-        draw_plan(plan, bar, known_voxels(where, overlay.within), view, altitude)
+        draw_plan(plan, bar, voxels_to_draw(where, overlay.within), view, altitude)
         if overlay.within is not None:
             draw_outside(plan, overlay.within, grid)
         if closed is not None:
@@ -275,7 +275,7 @@ def figure_map(
     Raises:
         ImportError: if matplotlib is missing; names the extra.
     """
-    where, grid = known_voxels(where, within), where.grid
+    where, grid = voxels_to_draw(where, within), where.grid
     obstacle = np.asarray(where.occupied) & ~np.asarray(where.ground)
     outside = np.zeros((1, 1, 1), bool) if within is None else ~within[:, :, None]
     # Of levels, those where something is free and something is not: not what is unknown above everything.

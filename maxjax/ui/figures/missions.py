@@ -18,7 +18,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.ui.figures.areas import draw_closed, draw_outside
-from maxjax.ui.figures.drawable import drawable, known_voxels, title_with_remark
+from maxjax.ui.figures.drawable import drawable, title_with_remark, voxels_to_draw
 from maxjax.ui.figures.marks import draw_colored, draw_halo
 from maxjax.ui.figures.plan_view import draw_plan, level_of, view_around
 from maxjax.ui.figures.style import ARRIVED, EARTH, FAILED, KNOWN, OBSTACLE, STYLE, load_matplotlib
@@ -120,7 +120,7 @@ def figure_mission(
             figure.add_axes(share(_LEFT + width + 0.12, base + k * (half + 0.2), 0.1, min(half, 1.8))) for k in (1, 0)
         ]
         altitude = float(np.median(course.motion.position[:, 2]))
-        draw_plan(plan, bars[0], known_voxels(where, within), view, altitude)
+        draw_plan(plan, bars[0], voxels_to_draw(where, within), view, altitude)
         if within is not None:
             draw_outside(plan, within, where.grid)
         draw_closed(plan, _closed_columns(where, course), where.grid)

@@ -28,7 +28,7 @@ from maxjax.trajectories.online import setpoint_at
 from maxjax.ui.page.camera import hiding, over_way
 from maxjax.ui.page.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.ui.page.draw import THROUGH, city_scene, ends_scene, plain_line, together
-from maxjax.ui.page.mover_playback import known_cues, moving_cues
+from maxjax.ui.page.mover_playback import knowledge_cues, moving_cues
 from maxjax.ui.page.nodes import Dots, Frame, Node, Scene, point3
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.surface import surface
@@ -109,7 +109,7 @@ def film_of(
     ends = ends_scene((point3(np.asarray(outcome.start)), point3(np.asarray(outcome.goal))), frame)
     times = np.minimum(LOG_PERIOD * np.arange(len(line)), outcome.duration or np.inf)
     moving = () if movers is None else moving_cues(movers, times, frame)
-    known = known_cues(moments, times, frame) if (moments := moments_of(flights)) else ()
+    known = knowledge_cues(moments, times, frame) if (moments := moments_of(flights)) else ()
     way = frame.page(line)
     between = hiding(city, over_way(city, way)[0], way)
     cues = [*_cues(flights, frame), *moving, *known, *trail_cues(times, way)]

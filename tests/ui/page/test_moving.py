@@ -23,7 +23,7 @@ from maxjax.sim.worlds.movers import Movers, places, straight
 from maxjax.sim.worlds.populations import Population, population
 from maxjax.sim.worlds.solids import upright_boxes
 from maxjax.ui.methods import planner_named
-from maxjax.ui.page.mover_playback import KNOWN_NODE, MOVERS_NODE, known_cues, moving_cues
+from maxjax.ui.page.mover_playback import KNOWN_NODE, MOVERS_NODE, knowledge_cues, moving_cues
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.trial_folder import city_of, film_of
 from tests.ui.page.flown import GOAL, START, line, outcome
@@ -87,7 +87,7 @@ def test_what_is_known_are_frames_veils_and_the_motion() -> None:
     boxes = np.stack([np.stack([low - grown, high + grown], axis=1) for grown in (0.0, 1.0, 3.0)])
     moment = Moment(boxes, np.linspace([0.0, 0.0, 5.0], [3.0, 0.0, 5.0], 13), ())
     nothing = Moment(boxes[:, :0], np.zeros((13, 3)), ())
-    first, second = known_cues([moment, nothing], np.array([0.0, 0.1]), frame)
+    first, second = knowledge_cues([moment, nothing], np.array([0.0, 0.1]), frame)
     assert (first.time, first.part, second.nodes) == (0.0, KNOWN_NODE, {})
     now, later, motion = (first.nodes[f"{KNOWN_NODE}/{name}"] for name in ("now", "later", "motion"))
     assert isinstance(now, Lines)
