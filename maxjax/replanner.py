@@ -97,7 +97,7 @@ class Replanner:
 
     def warmup(self) -> None:
         """Compile all that `replan` runs, or read it from disk: minutes the first time on a machine, then seconds."""
-        self._scanned(np.full((1, 3), np.nan), self._known(None))
+        self._add_scan(np.full((1, 3), np.nan), self._known_map(None))
         self._shapes.warm_up()
         self._warm = True
 
@@ -136,10 +136,10 @@ class Replanner:
             raise ValueError(f"deadline: expected a positive time [s], given {deadline}")
         cloud = points_of("points", points, ("n", 3), least=0)
         ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
-        seen, kept = self._scanned(cloud, self._known(known))
+        seen, kept = self._add_scan(cloud, self._known_map(known))
         task = Task.of(seen, ends[0][None], ends[1], self.distances)
-        found = self._planned(task, began + deadline - _JUDGING) if kept else self._nothing(task)
-        plan, age = (found, 0.0) if found.status == Status.OK else self._left(*ends, seen, kept, began)
+        found = self._plan(task, began + deadline - _JUDGING) if kept else self._nothing(task)
+        plan, age = (found, 0.0) if found.status == Status.OK else self._remainder(*ends, seen, kept, began)
         if kept:
             self._seen = seen
         if found.status == Status.OK:
@@ -147,7 +147,7 @@ class Replanner:
         seconds = time.perf_counter() - began
         return Replanned(plan, found.status, age, seconds, seconds > deadline, seen)
 
-    def _known(self, given: Grid | VoxelMap | None) -> VoxelMap:
+    def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
         """What is known before a scan."""
         if given is None or isinstance(given, Grid):
             grid = self.grid if given is None else given
@@ -162,7 +162,7 @@ class Replanner:
             )
         return known
 
-    def _scanned(self, cloud: Float64[np.ndarray, "n 3"], known: VoxelMap) -> tuple[VoxelMap, int]:
+    def _add_scan(self, cloud: Float64[np.ndarray, "n 3"], known: VoxelMap) -> tuple[VoxelMap, int]:
         """The known map with a scan in it, and how many points fell into the grid."""
         occupied, kept = np.asarray(known.occupied), 0
         for first in range(0, max(len(cloud), 1), self.points):
@@ -171,7 +171,7 @@ class Replanner:
             occupied, kept = occupied | np.asarray(scan.occupied), kept + int(scan.kept)
         return dataclasses.replace(known, occupied=occupied), kept
 
-    def _planned(self, task: Task, until: float) -> Plan:
+    def _plan(self, task: Task, until: float) -> Plan:
         """A new plan, or why there is none."""
         name = self._shapes.planner.name
         taken = plans_of_occupied_ends(task, name)
@@ -183,7 +183,7 @@ class Replanner:
     def _nothing(self, task: Task) -> Plan:
         return no_plans(task, Status.EMPTY_SCAN, self._shapes.planner.name)[0]
 
-    def _left(
+    def _remainder(
         self,
         start: Float64[np.ndarray, " 3"],
         goal: Float64[np.ndarray, " 3"],

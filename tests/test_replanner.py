@@ -116,13 +116,13 @@ def scans(count: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.nd
 
 def noting(replanner: Replanner, patch: pytest.MonkeyPatch) -> list[tuple[int, ...]]:
     """The shapes that it asks from now on."""
-    asked, real = [], replanner._shapes._asked
+    asked, real = [], replanner._shapes._ask
 
     def note(view: View) -> Routes:
         asked.append(view.grid.shape)
         return real(view)
 
-    patch.setattr(replanner._shapes, "_asked", note)
+    patch.setattr(replanner._shapes, "_ask", note)
     return asked
 
 
@@ -301,7 +301,7 @@ def test_a_cloud_of_more_points_than_a_program_takes_loses_none(replanner: Repla
     points = cloud_of(occupied)
     assert len(points) > 2 * replanner.points
     with counted() as compiled:
-        seen, kept = replanner._scanned(points, replanner._known(None))
+        seen, kept = replanner._add_scan(points, replanner._known_map(None))
     np.testing.assert_array_equal(seen.occupied, occupied)
     assert kept == len(points)
     assert not compiled

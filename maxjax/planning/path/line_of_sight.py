@@ -59,7 +59,7 @@ def sight_of(blocked: Bool[Array, "nx ny nz"], room: float = 0.0) -> Sight:
         raise ValueError(f"sight: expected room 0 or 0.5, given {room!r}")
     width = 3 if room else 2
 
-    def widened(mask: UInt[Array, "nx ny nz"], axis: int, bits: int) -> UInt[Array, "nx ny nz"]:
+    def widen(mask: UInt[Array, "nx ny nz"], axis: int, bits: int) -> UInt[Array, "nx ny nz"]:
         """Codes of `bits` bits for spans of one, two, … voxels along an axis. Beyond the grid is blocked."""
         found = span = mask
         for k in range(1, width):
@@ -71,8 +71,8 @@ def sight_of(blocked: Bool[Array, "nx ny nz"], room: float = 0.0) -> Sight:
     codes = itself.astype(jnp.uint32) << 27 if room else jnp.zeros_like(itself)
     for axis, (first, second) in enumerate(_OTHERS):
         layers = itself | shift_axis(itself, axis, 1, beyond=1) if room else itself
-        rows = widened(layers, second, 1)
-        spans = widened(materialise(rows) if room else rows, first, width)
+        rows = widen(layers, second, 1)
+        spans = widen(materialise(rows) if room else rows, first, width)
         codes |= spans.astype(codes.dtype) << (width**2 * axis)
     return Sight(codes, room)
 
@@ -153,16 +153,16 @@ def _segments(shape: tuple[int, ...], room: float, a: Float[Array, "*#k 3"], b: 
     order = jnp.asarray([(axis, *others) for axis, others in enumerate(_OTHERS)])[longest]
     rows = 3 * np.arange(longest.size).reshape(longest.shape)
 
-    def ordered(values: Shaped[Array | np.ndarray, "*#k 3"]) -> list[Shaped[Array, "*k 1"]]:
+    def order_axes(values: Shaped[Array | np.ndarray, "*#k 3"]) -> list[Shaped[Array, "*k 1"]]:
         """The longest axis first, then the two others in the order of the codes; with an axis for slabs."""
         flat = jnp.broadcast_to(values, (*longest.shape, 3)).reshape(-1)
         return [flat[(rows + order[..., k])[..., None]] for k in range(3)]
 
-    start, end = ordered(a), ordered(b)
+    start, end = order_axes(a), order_axes(b)
     flip = end[0] < start[0]
     lows = [jnp.where(flip, v, u) for u, v in zip(start, end, strict=True)]
     highs = [jnp.where(flip, u, v) for u, v in zip(start, end, strict=True)]
-    strides, limits = ordered(np.array([ny * nz, nz, 1])), ordered(np.array(shape))
+    strides, limits = order_axes(np.array([ny * nz, nz, 1])), order_axes(np.array(shape))
     first = jnp.floor(lows[0] + 0.5 - reach).astype(jnp.int32)
     last = jnp.floor(highs[0] + 0.5 + reach).astype(jnp.int32)
     alone = last == first if room else None

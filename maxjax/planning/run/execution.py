@@ -94,10 +94,10 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
             return find(View(some))
         found = Routes.blank(len(some))
         for k in range(len(some)):
-            found = found.put(np.array([k]), _routed(some.some(slice(k, k + 1))))
+            found = found.put(np.array([k]), find_route(some.some(slice(k, k + 1))))
         return found
 
-    def _routed(one: Task) -> Routes:
+    def find_route(one: Task) -> Routes:
         """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
         guided = find_in_corridor(one, find_all, formulate_view)
         if guided.ok.all():
@@ -135,7 +135,7 @@ def find_one_by_one(view: View, planner: Planner, finder: RouteFn | None = None)
     results += concurrently(one, range(1, len(view)), cores)
     routes, timings = zip(*results, strict=True)
     found = Routes.of(routes, timings)
-    return Routes(view.placed(found.route), found.timings)
+    return Routes(view.in_map(found.route), found.timings)
 
 
 def _host_finder(planner: Planner) -> RouteFn:

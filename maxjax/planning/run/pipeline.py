@@ -86,8 +86,8 @@ def run_one(view: View, planner: Planner) -> Route:
     layout = layout_of(view)
     with time_stage("device"):
         message = np.asarray(_ONE.start(messages.pack(parts_of(view)), layout=layout, planner=planner))
-        found = messages.unpack(message, _answered(planner, layout))
-    return view.placed(found)
+        found = messages.unpack(message, _answer_layout(planner, layout))
+    return view.in_map(found)
 
 
 def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
@@ -95,26 +95,26 @@ def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
     layout, shared = layout_of(view), view.shared
     chunks = [rows for rows in np.split(np.arange(len(view)), np.cumsum(sizes)[:-1]) if rows.size]
 
-    def prepared(k: int) -> Any:
+    def prepare(k: int) -> Any:
         """What is sent of a chunk, while the device is busy with the chunk before."""
-        own = _packed(view, chunks[k])
+        own = _pack(view, chunks[k])
         return jax.device_put((messages.pack(shared), np.resize(own, (sizes[k], own.shape[1]))))
 
     answers = []
     with ThreadPoolExecutor(2) as pool, time_stage("device"):
-        following = pool.submit(prepared, 0)
+        following = pool.submit(prepare, 0)
         for k in range(len(chunks)):
             sent = following.result()
             if k + 1 < len(chunks):
-                following = pool.submit(prepared, k + 1)
+                following = pool.submit(prepare, k + 1)
             # Loop conditions are synchronisations in the thread that started the program, which is busy to the end.
             started = _MANY.start(*sent, shared=tuple(shared), layout=layout, planner=planner)
             answers.append(pool.submit(np.asarray, started))
         rows = [answer.result()[: len(chunk)] for answer, chunk in zip(answers, chunks, strict=True)]
-    return view.placed(messages.unpack(np.concatenate(rows), _answered(planner, layout)))
+    return view.in_map(messages.unpack(np.concatenate(rows), _answer_layout(planner, layout)))
 
 
-def _packed(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
+def _pack(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
     """The messages of some problems, cut and packed on all cores."""
     packed = in_parts(lambda part: messages.pack(_own(view, rows[part]), axes=1), len(rows), _TOGETHER)
     return np.concatenate(packed)
@@ -136,7 +136,7 @@ def part_shapes(layout: Layout) -> Parts:
 
 
 @functools.cache
-def _answered(planner: Planner, layout: Layout) -> Route:
+def _answer_layout(planner: Planner, layout: Layout) -> Route:
     """Shapes and types of the answer to one problem: a route with its exact ends."""
     number, flag = _blank(np.float32), _blank(bool)
     return Route(

@@ -67,7 +67,7 @@ def find_in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
         route, spent = _along(task, task.grid.to_metres(guide.points), _BESIDE, find, spent)
         if route is not None:
             spacing = task.grid.spacing
-            return spent.put(_ONLY, Routes(route, ratio=np.array([_paid(route, spacing) / (spacing * guide.cost)])))
+            return spent.put(_ONLY, Routes(route, ratio=np.array([_cost(route, spacing) / (spacing * guide.cost)])))
     return _coarsely(task, find, spent)
 
 
@@ -83,7 +83,7 @@ def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
             continue
         points = coarse_map.grid.to_metres(_path(guide, 0))
         route, spent = _along(task, points, _ASIDE * factor, find, spent)
-        if route is not None and (cost := _paid(route, task.grid.spacing)) < least:
+        if route is not None and (cost := _cost(route, task.grid.spacing)) < least:
             best, least = route, cost
             if least <= NEARLY * straight_line:
                 break
@@ -101,10 +101,10 @@ def _along(task: Task, guide: Points, reach: float, find: RouteViews, spent: Rou
         if not _sound(legs):
             return None, spent
         points = _between(task, legs, 0.5 * (k % 2))
-    return _joined(legs), spent
+    return _join(legs), spent
 
 
-def _paid(route: Route, spacing: float) -> float:
+def _cost(route: Route, spacing: float) -> float:
     """What the only route costs [m]; its length where nothing is priced."""
     return float(route.cost[0]) or spacing * _length(np.asarray(route.path[0], np.float64))
 
@@ -229,22 +229,22 @@ def _length(path: Points) -> float:
 
 def _between(task: Task, legs: Routes, shift: float) -> Points:
     """The ends, and hand-overs on the path of these legs, the first of them this part of a leg from the start."""
-    path = task.grid.to_metres(_whole(legs))
+    path = task.grid.to_metres(_whole_path(legs))
     count = max(round(_length(path) / (_LEG * task.grid.spacing)), 1)
     shares = (np.arange(count) + shift) / count
     return np.concatenate([task.starts[:1], _at(path, shares[shares > 0]), task.goals[:1]])
 
 
-def _whole(legs: Routes) -> Points:
+def _whole_path(legs: Routes) -> Points:
     """The path of all legs, index coordinates."""
     return np.concatenate([_path(legs, 0), *(_path(legs, k)[1:] for k in range(1, len(legs)))])
 
 
-def _joined(legs: Routes) -> Route:
+def _join(legs: Routes) -> Route:
     """The legs as one route, in a batch of one."""
     route = legs.route
     return Route(
-        _whole(legs)[None],
+        _whole_path(legs)[None],
         np.full(1, int(Status.OK), np.int32),
         np.array([route.certified.all()]),
         exemptions=np.array([[route.exemptions[0, 0], route.exemptions[-1, 1]]], np.float32),

@@ -72,7 +72,7 @@ class FixedShapes:
             task = Task.of(nothing, ends[0][None], ends[1], self.distances)
             windows = Windows(np.zeros((1, 3), np.int64), np.array([shape], np.int64), np.array([math.inf]))
             for _ in range(2):
-                self._asked(View(task, None if shape == self.grid.shape else windows))
+                self._ask(View(task, None if shape == self.grid.shape else windows))
 
     def route(self, task: Task, until: float) -> Routes:
         """The route of the only problem of a task; TIMEOUT where none was found in time.
@@ -89,7 +89,7 @@ class FixedShapes:
             if time.perf_counter() + self._seconds[view.grid.shape] > until:
                 self._seconds[view.grid.shape] *= _FORGOTTEN
                 raise _LateError
-            found = self._asked(view)
+            found = self._ask(view)
             best = found if found.ok.all() else best
             return [found]
 
@@ -101,7 +101,7 @@ class FixedShapes:
         except _LateError:
             return best
 
-    def _asked(self, view: View) -> Routes:
+    def _ask(self, view: View) -> Routes:
         """The route that a view shows."""
         started = time.perf_counter()
         if target() == "cpu":

@@ -203,7 +203,7 @@ class View:
         ends: Float[np.ndarray, "b 2 3"] = (self.task.index[rows] - self.corners[rows][:, None]).astype(np.float32)
         return ends
 
-    def placed(self, route: Route) -> Route:
+    def in_map(self, route: Route) -> Route:
         """Routes of all problems on the host, in index coordinates of the whole map."""
         route = trim_padding(route)
         if self.windows is None:

@@ -142,7 +142,7 @@ def route_in_windows(
     )
     whole = _AT_ONCE[-1] if sizes else max(_VOXELS // math.prod(grid.shape), 1)
     for finder, at_once in zip(finders, (*_AT_ONCE[: len(sizes)], whole), strict=True):
-        sought = settle(finder.suits, finder.improved, asked, sought, at_once=at_once)
+        sought = settle(finder.suits, finder.improve, asked, sought, at_once=at_once)
     return sought
 
 
@@ -150,7 +150,7 @@ def _points(planner: Planner, finder: _Finder, asked: MapAndEnds) -> int:
     """How many points a route has, with its exact ends."""
     if (climber := field_climber(planner)) is not None:
         return climber.ascent.steps + 3
-    return int(jax.eval_shape(lambda asked: finder.found(asked, jnp.zeros(())).route.path, asked).shape[0])
+    return int(jax.eval_shape(lambda asked: finder.find(asked, jnp.zeros(())).route.path, asked).shape[0])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,27 +172,27 @@ class _Finder:
     def suits(self, asked: MapAndEnds, sought: WindowedRoute) -> Bool[Array, ""]:
         """Whether the window may show more, and no way of the cost leaves it."""
         more = sought.least <= self.number
-        return more if self.size is None else more & _placed(asked, sought.cost, self.size)[0]
+        return more if self.size is None else more & _place(asked, sought.cost, self.size)[0]
 
-    def improved(self, asked: MapAndEnds, sought: WindowedRoute) -> WindowedRoute:
+    def improve(self, asked: MapAndEnds, sought: WindowedRoute) -> WindowedRoute:
         """The better of a route and the one that the window holds."""
         # Where nobody asks, as in what fills up a batch, all is closed: that is solved in no time.
         closed = sought.least > self.number
         asked = asked._replace(occupied=asked.occupied | closed)
-        new = self.found(asked, sought.cost)
+        new = self.find(asked, sought.cost)
         better = (new.route.status == Status.OK) | (sought.route.status != Status.OK)
         route = jax.tree.map(lambda new, old: jnp.where(better, new, old), new.route, sought.route)
         return new._replace(route=route)
 
-    def found(self, asked: MapAndEnds, cost: Float[Array, ""]) -> WindowedRoute:
+    def find(self, asked: MapAndEnds, cost: Float[Array, ""]) -> WindowedRoute:
         """The route that the window holds, and what to look for next."""
         if self.size is None:
             problem = formulate(asked.occupied, asked.ground, asked.ends, self.distances, self.grid)
             corner, grid, bound, price = jnp.zeros(3, jnp.int32), self.grid, jnp.float32(jnp.inf), asked.price
         else:
             grid = Grid(self.size, self.grid.spacing, (0.0, 0.0, 0.0))
-            _, corner = _placed(asked, cost, self.size)
-            bound = _way_out(asked, corner, self.size)
+            _, corner = _place(asked, cost, self.size)
+            bound = _bound(asked, corner, self.size)
             problem = self._problem(asked, corner, grid)
             price = None if asked.price is None else cut_box(asked.price, corner, self.size, beyond=1.0)
         if price is not None:
@@ -224,7 +224,7 @@ class _Finder:
         return formulate(materialise(occupied), materialise(ground), ends, self.distances, grid, rim)
 
 
-def _placed(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
+def _place(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bool[Array, ""], Int32[Array, " 3"]]:
     """Whether a window of this size holds every way of a cost and what is near the start, and its lowest voxel."""
     limits, sizes = (jnp.asarray(shape, jnp.int32) for shape in (asked.occupied.shape, size))
     sound = ends_inside(asked.ends, limits, jnp)
@@ -242,7 +242,7 @@ def _placed(asked: MapAndEnds, cost: Float[Array, ""], size: Index3) -> tuple[Bo
     return sound & jnp.all(high - low < sizes), corner
 
 
-def _way_out(asked: MapAndEnds, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
+def _bound(asked: MapAndEnds, corner: Int32[Array, " 3"], size: Index3) -> Float[Array, ""]:
     """The least cost of a way that leaves a window, as `focus_window.ways_out`; infinite if none can."""
     costs = costs_over_faces(asked.ends, corner, jnp.asarray(size, jnp.int32), jnp)
     bound = jnp.asarray(jnp.inf, jnp.float32)
