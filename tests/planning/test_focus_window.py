@@ -316,7 +316,7 @@ def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pyte
 def test_the_public_argument_chooses_the_whole_map(small_windows: None, monkeypatch: pytest.MonkeyPatch) -> None:
     planned: list[bool] = []
     real = focus.find_in_windows
-    monkeypatch.setattr(execute, "in_windows", lambda *given: planned.append(True) or real(*given))
+    monkeypatch.setattr(execute, "find_in_windows", lambda *given: planned.append(True) or real(*given))
     occupied = np.zeros(GRID.shape, bool)
     occupied[16:18, 12:16, :18] = True
     ends = np.array(GRID.origin) + GRID.spacing * np.array([[13.0, 13.5, 9.0], [21.0, 13.5, 9.0]])

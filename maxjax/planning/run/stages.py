@@ -4,7 +4,7 @@
                        `solve`        `climb`  `tighten`
 
 N is the price on the lattice (`fields.price.lattice_price`), by which φ decays along an axis as the price says. Before
-them stands `problem.formulate`, behind them `path.route.whole`, which prices the path between its exact ends.
+them stands `problem.formulate`, behind them `path.route.complete_path`, which prices the path between its exact ends.
 
 `FUSED` has the stages as functions, for one program of all: `jit`, `vmap`, chunks on a device, flights. `STAGED` has
 each as a program by itself, timed by itself, as it suits a CPU.
