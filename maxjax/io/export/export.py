@@ -29,7 +29,7 @@ from maxjax.io.export.items import Feet
 from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
-from maxjax.io.export.waypoint_file import WaypointFile
+from maxjax.io.export.waypoint_file import Made, WaypointFile
 from maxjax.io.geo.earth import Earth
 from maxjax.io.load import LoadedMap
 from maxjax.planning.mission import Mission
@@ -128,32 +128,29 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         motion = timed.sampled(_EVERY)
         write_bag(file, motion, lambda bag: found.append(judge_lines(file, lines_in_bag(bag), mission, timed)))
         return dataclasses.replace(found[0], remarks=near)
-    if timed is not None and ending in IN_TIME:
+    in_time, autopilots = timed is not None and ending in IN_TIME, BOTH if autopilot is None else (autopilot,)
+    made: Made | None = None
+    if timed is not None and in_time:
         text = _in_time(file, timed, _origin(file, mission, ground, place))
-        flown = _judged(file, text, mission, timed, standings)
-        atomic_write(file, text)
-        return dataclasses.replace(flown, remarks=near)
-    if place is None:
+    elif place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
-    speed = flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
-    if ending not in _FROM_HOME:
-        drawings = _drawings(mission, place, speed)
+    elif ending in _FROM_HOME:
+        feet = _feet(file, mission, ground, takeoff_and_landing)
+        made = WaypointFile(file, mission, place, _speed(flight), feet, airspace, autopilots, standings).made()
+        text = made.text
+    else:
+        drawings = _drawings(mission, place, _speed(flight))
         text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
-        flown = _judged(file, text, mission, None, standings)
-        atomic_write(file, text)
+    flown = _judged(file, text, mission, timed if in_time else None, standings, autopilots if made else ())
+    atomic_write(file, text)
+    if made is None:
         return dataclasses.replace(flown, remarks=near)
-    feet = _feet(file, mission, ground, takeoff_and_landing)
-    autopilots = BOTH if autopilot is None else (autopilot,)
-    made = WaypointFile(file, mission, place, speed, feet, airspace, autopilots, standings).made()
-    flown = _judged(file, made.text, mission, None, standings, autopilots)
-    atomic_write(file, made.text)
-    return dataclasses.replace(
-        flown,
-        remarks=made.remarks,
-        stops=made.stops,
-        return_height=made.return_height,
-        autopilots=made.autopilots,
-    )
+    kept = ("remarks", "stops", "return_height", "autopilots")
+    return dataclasses.replace(flown, **{name: getattr(made, name) for name in kept})
+
+
+def _speed(flight: Plan | Mission | Trajectory) -> float:
+    return flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
 
 
 def write_parameters(file: Path, flown: AsFlown) -> list[Path]:
