@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks, propagate, reachable
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, likely_sets, no_tracks, propagate, reachable
 
 BOUNDS = Bounds(speed=3.0, acceleration=2.0, size=1.0)
 
@@ -73,6 +73,16 @@ def test_later_sets_of_later_tracks_are_the_same_and_of_smaller_ones_smaller() -
     inside = reachable(smaller, jnp.array([1.0, 2.5]), BOUNDS)
     assert (inside[0] >= at_once[0] - 1e-5).all()
     assert (inside[1] <= at_once[1] + 1e-5).all()
+
+
+def test_likely_sets_reach_two_deviations_from_the_estimate_and_never_beyond_the_sets() -> None:
+    wide, one = jnp.full((1, 3), 5.0), jnp.ones((1, 3))
+    estimates = {"place": jnp.array([[0.0, 4.5, 9.0]]), "place_deviation": one, "velocity_deviation": 0.5 * one}
+    tracks = dataclasses.replace(no_tracks(1), low=-wide, high=wide, slowest=-wide, fastest=wide, **estimates)
+    likely = likely_sets(tracks)
+    np.testing.assert_allclose(likely.low, [[-2.0, 2.5, 3.0]])  # an estimate beyond the set counts as its face
+    np.testing.assert_allclose(likely.high, [[2.0, 5.0, 5.0]])
+    np.testing.assert_allclose((likely.slowest, likely.fastest), ([[-1.0] * 3], [[1.0] * 3]))
 
 
 def test_nobody_is_nowhere() -> None:
