@@ -53,7 +53,7 @@ class PerceptionState:
         memory: range images of the last looks.
         moving: rays of the last scan that ended at a confirmed mover: no part of a map.
         broken: slots whose set did not hold what was measured: the mover broke a bound, or two were confused.
-        near: slots that were confirmed just now, nearer than `MoverSight.near`.
+        near: slots that were confirmed just now, nearer than `TrackingSettings.near`.
         rests: slots whose mover has stopped: the map has it, too.
         walls: those of them that never moved.
         overflow: whether returns, bodies or tracks were left out for want of room.

@@ -58,4 +58,4 @@ class TrackingSettings:
             least = 0.0 if name == "pose_error" else math.ulp(0.0)
             if not isinstance(value, (Lidar, Bounds)) and not least <= value < math.inf:
                 expected = "at least 0" if name == "pose_error" else "above 0"
-                raise ValueError(f"MoverSight.{name}: expected a finite number, {expected}, given {value!r}")
+                raise ValueError(f"TrackingSettings.{name}: expected a finite number, {expected}, given {value!r}")
