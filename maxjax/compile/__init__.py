@@ -1,1 +1,1 @@
-"""What is written for compilers: lowering, batches, executables that are kept, messages to a device, timings."""
+"""Code for compilers: lowering, batches, executables that are kept, messages to a device, timings."""

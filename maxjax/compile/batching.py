@@ -1,4 +1,4 @@
-"""What a batch is computed by: loops whose members need different numbers of turns, and rules of its own."""
+"""Batches: loops whose members need different numbers of turns, and batching rules."""
 
 from __future__ import annotations
 

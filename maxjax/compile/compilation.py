@@ -1,4 +1,4 @@
-"""What is told of a compilation: its program, and how long it took last time.
+"""Messages about a compilation: its program, and how long it took last time.
 
     with told(print):
         ...                  # "compiling solve, 9 s last time", and "" when nothing compiles any more

@@ -1,4 +1,4 @@
-"""What produced a result: the sources of maxjax, versions of everything that computes, and the device it ran on."""
+"""Provenance of a result: the sources of maxjax, versions of everything that computes, and the device it ran on."""
 
 from __future__ import annotations
 

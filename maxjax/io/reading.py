@@ -1,4 +1,4 @@
-"""What a user says of a map file: what it leaves open, and what counts in place of what it states."""
+"""Settings of a user for reading a map file: for what it leaves open, and in place of what it states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a planner is: a value with a name that finds a route through a problem.
+"""The protocol of planners: a value with a name that finds a route through a problem.
 
     Planner.route = (Problem, Grid) -> Route
 

@@ -1,4 +1,4 @@
-"""What is solved, how far it is solved, and what a solver is.
+"""The medium that is solved, the progress of a solve, and the protocol of solvers.
 
     A(σ, κ n²) φ = 0 on free voxels,   φ = 1 on the goal,   κ = 1/ℓ²
 

@@ -1,4 +1,4 @@
-"""What is clear of a trajectory: where it leaves its plan's verified path, the verifier is asked again.
+"""Clearance of a trajectory: where it leaves its plan's verified path, the verifier is asked again.
 
 A smooth curve lies within `bulge` of the polyline through its samples. It is clear where this polyline touches nothing
 and keeps the plan's radius and `bulge` to obstacles, or inside an exemption the own distance of its end if that is less

@@ -1,4 +1,4 @@
-"""What a vehicle may do on a trajectory: speed, climb, acceleration, jerk, turning of the heading."""
+"""Limits of a vehicle on a trajectory: speed, climb, acceleration, jerk, turning of the heading."""
 
 from __future__ import annotations
 

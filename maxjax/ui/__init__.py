@@ -1,1 +1,1 @@
-"""What a user meets: command line, figures, page."""
+"""User interfaces: command line, figures, page."""

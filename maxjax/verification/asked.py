@@ -1,4 +1,4 @@
-"""What the verifier is asked, checked: paths, their maps, the radius and the exemptions."""
+"""Questions to the verifier, checked: paths, their maps, the radius and the exemptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a path may keep less near its ends: own distances of the ends, and the parts of the path that are exempt.
+"""Smaller distances near the ends: own distances of the ends, and the parts of the path that are exempt.
 
     kept(x) = radius                                            outside the exemptions
               min over the exemptions that hold x of k_e        inside,   k_e = min(radius, distance of the end e)

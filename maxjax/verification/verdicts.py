@@ -1,4 +1,4 @@
-"""What the verifier says: of one path, and of many as arrays over them."""
+"""Verdicts of the verifier: on one path, and on many as arrays over them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What an autopilot flies: plans and trajectories as files of other programs, and where they lie on Earth."""
+"""Files for autopilots: plans and trajectories in the formats of other programs, and where they lie on Earth."""

@@ -1,4 +1,4 @@
-"""What autopilots make of a mission's items, as far as a file of waypoints relies on it.
+"""Autopilots: how they fly a mission's items, as far as a file of waypoints relies on it.
 
     ArduCopter   leaves a waypoint within WPNAV_RADIUS of it, whatever acceptance radius its item has; legs blend into
                  one another; a hold of a whole second or more comes to rest at the waypoint

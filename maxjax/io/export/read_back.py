@@ -1,4 +1,4 @@
-"""What stands in an exported file, as lines in the map: read from its text alone, as its reader flies it.
+"""Exported files read back as lines in the map: from their text alone, as their reader flies them.
 
     heights above home     z = terrain under home + the height      whatever height the file says that home has
     heights above sea      z = that of the place on Earth

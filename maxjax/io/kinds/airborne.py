@@ -1,4 +1,4 @@
-"""What an airborne scan leaves out: the inside of buildings and of the earth, and what crowns hide.
+"""Gaps of airborne scans: the inside of buildings and of the earth, and the space under crowns.
 
 Seen from above, a building is a roof without walls, a tree its crown and the terrain a thin sheet. All are closed
 downwards, column by column, from the highest return in the column:

@@ -1,4 +1,4 @@
-"""What each kind of map file holds, as voxels, as an extent and in words; one place for all kinds.
+"""Contents of each kind of map file, as voxels, as an extent and in words; one place for all kinds.
 
 Coordinates are the file's own [m]; of files in degrees, metres east and north of the middle of the buildings.
 """

@@ -1,4 +1,4 @@
-"""What readers of city models return: buildings as footprints with heights, or as shells of faces; and their ground.
+"""City models as read: buildings as footprints with heights, or as shells of faces; and their ground.
 
 inside a footprint: the even-odd rule over its rings; several footprints are a union
 a shell            `inside` is solid where it closes; else all `below` its faces; of a `surface` only itself

@@ -1,4 +1,4 @@
-"""What a map file becomes: points or voxels in a local ENU frame, in metres.
+"""Contents of a map file: points or voxels in a local ENU frame, in metres.
 
     x_local = x_file − offset
 

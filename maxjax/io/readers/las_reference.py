@@ -1,4 +1,4 @@
-"""What a LAS file states of its coordinates: WKT, or the keys of GeoTIFF, in its variable records.
+"""The reference system of a LAS file: WKT, or the keys of GeoTIFF, in its variable records.
 
 1024  model: 1 projected, 2 geographic        3072  projected system        3076  unit of the plane   3077  its metres
 2048  geographic system                       4096  vertical system         4099  unit of heights

@@ -1,4 +1,4 @@
-"""What stands, by the tags of OpenStreetMap: its kind, how wide it is and how tall where nothing says so.
+"""Standing objects by the tags of OpenStreetMap: kind, width, and height where no tag gives it.
 
 A thing without a height of its own is as tall as such things may be, where that is known (trees, walls, pylons), and
 counted where it is not (a mast may have any height). What the table does not name stands where a height is stated,

@@ -1,4 +1,4 @@
-"""What every planner returns: a route.
+"""Routes: the result of every planner.
 
     RouteFn = (Problem, Grid) -> Route        complete_route = (Problem, Route, Grid) -> Route
 

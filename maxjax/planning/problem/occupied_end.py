@@ -1,4 +1,4 @@
-"""What stands where an end was asked for, and where a free place is: found on the host, before anything is compiled.
+"""Occupied ends: what stands there, and where a free place is; found on the host, before anything is compiled.
 
 top       upper face of the stack of occupied voxels that holds the end
 free from the least height above it at which the radius is kept

@@ -1,4 +1,4 @@
-"""What all problems of one map share: its inflated obstacles, distances and prices, and what each voxel is.
+"""Volumes that all problems of a map share: inflated obstacles, distances and prices, and what each voxel is.
 
     kind(x) = OBSTACLE, else GROUND, else BESIDE ground (a face neighbour of it), else NOTHING
 

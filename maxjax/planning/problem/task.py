@@ -1,4 +1,4 @@
-"""What a user asks to be planned: a map, starts, goals and distances to keep, checked once.
+"""Tasks: a map, starts, goals and distances to keep, checked once.
 
     u = (x − origin) / spacing        world frame [m] ↦ index coordinates
 

@@ -1,4 +1,4 @@
-"""What is left of a plan, for a vehicle on its way and a map that has changed.
+"""The rest of a plan, for a vehicle on its way and a map that has changed.
 
     nearest point q of the path to the vehicle x, on its edge (p_i, p_i+1)
     remainder = x, p_i+1, p_i+2, …, g     or, where that does not pass,        x, q, p_i+1, p_i+2, …, g

@@ -1,4 +1,4 @@
-"""What boxes of maps hold, of many boxes at a time: their voxels, and where they lie open.
+"""Boxes of maps, many at a time: their voxels, and where they lie open.
 
     lowest open layer = min { z : some voxel (x, y, z) of the box is not occupied },  one above the box where all are
 

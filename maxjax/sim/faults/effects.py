@@ -1,4 +1,4 @@
-"""What faults do to a flight, and what a flight refuses of what cannot be.
+"""Effects of faults on a flight, and the checks by which it refuses impossible data.
 
 A scan that repeats the one before or whose neighbouring ranges are unrelated, a position that is not a number or
 further than `_JUMP` from where dead reckoning is, and a path that does not begin at the vehicle are refused. Planners

@@ -1,4 +1,4 @@
-"""What a cluster of returns says of the body that it is seen of: sets for its middle and its faces.
+"""Detections: from a cluster of returns to sets for the middle and the faces of its body.
 
 A body with a middle (its mirror image in it is itself) reaches from l⁻ to l⁺ along any direction; its middle is
 (l⁻ + l⁺) / 2. What is seen bounds both along the line of sight and across it (`sighted`). The set of the middle is the

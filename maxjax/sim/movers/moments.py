@@ -1,4 +1,4 @@
-"""What a flight knew of movers and chose, moment by moment, on the host: for films and pages.
+"""Moments of a flight among movers, on the host: tracks and the chosen motion, for films and pages.
 
 position k of the log  ↔  moment k: the boxes that may hold movers now and later, the motion flown from then on
 """

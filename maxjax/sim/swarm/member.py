@@ -1,4 +1,4 @@
-"""What a vehicle of a fleet keeps besides its flight: its messages under way, and how near the others were."""
+"""State of a vehicle of a swarm besides its flight: its messages under way, and how near the others were."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a vehicle of a fleet proposes: a motion clear of movers, walls and all that it was told, that leads further on.
+"""Proposals of a vehicle of a swarm: a motion clear of movers, walls and all that it was told, that leads further on.
 
     cost = cost-to-go of its place of rest + price of nearness to movers + price of nearness to the other vehicles
 

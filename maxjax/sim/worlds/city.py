@@ -1,4 +1,4 @@
-"""What the three procedural cities share: their extent, one draw of random numbers, and a final rotation."""
+"""The common part of the procedural cities: their extent, one draw of random numbers, and a final rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pages share: they are served until Ctrl-C, or written as one file."""
+"""Pages from the command line: served until Ctrl-C, or written as one file."""
 
 from __future__ import annotations
 

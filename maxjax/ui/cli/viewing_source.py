@@ -1,4 +1,4 @@
-"""What `maxjax view MAP` opens: a map, a plan.json or mission.json, or a mission's TOML file, as options and waypoints.
+"""Sources of `maxjax view`: a map, a plan.json or mission.json, or a mission's TOML file, as options and waypoints.
 
 Options of the command line that are not their defaults take the place of those in the file. What a file was made by and
 the page does not know is refused: a page never plans by other rules than the file it shows.

@@ -1,4 +1,4 @@
-"""Who may use a page: a browser that was sent here by nobody else, and beyond this machine one that has the token.
+"""Access to a page: for browsers that no other site sent here, and beyond this machine for those with the token.
 
 Any site that a browser shows may open a WebSocket to any address, and may name one of its own hosts after this machine.
 So Host and Origin of each request are compared with what is served; where others reach the address, a token is asked

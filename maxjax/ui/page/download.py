@@ -1,4 +1,4 @@
-"""What a page gives away: the plan as other programs' files, and the page itself."""
+"""Downloads of a page: the plan as other programs' files, and the page itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a browser may say: messages of the kinds that a page has, each value of its control's kind and within its range.
+"""Messages from a browser: of the kinds that a page has, each value of its control's kind and within its range.
 
 viser casts, keeps and sends on what it is told; a slider with an empty list for a value breaks every browser that comes
 later. So each message is judged before viser reads it: it passes, or is dropped with one line.

@@ -1,4 +1,4 @@
-"""What a scene consists of, as plain data: names ↦ nodes, in the page's own frame [m].
+"""Nodes of a scene as plain data: names ↦ nodes, in the page's own frame [m].
 
     page = map − anchor        float32 in a browser: national coordinates would lose decimetres there
 

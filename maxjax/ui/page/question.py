@@ -1,4 +1,4 @@
-"""What a page asks and what it is answered: a pure function of the map and the question.
+"""Questions of a page and their answers: a pure function of the map and the question.
 
 (City, Question) ↦ Answer
 """

@@ -1,4 +1,4 @@
-"""What plays: scenes that follow each other in time, on a timeline or in a shared page.
+"""Films: scenes that follow each other in time, on a timeline or in a shared page.
 
 A film is a still scene and its cues: from the time of a cue on, its nodes take the place of all others in its part.
 What moves is one node, the vehicle, with a position at every time.
