@@ -148,7 +148,7 @@ class Replanner:
         return Replanned(plan, found.status, age, seconds, seconds > deadline, seen)
 
     def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
-        """What is known before a scan."""
+        """The map before a scan."""
         if given is None or isinstance(given, Grid):
             grid = self.grid if given is None else given
             known = VoxelMap.on(grid, np.zeros(grid.shape, bool))
@@ -191,7 +191,7 @@ class Replanner:
         kept: int,
         now: float,
     ) -> tuple[Plan | None, float]:
-        """What is left of the last plan, and its age."""
+        """The rest of the last plan, and its age."""
         if self._last is None or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing:
             return None, math.nan
         last, when = self._last

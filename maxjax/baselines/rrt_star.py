@@ -151,7 +151,7 @@ def _point(state: Any) -> Point:
 
 
 def _objective(base: Any, information: Any, price: Volume | None) -> Any:
-    """What the tree makes small: lengths, or what they cost."""
+    """The objective of the tree: lengths, or costs."""
     if price is None:
         return base.PathLengthOptimizationObjective(information)
     cost = cost_of_segments(price)

@@ -224,7 +224,7 @@ def _structure(tree: Any) -> str:
 
 
 def _surroundings() -> str:
-    """What else tracing and compiling depend on."""
+    """Other inputs of tracing and compiling."""
     settings = sorted((k, repr(v)) for k, v in jax.config.values.items() if "cache" not in k and "log_" not in k)
     found = [_FORMAT, sources(), *_versions(), repr(settings), os.environ.get("XLA_FLAGS", "")]
     return "\n".join([*found, repr([argument for argument in sys.argv if argument.startswith("--xla")])])

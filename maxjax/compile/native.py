@@ -73,7 +73,7 @@ _AHEAD: dict[Path, threading.Thread] = {}
 
 @functools.cache
 def _outcome(source: Path) -> ctypes.CDLL | NotCompiledError:
-    """What came of the one attempt of this process."""
+    """The result of the one attempt of this process."""
     try:
         return ctypes.CDLL(str(_built(source)))
     except NotCompiledError as error:

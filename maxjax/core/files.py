@@ -31,7 +31,7 @@ class FileError(ValueError):
 
 
 def brief(said: object) -> str:
-    """What an error says, or a file holds, in one line of bounded length."""
+    """The text of an error or of a file in one line of bounded length."""
     sentence = " ".join(str(said).split())
     return sentence if len(sentence) <= _LONGEST_SENTENCE else sentence[:_LONGEST_SENTENCE] + " …"
 

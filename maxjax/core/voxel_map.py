@@ -85,12 +85,12 @@ class VoxelMap:
 
     @property
     def barred(self) -> Volume:
-        """What no path enters."""
+        """Voxels that no path enters."""
         return self.occupied if self.closed is None else self.occupied | (self.closed != Closure.OPEN)
 
     @property
     def kept_off(self) -> Volume:
-        """What a path keeps off by one voxel, without a radius and without a price."""
+        """Voxels that a path keeps off by one voxel, without a radius and without a price."""
         return self.ground if self.closed is None else self.ground | (self.closed != Closure.OPEN)
 
     @property

@@ -142,7 +142,7 @@ def map_of(
     window: Window,
     reading: Reading = PLAIN,
 ) -> LoadedMap:
-    """What a file holds as voxels in a window; arguments and errors as those of `load_map`."""
+    """A file as voxels in a window; arguments and errors as those of `load_map`."""
     known = facts(contents)
     grid, sentence = _grid(contents, known, window)
     found, counts = voxels(contents, grid, reading)

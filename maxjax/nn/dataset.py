@@ -79,7 +79,7 @@ def label(drawn: Drawn, grid: Grid) -> Scenes:
 
 
 def network_inputs(scene: Scenes, grid: Grid) -> Known:
-    """What networks read of a scene; `grid` is static."""
+    """Inputs of networks for a scene; `grid` is static."""
     sigma = conductivity(scene.blocked, scene.goal_index, grid)
     return Known(sigma, scene.price, scene.goal_index, scene.steps, scene.screening_length)
 

@@ -63,7 +63,7 @@ class SceneSet:
 
 @dataclasses.dataclass(frozen=True)
 class Data:
-    """What to train on and what to test on: scenes of one grid."""
+    """Scenes of one grid, to train on and to test on."""
 
     scenes: Scenes
     validation: Scenes

@@ -78,7 +78,7 @@ def sweep_until_certified(medium: Medium, progress: Progress, *, most: int, betw
 
 
 def input_status(medium: Medium, length: Float[Array, ""]) -> Int32[Array, ""]:
-    """What is wrong with sigma, price, ℓ or the goal; OK if nothing is."""
+    """The fault of sigma, price, ℓ or the goal; OK if there is none."""
     finite = jnp.all(jnp.isfinite(medium.sigma) & (medium.sigma >= 0)) & jnp.isfinite(length) & (length > 0)
     if medium.price is not None:
         finite = finite & jnp.all((medium.sigma == 0) | (jnp.isfinite(medium.price) & (medium.price >= 1)))

@@ -152,7 +152,7 @@ def _potential(
 
 
 def potential_of(progress: Progress, component: Bool[Array, "nx ny nz"]) -> Potential:
-    """What a solve found on the goal's component; certified where its status is OK."""
+    """The potential of a solve on the goal's component; certified where its status is OK."""
     return Potential(
         log_phi=jnp.where(component, progress.log_phi, -jnp.inf),
         status=progress.status,

@@ -134,7 +134,7 @@ def _twice(
 
 
 def _ground(operator: stencil.Operator) -> Volume:
-    """What the diagonal holds beyond the faces: leak, grounded faces, held neighbours; rounding is taken for none."""
+    """Rest of the diagonal beyond the faces: leak, grounded faces, held neighbours; rounding is taken for none."""
     faces = sum(face + stencil.behind(face, axis) for axis, face in enumerate(operator.faces))
     beyond = operator.diagonal - faces
     return jnp.where(beyond > 8 * np.finfo(beyond.dtype).eps * operator.diagonal, beyond, 0)

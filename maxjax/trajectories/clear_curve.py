@@ -53,7 +53,7 @@ class ClearCurve:
 
     @functools.cached_property
     def _volumes(self) -> tuple[Bool[np.ndarray, "1 nx ny nz"], Bool[np.ndarray, "1 nx ny nz"]]:
-        """What no curve enters, and what it only keeps off."""
+        """Voxels that no curve enters, and voxels that it keeps off."""
         return np.asarray(self.map.barred)[None], np.asarray(self.map.kept_off)[None]
 
     def clearance(self, points: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:

@@ -92,7 +92,7 @@ def time_spline(
 def _start(
     curve: Curve, stations: Float64[np.ndarray, " k"], caps: Float64[np.ndarray, " k"], limits: FlightLimits
 ) -> tuple[Way, Float64[np.ndarray, " t"]]:
-    """What is to be flown, and σ at times `STEP` apart: the fastest without a limit of jerk, averaged."""
+    """The curve to fly, and σ at times `STEP` apart: the fastest without a limit of jerk, averaged."""
     s = curve.samples()
     _, slope, bend = curve.at(s)
     length = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)

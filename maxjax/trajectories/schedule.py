@@ -41,7 +41,7 @@ _STATIONS = 0.1
 
 
 class _Course(NamedTuple):
-    """What is asked for: the path from (0, 0, 0) on, its hover times [s] by point, and what verifies it."""
+    """The request: the path from (0, 0, 0) on, its hover times [s] by point, and its verifier."""
 
     plan: Plan
     local: Float64[np.ndarray, "n 3"]

@@ -137,7 +137,7 @@ def _halved(sigma: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
 
 
 def _sizes(way: Way, sigma: Float64[np.ndarray, " n"], step: float) -> _Sizes:
-    """What each barrier is of, as p."""
+    """The variable of each barrier, as p."""
     limits, place = way.limits, way.place(sigma)
     velocity = np.diff(place, axis=0) / step
     acceleration = np.diff(velocity, axis=0) / step

@@ -49,7 +49,7 @@ class Asked:
         exemptions: Float[np.ndarray, "p 2"] | None,
         blocked: Bool[np.ndarray, "m nx ny nz"] | None,
     ) -> Asked:
-        """What `verifier.verify_paths` is asked; raises its errors."""
+        """Arguments of `verifier.verify_paths`; raises its errors."""
         volumes, count, width = Volumes.of(where, blocked), len(paths), paths.points.shape[1]
         exemptions = _checked_exemptions(radius, exemptions, count)
         maps, which = len(volumes.occupied), paths.map_of

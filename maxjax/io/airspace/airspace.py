@@ -145,7 +145,7 @@ class Airspace:
         return self.floor is not None or self.ceiling is not None or any(area.needs_ground for area in self.areas)
 
     def reasons_at(self, index: tuple[int, int, int], terrain: Terrain) -> list[str]:
-        """What closes a voxel, in words; nothing if it is open."""
+        """The rule that closes a voxel, in words; empty if it is open."""
         x, y, _ = index
         corner = np.array(terrain.grid.origin) + terrain.grid.spacing * np.array(index)
         one = Grid((1, 1, 1), terrain.grid.spacing, (float(corner[0]), float(corner[1]), float(corner[2])))

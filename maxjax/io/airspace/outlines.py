@@ -61,7 +61,7 @@ def _cross(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np
 
 
 def cut_to(ring: Ring, box: Float[np.ndarray, "2 2"]) -> Ring:
-    """What of a ring lies in a box, side by side (Sutherland and Hodgman); edges along the box join its parts."""
+    """The part of a ring in a box, side by side (Sutherland and Hodgman); edges along the box join its parts."""
     for axis, (side, sign) in itertools.product((0, 1), ((0, 1.0), (1, -1.0))):
         if len(ring) == 0:
             break

@@ -191,7 +191,7 @@ def _box(earth: Earth, grid: Grid) -> Float[np.ndarray, "2 2"]:
 
 
 def _near(rings: list[Ring], box: Float[np.ndarray, "2 2"], here: str) -> list[Ring] | None:
-    """What of a polygon lies around the map; None for one that lies elsewhere."""
+    """The part of a polygon around the map; None for one that lies elsewhere."""
     middle = float(box[:, 0].mean())
     turns = round((middle - 0.5 * float(rings[0][:, 0].min() + rings[0][:, 0].max())) / 360.0)
     copies = [[ring + np.array([360.0 * (turns + k), 0.0]) for ring in rings] for k in (-1, 0, 1)]

@@ -133,7 +133,7 @@ def waypoints_of(lines: Lines) -> Waypoints:
 
 
 def _cut_too_near(corners: Mapping[int, float], lines: Lines, mission: Mission, autopilot: Autopilot) -> str:
-    """What is wrong with the first of some corners, in words."""
+    """The fault of the first of some corners, in words."""
     k = min(corners)
     x, y, z = lines.parts[0][k].tolist()
     where = f"waypoint {k + 1} of {len(lines.parts[0])} (x {x:.1f}, y {y:.1f}, z {z:.1f})"

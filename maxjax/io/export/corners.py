@@ -101,7 +101,7 @@ def cut_corners(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) ->
 
 
 def _flown(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> tuple[_Flown, list[int]]:
-    """What may be flown beside the straight legs, and the waypoints with too many places to leave from."""
+    """Ways beside the straight legs that may be flown, and waypoints with too many places to leave from."""
     places, last = waypoints.places, len(waypoints.places) - 1
     leg_of = np.searchsorted(mission.places, np.arange(last), side="right") - 1
     segments, corners, legs, crowded = list[Segments](), list[int](), list[int](), list[int]()

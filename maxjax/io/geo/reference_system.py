@@ -61,7 +61,7 @@ class ReferenceSystem:
         return np.column_stack([longitude, latitude])
 
     def coordinates(self, degrees: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-        """What `geodetic` undoes."""
+        """The inverse of `geodetic`."""
         x, y = _to_degrees(self.name).transform(degrees[:, 0], degrees[:, 1], direction="INVERSE")
         return np.column_stack([x, y])
 

@@ -201,7 +201,7 @@ def _mark(corners: Triangles, occupied: Volume) -> None:
 def _depth(
     triangle: Float[np.ndarray, "n 3 3"], row: Int64[np.ndarray, " n"], column: Int64[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """What a triangle covers of the third axis above one cell of the first two: at its edges and the cell's corners."""
+    """The span of a triangle on the third axis above one cell of the first two: at its edges and the cell's corners."""
     low, high = _span(triangle, *_cut(triangle, ((0, row), (1, column))), 2)
     a, b, c = triangle[:, 0], triangle[:, 1], triangle[:, 2]
     normal = np.cross(b - a, c - a)

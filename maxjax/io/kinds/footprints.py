@@ -45,7 +45,7 @@ class Footprint:
 
 
 class Fill(IntEnum):
-    """What of a shell is solid."""
+    """The solid part of a shell."""
 
     INSIDE = 0  # its inside and its faces: a shell that closes
     BELOW = 1  # every column that a face is above, from the lowest point of its building up to the highest face

@@ -93,7 +93,7 @@ class StoredVoxels:
 
 @dataclasses.dataclass(frozen=True)
 class Labels:
-    """What a file says of each of its points; None: nothing. Attributes as those of `PointCloud`."""
+    """Labels of a file for each of its points; None: none. Attributes as those of `PointCloud`."""
 
     ground: Bool[np.ndarray, " n"] | None = None
     solid: Bool[np.ndarray, " n"] | None = None

@@ -257,7 +257,7 @@ def _root(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _said(pieces: list[_Piece], outlines: list[Footprint]) -> tuple[str, ...]:
-    """What a user should know."""
+    """Remarks for the user."""
     sentences = []
     if still := sum(piece.fill == Fill.BELOW for piece in pieces):
         sentences.append(

@@ -77,7 +77,7 @@ class Store:
         return [[[[index + shift for index in ring] for ring in face] for face in shell] for shell in found]
 
     def template(self, geometry: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What a GeometryInstance repeats; of another geometry itself."""
+        """The template of a GeometryInstance; any other geometry itself."""
         if geometry["type"] != "GeometryInstance":
             return geometry
         number = geometry["template"]

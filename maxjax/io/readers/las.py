@@ -102,7 +102,7 @@ def load_las(path: Path, reading: Reading = PLAIN) -> PointCloud:
 
 
 class _Points:
-    """What the chunks of a stream hold: places and classes of the points that are kept, counts of the others."""
+    """Contents of a stream's chunks: places and classes of the points that are kept, counts of the others."""
 
     def __init__(self, drop_classes: Sequence[int]) -> None:
         self._drop_classes = drop_classes

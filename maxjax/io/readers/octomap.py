@@ -71,7 +71,7 @@ def _number(text: str) -> float:
 
 
 def _binary_nodes(data: bytes, path: Path) -> Kinds:
-    """What each child of each inner node is."""
+    """Kinds of the children of each inner node."""
     if len(data) < 2 or len(data) % 2:
         raise FileError(f"{path}: expected two bytes a node, found {len(data)}; truncated")
     pairs = np.frombuffer(data, np.uint8).reshape(-1, 2)
@@ -80,7 +80,7 @@ def _binary_nodes(data: bytes, path: Path) -> Kinds:
 
 
 def _full_nodes(data: bytes, width: int, path: Path) -> Kinds:
-    """What each child of each inner node is, leaves resolved by their log-odds."""
+    """Kinds of the children of each inner node, leaves resolved by their log-odds."""
     if not data or len(data) % width:
         raise FileError(f"{path}: expected {width} bytes a node, found {len(data)}; truncated")
     rows = np.frombuffer(data, np.uint8).reshape(-1, width)

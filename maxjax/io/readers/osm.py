@@ -118,7 +118,7 @@ class _Content:
 
 
 def _things(content: _Content, path: Path) -> tuple[list[Tagged], dict[str, int]]:
-    """What stands, and what has no closed outline, by its kind."""
+    """Standing objects, and those without a closed outline, by their kind."""
     nodes = content.nodes
     ways = {way.name: way.members for way in content.found["way"]}
     left = _SHARED * sum(map(len, ways.values()))

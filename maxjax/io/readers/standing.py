@@ -101,7 +101,7 @@ _FLAT = (
 
 
 def kind_of(tags: Mapping[str, str]) -> Kind | None:
-    """What kind of standing thing has these tags; None if it is none."""
+    """The kind of standing object with these tags; None if it is none."""
     if any(tags.get(key, "no") not in _NOTHING for key in ("building", "building:part")):
         return BUILDING
     if tags.get("location") in ("underground", "underwater") or tags.get("tunnel", "no") != "no":

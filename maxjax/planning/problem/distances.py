@@ -95,7 +95,7 @@ class Distances:
         return self
 
     def split(self, grid: Grid) -> tuple[Distances, Float32[np.ndarray, "nx ny nz"] | None]:
-        """What programs are compiled for, and the price of each voxel, which is data; None: there is none."""
+        """Static part of a price, and the price of each voxel, which is data; None: there is none."""
         if not isinstance(self.price, PriceVolume):
             return self, None
         grid.check_volume("price", self.price.n)

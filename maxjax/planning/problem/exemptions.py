@@ -100,7 +100,7 @@ class Exemption:
     local: Bool[Array, "*batch"]
 
     def open_in(self, blocked: Bool[Array, "nx ny nz"]) -> Bool[Array, "nx ny nz"]:
-        """What remains blocked with the opened voxels of one end."""
+        """Blocked voxels without those that one end opens."""
         box = lax.dynamic_slice(blocked, self.corner, self.opened.shape)
         return lax.dynamic_update_slice(blocked, box & ~self.opened, self.corner)
 
@@ -165,7 +165,7 @@ def exemptions(around: Surroundings, ends: End, radius: Radius) -> Exemption:
 
 
 def open_exemptions(blocked: Bool[Array, "nx ny nz"], both: Exemption) -> Bool[Array, "nx ny nz"]:
-    """What remains blocked with the opened voxels of both ends."""
+    """Blocked voxels without those that the ends open."""
     for end in range(2):
         blocked = jax.tree.map(lambda x, end=end: x[end], both).open_in(blocked)
     return blocked

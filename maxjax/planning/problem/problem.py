@@ -159,7 +159,7 @@ def connection_status(
 
 
 def fault_of_ends(occupied: Bool[Array, "nx ny nz"], ends: Float[Array, "2 3"], grid: Grid) -> Int32[Array, ""]:
-    """What is wrong with a start and a goal by themselves: the first that counts; OK if nothing is."""
+    """The first fault of a start and a goal by themselves; OK if there is none."""
     a, b = (locate(end, grid.shape) for end in ends)
     (inside_a, at_a), (inside_b, at_b) = (voxels_at(grid.shape, end.off) for end in (a, b))
     faults = {

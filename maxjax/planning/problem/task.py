@@ -82,12 +82,12 @@ class Task:
 
     @functools.cached_property
     def barred(self) -> Volume:
-        """What no path enters, of one map or of several."""
+        """Voxels that no path enters, of one map or of several."""
         return np.asarray(self.map.barred)
 
     @functools.cached_property
     def kept_off(self) -> Volume:
-        """What paths keep off by one voxel, of one map or of several."""
+        """Voxels that paths keep off by one voxel, of one map or of several."""
         return np.asarray(self.map.kept_off)
 
     @functools.cached_property

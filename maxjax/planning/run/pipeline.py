@@ -59,12 +59,12 @@ class Layout:
 
 
 def layout_of(view: View) -> Layout:
-    """What programs of a view are compiled for."""
+    """Static arguments of the programs of a view."""
     return Layout(view.task.distances, view.grid, view.halo, view.task.price is not None)
 
 
 def parts_of(view: View) -> Parts:
-    """What a device needs of the only problem that it is shown."""
+    """Arrays of the only problem of a device."""
     return view.shared | {name: part[0] for name, part in _own(view, slice(0, 1)).items()}
 
 
@@ -96,7 +96,7 @@ def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
     chunks = [rows for rows in np.split(np.arange(len(view)), np.cumsum(sizes)[:-1]) if rows.size]
 
     def prepare(k: int) -> Any:
-        """What is sent of a chunk, while the device is busy with the chunk before."""
+        """Arrays of a chunk, sent while the device is busy with the chunk before."""
         own = _pack(view, chunks[k])
         return jax.device_put((messages.pack(shared), np.resize(own, (sizes[k], own.shape[1]))))
 
@@ -121,7 +121,7 @@ def _pack(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sen
 
 
 def _own(view: View, rows: Rows) -> Parts:
-    """What is sent of some problems beside the maps that all problems share."""
+    """Arrays of some problems beside the maps that all problems share."""
     rim = {} if view.windows is None else {"rim": view.rim(rows)}
     return view.own(rows) | rim | {"ends": view.ends(rows)}
 

@@ -32,7 +32,7 @@ from maxjax.planning.problem.problem import Problem
 
 @runtime_checkable
 class PotentialLike(Protocol):
-    """What the solver and a network return alike."""
+    """Common result of the solver and of a network."""
 
     @property
     def log_phi(self) -> Array:

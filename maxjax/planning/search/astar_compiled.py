@@ -87,7 +87,7 @@ class Search:
 
 
 class Query(NamedTuple):
-    """What `astar` is asked, with ends in free voxels and a price of at least 1."""
+    """Arguments of `astar`, with ends in free voxels and a price of at least 1."""
 
     blocked: Bool[np.ndarray, "nx ny nz"]
     start: Index3

@@ -105,7 +105,7 @@ def _along(task: Task, guide: Points, reach: float, find: RouteViews, spent: Rou
 
 
 def _cost(route: Route, spacing: float) -> float:
-    """What the only route costs [m]; its length where nothing is priced."""
+    """Cost of the only route [m]; its length where nothing is priced."""
     return float(route.cost[0]) or spacing * _length(np.asarray(route.path[0], np.float64))
 
 
@@ -158,7 +158,7 @@ def coarsen_task(task: Task, share: float, factor: int) -> Task:
 
 
 def coarsen_price(price: Float32[np.ndarray, "nx ny nz"], factor: int) -> Float32[np.ndarray, "mx my mz"]:
-    """What a metre costs in the mean in voxels of `factor`³ voxels; 1 beyond the map."""
+    """Mean price in voxels of `factor`³ voxels; 1 beyond the map."""
     filled = np.pad(price, [(0, -n % factor) for n in price.shape], constant_values=1.0)
     x, y, z = (n // factor for n in filled.shape)
     mean: Float32[np.ndarray, "mx my mz"] = filled.reshape(x, factor, y, factor, z, factor).mean(axis=(1, 3, 5))

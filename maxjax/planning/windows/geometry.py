@@ -75,7 +75,7 @@ def costs_over_faces(ends: Ends, corners: Triples, sizes: Triples, xp: Any) -> F
 
 
 def path_costs(path: Float[Any, "*b t 3"], costs: Reals, xp: Any) -> Reals:
-    """What paths cost; without a price, where that is 0, a metre costs 1."""
+    """Costs of paths; without a price, where that is 0, a metre costs 1."""
     return xp.where(costs > 0, costs, xp.linalg.norm(xp.diff(path, axis=-2), axis=-1).sum(axis=-1))
 
 

@@ -43,7 +43,7 @@ class Boxes(NamedTuple):
 
 
 def voxels_in(boxes: Boxes, beyond: float) -> Shaped[np.ndarray, "n bx by bz"]:
-    """What boxes of one size hold, and `beyond` where a map ends."""
+    """Voxels of boxes of one size, and `beyond` where a map ends."""
     low, inside = boxes.low, boxes.within
     shown = np.empty((len(low), *(boxes.high[0] + 1 - low[0]).tolist()), boxes.maps.dtype)
     shown[((inside.low > low) | (inside.high < boxes.high)).any(axis=1)] = beyond

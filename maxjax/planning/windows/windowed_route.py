@@ -104,7 +104,7 @@ class WindowedRoute(NamedTuple):
 def cut_box(
     volume: Shaped[Array, "nx ny nz"], corner: Int32[Array, " 3"], shape: Index3, beyond: float | int = False
 ) -> Shaped[Array, "bx by bz"]:
-    """What a volume holds in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
+    """Values of a volume in a box of this shape (static) from a lowest voxel on, and `beyond` outside the volume."""
     at = [corner[axis] + jnp.arange(n, dtype=jnp.int32) for axis, n in enumerate(shape)]
     inside = [(x >= 0) & (x < n) for x, n in zip(at, volume.shape, strict=True)]
     x, y, z = (jnp.clip(x, 0, n - 1) for x, n in zip(at, volume.shape, strict=True))

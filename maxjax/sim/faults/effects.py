@@ -52,7 +52,7 @@ def _faults(world: World) -> Faults:
 
 
 def _memory(flight: Flight) -> Failing:
-    """What is remembered of faults; raises a ValueError where nothing may fail."""
+    """The memory of faults; raises a ValueError where nothing may fail."""
     if flight.failing is None:
         raise ValueError("expected a flight in a world with faults, given one without")
     return flight.failing
@@ -166,7 +166,7 @@ def air(world: World, flight: Flight) -> Float[Array, "3"]:
 def thrusts(
     world: World, flight: Flight, command: Float[Array, "4"], vehicle: Vehicle
 ) -> tuple[Float[Array, "4"], Failing]:
-    """What the motors are told of a command [N], and what is remembered of it."""
+    """Thrusts that reach the motors [N], and the memory of the command."""
     mode, failing = _mode(world, flight, Target.MOTORS), _memory(flight)
     spread = jax.random.uniform(_step_key(world, flight, Target.MOTORS), (4,), minval=-_SPREAD, maxval=_SPREAD)
     first = jnp.arange(4) == 0

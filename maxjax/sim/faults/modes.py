@@ -33,7 +33,7 @@ STEPS_LATE = 5
 
 
 class Target(enum.IntEnum):
-    """What fails: a column of `Faults.modes`."""
+    """A part that fails: a column of `Faults.modes`."""
 
     LIDAR = 0
     POSE = 1

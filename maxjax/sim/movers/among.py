@@ -94,20 +94,20 @@ class Sightings:
 
 
 def no_sightings(rays: int) -> Sightings:
-    """What is known where nobody looks."""
+    """Sightings where no sensor looks for movers."""
     return Sightings(no_tracks(1), jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
 
 
 @runtime_checkable
 class Perception(Protocol):
-    """Who finds movers; static, hashable."""
+    """A perception of movers; static, hashable."""
 
     def start(self, world: Any, flight: Any, config: Any) -> Sightings:
-        """What is known before the first look."""
+        """Sightings before the first look."""
         ...
 
     def look(self, world: Any, flight: Any, config: Any) -> Sightings:
-        """What is known after the scan in `flight.scan`."""
+        """Sightings after the scan in `flight.scan`."""
         ...
 
 

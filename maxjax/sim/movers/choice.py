@@ -106,7 +106,7 @@ class MotionScores:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Around:
-    """What motions have to keep clear of, and where they should lead; the box that they may not leave is static."""
+    """Obstacles and guide of motions; the box that they may not leave is static."""
 
     tracks: Tracks
     hard: HardSet

@@ -47,7 +47,7 @@ class LidarPerception:
 
 
 def sightings_of(seeing: PerceptionState) -> Sightings:
-    """What the choice is told: confirmed movers, those that rest as well, and what did not hold."""
+    """Sightings for the choice of motions: confirmed movers, at rest as well, and flags that are up."""
     used = seeing.tracks.used & seeing.tracks.confirmed & ~seeing.walls
     tracks = dataclasses.replace(seeing.tracks, used=used, rests=seeing.rests)
     up: Bool[Array, " f"] = jnp.zeros(len(Flag), bool)

@@ -72,7 +72,7 @@ def duration(motion: MotionPrimitive) -> Float[Array, "*batch"]:
 
 
 def later(motion: MotionPrimitive, time: Float[Array, ""]) -> MotionPrimitive:
-    """What is left of a motion after a time [s]; the same curve."""
+    """The rest of a motion after a time [s]; the same curve."""
     place, velocity, _ = at(motion, time)
     # Where it brakes already, the rest of its braking is a motion towards rest.
     over = time >= motion.brakes

@@ -178,7 +178,7 @@ def _flat(cell: Int32[Array, "*n 3"], edge: Int32[np.ndarray, "3"]) -> Int32[Arr
 def _view(
     tracks: Tracks, scan: Scan, position: Float[Array, "3"], rotation: Float[Array, "3 3"], sight: TrackingSettings
 ) -> ExpectedView:
-    """What is seen of movers where they are expected: in the field of view, within reach, and not behind something."""
+    """The view where movers are expected: in the field of view, within reach, and not behind something."""
     lidar = sight.lidar
     x, y, z = rotate(rotation.T, tracks.place - position).T
     level = x * x + y * y

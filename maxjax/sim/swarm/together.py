@@ -69,7 +69,7 @@ class Together:
         )
 
     def agreement(self, how: Avoidance) -> Agreement:
-        """What all vehicles agree on that fly like this."""
+        """The agreement of all vehicles that fly like this."""
         steps = math.ceil(how.choice.horizon / LOG_PERIOD)
         return Agreement(self.wait, 2.0 * how.keeping.radius, Sampled(LOG_PERIOD, steps, how.choice.acceleration))
 

@@ -87,7 +87,7 @@ def _fly_missing(
     devices: Sequence[jax.Device],
     warn: Callable[[str], None],
 ) -> Iterator[list[Outcome]]:
-    """What a ledger holds, then what it lacks; arguments as of `fly_trials`."""
+    """Outcomes of a ledger, then the missing ones; arguments as of `fly_trials`."""
     known = {} if ledger is None else dict(ledger.outcomes)
     if known:
         yield list(known.values())

@@ -130,7 +130,7 @@ class Campaign:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know: dataclasses by their fields, functions by their names."""
+    """Values that JSON does not know: dataclasses by their fields, functions by their names."""
     return value.__name__ if callable(value) and not dataclasses.is_dataclass(value) else dataclasses.asdict(value)
 
 
@@ -194,7 +194,7 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
 
 
 def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
-    """What flags tell of one flight; nothing where no movers were expected."""
+    """Figures of the flags of one flight; empty where no movers were expected."""
     how = campaign.flight.moving
     if how is None or "flags.seconds" not in log:
         return {}

@@ -174,7 +174,7 @@ class Ledger:
 
     @property
     def lost_positions(self) -> str:
-        """What there is to say of flights whose positions are no longer there; empty if nothing is lost."""
+        """A remark on flights whose positions are no longer there; empty if nothing is lost."""
         lost = self.without_positions()
         if not lost:
             return ""
@@ -185,7 +185,7 @@ class Ledger:
 
     @property
     def other_makers(self) -> str:
-        """What there is to say where lines were flown by other sources or versions than these; empty if none were."""
+        """A remark on lines that other sources or versions flew; empty if there are none."""
         own = {"sources": sources(), "versions": versions()}
         others = [one for one in self.flown_by if {name: one.get(name) for name in own} != own]
         if not others or not self.outcomes:

@@ -183,7 +183,7 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _among_movers(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What flags tell of flights among movers; contacts are those with movers, times are summed over all flights."""
+    """Figures of flags among movers; contacts are those with movers, times are summed over all flights."""
     seconds: Counter[str] = Counter()
     for outcome in outcomes:
         seconds.update(outcome.flagged or {})

@@ -93,7 +93,7 @@ def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> FleetL
 
 
 def stuck(log: FleetLog) -> Bool[np.ndarray, "*batch"]:
-    """Who neither arrived nor touched anything, and did not get on at the end: deadlocks."""
+    """Deadlocked vehicles: neither arrived nor in contact, and without progress at the end."""
     late = np.asarray(log.flights.status) == Status.OUT_OF_PLANS
     position = np.asarray(log.flights.position)
     recent = position[..., -1 - round(_WATCHED / LOG_PERIOD) :, :]

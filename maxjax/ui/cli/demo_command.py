@@ -32,7 +32,7 @@ _AROUND = 25.0  # map shown around the paths [m]
 
 
 def look(scene: Scene, corner: Corner) -> tuple[MapTask, Returns]:
-    """What one scan from the corner's sensor tells: flat ground at z = 0 known, what no beam met taken as free."""
+    """The task of one scan from the corner's sensor: flat ground at z = 0 is known, unseen voxels count as free."""
     returns = measure(scene, corner.sensor)
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)

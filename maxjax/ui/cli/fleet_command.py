@@ -65,7 +65,7 @@ def fly_together(count: int, options: FlyOptions, config: FlightConfig, movers: 
 
 
 def fleet_figures(fleet: FleetTrial, log: FleetLog) -> dict[str, Any]:
-    """What fleet.json says; lengths [m], times [s]."""
+    """Contents of fleet.json; lengths [m], times [s]."""
     flights, touched = log.flights, np.asarray(log.touched)
     status, seconds = np.asarray(flights.status), np.asarray(flights.duration)
     flagged = np.asarray(flights.flags_among_movers.any_seconds)

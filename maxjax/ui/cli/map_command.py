@@ -81,7 +81,7 @@ def _rows(found: LoadedMap, extent: np.ndarray) -> dict[str, str]:
 
 
 def _at(found: LoadedMap, place: tuple[float, float]) -> dict[str, str]:
-    """What stands at a place."""
+    """The column of the map at a place."""
     spans = [f"{low:.1f} to {high:.1f} m ({what})" for low, high, what in column(found, place)]
     x, y = place
     return {f"at ({x:.10g}, {y:.10g})": ", ".join(spans) or "nothing"}

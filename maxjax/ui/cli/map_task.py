@@ -187,7 +187,7 @@ def _in_file(source: Contents, options: PlanOptions) -> MapTask:
 
 
 def reading_of(options: ReadOptions) -> Reading:
-    """What options say of what a file leaves open."""
+    """Options for what a file leaves open."""
     return Reading(
         below=options.below,
         unknown=options.unknown,

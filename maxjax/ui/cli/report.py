@@ -169,7 +169,7 @@ def places_of(plan: Plan | Mission, earth: Earth | None) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """What JSON can hold: numbers that are not finite become null."""
+    """Data that JSON can hold: numbers that are not finite become null."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -125,7 +125,7 @@ def _told(options: FlyOptions, content: dict[str, Any], flight: Flight | None) -
 
 
 def figures(asked: Trajectory, flown: Tracking) -> dict[str, Any]:
-    """What flight.json says of a flight; lengths [m], times [s]."""
+    """Contents of flight.json; lengths [m], times [s]."""
     touched = np.flatnonzero(flown.contact)
     return {
         "status": flown.status.name,

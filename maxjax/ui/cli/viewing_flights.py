@@ -54,7 +54,7 @@ def view_flights(options: ViewOptions) -> int:
 
 
 def caption(name: str, outcome: Outcome) -> str:
-    """What a shared page says of a flight."""
+    """The caption of a flight on a shared page."""
     head = f"{name}:{outcome.city}, trial {outcome.trial}: {outcome.status}"
     figures = f"{outcome.flown_length:.1f} m in {outcome.duration:.1f} s, {outcome.clearance:.1f} m clear at the least"
     legend = (

@@ -21,7 +21,7 @@ def draw_closed(axes: Axes, closed: Bool[np.ndarray, "nx ny"], grid: Grid) -> No
 
 
 def draw_outside(axes: Axes, within: Bool[np.ndarray, "nx ny"], grid: Grid) -> None:
-    """What lies outside the data (columns that are not `within`): unknown, not free."""
+    """The area outside the data (columns that are not `within`): unknown, not free."""
     _hatch(axes, ~within, grid, ("....", UNKNOWN_MARKS, "outside the data, unknown"), UNKNOWN)
 
 

@@ -132,7 +132,7 @@ def _caption(flown: Sequence[Outcome], shown: Sequence[Outcome]) -> str:
 
 
 def looks_of(flights: Sequence[Flight]) -> list[Look]:
-    """What a flight knew in each planning period, and where it was then, from its states before and after each."""
+    """Map and place of a flight in each planning period, from its states before and after each."""
     looks = []
     before = 0
     for flight in flights[1:]:

@@ -34,7 +34,7 @@ def drawable(where: VoxelMap, within: Columns | None = None) -> tuple[VoxelMap, 
 
 
 def voxels_to_draw(where: VoxelMap, within: Columns | None) -> VoxelMap:
-    """What is drawn of a map: not what is closed because nothing is known of its column."""
+    """Voxels of a map to draw: without those closed because nothing is known of their column."""
     if within is None:
         return where
     occupied, ground = (np.asarray(volume) & within[:, :, None] for volume in (where.occupied, where.ground))

@@ -213,7 +213,7 @@ class _Film:
         axes.set_ylabel(label)
 
     def _draw_tops(self, axes: Axes, obstacle: np.ndarray, grid: Grid) -> None:
-        """What stands under the flown line."""
+        """The caption under the flown line."""
         index = np.floor((self.flown[:, :2] - np.array(grid.lower[:2])) / grid.spacing).astype(int)
         i, j = np.clip(index, 0, np.array(grid.shape[:2]) - 1).T
         centers = grid.origin[2] + grid.spacing * np.arange(grid.shape[2])
@@ -268,7 +268,7 @@ def _draw_least(axes: Axes, radius: float) -> None:
 
 
 def _labels(moving: bool) -> list[Any]:
-    """What the legend says of the lines and areas that change; `moving`: whether movers are shown."""
+    """The legend of lines and areas that change; `moving`: whether movers are shown."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -58,7 +58,7 @@ class _Course:
 
     @property
     def most(self) -> str:
-        """What a label says where more clearance is not shown."""
+        """The label where more clearance is not shown."""
         return f", to {_FAR:g}" if self.clearance.max() >= _FAR else ""
 
     @classmethod

@@ -55,7 +55,7 @@ def moving_of(movers: Movers, times: Float[np.ndarray, " t"], moments: list[Mome
 
 
 class MovingLayer:
-    """What is drawn of movers on axes from above; empty until something is shown."""
+    """Drawings of movers on axes from above; empty until something is shown."""
 
     def __init__(self, axes: Axes) -> None:
         from matplotlib.collections import PathCollection, PolyCollection
@@ -90,7 +90,7 @@ class MovingLayer:
 
 
 def moving_labels() -> list[Any]:
-    """What a legend says of it."""
+    """Its text in a legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

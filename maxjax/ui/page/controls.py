@@ -54,7 +54,7 @@ class Controls:
     share: Any
 
     def question(self, stops: tuple[Waypoint, ...]) -> Question:
-        """What the controls ask, through these waypoints; the margin is the radius at least."""
+        """The question of the controls, through these waypoints; the margin is the radius at least."""
         radius = float(self.radius.value)
         return Question(
             tuple(stop.position for stop in stops),

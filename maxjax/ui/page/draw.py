@@ -72,7 +72,7 @@ def _ground(city: City, color: Rgb) -> Surface:
 
 
 def end_name(k: int, count: int) -> str:
-    """What the waypoint k of so many is called."""
+    """The name of waypoint k of so many."""
     return "start" if k == 0 else "goal" if k == count - 1 else f"waypoint {k}"
 
 

@@ -63,7 +63,7 @@ class FlightPage:
         self._flights: dict[int, Sequence[Flight]] = {}
         self._lock = threading.RLock()
         self.film: Film | None = None
-        """What plays; None for a trial that was not flown."""
+        """The film that plays; None for a trial that was not flown."""
         self._controls(trial, dark)
         self.worker: Worker[tuple[int, bool]] = Worker(self._open)
         self._ended = threading.Event()

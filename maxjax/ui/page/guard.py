@@ -81,7 +81,7 @@ def _settings(border: Border, panel: Panel, files: Any) -> dict[str, Any]:
 
 
 def _in_one_line(record: logging.LogRecord) -> bool:
-    """What goes wrong on the socket, without its traceback."""
+    """Errors on the socket, without their traceback."""
     if record.exc_info:
         words = str(record.exc_info[1]).splitlines() or [type(record.exc_info[1]).__name__]
         record.msg, record.args = f"The page's socket: {record.getMessage()}: {words[0][:200]}", ()

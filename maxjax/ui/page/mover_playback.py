@@ -44,7 +44,7 @@ def moving_cues(movers: Movers, times: Float[np.ndarray, " n"], frame: Frame) ->
 
 
 def knowledge_cues(moments: Sequence[Moment], times: Float[np.ndarray, " n"], frame: Frame) -> tuple[Cue, ...]:
-    """What was known of movers and chosen at some times [s], from each on."""
+    """Tracks of movers and the chosen motion at some times [s], from each on."""
     return tuple(
         Cue(float(time), KNOWN_NODE, _known(moment, frame)) for time, moment in zip(times, moments, strict=True)
     )

@@ -138,7 +138,7 @@ def _server_class() -> Any:
         def __init__(self, border: Border, **settings: Any) -> None:
             self.border = border
             self.way: Float[np.ndarray, "n 3"] | None = None
-            """What is looked at, in the page's frame [m]; None: the whole map."""
+            """The way to look at, in the page's frame [m]; None: the whole map."""
             with contextlib.redirect_stdout(io.StringIO()), guarding(border, self._controls, self.tell):
                 super().__init__(verbose=False, **settings)
 

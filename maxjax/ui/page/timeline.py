@@ -81,7 +81,7 @@ class Film:
         }
 
     def showing(self, time: float) -> dict[str, Scene]:
-        """What is shown of each part at a time."""
+        """The visible share of each part at a time."""
         return {cue.part: cue.nodes for cue in self.cues if cue.time <= time + 1e-9}
 
 

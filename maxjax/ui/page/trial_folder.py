@@ -128,7 +128,7 @@ def _positions(flight: Flight) -> Float[np.ndarray, "t 3"]:
 
 
 def _cues(flights: Sequence[Flight], frame: Frame) -> tuple[Cue, ...]:
-    """What the vehicle sees, knows and plans, from the beginning of each period on."""
+    """Scan, map and plan of the vehicle, from the beginning of each period on."""
     cues, before = [], 0
     for flight in flights[1:]:
         cues.append(Cue(LOG_PERIOD * before, "/period", _period(flight, frame)))
