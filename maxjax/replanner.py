@@ -43,7 +43,7 @@ _JUDGING = 0.005
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replanned:
-    """What to fly next.
+    """The path to fly next, and why there is no new one.
 
     Attributes:
         plan: verified in the map of this call: a new one, or what is left of the last one; None: there is neither.

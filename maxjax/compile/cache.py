@@ -59,7 +59,7 @@ def _of_user() -> Path:
 
 @functools.cache
 def _machine() -> str:
-    """What executables for a CPU depend on: its kind, its instructions, and how many cores a process has.
+    """Properties of a CPU that executables depend on: kind, instructions, and the number of cores of a process.
 
     A home folder may be shared by machines of many kinds.
     """

@@ -75,7 +75,7 @@ class Stored(Generic[P, R]):
         static: Mapping[str, Any],
         around: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> Callable[..., R]:
-        """What runs for such arguments.
+        """The executable for such arguments.
 
         Args:
             arrays, static: of a call.
@@ -176,7 +176,7 @@ def _write(file: Path, compiled: jax.stages.Compiled) -> None:
 
 
 def _seal(file: Path, content: bytes) -> bytes:
-    """What an entry begins with: its program, which the file's name tells, and its content have this digest alone.
+    """Head of an entry: its program, which the file's name tells, and its content have this digest alone.
 
     A file that was copied over another's name, or damaged, is so compiled anew. It is no protection from who may write
     into the folder.

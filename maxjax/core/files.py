@@ -65,7 +65,7 @@ def atomic_write(path: str | os.PathLike[str], content: str | bytes) -> None:
 
 
 def parse_json(content: bytes, path: Path) -> Any:
-    """What a JSON text holds, in UTF-8.
+    """Read a JSON text in UTF-8.
 
     Raises:
         FileError: if it is none, nests too deep, or holds numbers that JSON or a computer has not (NaN, 1e999).

@@ -95,7 +95,7 @@ def _same(x: Array) -> Array:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _RoundCarry:
-    """What every four rounds change.
+    """Carry of four rounds.
 
     Attributes:
         words: reached so far.

@@ -28,7 +28,7 @@ _INCLUSIVE = 1e-4
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Occupancy:
-    """What became of a cloud of points.
+    """Voxels of a cloud of points, and counts of its points.
 
     Attributes:
         occupied: voxels that hold at least one point.

@@ -32,7 +32,7 @@ _TOUCH = 1e-9  # [m]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MapFile:
-    """What a map's file says of itself.
+    """Statements of a map's file about itself.
 
     Attributes:
         source: its name.
@@ -178,7 +178,7 @@ def map_with(
     earth: Earth | None,
     reading: Reading = PLAIN,
 ) -> tuple[LoadedMap, list[Point3]]:
-    """What a file holds around some places, and where these are in it: the map that `map_of` makes around the points.
+    """A map around some places of a file, and where these are in it, as `map_of` makes it.
 
     Args:
         contents, window, reading: as in `map_of`; the window's own ends are ignored.

@@ -28,7 +28,7 @@ _TOUCH = 1e-6  # [voxels]
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """What a user says about it.
+    """Settings of a user about the window.
 
     Attributes:
         spacing: edge of a voxel [m]; None: the file's own, else 2 m.

@@ -46,7 +46,7 @@ _FARTHEST = 1e4
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What is known of a problem before it is solved.
+    """Inputs of a network for a problem.
 
     Attributes:
         sigma: conductivity (`fields.conductivity`).
@@ -70,7 +70,7 @@ def law(distance: Float[Array, "*space"], length: Float[Array, ""]) -> Float[Arr
 
 
 def encode(start: Start, flood: bool, known: Known) -> tuple[Float[Array, "nx ny nz c"], Volume]:
-    """What the network reads, and y₀ [voxels].
+    """Channels that the network reads, and y₀ [voxels].
 
     Args:
         start: what y₀ is. Static.

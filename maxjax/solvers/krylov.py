@@ -62,7 +62,7 @@ class _ChebyshevCarry:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Solution:
-    """What `pcg` found.
+    """Result of `pcg`.
 
     Attributes:
         x: the iterate.

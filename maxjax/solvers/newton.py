@@ -53,7 +53,7 @@ _MOST_STEPS = 12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _System:
-    """What cycles read.
+    """Inputs of the cycles.
 
     Attributes:
         operator: A.

@@ -51,7 +51,7 @@ class _Pieces(NamedTuple):
 
 
 class _Nearest(NamedTuple):
-    """What is known of each zone of each path: its least squared distance so far [voxels²], and a point that has it.
+    """Each zone of each path: its least squared distance so far [voxels²], and a point that has it.
 
     Zones stand in one row, path after path, as `_Pieces.zone` counts them.
     """

@@ -41,7 +41,7 @@ _FINE = 0.005  # between samples of what was meant [s]
 
 @dataclasses.dataclass(frozen=True)
 class AsFlown:
-    """What a file makes a vehicle fly.
+    """A file as flown by a vehicle.
 
     Attributes:
         clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
@@ -84,7 +84,7 @@ def judge_lines(
     away: float = AWAY,
     autopilots: Sequence[Autopilot] = BOTH,
 ) -> AsFlown:
-    """What the lines of a file keep.
+    """Judge the lines of a file: their least clearance, and how far aside they lead.
 
     Args:
         file: for messages.

@@ -48,7 +48,7 @@ class Item:
 
 @dataclasses.dataclass(frozen=True)
 class Items:
-    """What an autopilot is sent.
+    """An item for an autopilot.
 
     Attributes:
         home: latitude, longitude [degrees] and height above sea level [m] of where it is armed.

@@ -78,7 +78,7 @@ class Standing:
 
 @dataclasses.dataclass(frozen=True)
 class Lines:
-    """What a file says to fly.
+    """Lines that a file says to fly.
 
     Attributes:
         parts: (n, 3) points of the map each [m], in order.

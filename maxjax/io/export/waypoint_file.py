@@ -33,7 +33,7 @@ _SHOWN = 3  # places that a sentence names
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WaypointFile:
-    """What a file of waypoints is to hold.
+    """Contents of a file of waypoints.
 
     Attributes:
         file: whose name says the format.

@@ -33,7 +33,7 @@ Places = Float64[np.ndarray, "n 2"]
 
 @dataclasses.dataclass(frozen=True)
 class Stated:
-    """What a file states about its coordinates.
+    """Statements of a file about its coordinates.
 
     Attributes:
         system: name of a reference system, as `reference_system` reads it; None or empty: none.

@@ -28,7 +28,7 @@ Vertices = Float[np.ndarray, "n 3"]
 
 @dataclasses.dataclass(frozen=True)
 class Bodies:
-    """What the faces of a mesh are part of.
+    """Bodies of the faces of a mesh.
 
     Attributes:
         body: number of each face's closed body, from 0 on; -1 where its body is open.

@@ -36,7 +36,7 @@ Counts = Mapping[str, int]
 
 @dataclasses.dataclass(frozen=True)
 class Facts:
-    """What is known of a file's contents before they are voxels.
+    """Facts of a file's contents before they are voxels.
 
     Attributes:
         extent: lowest and highest corner [m].
@@ -59,7 +59,7 @@ class Facts:
 
 
 def facts(contents: Contents) -> Facts:
-    """What is known of a file's contents.
+    """Facts of a file's contents.
 
     Raises:
         FileError: if nothing in it has a place.

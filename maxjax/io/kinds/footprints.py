@@ -85,7 +85,7 @@ def no_shells() -> Shells:
 
 @dataclasses.dataclass(frozen=True)
 class Footprints:
-    """What a city model holds, in the map's coordinates: metres, `reference` says where.
+    """Contents of a city model, in the map's coordinates: metres, `reference` says where.
 
     Attributes:
         buildings: upright prisms.

@@ -38,7 +38,7 @@ class Store:
 
     @classmethod
     def of(cls, document: Mapping[str, Any], vertices: Vertices, units: Float64[np.ndarray, " 3"]) -> Store:
-        """What a document holds.
+        """Contents of a document.
 
         Args:
             document: of CityJSON.

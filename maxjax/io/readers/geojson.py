@@ -27,7 +27,7 @@ _DEEPEST = 16
 
 
 def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
-    """What stands in a GeoJSON file; shapes without a height or a closed outline are counted by their kind.
+    """Standing objects of a GeoJSON file; shapes without a height or a closed outline are counted by their kind.
 
     Raises:
         FileError: if the file is missing, too large, not GeoJSON, malformed, or holds nothing with a height; as

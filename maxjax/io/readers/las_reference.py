@@ -25,7 +25,7 @@ _FIRST_RECORD = 235  # where a header of LAS 1.4 says where the records behind t
 
 
 def read_records(records: Iterable[Any], trailing: str, reading: Reading, path: Path) -> Stated:
-    """What variable records state.
+    """Statements of variable records.
 
     Args:
         records: as laspy has them.

@@ -31,7 +31,7 @@ _AREAS = ("multipolygon", "building", "boundary", "site", "")
 
 
 def load_osm(path: Path, reading: Reading = PLAIN) -> Footprints:
-    """What stands in an OSM XML file; what has no height or no closed outline is counted by its kind.
+    """Standing objects of an OSM XML file; those without a height or a closed outline are counted by their kind.
 
     Raises:
         FileError: if the file is missing, too large, not XML, not OSM of version 0.6, malformed, or holds nothing with

@@ -46,7 +46,7 @@ _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Field:
-    """What a step reads.
+    """Fields that a step of the ascent reads.
 
     Attributes:
         log_phi: log-potential; −inf in voxels without current.

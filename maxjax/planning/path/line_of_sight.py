@@ -40,7 +40,7 @@ _OTHERS = ((1, 2), (0, 2), (0, 1))
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sight:
-    """What lines of sight are looked up in.
+    """Tables in which lines of sight are looked up.
 
     Attributes:
         codes: w is the width of the widest span, 2 without room and 3 with it. Bit w² a + w i + j of a voxel is set

@@ -104,7 +104,7 @@ class Distances:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PriceVolume:
-    """What a metre costs in each voxel of a map.
+    """Prices of the voxels of a map.
 
     Attributes:
         n: at least 1.
@@ -151,7 +151,7 @@ def _check_law(law: Law, margin: float) -> None:
 
 
 def numbers_of(name: str, given: Any) -> np.ndarray:
-    """What a user gave as an array.
+    """Prices that a user gave as an array.
 
     Raises:
         ValueError: if it is none.

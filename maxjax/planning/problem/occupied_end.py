@@ -46,11 +46,11 @@ class OccupiedEnd:
 
     @property
     def sentence(self) -> str:
-        """What is in the way, by how much, and where there is room, in the map's coordinates."""
+        """The obstacle, its overlap and a free place, in the map's coordinates."""
         return self.describe(Spoken())
 
     def describe(self, spoken: Spoken) -> str:
-        """What is in the way, by how much, and where there is room, in the words of whoever gave the end."""
+        """The obstacle, its overlap and a free place, in the frame in which the end was given."""
         x, y, z = self.point
         if self._on_ground(spoken):
             said = f"{spoken.place(self.point)} stands on the ground, from which a vehicle takes off"
@@ -77,7 +77,7 @@ class OccupiedEnd:
 
 
 def find_occupied_end(where: VoxelMap, point: Point3, radius: float) -> OccupiedEnd | None:
-    """What stands at a point of a map, and where there is room beside; None where the point is not in anything.
+    """The obstacle at a point of a map, and a free place beside it; None where the point is free.
 
     Args:
         where: one map.

@@ -39,7 +39,7 @@ from maxjax.planning.problem.surroundings import Surroundings, surroundings
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What a planner needs; batch axes lead.
+    """A problem as a planner gets it; batch axes lead.
 
     Attributes:
         blocked: voxels that a path keeps out of.

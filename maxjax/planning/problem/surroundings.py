@@ -30,7 +30,7 @@ NOTHING, BESIDE, GROUND, OBSTACLE = range(4)
 
 
 class Surroundings(NamedTuple):
-    """What all problems of one map share.
+    """Volumes that all problems of one map share.
 
     Attributes:
         occupied: occupied voxels, ground included.

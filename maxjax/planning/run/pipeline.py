@@ -43,7 +43,7 @@ _TOGETHER = 32
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """What programs of problems are compiled for.
+    """Static arguments of the programs of problems.
 
     Attributes:
         distances: to keep.

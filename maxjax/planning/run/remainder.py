@@ -24,7 +24,7 @@ from maxjax.verification.verifier import verify
 def remainder(
     plan: Plan, start: Float64[np.ndarray, " 3"], goal: Float64[np.ndarray, " 3"], where: VoxelMap
 ) -> Plan | None:
-    """What is left of a plan, verified in a map; None where that does not pass.
+    """The rest of a plan, verified in a map; None where that does not pass.
 
     Args:
         plan: one that is OK.

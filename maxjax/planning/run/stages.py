@@ -86,7 +86,7 @@ def climb(
 
 
 def status_of_climb(problem: Any, field: Any, arrived: Any, xp: Any = jnp) -> Int32[Any, "*n"]:
-    """What is wrong with the problem, else with the field, else PATH_STALLED unless the ascent arrived; OK if nothing.
+    """Status of the problem, else of the field, else PATH_STALLED unless the ascent arrived; else OK.
 
     Args:
         problem, field: their statuses.

@@ -62,7 +62,7 @@ def _rules() -> tuple[UInt32[np.ndarray, " n"], Int64[np.ndarray, " a"]]:
 
 
 class Search:
-    """What one thread searches maps of one shape with; kept, it spares later queries their first touch of memory.
+    """Workspace of one thread for maps of one shape; kept, it spares later queries their first touch of memory.
 
     Raises:
         NotCompiledError: as `compile.native.library`.

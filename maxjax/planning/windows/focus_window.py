@@ -142,7 +142,7 @@ def ways_out(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class View:
-    """What a device is shown of a task.
+    """The part of a task that a device gets: the task in windows, or whole.
 
     Attributes:
         task: whose maps are whole.

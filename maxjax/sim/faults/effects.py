@@ -84,7 +84,7 @@ def scan_origin(world: World, flight: Flight) -> Float[Array, "3"]:
 def deliver_scan(
     world: World, flight: Flight, scan: Scan, lidar: Lidar, number: Int32[Array, ""]
 ) -> tuple[Scan, Failing]:
-    """What is used of a scan, after its fault and after what is refused.
+    """The usable part of a scan, after its fault and after the checks.
 
     Args:
         world, flight: before the scan.

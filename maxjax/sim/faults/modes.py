@@ -65,7 +65,7 @@ MEANINGLESS = frozenset({
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Faults:
-    """What fails in a flight, and from when on; batch axes lead.
+    """Faults of a flight, and their onset; batch axes lead.
 
     Attributes:
         modes: the `Mode` of each `Target`.
@@ -84,7 +84,7 @@ class Faults:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Failing:
-    """What a flight with faults remembers; batch axes lead.
+    """Memory of a flight with faults; batch axes lead.
 
     Attributes:
         position: what the vehicle takes for its position [m].

@@ -148,7 +148,7 @@ class FlightLog:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """What a flight cannot change: solids, ends [m], random key, disturbances, and movers and faults if there are any.
+    """The constants of a flight: solids, ends [m], random key, disturbances, and movers and faults if there are any.
 
     Batch axes lead.
     """
@@ -165,7 +165,7 @@ class World:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """What evolves during a flight; batch axes lead.
+    """The state of a flight; batch axes lead.
 
     Attributes:
         vehicle: its true state.

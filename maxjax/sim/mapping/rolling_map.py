@@ -52,7 +52,7 @@ _SIGMAS = 3.0
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class RollingMap:
-    """What is known around the vehicle; batch axes lead.
+    """The map around the vehicle; batch axes lead.
 
     Attributes:
         cells: evidence of being occupied, 0 to 6, plus 128 where a voxel was seen free since it entered the map. One

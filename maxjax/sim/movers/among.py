@@ -78,7 +78,7 @@ def raise_flags(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], las
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sightings:
-    """What a look has shown; batch axes lead.
+    """Tracks, returns and flags of a look; batch axes lead.
 
     Attributes:
         tracks: of the movers.
@@ -140,7 +140,7 @@ class Avoidance:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class LookRecord:
-    """What was known and chosen at a look, for drawings; batch axes lead, the last of them that of looks.
+    """Record of a look, for drawings; batch axes lead, the last of them that of looks.
 
     Attributes:
         least, greatest: coordinates of the boxes that may hold the movers, at `AHEAD` of the horizon [m]; NaN: nobody.
@@ -162,7 +162,7 @@ def record_of(seen: Sightings, flown: Commitment, up: Bool[Array, " f"], how: Av
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Among:
-    """What evolves in a flight among movers; batch axes lead.
+    """The state of a flight among movers; batch axes lead.
 
     Attributes:
         seen: by the latest look.

@@ -79,7 +79,7 @@ class Commitment:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class MotionScores:
-    """What is known of each motion; batch axes lead.
+    """Scores of each motion; batch axes lead.
 
     Attributes:
         verified: against sets, walls and unseen space, for the whole horizon; against sets that are too near already,

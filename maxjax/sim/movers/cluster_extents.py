@@ -55,7 +55,7 @@ class BeamFrames:
 
 @dataclasses.dataclass(frozen=True)
 class ClusterExtents:
-    """What is seen of each body along its line of sight, to the left of it and up [m].
+    """Extents of each body along its line of sight, to the left of it and up [m].
 
     Attributes:
         middle: of the returns, in the sensor's frame.

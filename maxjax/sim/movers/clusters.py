@@ -39,7 +39,7 @@ _SLACK = 0.2
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Signs:
-    """What is known of each return; batch axes lead.
+    """Signs of each return; batch axes lead.
 
     Attributes:
         moves: nothing stood there before.

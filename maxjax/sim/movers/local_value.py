@@ -38,7 +38,7 @@ _CLOSE = 1.5
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Crowding:
-    """What a metre near movers costs; static.
+    """Prices of a metre near movers; static.
 
     Attributes:
         price: a, the further cost of a metre at a mover.

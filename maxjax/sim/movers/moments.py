@@ -22,7 +22,7 @@ _POINTS = np.linspace(0.0, 1.0, 13, dtype=np.float32)  # of a motion, shares of 
 
 @dataclasses.dataclass(frozen=True)
 class Moment:
-    """What was known and chosen at a look; world frame.
+    """Tracks and the chosen motion at a look; world frame.
 
     Attributes:
         boxes: lower and upper corners of those that may hold movers [m], at the shares `among.AHEAD` of the horizon.

@@ -46,7 +46,7 @@ _HIDDEN = 0.3
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PerceptionState:
-    """What is known of movers; batch axes lead.
+    """The state of perception: tracks of movers and memory of scans; batch axes lead.
 
     Attributes:
         following: the tracks, and what they are made from.
@@ -90,7 +90,7 @@ def process_scan(
     time: Float[Array, ""],
     sight: TrackingSettings,
 ) -> PerceptionState:
-    """What is known after a scan; safe under `jit` and `vmap`.
+    """Update the state of perception by a scan; safe under `jit` and `vmap`.
 
     Args:
         seeing: after the last look.

@@ -30,7 +30,7 @@ _DEVIATIONS = 2.0
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """What movers are assumed to keep; static.
+    """Bounds that movers are assumed to keep; static.
 
     Attributes:
         speed: V, on each axis [m/s].

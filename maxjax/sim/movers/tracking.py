@@ -76,7 +76,7 @@ class TrackerState:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ExpectedView:
-    """What a scan shows where each mover is expected; batch axes lead.
+    """The view of a scan where each mover is expected; batch axes lead.
 
     Attributes:
         plain: it would be seen.
@@ -92,7 +92,7 @@ class ExpectedView:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Association:
-    """What became of one look's measurements; batch axes lead.
+    """Association of one look's measurements with tracks; batch axes lead.
 
     Attributes:
         of_track: the measurement of each slot, or -1.

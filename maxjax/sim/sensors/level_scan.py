@@ -21,7 +21,7 @@ _ATOM = 0.01  # [m]; a sensor whose surroundings of this size meet no solid is i
 
 @dataclasses.dataclass(frozen=True)
 class Returns:
-    """What a sensor measured.
+    """Measurements of a sensor.
 
     Attributes:
         points: returns [m].

@@ -42,7 +42,7 @@ NEVER = -(2**30)
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Agreement:
-    """What all vehicles agree on; static.
+    """The agreement of all vehicles; static.
 
     Attributes:
         wait: w, looks from a proposal to its swap.
@@ -67,7 +67,7 @@ class Agreement:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Message:
-    """What a vehicle says of itself after a look; batch axes lead.
+    """The message of a vehicle after a look; batch axes lead.
 
     Attributes:
         committed: the motion that it flies, to its end.

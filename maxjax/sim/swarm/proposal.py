@@ -28,7 +28,7 @@ _FURTHER = 0.05
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Wish:
-    """What a vehicle would fly.
+    """The motion that a vehicle would fly.
 
     Attributes:
         motion: which.

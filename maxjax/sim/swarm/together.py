@@ -115,7 +115,7 @@ class Together:
 def _around(
     flight: Flight, config: FlightConfig, place: Float[Array, "3"], others: Tracks, ahead: float
 ) -> tuple[Around, Bool[Array, ""]]:
-    """What is around a place that the vehicle is at some time ahead [s], and whether something appeared near it.
+    """Obstacles and guide around a place of the vehicle some time ahead [s], and whether something appeared near it.
 
     The way is dear where others may be.
     """

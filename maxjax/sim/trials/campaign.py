@@ -48,7 +48,7 @@ Command = Callable[["Campaign", int], str]
 
 @dataclasses.dataclass(frozen=True)
 class Campaign:
-    """What to fly.
+    """A campaign: city, trials, and how to fly them.
 
     Attributes:
         map: one of `MAPS`.

@@ -83,7 +83,7 @@ class Ledger:
 
     @classmethod
     def read(cls, folder: Path) -> Ledger:
-        """What a folder holds, or holds so far; nothing in it is changed, and a last line in writing is left out.
+        """The ledger of a folder, so far; nothing in it is changed, and a last line in writing is left out.
 
         Raises:
             ValueError: if it holds no campaign, or damaged files.

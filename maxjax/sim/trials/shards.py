@@ -56,7 +56,7 @@ class Shard:
 
 @dataclasses.dataclass(frozen=True)
 class Merged:
-    """What the folders of shares hold of a campaign.
+    """The shares of a campaign in their folders.
 
     Attributes:
         shards: how many folders there are.

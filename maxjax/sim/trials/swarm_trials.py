@@ -38,7 +38,7 @@ _STUCK, _WATCHED = 2.0, 20.0
 
 @dataclasses.dataclass(frozen=True)
 class FleetTrial:
-    """What to fly.
+    """A trial of a swarm: city, vehicles, and how to fly them.
 
     Attributes:
         map: one of `maxjax.sim.worlds.layouts.MAPS`.

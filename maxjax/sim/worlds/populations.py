@@ -45,7 +45,7 @@ _WAYS = 256  # drawn for a mover
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Population:
-    """What moves in a city; static.
+    """A population of movers; static.
 
     Attributes:
         count: of movers.

@@ -59,7 +59,7 @@ _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """What a mission is asked for.
+    """A mission as a file asks for it.
 
     Attributes:
         options: of its plans, `start` and `goal` the first and the last waypoint, `via` those in between.

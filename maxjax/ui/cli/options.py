@@ -37,7 +37,7 @@ else:  # the choices of the registry; solver is another word for field
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """What a map becomes.
+    """Options of a map: window, voxels, ground.
 
     Attributes:
         spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
@@ -71,7 +71,7 @@ class ReadOptions:
 
 @dataclasses.dataclass(frozen=True)
 class RouteOptions:
-    """What is planned in a map, how, and by which rules of the air.
+    """Options of a plan: ends, distances, method, rules of the air.
 
     Attributes:
         map: A map.

@@ -25,7 +25,7 @@ _FOUND = ("grid", "returns")
 
 @dataclasses.dataclass(frozen=True)
 class Opened:
-    """What a page begins with.
+    """The first state of a page.
 
     Attributes:
         options: those of the page, with the file's.
@@ -63,7 +63,7 @@ def _names() -> list[str]:
 
 
 def open_source(options: ViewOptions) -> Opened:
-    """What the options name.
+    """The source that options name, opened.
 
     Raises:
         ValueError, OSError: for a file that cannot be used.

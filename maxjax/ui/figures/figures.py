@@ -53,7 +53,7 @@ class Nearness:
 
 @dataclasses.dataclass(frozen=True)
 class Overlay:
-    """What a figure of paths shows beside them.
+    """Additions to a figure of paths.
 
     Attributes:
         log_potential: logarithm of the potential; its level lines are drawn in the free space at the main path's

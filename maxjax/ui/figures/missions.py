@@ -39,7 +39,7 @@ _ASKED = (0, (4, 2))
 
 @dataclasses.dataclass(frozen=True)
 class _Course:
-    """What is flown, every tenth of a second.
+    """Samples of a flight, every tenth of a second.
 
     Attributes:
         motion: position and speed.

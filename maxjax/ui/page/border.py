@@ -29,7 +29,7 @@ _HEADERS = {"Referrer-Policy": "no-referrer", "X-Frame-Options": "SAMEORIGIN", "
 
 @dataclasses.dataclass(frozen=True)
 class Border:
-    """What is served, and to whom.
+    """The border of a page: the address that is served, and the token that a browser needs.
 
     Attributes:
         host: address that is listened on.

@@ -162,7 +162,7 @@ def _reach(city: City, axis: Axis) -> tuple[float, float]:
 
 
 def legend(question: Question, wanted: Slice | None, rules: Sequence[str] = (), *, path: bool = True) -> str:
-    """What the colours mean, of a path where there is one, and which rules of the air hold, as HTML."""
+    """The legend of colours, of a path where there is one, and the rules of the air that hold, as HTML."""
     rows = [_bar(CLEARANCES, "path: clearance 0 m", f"{question.margin:g} m and more")] if path else []
     if wanted is not None and wanted.of == "cost":
         rows.append(_bar(FIELD, "cost to the goal 0 m, a line every 10 m", "far"))

@@ -20,7 +20,7 @@ _Check = Callable[[Any], bool]
 
 
 def fault_of(content: bytes | str, controls: Mapping[str, Any]) -> str:
-    """What is wrong with a message, in words; empty where nothing is.
+    """The fault of a message, in words; empty for a valid one.
 
     Args:
         content: as it was received.
@@ -43,7 +43,7 @@ def fault_of(content: bytes | str, controls: Mapping[str, Any]) -> str:
 
 
 def refusal_of(content: bytes | str, controls: Mapping[str, Any]) -> str:
-    """What to tell a user whose control has a value that is not taken, in words; empty where there is no such value.
+    """The message for a user whose control has a value that is refused; empty where there is none.
 
     Args:
         content: as it was received.

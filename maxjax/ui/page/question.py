@@ -36,7 +36,7 @@ CLOSED_ENDS = (
 
 @dataclasses.dataclass(frozen=True)
 class Question:
-    """What is to be planned.
+    """A question: waypoints, distances, method and rules to plan by.
 
     Attributes:
         waypoints: start, places to visit, goal [m].
@@ -81,7 +81,7 @@ class Question:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
-    """What was planned.
+    """An answer: the mission of a question, or why there is none.
 
     Attributes:
         question: that was asked.
@@ -153,7 +153,7 @@ def _closed(city: City, band: Band, highest: float | None) -> Reasons:
 
 
 def _closed_end(city: City, question: Question, mission: Mission) -> str:
-    """What is in the way of the end of a leg that failed for it, and where there is room; empty where nothing is."""
+    """The obstacle at the end of a leg that failed for it, and a free place; empty where there is none."""
     for k in mission.failed[:1]:
         for end, statuses in enumerate(CLOSED_ENDS):
             if mission.legs[k].status in statuses:

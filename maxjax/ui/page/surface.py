@@ -27,7 +27,7 @@ def surface(
     opacity: float = 1.0,
     hidden_by: Bool[np.ndarray, "nx ny nz"] | None = None,
 ) -> Surface:
-    """What is seen of a volume from above and from its sides; not from below the grid.
+    """The surface of a volume as seen from above and from its sides; not from below the grid.
 
     Args:
         volume: its voxels.

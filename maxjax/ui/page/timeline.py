@@ -27,7 +27,7 @@ _SIZE, _SHARE = 1.3, 0.012  # radius of the ball that stands for the vehicle: at
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cue:
-    """What is shown from a time on.
+    """Changes of a scene from a time on.
 
     Attributes:
         time: [s].
