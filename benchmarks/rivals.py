@@ -40,7 +40,7 @@ from maxjax.baselines.astar_planner import voxel_of
 from maxjax.fields.price import Price
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import problem_of
-from maxjax.planning.run.shared_goal import formulate_fleet
+from maxjax.planning.run.shared_goal import formulate_shared_goal
 from maxjax.planning.run.stages import potential_field
 from maxjax.planning.search import astar, astar_compiled
 from maxjax.planning.search.astar_compiled import Queries, Query, Search
@@ -218,7 +218,9 @@ def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tup
     starts = starts[(apart >= reach[0]) & (apart <= reach[1])][: 2 * config.starts]
     distances = problems(config.maps[0], 1, config.seed, grid, config.margin)[0].distances
     task = Task.of(VoxelMap.on(grid, occupied, ground), starts, goal, distances)
-    fleet = formulate_fleet(jnp.asarray(occupied), jnp.asarray(ground), jnp.asarray(task.ends), distances, grid.local)
+    fleet = formulate_shared_goal(
+        jnp.asarray(occupied), jnp.asarray(ground), jnp.asarray(task.ends), distances, grid.local
+    )
     sound = np.flatnonzero(~np.asarray(fleet.opens) & (np.asarray(fleet.status) == maxjax.Status.OK))[: config.starts]
     blocked, price = np.asarray(fleet.blocked), np.asarray(fleet.around.price)
     inner, last = np.asarray(fleet.places.inner)[sound, 0], voxel_of(np.asarray(fleet.places.inner)[0, 1])

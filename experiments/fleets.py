@@ -38,10 +38,10 @@ from maxjax.sim.loop.follow import follow
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import Avoidance
 from maxjax.sim.movers.steering import straight_way
-from maxjax.sim.swarm.swarm_flight import FleetLog, fly_fleet
+from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swaps import Swaps, antipodal
-from maxjax.sim.trials.swarm_trials import FleetTrial, fly_swarm, stuck
+from maxjax.sim.trials.swarm_trials import SwarmTrial, fly_swarm_in_stages, stuck
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane
 from maxjax.trajectories.online import Sampling
@@ -102,26 +102,26 @@ def main(config: Config) -> list[Row]:
     return rows
 
 
-def _flown(world: str, size: int, together: Together, config: Config) -> FleetLog:
+def _flown(world: str, size: int, together: Together, config: Config) -> SwarmLog:
     """All fleets of a row; the batch axis leads."""
     seeds = range(config.first, config.first + config.seeds)
     flight = _flight(world, size, together, config.plans)
-    many = jax.jit(jax.vmap(functools.partial(fly_fleet, config=flight, together=together)))
+    many = jax.jit(jax.vmap(functools.partial(fly_swarm, config=flight, together=together)))
     logs = []
     for begin in range(0, len(seeds), config.batch):
         some = [_worlds(world, size, together, flight, seed) for seed in seeds[begin : begin + config.batch]]
         if config.batch == 1:
-            logs.append(jax.tree.map(lambda x: np.asarray(x)[None], fly_swarm(some[0], flight, together)))
+            logs.append(jax.tree.map(lambda x: np.asarray(x)[None], fly_swarm_in_stages(some[0], flight, together)))
         else:
             logs.append(jax.device_get(many(jax.tree.map(lambda *x: jnp.stack(x), *some))))
-    joined: FleetLog = jax.tree.map(lambda *x: np.concatenate(x), *logs)
+    joined: SwarmLog = jax.tree.map(lambda *x: np.concatenate(x), *logs)
     return joined
 
 
 def _flight(world: str, size: int, together: Together, plans: int) -> FlightConfig:
     """How each vehicle flies."""
     if world not in OPEN:
-        return FleetTrial(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
+        return SwarmTrial(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
     return FlightConfig(
         planner=Field(),
         moving=Avoidance(None, choice=together.motions(), within=_LAYER if world == "level" else None),
@@ -134,7 +134,7 @@ def _flight(world: str, size: int, together: Together, plans: int) -> FlightConf
 
 def _worlds(world: str, size: int, together: Together, flight: FlightConfig, seed: int) -> World:
     if world not in OPEN:
-        return FleetTrial(world, seed, size, together, flight).worlds()
+        return SwarmTrial(world, seed, size, together, flight).worlds()
     swaps, key = open_swaps(world, size, seed), jax.random.key(seed)
     calm = jax.tree.map(jnp.float32, Disturbances())
     ends = jnp.asarray(swaps.start, jnp.float32), jnp.asarray(swaps.goal, jnp.float32)
@@ -160,7 +160,7 @@ def open_sky(world: World, flight: Flight, config: FlightConfig) -> Flight:
     return dataclasses.replace(flight, rolling_map=dataclasses.replace(known, cells=jnp.full_like(known.cells, 128)))
 
 
-def _figures(logs: FleetLog) -> Row:
+def _figures(logs: SwarmLog) -> Row:
     status, seconds = np.asarray(logs.flights.status), np.asarray(logs.flights.duration)
     assert logs.flights.flags is not None
     ok, met, rests = status == Status.OK, np.asarray(logs.touched) >= 0, stuck(logs)

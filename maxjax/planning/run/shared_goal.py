@@ -56,7 +56,7 @@ class Places(NamedTuple):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Fleet:
+class SharedGoal:
     """The starts of a fleet, formulated.
 
     Attributes:
@@ -90,13 +90,13 @@ class Group(NamedTuple):
     places: Places
 
 
-def formulate_fleet(
+def formulate_shared_goal(
     occupied: Bool[Array, "nx ny nz"],
     ground: Bool[Array, "nx ny nz"],
     ends: Float[Array, "n 2 3"],
     distances: Distances,
     grid: Grid,
-) -> Fleet:
+) -> SharedGoal:
     """`problem.formulate` for every start whose exemption opens no voxel; the goal is the same for all."""
     around = surroundings(occupied, ground, distances, grid)
     radius = Radius.of(distances.radius / grid.spacing)
@@ -118,7 +118,7 @@ def formulate_fleet(
     )
     opens = starts.leaves & (starts.level > 0)
     faults = jax.vmap(lambda pair: fault_of_ends(around.occupied, pair, grid))(ends)
-    return Fleet(
+    return SharedGoal(
         around=around,
         blocked=blocked,
         status=jnp.where((faults == Status.OK) & ~opens, joined, faults).astype(jnp.int32),
@@ -150,7 +150,7 @@ def _tighten_all(
     return jax.vmap(lambda path, exact: complete_path(exact, price, tighten(sight, path, price)))(paths, ends)
 
 
-_FORMULATE = Program("formulate", formulate_fleet, static=("distances", "grid"))
+_FORMULATE = Program("formulate", formulate_shared_goal, static=("distances", "grid"))
 _OPEN = Program("formulate", problem_in, static=("distances", "grid"))
 _SIGHT = Program("ascend", sight_of, static=("room",))
 _ASCEND = Program("ascend", _ascend_all, static=("settings",))
@@ -183,7 +183,7 @@ def plan_to_goal(task: Task, planner: FieldClimber) -> Plans:
     return plans_of(routes, task, planner.name)
 
 
-def _routes(group: Group, fleet: Fleet, planner: FieldClimber, task: Task) -> Routes:
+def _routes(group: Group, fleet: SharedGoal, planner: FieldClimber, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
     price, places, count = fleet.around.price, group.places, len(group.members)
     field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)

@@ -20,7 +20,7 @@ NOBODY = -1
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Member:
-    """A vehicle of a fleet; batch axes lead.
+    """A vehicle of a swarm; batch axes lead.
 
     Attributes:
         sent: messages after the last w looks, the latest first.

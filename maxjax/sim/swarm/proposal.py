@@ -83,7 +83,7 @@ def propose_motion(
     """The best motion from where the present one leads by a later look, for which everything is given.
 
     Args:
-        around: what is around, apart from the fleet.
+        around: what is around, apart from the swarm.
         left: the rest of the present motion, and for how long that is promised to be clear of movers and walls.
         told: of the vehicles that are looked at.
         at_look: the look.

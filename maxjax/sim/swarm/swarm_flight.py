@@ -1,7 +1,7 @@
-"""A fleet in closed loop: flights in lockstep, one axis of one program, that gather what they say to each other.
+"""A swarm in closed loop: flights in lockstep, one axis of one program, that gather what they say to each other.
 
-    fly_fleet(worlds, config, together) -> FleetLog              one program, for batches
-    watch_fleet(worlds, config, together) -> flights             on the host, a vehicle's own stages one after the other
+    fly_swarm(worlds, config, together) -> SwarmLog              one program, for batches
+    watch_swarm(worlds, config, together) -> flights             on the host, a vehicle's own stages one after the other
 
 Each vehicle senses, maps and plans for itself (`sim.loop.flight`); `sim.swarm.together` takes the place of the stage
 that moves. The vehicles are no part of each other's scans, as if returns from where others are told to be were left
@@ -26,16 +26,16 @@ from maxjax.sim.loop.flight import program_of, stages_of, take_off
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.loop.follow import follow, unless
 from maxjax.sim.swarm.member import Member, hovering
-from maxjax.sim.swarm.together import FLEET, Together
+from maxjax.sim.swarm.together import SWARM, Together
 
-# Fleets of a batch that take a planning period at a time.
+# Swarms of a batch that take a planning period at a time.
 _AT_ONCE = 64
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class FleetLog:
-    """The result of a fleet's flights; batch axes lead, the vehicles come last of them.
+class SwarmLog:
+    """The result of a swarm's flights; batch axes lead, the vehicles come last of them.
 
     Attributes:
         flights: of each vehicle; OK where it reached its goal and was in contact with nothing, then or later.
@@ -52,8 +52,8 @@ class FleetLog:
     dropped: Int32[Array, "*batch"]
 
 
-def fly_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
-    """Fly a fleet once; pure, for `jit` and `vmap` over batches of fleets.
+def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> SwarmLog:
+    """Fly a swarm once; pure, for `jit` and `vmap` over batches of swarms.
 
     Args:
         worlds: one for each vehicle, along a leading axis: the same solids and movers, its own ends and key.
@@ -68,20 +68,20 @@ def fly_fleet(worlds: World, config: FlightConfig, together: Together) -> FleetL
         ValueError: for fewer than two vehicles, or a `config.moving` of None.
     """
     _check(worlds, config)
-    first = fleet_take_off(worlds, config, together)
-    flown = settle(_flies, functools.partial(fleet_iteration, config=config, together=together), worlds, first,
+    first = swarm_take_off(worlds, config, together)
+    flown = settle(_flies, functools.partial(swarm_iteration, config=config, together=together), worlds, first,
                    at_once=_AT_ONCE)  # fmt: skip
     return log_of(flown)
 
 
-def log_of(flown: Flight) -> FleetLog:
-    """The log of a fleet's flights."""
+def log_of(flown: Flight) -> SwarmLog:
+    """The log of a swarm's flights."""
     member = flown.swarm_member
-    return FleetLog(flown.log, member.gap, member.touched, member.swaps, member.dropped)
+    return SwarmLog(flown.log, member.gap, member.touched, member.swaps, member.dropped)
 
 
-def watch_fleet(worlds: World, config: FlightConfig, together: Together) -> Iterator[Flight]:
-    """`fly_fleet` with its loop on the host: the flights before their first planning period, and after each.
+def watch_swarm(worlds: World, config: FlightConfig, together: Together) -> Iterator[Flight]:
+    """`fly_swarm` with its loop on the host: the flights before their first planning period, and after each.
 
     The stages in which vehicles know nothing of each other are programs of one flight, as those of
     `sim.loop.flight.watch` are, and are not run for who is done. Up to rounding the flights are the same.
@@ -103,18 +103,18 @@ def watch_fleet(worlds: World, config: FlightConfig, together: Together) -> Iter
 
 def _check(worlds: World, config: FlightConfig) -> None:
     if len(worlds.start) < 2:
-        raise ValueError(f"fleet: expected 2 vehicles or more, given {len(worlds.start)}")
+        raise ValueError(f"swarm: expected 2 vehicles or more, given {len(worlds.start)}")
     if config.moving is None or follow not in stages_of(config):
-        raise ValueError("fleet: expected config.moving and the stage `follow`, given a config without")
+        raise ValueError("swarm: expected config.moving and the stage `follow`, given a config without")
 
 
-def fleet_take_off(worlds: World, config: FlightConfig, together: Together) -> Flight:
+def swarm_take_off(worlds: World, config: FlightConfig, together: Together) -> Flight:
     """All flights before their first planning period."""
-    flights: Flight = jax.vmap(functools.partial(_take_off, config=config, together=together), axis_name=FLEET)(worlds)
+    flights: Flight = jax.vmap(functools.partial(_take_off, config=config, together=together), axis_name=SWARM)(worlds)
     return flights
 
 
-def fleet_iteration(worlds: World, flights: Flight, config: FlightConfig, together: Together) -> Flight:
+def swarm_iteration(worlds: World, flights: Flight, config: FlightConfig, together: Together) -> Flight:
     """One planning period of all vehicles."""
 
     def iterate(world: World, flight: Flight) -> Flight:
@@ -125,14 +125,14 @@ def fleet_iteration(worlds: World, flights: Flight, config: FlightConfig, togeth
                 flight = unless(flight.done, flight, stage(world, flight, config))
         return flight
 
-    flown: Flight = jax.vmap(iterate, axis_name=FLEET)(worlds, flights)
+    flown: Flight = jax.vmap(iterate, axis_name=SWARM)(worlds, flights)
     return flown
 
 
 def _follow_together(worlds: World, flights: Flight, config: FlightConfig, together: Together) -> Flight:
     """The stage that moves, of all vehicles."""
     stages = dataclasses.replace(config, stages=(follow,))
-    return fleet_iteration(worlds, flights, stages, together)
+    return swarm_iteration(worlds, flights, stages, together)
 
 
 def _flies(_: World, flights: Flight) -> Bool[Array, ""]:
@@ -140,11 +140,11 @@ def _flies(_: World, flights: Flight) -> Bool[Array, ""]:
 
 
 def _take_off(world: World, config: FlightConfig, together: Together) -> Flight:
-    """A flight before its first planning period, with its member of the fleet."""
+    """A flight before its first planning period, with its member of the swarm."""
     flight = take_off(world, config)
     member: Member = hovering(flight.tracked.flown.motion, together.wait)
-    places = jax.lax.all_gather(flight.vehicle.position, FLEET)
-    others = jnp.arange(len(places)) != jax.lax.axis_index(FLEET)
+    places = jax.lax.all_gather(flight.vehicle.position, SWARM)
+    others = jnp.arange(len(places)) != jax.lax.axis_index(SWARM)
     apart = jnp.linalg.norm(places - flight.vehicle.position, axis=-1)
     crowded = jnp.any(others & (apart < together.agreement(config.avoidance).apart)) & (flight.log.status == Status.OK)
     status = jnp.where(crowded, Status.START_OCCUPIED, flight.log.status).astype(jnp.int32)
@@ -152,5 +152,5 @@ def _take_off(world: World, config: FlightConfig, together: Together) -> Flight:
     return dataclasses.replace(flight, member=member, done=flight.done | crowded, log=log)
 
 
-_TAKE_OFF = Stored("take-off of a fleet", fleet_take_off)
-_FOLLOW = Stored("fleet", _follow_together)
+_TAKE_OFF = Stored("take-off of a swarm", swarm_take_off)
+_FOLLOW = Stored("swarm", _follow_together)

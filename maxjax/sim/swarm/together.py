@@ -1,6 +1,6 @@
-"""The stage of a fleet that moves: as `sim.loop.follow`, along motions that are swapped by the agreement.
+"""The stage of a swarm that moves: as `sim.loop.follow`, along motions that are swapped by the agreement.
 
-It runs under `vmap` with the axis `FLEET`, over which messages and places are gathered: what a vehicle is told of the
+It runs under `vmap` with the axis `SWARM`, over which messages and places are gathered: what a vehicle is told of the
 others is `Together.wait` looks old. Nobody leaves the motion that it is committed to but by a swap; where that is not
 clear of movers or walls any more, or the vehicle is not where it leads, a flag is up. Who has arrived flies the motion
 to its end, at which it stays in the air. Contacts are counted by the exact distance of bodies at every physics step.
@@ -30,14 +30,14 @@ from maxjax.sim.swarm.member import NOBODY, place_of_commitment, saying
 from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion
 from maxjax.sim.swarm.separation import Sampled, Scheduled
 
-FLEET = "fleet"
+SWARM = "swarm"
 """Axis of the vehicles."""
 
 
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class Together:
-    """A planning period of a vehicle of a fleet; static, a stage.
+    """A planning period of a vehicle of a swarm; static, a stage.
 
     Attributes:
         delay: of messages at most [s]. Besides, what is decided at a look is known to nobody before the next one.
@@ -80,8 +80,8 @@ class Together:
     def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
         """Swap, propose, and send the message of this look; `number`: of it in its period."""
         how, member, among = config.avoidance, flight.swarm_member, flight.tracked
-        agreement, index = self.agreement(how), lax.axis_index(FLEET)
-        told, own = lax.all_gather(member.oldest, FLEET), member.latest
+        agreement, index = self.agreement(how), lax.axis_index(SWARM)
+        told, own = lax.all_gather(member.oldest, SWARM), member.latest
         look = own.sent + 1
         due = own.proposed + self.wait == look
         own, swaps = swap_proposal(own, told, index, look, agreement)
@@ -143,8 +143,8 @@ def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array
     flight = step_alone(world, flight, config, noise)
     member = dataclasses.replace(flight.swarm_member, since=flight.swarm_member.since + config.vehicle.timestep)
     place = jnp.where(flight.done, place_of_commitment(member, LOG_PERIOD), flight.vehicle.position)
-    places = lax.all_gather(place, FLEET)
-    others = jnp.arange(len(places)) != lax.axis_index(FLEET)
+    places = lax.all_gather(place, SWARM)
+    others = jnp.arange(len(places)) != lax.axis_index(SWARM)
     gaps = jnp.where(others, jnp.linalg.norm(places - place, axis=-1) - 2.0 * config.radius, jnp.inf)
     nearest = jnp.argmin(gaps)
     touches = gaps[nearest] <= 0.0

@@ -1,9 +1,9 @@
-"""Fleets: many vehicles that swap their places in one city at the same time.
+"""Swarms: many vehicles that swap their places in one city at the same time.
 
-    fleet = (map, seed, count, how they agree, how each flies)
+    swarm = (map, seed, count, how they agree, how each flies)
 
-The ends are those of `sim.trials.swaps`, the key of vehicle k is fold_in(named(key(seed), "fleet MAP"), k); movers are
-drawn around the box of all ends, and those that come near a start in the first two seconds are left out.
+The ends are those of `sim.trials.swaps`, the key of vehicle k is fold_in(named_key(key(seed), "fleet MAP"), k); movers
+are drawn around the box of all ends, and those that come near a start in the first two seconds are left out.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, World
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.movers.among import Avoidance
-from maxjax.sim.swarm.swarm_flight import FleetLog, log_of, watch_fleet
+from maxjax.sim.swarm.swarm_flight import SwarmLog, log_of, watch_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.swaps import ALONE, Swaps, city_swaps
@@ -37,7 +37,7 @@ _STUCK, _WATCHED = 2.0, 20.0
 
 
 @dataclasses.dataclass(frozen=True)
-class FleetTrial:
+class SwarmTrial:
     """A trial of a swarm: city, vehicles, and how to fly them.
 
     Attributes:
@@ -86,13 +86,13 @@ class FleetTrial:
         return stacked
 
 
-def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
-    """The log of a fleet that is flown stage by stage, as single flights are: it ends with its last vehicle."""
-    *_, last = watch_fleet(worlds, config, together)
+def fly_swarm_in_stages(worlds: World, config: FlightConfig, together: Together) -> SwarmLog:
+    """The log of a swarm that is flown stage by stage, as single flights are: it ends with its last vehicle."""
+    *_, last = watch_swarm(worlds, config, together)
     return log_of(last)
 
 
-def stuck(log: FleetLog) -> Bool[np.ndarray, "*batch"]:
+def stuck(log: SwarmLog) -> Bool[np.ndarray, "*batch"]:
     """Deadlocked vehicles: neither arrived nor in contact, and without progress at the end."""
     late = np.asarray(log.flights.status) == Status.OUT_OF_PLANS
     position = np.asarray(log.flights.position)

@@ -17,9 +17,9 @@ from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.movers.among import Flag
-from maxjax.sim.swarm.swarm_flight import FleetLog
+from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.swarm.together import Together
-from maxjax.sim.trials.swarm_trials import FleetTrial, fly_swarm, stuck
+from maxjax.sim.trials.swarm_trials import SwarmTrial, fly_swarm_in_stages, stuck
 from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli import report
 from maxjax.ui.cli import track_command as tracking
@@ -42,13 +42,13 @@ def fly_together(count: int, options: FlyOptions, config: FlightConfig, movers: 
         ValueError, OSError, ImportError: for arguments that cannot be used.
     """
     tracking.refuse(options, _ALONE, "goes with trials of one vehicle, not with --fleet")
-    fleet = FleetTrial(options.map, options.seed, count, Together(options.delay), config, movers)
+    fleet = SwarmTrial(options.map, options.seed, count, Together(options.delay), config, movers)
     report.check_output(options.out)
     with progress(f"Drawing the swaps of {fleet.count} vehicles"):
         worlds = fleet.worlds()
     with progress(f"Flying {fleet.count} vehicles"):
-        log = fly_swarm(worlds, fleet.flight, fleet.together)
-    content = report.plain({**fleet_figures(fleet, log), "versions": versions(), "device": device()})
+        log = fly_swarm_in_stages(worlds, fleet.flight, fleet.together)
+    content = report.plain({**swarm_figures(fleet, log), "versions": versions(), "device": device()})
     files = _written(options.out, content, fleet, log) if options.out is not None else []
     if options.json:
         sys.stdout.write(report.dumps(content))
@@ -64,7 +64,7 @@ def fly_together(count: int, options: FlyOptions, config: FlightConfig, movers: 
     return 0
 
 
-def fleet_figures(fleet: FleetTrial, log: FleetLog) -> dict[str, Any]:
+def swarm_figures(fleet: SwarmTrial, log: SwarmLog) -> dict[str, Any]:
     """Contents of fleet.json; lengths [m], times [s]."""
     flights, touched = log.flights, np.asarray(log.touched)
     status, seconds = np.asarray(flights.status), np.asarray(flights.duration)
@@ -121,15 +121,15 @@ def _rows(content: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _written(out: Path, content: dict[str, Any], fleet: FleetTrial, log: FleetLog) -> list[Path]:
+def _written(out: Path, content: dict[str, Any], fleet: SwarmTrial, log: SwarmLog) -> list[Path]:
     """flights.png and fleet.json, each whole or not at all; those of an earlier one go."""
-    from maxjax.ui.figures.campaign_figures import figure_fleet
+    from maxjax.ui.figures.campaign_figures import figure_swarm
     from maxjax.ui.figures.style import save_figure
 
     out.mkdir(parents=True, exist_ok=True)
     picture, summary = out / "flights.png", out / "fleet.json"
     for old in (summary, picture):
         old.unlink(missing_ok=True)
-    save_figure(figure_fleet(fleet, log), picture)
+    save_figure(figure_swarm(fleet, log), picture)
     atomic_write(summary, report.dumps(content))
     return [picture, summary]

@@ -16,11 +16,11 @@ from maxjax.sim.loop.flight import Flight
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.mapping import rolling_map
 from maxjax.sim.movers.moments import moments_of
-from maxjax.sim.swarm.swarm_flight import FleetLog
+from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
-from maxjax.sim.trials.swarm_trials import FleetTrial
+from maxjax.sim.trials.swarm_trials import SwarmTrial
 from maxjax.sim.trials.trial_movers import movers_of
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers, solids_at
@@ -52,7 +52,7 @@ def figure_campaign(campaign: Campaign, ledger: Ledger) -> Figure:
     return figure_flights(obstacle, _CITY, lines, title=_title(campaign, city), caption=_caption(flown, shown))
 
 
-def figure_fleet(fleet: FleetTrial, log: FleetLog) -> Figure:
+def figure_swarm(fleet: SwarmTrial, log: SwarmLog) -> Figure:
     """The ways of all vehicles of a fleet over their city, seen from above.
 
     Args:

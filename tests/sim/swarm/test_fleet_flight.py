@@ -21,7 +21,7 @@ from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.steering import straight_way
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
-from maxjax.sim.swarm.swarm_flight import FleetLog, fleet_take_off, fly_fleet, watch_fleet
+from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm, swarm_take_off, watch_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, ground_plane
@@ -70,10 +70,10 @@ def swaps(wide: float = 0.0) -> World:
 
 
 @functools.cache
-def flown() -> FleetLog:
+def flown() -> SwarmLog:
     """Two fleets in a batch; the second one flies two metres further."""
     both = jax.tree.map(lambda *x: jnp.stack(x), swaps(), swaps(wide=2.0))
-    return jax.jit(jax.vmap(functools.partial(fly_fleet, config=CONFIG, together=TOGETHER)))(both)
+    return jax.jit(jax.vmap(functools.partial(fly_swarm, config=CONFIG, together=TOGETHER)))(both)
 
 
 def test_all_arrive_and_nobody_touches_anybody() -> None:
@@ -93,7 +93,7 @@ def test_all_arrive_and_nobody_touches_anybody() -> None:
 
 
 def test_on_the_host_a_fleet_flies_as_in_a_batch() -> None:
-    *_, last = watch_fleet(swaps(), CONFIG, TOGETHER)
+    *_, last = watch_swarm(swaps(), CONFIG, TOGETHER)
     flights = flown().flights
     np.testing.assert_array_equal(last.log.status, flights.status[0])
     np.testing.assert_allclose(last.log.position, flights.position[0], atol=1e-2)
@@ -110,7 +110,7 @@ def test_a_fleet_keeps_away_from_movers_too() -> None:
     bounds = Bounds(speed=3.0, acceleration=0.5)
     looking = dataclasses.replace(CONFIG.moving, perception=TrueTracks(slots=1), bounds=bounds)
     config = dataclasses.replace(CONFIG, moving=looking, lidar=Lidar(rays=1024, channels=16))
-    *_, last = watch_fleet(worlds(ends, ends[::-1], mover), config, TOGETHER)
+    *_, last = watch_swarm(worlds(ends, ends[::-1], mover), config, TOGETHER)
     assert np.asarray(last.log.status).tolist() == [Status.OK, Status.OK]
     position = np.asarray(last.log.position, float)
     times = 0.1 * np.arange(position.shape[1])[:, None]
@@ -123,7 +123,7 @@ def test_a_fleet_keeps_away_from_movers_too() -> None:
 
 def test_who_starts_too_near_to_another_does_not_start() -> None:
     start = np.array([[0.0, 0.0, 20.0], [0.5, 0.0, 20.0], [20.0, 0.0, 20.0], [30.0, 0.0, 20.0]])
-    flights = fleet_take_off(worlds(start, start + np.array([0.0, 12.0, 0.0])), CONFIG, TOGETHER)
+    flights = swarm_take_off(worlds(start, start + np.array([0.0, 12.0, 0.0])), CONFIG, TOGETHER)
     occupied, ok = int(Status.START_OCCUPIED), int(Status.OK)
     assert np.asarray(flights.log.status).tolist() == [occupied, occupied, ok, ok]
     assert np.asarray(flights.done).tolist() == [True, True, False, False]
@@ -133,6 +133,6 @@ def test_impossible_fleets_are_refused() -> None:
     with pytest.raises(ValueError, match="expected a finite number of seconds"):
         Together(delay=-0.1)
     with pytest.raises(ValueError, match="expected 2 vehicles or more, given 1"):
-        fly_fleet(jax.tree.map(lambda x: x[:1], swaps()), CONFIG, TOGETHER)
+        fly_swarm(jax.tree.map(lambda x: x[:1], swaps()), CONFIG, TOGETHER)
     with pytest.raises(ValueError, match="given a config without"):
-        fly_fleet(swaps(), dataclasses.replace(CONFIG, moving=None), TOGETHER)
+        fly_swarm(swaps(), dataclasses.replace(CONFIG, moving=None), TOGETHER)

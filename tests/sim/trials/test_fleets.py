@@ -12,7 +12,7 @@ from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.movers.motions import MotionSet
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swaps import ALONE, antipodal, city_swaps
-from maxjax.sim.trials.swarm_trials import FleetTrial
+from maxjax.sim.trials.swarm_trials import SwarmTrial
 from maxjax.sim.trials.trials import APART, HALF_AREA, HEIGHT
 from maxjax.sim.worlds.movers import places
 from maxjax.sim.worlds.populations import Population, place_movers
@@ -62,7 +62,7 @@ def test_impossible_swaps_are_refused() -> None:
 
 def test_movers_of_a_fleet_begin_away_from_every_start() -> None:
     config = FlightConfig(planner=Field())
-    fleet = FleetTrial("downtown", 1, 12, Together(0.1), config, Population(40, 5.0, "drones"))
+    fleet = SwarmTrial("downtown", 1, 12, Together(0.1), config, Population(40, 5.0, "drones"))
     movers = fleet.worlds().movers
     assert movers is not None
     there = np.asarray(place_movers(movers))

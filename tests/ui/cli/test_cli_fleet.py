@@ -13,7 +13,7 @@ import pytest
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World
 from maxjax.sim.movers.among import Flag, Flags
-from maxjax.sim.swarm.swarm_flight import FleetLog
+from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials import swarm_trials as drawing
 from maxjax.sim.trials.swaps import Swaps, antipodal
@@ -32,7 +32,7 @@ def swaps(name: str, seed: int, count: int) -> Swaps:
     return Swaps(ends.start + above, ends.goal + above)
 
 
-def flown(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
+def flown(worlds: World, config: FlightConfig, together: Together) -> SwarmLog:
     """Vehicles 1 and 2 touch half-way, the last one rests at its start for half a minute, the others arrive."""
     assert together.delay == 0.2
     assert config.moving is not None
@@ -46,12 +46,12 @@ def flown(worlds: World, config: FlightConfig, together: Together) -> FleetLog:
     flags = Flags(jnp.zeros((count, len(Flag))), 0.0 * some, jnp.full((count, len(Flag)), -jnp.inf))
     log = FlightLog(status, position, 80.0 * some, 30.0 * some, none, none, 3.0 * some, some[:, None], none, flags)
     touched = jnp.full(count, -1).at[1].set(2).at[2].set(1)
-    return FleetLog(log, some.at[1:3].set(-0.01), touched, none + 9, none + 1)
+    return SwarmLog(log, some.at[1:3].set(-0.01), touched, none + 9, none + 1)
 
 
 @pytest.fixture
 def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    monkeypatch.setattr(fleets, "fly_swarm", flown)
+    monkeypatch.setattr(fleets, "fly_swarm_in_stages", flown)
     monkeypatch.setattr(drawing, "city_swaps", swaps)
     for module in (drawing, pictures):
         monkeypatch.setattr(module, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=house()))
