@@ -24,7 +24,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.shared_goal import plan_to_goal
@@ -98,15 +98,15 @@ class NearWaypoint:
     hover: float | None
 
     def __str__(self) -> str:
-        return self.describe(Spoken())
+        return self.describe(PlaceFormat())
 
-    def describe(self, spoken: Spoken) -> str:
+    def describe(self, places: PlaceFormat) -> str:
         """A sentence without its full stop, in the words of whoever gave the waypoint."""
         x, y, z = np.round(self.position, 3).tolist()
         hovers = f", and the mission hovers there for {self.hover:g} s" if self.hover else ""
         what = "the start" if self.number == 0 else f"waypoint {self.number}"
         return (
-            f"{what} {spoken.place((x, y, z))} stands {self.clearance:.2f} m from an obstacle, nearer than the radius "
+            f"{what} {places.place((x, y, z))} stands {self.clearance:.2f} m from an obstacle, nearer than the radius "
             f"of {self.radius:g} m, which is not kept around it{hovers}"
         )
 

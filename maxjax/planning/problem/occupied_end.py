@@ -17,7 +17,7 @@ from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.plan import Plans, no_plans
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
 
 _INSIDE = 1e-3  # so far within its voxel an end is in it for sure [voxels]
@@ -47,32 +47,32 @@ class OccupiedEnd:
     @property
     def sentence(self) -> str:
         """The obstacle, its overlap and a free place, in the map's coordinates."""
-        return self.describe(Spoken())
+        return self.describe(PlaceFormat())
 
-    def describe(self, spoken: Spoken) -> str:
+    def describe(self, places: PlaceFormat) -> str:
         """The obstacle, its overlap and a free place, in the frame in which the end was given."""
         x, y, z = self.point
-        if self._on_ground(spoken):
-            said = f"{spoken.place(self.point)} stands on the ground, from which a vehicle takes off"
+        if self._on_ground(places):
+            said = f"{places.place(self.point)} stands on the ground, from which a vehicle takes off"
             if self.free_from is not None:
-                said += f": give a height that it takes off to, from {spoken.height((x, y, self.free_from))} on"
+                said += f": give a height that it takes off to, from {places.height((x, y, self.free_from))} on"
             return f"{said}; --takeoff-and-landing adds the take-off and the landing to .plan and .waypoints"
         what = "the ground" if self.ground else "an obstacle"
-        top = spoken.height((x, y, self.top))
-        said = f"{spoken.place(self.point)} lies in {what}, {self.top - z:.1f} m below its top at {top}"
+        top = places.height((x, y, self.top))
+        said = f"{places.place(self.point)} lies in {what}, {self.top - z:.1f} m below its top at {top}"
         if self.free_from is not None:
-            said += f"; free from {spoken.height((x, y, self.free_from))}"
+            said += f"; free from {places.height((x, y, self.free_from))}"
         if self.nearest is not None:
             shown = tuple(round(number, 1) for number in self.nearest)
             near = f"({', '.join(f'{number:.1f}' for number in shown)})"
-            said += f"; nearest free place {near if spoken.frame == 'map' else spoken.place(self.nearest)}"
-        if self.ground and 0.0 <= z < self.top and spoken.frame == "map":
+            said += f"; nearest free place {near if places.frame == 'map' else places.place(self.nearest)}"
+        if self.ground and 0.0 <= z < self.top and places.frame == "map":
             said += f"; did you mean {z:g} m above ground, z = {self.top + z:.1f}?"
         return said
 
-    def _on_ground(self, spoken: Spoken) -> bool:
+    def _on_ground(self, places: PlaceFormat) -> bool:
         """Whether the end is the ground itself, of which the voxels may reach higher."""
-        ground = spoken.ground(self.point)
+        ground = places.ground(self.point)
         return self.ground and math.isfinite(ground) and abs(self.point[2] - ground) <= _STANDING
 
 
@@ -125,12 +125,12 @@ def open_heights(where: VoxelMap, point: Point3) -> tuple[float, float] | None:
     return grid.origin[2] + grid.spacing * low, grid.origin[2] + grid.spacing * high
 
 
-def open_sentence(where: VoxelMap, point: Point3, spoken: Spoken) -> str:
+def open_sentence(where: VoxelMap, point: Point3, places: PlaceFormat) -> str:
     """Which heights of a point's column the rules of the air leave open."""
     found = open_heights(where, point)
     if found is None:
         return "no height is open there"
-    low, high = (spoken.height((point[0], point[1], z)) for z in found)
+    low, high = (places.height((point[0], point[1], z)) for z in found)
     return f"there {low} to {high} is open" if low != high else f"there {low} is open"
 
 

@@ -31,7 +31,7 @@ from maxjax.io.places import point_at
 from maxjax.io.reading import PLAIN, Reading
 from maxjax.io.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import MAPS, Scene, make_scene
 from maxjax.ui.cli.options import PlanOptions, ReadOptions, RouteOptions
@@ -69,9 +69,9 @@ class MapTask:
     frame: str = "map"
 
     @property
-    def spoken(self) -> Spoken:
+    def places(self) -> PlaceFormat:
         """How places are given."""
-        return Spoken(self.frame, self.earth, self.terrain)
+        return PlaceFormat(self.frame, self.earth, self.terrain)
 
     @property
     def ends(self) -> tuple[Point3, Point3]:

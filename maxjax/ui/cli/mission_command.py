@@ -72,7 +72,7 @@ def run_asked(asked: Asked) -> int:
     if mission.failed:
         shown = first_legs(mission, given.task) if asked.partial else None
     if options.keep_radius and shown is not None and shown.near:
-        return report.refuse_near(shown.near, given.spoken, options.out, "mission")
+        return report.refuse_near(shown.near, given.places, options.out, "mission")
     flown = None
     if shown is not None and shown.status == Status.OK:
         with progress("Timing"):
@@ -90,7 +90,7 @@ def run_asked(asked: Asked) -> int:
         if files:
             print(*files, sep="\n")
     if shown is not None and flown is not None:
-        report.warn_near(shown, given.spoken)
+        report.warn_near(shown, given.places)
         report.warn_outside(shown.path, given)
     return _told(mission, content, asked)
 
@@ -113,9 +113,9 @@ def plan_file(asked: Asked) -> tuple[Mission, FlightLimits]:
         mission = plan_mission(given.task, waypoints, planner)
     if options.keep_radius and mission.near:
         raise ValueError(
-            f"{'; '.join(one.describe(given.spoken) for one in mission.near)}; move it, or leave out keep_radius"
+            f"{'; '.join(one.describe(given.places) for one in mission.near)}; move it, or leave out keep_radius"
         )
-    report.warn_near(mission, given.spoken)
+    report.warn_near(mission, given.places)
     return mission, limits
 
 

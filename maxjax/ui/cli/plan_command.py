@@ -59,7 +59,7 @@ def run_plan(options: PlanOptions) -> int:
         plan = plan_in(given, planner, recorder)
     message = report.explain(plan, given)
     if options.keep_radius and (near := Mission.of_plan(plan).near):
-        return report.refuse_near(near, given.spoken, options.out, "plan")
+        return report.refuse_near(near, given.places, options.out, "plan")
     configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
     content = report.document(plan, given, message, configuration)
     plans, figure, files = {method: plan}, None, list[object]()
@@ -82,7 +82,7 @@ def run_plan(options: PlanOptions) -> int:
         if files:
             print(*files, sep="\n")
     if plan.status == Status.OK:
-        report.warn(plan, given.task, given.spoken)
+        report.warn(plan, given.task, given.places)
         report.warn_outside(plan.path, given)
         return 0
     report.complain(message)

@@ -28,7 +28,7 @@ from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Mission, NearWaypoint
 from maxjax.planning.plan import Plan
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
 from maxjax.planning.windows.corridor import NEARLY
 from maxjax.ui.cli.map_task import MapTask
@@ -85,9 +85,9 @@ def explain(plan: Plan, given: MapTask) -> str:
     """The status and what to do about it; of a plan without a path, the given values that it is about as well."""
     if plan.status == Status.OK:
         return plan.status.advice
-    (start, goal), grid, occupied, spoken = given.ends, given.task.grid, given.task.barred, given.spoken
+    (start, goal), grid, occupied, places = given.ends, given.task.grid, given.task.barred, given.places
     sentence = (
-        f"{plan.status.name}: {plan.status.advice} Given: start {spoken.place(start)}, goal {spoken.place(goal)}, "
+        f"{plan.status.name}: {plan.status.advice} Given: start {places.place(start)}, goal {places.place(goal)}, "
         f"grid from {_xyz(grid.lower)} to {_xyz(grid.upper)} m"
     )
     if plan.status == Status.NO_SAFE_PATH:
@@ -101,12 +101,12 @@ def explain(plan: Plan, given: MapTask) -> str:
         if plan.status in status and given.airspace is not None:
             index = np.floor(given.task.ends[0, end] + 0.5).astype(int).tolist()
             reasons = given.airspace.reasons_at(tuple(index), given.terrain)
-            sentence += f"; the voxel of {spoken.place(point)} is {' and '.join(reasons)}"
-            sentence += f"; {open_sentence(given.task.map_at(0), point, spoken)}"
+            sentence += f"; the voxel of {places.place(point)} is {' and '.join(reasons)}"
+            sentence += f"; {open_sentence(given.task.map_at(0), point, places)}"
     for point, taken in zip((start, goal), (Status.START_OCCUPIED, Status.GOAL_OCCUPIED), strict=True):
         if plan.status == taken:
             stands = find_occupied_end(given.task.map_at(0), point, given.task.distances.radius)
-            sentence += "" if stands is None else f"; {stands.describe(spoken)}"
+            sentence += "" if stands is None else f"; {stands.describe(places)}"
             if stands is not None and _unknown(given, np.array([point]))[0]:
                 sentence += ", where nothing of the map's data is: unknown, and closed; --unknown free opens it"
     if given.returns:
@@ -224,7 +224,7 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
     return rows
 
 
-def warn(plan: Plan, task: Task, spoken: Spoken = Spoken()) -> None:  # noqa: B008 (frozen)
+def warn(plan: Plan, task: Task, places: PlaceFormat = PlaceFormat()) -> None:  # noqa: B008 (frozen)
     """Say on stderr where a plan of the task's only problem comes nearer to obstacles than it was asked to."""
     if plan.status != Status.OK:
         return
@@ -232,7 +232,7 @@ def warn(plan: Plan, task: Task, spoken: Spoken = Spoken()) -> None:  # noqa: B0
     for end, exempt, point in zip(("start", "goal"), plan.exemptions, (task.starts[0], task.goals[0]), strict=True):
         if exempt:
             complain(
-                f"Warning: the {end} {spoken.place(tuple(point.tolist()))} stands nearer to {what} than the radius of "
+                f"Warning: the {end} {places.place(tuple(point.tolist()))} stands nearer to {what} than the radius of "
                 f"{plan.radius:g} m; within {exempt:g} m of it the path keeps no more than that."
             )
     if plan.ratio > NEARLY:
@@ -249,22 +249,22 @@ def warn(plan: Plan, task: Task, spoken: Spoken = Spoken()) -> None:  # noqa: B0
         )
 
 
-def refuse_near(near: Sequence[NearWaypoint], spoken: Spoken, out: Path | None, name: str) -> int:
+def refuse_near(near: Sequence[NearWaypoint], places: PlaceFormat, out: Path | None, name: str) -> int:
     """Say on stderr why a radius that is to be kept is not, and remove an earlier plan; returns the exit code."""
     if out is not None:
         remove_plans(out, name)
     for one in near:
         complain(
-            f"Refused: {one.describe(spoken)}; move it, give a smaller --radius, or leave out --keep-radius. "
+            f"Refused: {one.describe(places)}; move it, give a smaller --radius, or leave out --keep-radius. "
             "Nothing was written."
         )
     return 1
 
 
-def warn_near(mission: Mission, spoken: Spoken) -> None:
+def warn_near(mission: Mission, places: PlaceFormat) -> None:
     """Say on stderr at which waypoints of a mission its radius is not kept."""
     for one in mission.near:
-        complain(f"Warning: {one.describe(spoken)}; --keep-radius refuses that.")
+        complain(f"Warning: {one.describe(places)}; --keep-radius refuses that.")
 
 
 def warn_outside(path: Float64[np.ndarray, "n 3"], given: MapTask) -> None:

@@ -78,7 +78,7 @@ def fly_given(options: FlyOptions) -> int:
     if plan.status != Status.OK:
         failure = {"status": plan.status.name, "message": report.explain(plan, given)}
         return _told(options, failure, None)
-    report.warn(plan, given.task, given.spoken)
+    report.warn(plan, given.task, given.places)
     return _flown(options, plan, limits)
 
 

@@ -20,7 +20,7 @@ from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
 from maxjax.trajectories.limits import PX4
 from maxjax.ui.methods import planner_named
@@ -161,12 +161,12 @@ def _closed_end(city: City, question: Question, mission: Mission) -> str:
                 x, y, z = np.floor((place - city.grid.lower) / city.grid.spacing).astype(int).tolist()
                 rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
                 where = task_of(city, question, slice(k, k + 1)).map_at(0)
-                heights = open_sentence(where, question.waypoints[k + end], Spoken())
+                heights = open_sentence(where, question.waypoints[k + end], PlaceFormat())
                 why = " and ".join(rules.reasons_at((x, y, z), city.terrain))
                 return f"It lies {why}. {heights[0].upper()}{heights[1:]}."
             if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
                 stands = find_occupied_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
-                return "" if stands is None else f"{stands.describe(Spoken(terrain=city.terrain))}."
+                return "" if stands is None else f"{stands.describe(PlaceFormat(terrain=city.terrain))}."
     return ""
 
 

@@ -11,7 +11,7 @@ import pytest
 from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
 from maxjax.io.geo.earth import TangentPlane
-from maxjax.planning.problem.spoken import Spoken
+from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.ui.cli import main
 
 HEIGHT = 8.87  # of the ground of the sample, as it is told here [m]
@@ -63,12 +63,12 @@ def test_places_are_spoken_as_they_were_given() -> None:
     point = (10.0, 20.0, 12.5)
     ((north, east, up),) = earth.geodetic(np.array([point])).tolist()
     on_earth = f"latitude {north:.7f}, longitude {east:.7f}"
-    assert Spoken("map", earth, terrain).place(point) == "(10, 20, 12.5)"
-    assert Spoken("local-agl", None, terrain).place(point) == "(x 10, y 20, 9 m above ground)"
-    assert Spoken("agl", earth, terrain).place(point) == f"({on_earth}, 9 m above ground)"
-    assert Spoken("amsl", earth, terrain).place(point) == f"({on_earth}, {up:.1f} m above sea level)"
-    assert Spoken("map", earth, terrain).height(point) == "z = 12.5"
-    assert Spoken("local-agl", None, Terrain.flat(float("nan"), grid)).height(point) == "z = 12.5"
+    assert PlaceFormat("map", earth, terrain).place(point) == "(10, 20, 12.5)"
+    assert PlaceFormat("local-agl", None, terrain).place(point) == "(x 10, y 20, 9 m above ground)"
+    assert PlaceFormat("agl", earth, terrain).place(point) == f"({on_earth}, 9 m above ground)"
+    assert PlaceFormat("amsl", earth, terrain).place(point) == f"({on_earth}, {up:.1f} m above sea level)"
+    assert PlaceFormat("map", earth, terrain).height(point) == "z = 12.5"
+    assert PlaceFormat("local-agl", None, Terrain.flat(float("nan"), grid)).height(point) == "z = 12.5"
 
 
 def test_a_leg_that_starts_where_the_last_one_fails_is_told_in_a_word(

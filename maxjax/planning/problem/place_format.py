@@ -23,7 +23,7 @@ class Geodetic(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Spoken:
+class PlaceFormat:
     """How places are given.
 
     Attributes:
