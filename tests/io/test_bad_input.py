@@ -78,14 +78,14 @@ def test_what_was_once_taken_or_ended_in_a_traceback_is_refused(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "cap", "most", "sentence"),
     [
-        ("a.csv", "maps.readers.box_list.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
-        ("a.bt", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
-        ("a.ot", "maps.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
-        ("a.glb", "maps.readers.glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),
-        ("a.glb", "maps.readers.glb.MAX_TEXT_BYTES", 99, "its JSON has .* bytes, expected at most 99"),
-        ("binary.ply", "maps.readers.ply.MAX_FACES", 7, "its faces have 24 corners, expected at most 21"),
-        ("areas.geojson", "airspace.outlines._MOST_PAIRS", 4, "expected a simpler outline"),
-        ("areas.geojson", "core.geometry.columns._MOST", 99, "expected at most 99 columns in all of them, found more"),
+        ("a.csv", "io.readers.box_list.MAX_BOXES", 1, "expected at most 1 boxes, found more"),
+        ("a.bt", "io.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.ot", "io.readers.octomap._MAX_NODES", 2, "has 3 nodes, expected at most 2"),
+        ("a.glb", "io.readers.glb.MAX_POINTS", 7, "expected at most 7 vertices, found more"),
+        ("a.glb", "io.readers.glb.MAX_TEXT_BYTES", 99, "its JSON has .* bytes, expected at most 99"),
+        ("binary.ply", "io.readers.ply.MAX_FACES", 7, "its faces have 24 corners, expected at most 21"),
+        ("areas.geojson", "io.airspace.outlines._MOST_PAIRS", 4, "expected a simpler outline"),
+        ("areas.geojson", "io.geo.columns._MOST", 99, "expected at most 99 columns in all of them, found more"),
     ],
 )
 def test_what_takes_much_memory_or_time_has_a_cap(

@@ -26,7 +26,7 @@ def test_the_geom_types_are_mujocos() -> None:
 
 @pytest.mark.parametrize("real", [True, False])
 def test_only_the_missing_warp_is_not_told(real: bool, tmp_path: Path) -> None:
-    lines = "from maxjax.sim.worlds.mjx_import import imported_mjx; print(imported_mjx().__name__)"
+    lines = "from maxjax.sim.worlds.mjx_import import import_mjx; print(import_mjx().__name__)"
     if not real:  # a package that prints what MJX prints, and more
         (tmp_path / "mujoco").mkdir()
         (tmp_path / "mujoco" / "__init__.py").touch()

@@ -30,7 +30,6 @@ from maxjax.planning.plan import Plan
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import make_scene, occupancy
-from maxjax.solvers.potential import solve_potential
 from maxjax.solvers.screened import Screened
 from maxjax.ui.cli import check_command as check
 from maxjax.ui.cli import main, report
@@ -500,8 +499,7 @@ def test_check_is_good_here_and_says_what_is_not(terminal: Terminal, monkeypatch
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert "pip install 'maxjax[viz]'" in terminal("check")[1]
     monkeypatch.setattr(check, "versions", lambda: {"jax": "0.10.2", "mujoco": "3.17.0", "mujoco-mjx": "3.16.0"})
-    short = Screened(max_iterations=1, or_geodesic=False)
-    monkeypatch.setattr(check, "solve_potential", functools.partial(solve_potential, solver=short))
+    monkeypatch.setattr(check, "Screened", functools.partial(Screened, max_iterations=1, or_geodesic=False))
     code, out, err = terminal("check")
     assert code == 1
     assert "all good" not in out
