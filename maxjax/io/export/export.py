@@ -84,9 +84,9 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
     home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
     waypoints that are hovered at, or whose corner an autopilot would cut too near to something; and the speed of each
-    leg, or that of the trajectory's limits. `.geojson` and `.kml`
-    have a line for each leg. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU; where the name ends
-    in `_ned.csv` in NED, true north, from the ground below the start.
+    leg, or that of the trajectory's limits. `.geojson` and `.kml` have a line for each leg. Set-points and poses are
+    0.05 s apart, in the map's coordinates, ENU; where the name ends in `_ned.csv` in NED, true north, from the ground
+    below the start.
 
     Before it takes its place, what is written is read back, put on the map's own ground and judged against the map
     (`io.export.as_flown`); a file that would lead elsewhere is not written.
@@ -145,8 +145,13 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     atomic_write(file, text)
     if made is None:
         return dataclasses.replace(flown, remarks=near)
-    kept = ("remarks", "stops", "return_height", "autopilots")
-    return dataclasses.replace(flown, **{name: getattr(made, name) for name in kept})
+    return dataclasses.replace(
+        flown,
+        remarks=made.remarks,
+        stops=made.stops,
+        return_height=made.return_height,
+        autopilots=made.autopilots,
+    )
 
 
 def _speed(flight: Plan | Mission | Trajectory) -> float:

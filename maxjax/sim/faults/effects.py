@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int32, PRNGKeyArray
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.sim.faults.modes import STEPS_LATE, Failing, Faults, Mode, Target
+from maxjax.sim.faults.modes import STEPS_LATE, Failing, Mode, Target
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.sensors.lidar import Lidar, Scan
@@ -44,23 +44,9 @@ _JUMP, _TAKEN_OVER, _ODOMETER = 1.0, 0.5, 0.01
 _UNRELATED, _SHARE, _MOST_UNRELATED = 5.0, 0.25, 0.5
 
 
-def _faults(world: World) -> Faults:
-    """The faults of a world; raises a ValueError where nothing may fail."""
-    if world.faults is None:
-        raise ValueError("expected a world with faults, given one without")
-    return world.faults
-
-
-def _memory(flight: Flight) -> Failing:
-    """The memory of faults; raises a ValueError where nothing may fail."""
-    if flight.failing is None:
-        raise ValueError("expected a flight in a world with faults, given one without")
-    return flight.failing
-
-
 def _mode(world: World, flight: Flight, target: Target) -> Int32[Array, ""]:
     """The mode of a target now; `OFF` in the bad periods of one that fails from time to time."""
-    mode = jnp.where(flight.log.duration >= _faults(world).onset, _faults(world).modes[target], Mode.NONE)
+    mode = jnp.where(flight.log.duration >= world.failures.onset, world.failures.modes[target], Mode.NONE)
     bad = jax.random.bernoulli(_key(world, flight, target))
     return jnp.where((mode == Mode.INTERMITTENT) & ~bad, Mode.NONE, mode)
 
@@ -92,7 +78,7 @@ def deliver_scan(
         lidar: the sensor's model. Static.
         number: of the scan.
     """
-    mode, before = _mode(world, flight, Target.LIDAR), _memory(flight).ranges
+    mode, before = _mode(world, flight, Target.LIDAR), flight.fault_memory.ranges
     lost_key, range_key = jax.random.split(_key(world, flight, Target.LIDAR))
     silent = (mode == Mode.OFF) | (mode == Mode.INTERMITTENT) | ((mode == Mode.SLOW) & (number % _SLOW != 0))
     lost = (mode == Mode.GARBAGE) & jax.random.bernoulli(lost_key, shape=scan.hit.shape)
@@ -106,7 +92,7 @@ def deliver_scan(
     origin = scan_origin(world, flight)
     points = origin + (scan.points - origin) * stretch[:, None]
     used = Scan(jnp.where((hit & scan.hit)[:, None], points, jnp.nan), jnp.where(hit, ranges, jnp.inf), hit)
-    return used, dataclasses.replace(_memory(flight), ranges=ranges)
+    return used, dataclasses.replace(flight.fault_memory, ranges=ranges)
 
 
 def _refused(ranges: Float[Array, " r"], before: Float[Array, " r"], lidar: Lidar) -> Bool[Array, ""]:
@@ -129,9 +115,9 @@ def locate(world: World, flight: Flight, error: Float[Array, "3"], timestep: flo
         error: of a sensor that works [m].
         timestep: since the last position [s].
     """
-    vehicle, failing, mode = flight.vehicle, _memory(flight), _mode(world, flight, Target.POSE)
+    vehicle, failing, mode = flight.vehicle, flight.fault_memory, _mode(world, flight, Target.POSE)
     exact = vehicle.position + error
-    since = flight.log.duration - _faults(world).onset
+    since = flight.log.duration - world.failures.onset
     fresh = (mode == Mode.NONE) | ((mode == Mode.SLOW) & (jnp.mod(since, _SLOW_POSE) < timestep))
     held = jnp.where(fresh, exact, failing.held)
     somewhere = jax.random.uniform(_step_key(world, flight, Target.POSE), (3,), minval=-_ANYWHERE, maxval=_ANYWHERE)
@@ -150,7 +136,7 @@ def locate(world: World, flight: Flight, error: Float[Array, "3"], timestep: flo
 
 def air(world: World, flight: Flight) -> Float[Array, "3"]:
     """Wind besides that of the disturbances [m/s]."""
-    mode, since = _mode(world, flight, Target.WIND), flight.log.duration - _faults(world).onset
+    mode, since = _mode(world, flight, Target.WIND), flight.log.duration - world.failures.onset
     angle = 2.0 * math.pi * jax.random.uniform(stream(world.key, Stream.FAULTS))
     level = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros(())])
     noise = _RANDOM_WIND * jax.random.normal(_step_key(world, flight, Target.WIND), (3,))
@@ -167,7 +153,7 @@ def thrusts(
     world: World, flight: Flight, command: Float[Array, "4"], vehicle: Vehicle
 ) -> tuple[Float[Array, "4"], Failing]:
     """Thrusts that reach the motors [N], and the memory of the command."""
-    mode, failing = _mode(world, flight, Target.MOTORS), _memory(flight)
+    mode, failing = _mode(world, flight, Target.MOTORS), flight.fault_memory
     spread = jax.random.uniform(_step_key(world, flight, Target.MOTORS), (4,), minval=-_SPREAD, maxval=_SPREAD)
     first = jnp.arange(4) == 0
     last = failing.commands[0]
@@ -231,7 +217,5 @@ def account(world: World, flight: Flight, config: FlightConfig) -> Flight:
     free = jnp.any(seen[around[..., 0], around[..., 1], around[..., 2]], axis=1)
     # What flew ended within the period has no position after that.
     unseen = jnp.sum(jnp.isfinite(positions[:, 0]) & ~free & ~flight.done, dtype=jnp.int32)
-    if flight.log.unseen is None:
-        raise ValueError("expected a flight in a world with faults, given one without")
-    log = dataclasses.replace(flight.log, unseen=flight.log.unseen + unseen)
+    log = dataclasses.replace(flight.log, unseen=flight.log.unseen_among_faults + unseen)
     return dataclasses.replace(flight, log=log)

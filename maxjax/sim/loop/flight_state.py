@@ -144,6 +144,11 @@ class FlightLog:
         """`flags`; raises a ValueError where no movers were expected."""
         return _present(self.flags, "moving")
 
+    @property
+    def unseen_among_faults(self) -> Int32[Array, "*batch"]:
+        """`unseen`; raises a ValueError where nothing may fail."""
+        return _present(self.unseen, "faults")
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -160,6 +165,11 @@ class World:
     disturbances: Disturbances
     movers: Movers | None = None
     faults: Faults | None = None
+
+    @property
+    def failures(self) -> Faults:
+        """`faults`; raises a ValueError where nothing may fail."""
+        return _present(self.faults, "faults")
 
 
 @jax.tree_util.register_dataclass
@@ -215,6 +225,11 @@ class Flight:
     def tracked(self) -> Among:
         """`among`; raises a ValueError where no movers are expected."""
         return _present(self.among, "moving")
+
+    @property
+    def fault_memory(self) -> Failing:
+        """`failing`; raises a ValueError where nothing may fail."""
+        return _present(self.failing, "faults")
 
     @property
     def swarm_member(self) -> Member:
