@@ -82,8 +82,7 @@ class Loop:
             whose walls hold its least value, by the same; "walls", as the library smooths a field.
         near: distance along each axis from which the goal is flown to straight [voxels].
         guarded: whether the ascent is that of `planning.path.ascent`, which enters neither walls nor lower ground and
-            has
-            the discrete step. It smooths by "walls".
+            has the discrete step. It smooths by "walls".
         verified: whether only a path that is clear all the way to the goal is flown; without one the vehicle brakes.
     """
 

@@ -2,9 +2,8 @@
 
     (maps, ends, distances) ↦ Problem        `formulate`, on the device
 
-    blocked = inflated obstacles (`planning.problem.inflation`) without what the ends' exemptions open
-    (`planning.problem.exemptions`) price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on
-    (`fields.price`); the ground has none
+    blocked = inflated obstacles (`problem.inflation`) without what the ends' exemptions open (`problem.exemptions`)
+    price   = n(d) of the distance d to the nearest obstacle, 1 from the margin on (`fields.price`); the ground has none
 
 Of a part of a map, obstacles are seen beyond the part as well, in a halo as wide as the margin. Its problem is OK only
 where it is what the whole map would make of it: with exemptions that nothing beyond the part could make smaller.

@@ -1,8 +1,8 @@
 """How a task is carried out: the same plans, in the way that the device runs best.
 
     staged           formulate | solve | ascend | tighten | price, each by itself    a CPU
-    on the host      formulate | the planner's own search                        planners that are not batched
-    single program   all of it in one, one message in, one out                   one problem, accelerator
+    on the host      formulate | the planner's own search                            planners that are not batched
+    single program   all of it in one, one message in, one out                       one problem, accelerator
     in chunks        chunks of problems (`planning.run.pipeline`)                    many problems, accelerator
 
 and in all of them the verifier at the end, once for all paths. On a CPU a few problems are planned at a time, each on a

@@ -1,7 +1,6 @@
 """A route by the smallest window of a map that proves it, as a pure function: for flights.
 
-    cost → window around both ends → route of cost C ≤ bound: the cheapest of the whole map
-    (`planning.windows.focus_window`)
+    cost → window around both ends → route of cost C ≤ bound: the cheapest of the whole map   (`windows.focus_window`)
                                                    C > bound, or none: a larger window, at last the whole map
 
 Under `vmap` each size of window is solved for those members alone that ask for it, a part of the batch at a time.

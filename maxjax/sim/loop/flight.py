@@ -7,12 +7,10 @@ A planning iteration is a tuple of pure stages, each (world, flight, config) ↦
 1. `sense` (`sim.loop.sensing`): a scan from the true position, degraded by the disturbances.
 2. `fuse` (`sim.loop.sensing`): the scan into the rolling map, at the estimated position.
 3. `plan` (`sim.loop.replan`): a path from the estimated position to the goal, verified on the present map, and a
-reference
-   along it that ends before the first voxel that was not seen free. Without a path the vehicle brakes and moves to
-   another viewpoint.
+   reference along it that ends before the first voxel that was not seen free. Without a path the vehicle brakes and
+   moves to another viewpoint.
 4. `follow` (`sim.loop.follow`): one planning period of physics along the reference. With `FlightConfig.moving` the
-vehicle
-   looks for movers ten times a second and flies motions that are verified against their sets (`sim.movers`).
+   vehicle looks for movers ten times a second and flies motions that are verified against their sets (`sim.movers`).
 
 Coordinates are float32, which resolves 1 mm up to 16 km from the origin: cities are centred before they are flown in.
 

@@ -3,12 +3,11 @@
     (world, flight) ↦ flight with a new reference
 
 The path leads from the estimated position to the goal. It is verified on the present map, on the device
-(`path.line_of_sight.clear`:
-every voxel that an edge meets, with the room that it has to keep; the step from an exact end to where it has room was
-checked when the problem was formulated, against the cubes themselves). A path that fails is not flown: the vehicle
-brakes along the last one that passed. Where it has come to rest, or where a path leads into voxels outside the field of
-view (straight up, for example), it turns and moves to a viewpoint within the voxels seen free
-(`sim.mapping.viewpoint`).
+(`path.line_of_sight.clear`: every voxel that an edge meets, with the room that it has to keep; the step from an exact
+end to where it has room was checked when the problem was formulated, against the cubes themselves). A path that fails
+is not flown: the vehicle brakes along the last one that passed. Where it has come to rest, or where a path leads into
+voxels outside the field of view (straight up, for example), it turns and moves to a viewpoint within the voxels seen
+free (`sim.mapping.viewpoint`).
 
 Unknown space is free for the path and blocked for the reference. The reference is slower near obstacles and ends before
 the first voxel that was not seen free, so that the vehicle can always stop within known free space.
