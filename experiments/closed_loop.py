@@ -122,6 +122,7 @@ _TITLES = {
     "closed_loop": "Closed loop, the paper's 50 trials a map",
     "closed_loop_many": "Closed loop, by the thousand",
     "closed_loop_disturbed": "Closed loop in bad weather",
+    "closed_loop_disturbed_suburb": "Closed loop in bad weather, in the suburb",
 }
 _NAMES = {"solver": "field", "network": "network", "astar": "A\\*"}
 

@@ -144,7 +144,10 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
     }
 
 
-_TITLES = {"moving_cities_fresh": "Cities with movers, fresh trials"}
+_TITLES = {
+    "moving_cities_fresh": "Cities with movers at 8 m/s, fresh trials",
+    "moving_cities_fresh_slow": "Cities with movers at 2 and 5 m/s, fresh trials",
+}
 
 
 def section(document: Document) -> str:

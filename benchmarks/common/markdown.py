@@ -31,6 +31,8 @@ def trials(document: Document) -> str:
     seed, commit = int(document["config"]["seed"]), str(document["provenance"]["commit"] or "")
     if commit and seed == int(commit[:7], 16):
         return f"fresh trials: seed {seed} is drawn from commit `{commit[:7]}`, after the code"
+    if "seed" in document["provenance"]:
+        return f"fresh trials: seed {seed} was {document['provenance']['seed']}"
     return f"development trials, seed {seed}: some of them were looked at while the code was written"
 
 
