@@ -9,16 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.typing import ArrayLike
 
-from maxjax.sim.movers.choice import Around, Commitment, Keeping, choose_motion, score
+from maxjax.sim.movers.choice import Around, Commitment, Keeping, MotionScores, choose_motion, score
 from maxjax.sim.movers.hard_set import hard_set
 from maxjax.sim.movers.local_value import LocalValue
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks
 
-BOUNDS = Bounds(speed=4.0, acceleration=2.0, size=1.0)
+BOUNDS = Bounds(speed=6.0, acceleration=2.0, size=1.0)
+STILL = Bounds(speed=6.0, acceleration=1e-3, size=1.0)
 CHOICE = MotionSet(speed=5.0, acceleration=4.0, directions=24, brakes=(0.3, 0.8), horizon=2.2)
 KEEPING = Keeping(radius=0.8, wall=1.0)
+SLOTS = 8
 SHAPE, SPACING = (21, 21, 11), 2.0
 ORIGIN = -SPACING * np.array([10.0, 10.0, 5.0])
 CENTRES = ORIGIN + SPACING * np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), -1)
@@ -29,9 +32,11 @@ def around(tracks: Tracks, blocked: np.ndarray | None = None, seen: np.ndarray |
     blocked = np.zeros(SHAPE, bool) if blocked is None else blocked
     seen = ~blocked if seen is None else seen
     origin = jnp.asarray(ORIGIN, jnp.float32)
-    hard = hard_set(jnp.asarray(blocked), jnp.asarray(seen), origin, SPACING)
+    hard = fast_hard_set(jnp.asarray(blocked), jnp.asarray(seen), origin, SPACING)
+    free = no_tracks(SLOTS - len(tracks.used))  # as many slots everywhere: one program
+    filled = jax.tree.map(lambda x, y: jnp.asarray(np.concatenate([x, y])), tracks, free)
     return Around(
-        tracks, hard, LocalValue(jnp.asarray(30.0 - CENTRES[..., 0], jnp.float32), origin, jnp.full(3, 1e3), SPACING)
+        filled, hard, LocalValue(jnp.asarray(30.0 - CENTRES[..., 0], jnp.float32), origin, jnp.full(3, 1e3), SPACING)
     )
 
 
@@ -55,10 +60,43 @@ def crowd(rng: np.random.Generator, count: int) -> Tracks:
     return dataclasses.replace(tracks, used=used, confirmed=used)
 
 
-choose = jax.jit(functools.partial(choose_motion, choice=CHOICE, bounds=BOUNDS, keeping=KEEPING))
+fast_hard_set = jax.jit(hard_set, static_argnums=3)
+fast_motions = jax.jit(functools.partial(motions, CHOICE))
+fast_choose = jax.jit(functools.partial(choose_motion, choice=CHOICE, keeping=KEEPING), static_argnames="bounds")
+fast_score = jax.jit(functools.partial(score, choice=CHOICE, keeping=KEEPING), static_argnames="bounds")
+fast_places = jax.jit(jax.vmap(lambda motion, time: at(motion, time)[0], (None, 0), out_axes=-2))
 
 
-places_at = jax.jit(jax.vmap(lambda motion, time: at(motion, time)[0], (None, 0)))
+def choose(given: Around, flown: Commitment, bounds: Bounds = BOUNDS) -> tuple[Commitment, jax.Array]:
+    chosen: tuple[Commitment, jax.Array] = fast_choose(given, flown, bounds=bounds)
+    return chosen
+
+
+def judge(given: Around, tried: MotionPrimitive, bounds: Bounds = BOUNDS) -> MotionScores:
+    scored: MotionScores = fast_score(given, tried, bounds=bounds)
+    return scored
+
+
+def tried_from(place: ArrayLike, velocity: ArrayLike, towards: ArrayLike) -> MotionPrimitive:
+    tried: MotionPrimitive = fast_motions(*(jnp.asarray(x, jnp.float32) for x in (place, velocity, towards)))
+    return tried
+
+
+REST = np.zeros(3)
+
+
+def hover() -> MotionPrimitive:
+    """At the origin, as often as motions are tried: one program for both."""
+    one = at_rest(REST).motion
+    all_of_it: MotionPrimitive = jax.tree.map(
+        lambda x, y: jnp.broadcast_to(x, y.shape), one, tried_from(REST, REST, REST)
+    )
+    return all_of_it
+
+
+def way_along(motion: MotionPrimitive, samples: int) -> np.ndarray:
+    """(..., t, 3), at times spread over the horizon."""
+    return np.asarray(fast_places(motion, jnp.linspace(0.0, CHOICE.horizon, samples)), float)
 
 
 def nearest_approach(rng: np.random.Generator, motion: MotionPrimitive, tracks: Tracks) -> float:
@@ -68,8 +106,7 @@ def nearest_approach(rng: np.random.Generator, motion: MotionPrimitive, tracks: 
     place = rng.uniform(low, high)
     velocity = rng.uniform(np.asarray(tracks.slowest, float), np.asarray(tracks.fastest, float))
     least = np.inf
-    times = step * jnp.arange(round(CHOICE.horizon / step) + 1)
-    for vehicle in np.asarray(places_at(motion, times), float):
+    for vehicle in way_along(motion, round(CHOICE.horizon / step) + 1):
         outside = np.maximum(np.abs(vehicle - place) - half, 0.0)
         least = min(least, np.linalg.norm(outside, axis=1).min())
         push = np.sign(vehicle - place) * BOUNDS.acceleration
@@ -86,7 +123,7 @@ def test_nobody_who_keeps_the_bounds_can_touch_a_verified_motion() -> None:
         flown, holds = choose(around(tracks), at_rest(np.zeros(3)))
         if holds:
             held += 1
-            moved += float(jnp.linalg.norm(at(flown.motion, jnp.float32(CHOICE.horizon))[0]))
+            moved += float(np.linalg.norm(way_along(flown.motion, 2)[-1]))
             assert nearest_approach(rng, flown.motion, tracks) >= KEEPING.radius - 0.02
     assert held >= 4
     assert moved / held > 0.5  # and it gets on
@@ -96,8 +133,8 @@ def test_an_unverified_motion_can_be_touched() -> None:
     """The chase is able to touch what is not verified, or the test above would show nothing."""
     rng = np.random.default_rng(1)
     tracks = crowd(rng, 8)
-    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
-    scored = score(around(tracks), tried, CHOICE, BOUNDS, KEEPING)
+    tried = tried_from(REST, REST, REST)
+    scored = judge(around(tracks), tried)
     bad = np.flatnonzero(~np.asarray(scored.verified))
     touched = [nearest_approach(rng, jax.tree.map(lambda x, k=k: x[k], tried), tracks) < KEEPING.radius for k in bad]
     assert sum(touched) > 0.5 * len(bad) > 0
@@ -108,9 +145,9 @@ def test_motions_keep_their_distance_from_walls_and_stay_where_was_seen() -> Non
     blocked = rng.random(SHAPE) < 0.15
     blocked[9:12, 9:12, 4:7] = False
     seen = ~blocked & (np.linalg.norm(CENTRES, axis=-1) < 11.0)
-    tried = motions(CHOICE, jnp.zeros(3), jnp.array([2.0, 0.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
-    scored = score(around(no_tracks(2), blocked, seen), tried, CHOICE, BOUNDS, KEEPING)
-    places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 150)), float)
+    tried = tried_from(REST, np.array([2.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]))
+    scored = judge(around(no_tracks(2), blocked, seen), tried)
+    places = way_along(tried, 150)
     cubes = CENTRES[blocked]
     outside = np.maximum(np.abs(places[:, :, None] - cubes) - 0.5 * SPACING, 0.0)
     gap = np.sqrt((outside**2).sum(-1)).min(axis=(1, 2))
@@ -127,10 +164,10 @@ def test_motions_keep_their_distance_from_walls_and_stay_where_was_seen() -> Non
 def test_the_permitted_air_is_not_left() -> None:
     within = ((-3.0, -30.0, -1.0), (30.0, 30.0, 2.0))
     given = dataclasses.replace(around(no_tracks(1)), within=within)
-    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
-    scored = score(given, tried, CHOICE, BOUNDS, KEEPING)
-    places = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 23)))
-    inside = ((places >= np.array(within[0]) - 2e-3) & (places <= np.array(within[1]) + 2e-3)).all(axis=(1, 2))
+    tried = tried_from(REST, REST, REST)
+    scored = judge(given, tried)
+    places = way_along(tried, 23)
+    inside = np.all((places >= np.array(within[0]) - 2e-3) & (places <= np.array(within[1]) + 2e-3), axis=(1, 2))
     assert (np.asarray(scored.verified) == inside).all()
     assert 0 < inside.sum() < len(inside)
 
@@ -143,7 +180,7 @@ def test_what_was_verified_is_kept_until_its_end_and_then_the_trap_is_told() -> 
                                fastest=jnp.full((1, 3), 4.0), velocity=jnp.zeros((1, 3)),
                                place_deviation=jnp.ones((1, 3)),
                                velocity_deviation=jnp.full((1, 3), 4.0))  # fmt: skip
-    free = score(around(wide), jax.tree.map(lambda x: x[None], at_rest(np.zeros(3)).motion), CHOICE, BOUNDS, KEEPING)
+    free = judge(around(wide), hover())
     assert 0.5 < float(free.free[0]) < CHOICE.horizon
     assert not free.verified[0]
     kept, holds = choose(around(wide), at_rest(np.zeros(3), verified=0.4))
@@ -159,8 +196,7 @@ def test_what_was_verified_is_kept_until_its_end_and_then_the_trap_is_told() -> 
     assert not holds
     assert float(passed.verified) == 0.0
     assert float(passed.motion.target[0]) > 0.0
-    times = jnp.linspace(0.0, CHOICE.horizon, 50)
-    ways = np.asarray(jax.vmap(lambda t: at(passed.motion, t)[0])(times)) - [6.0, 0.0, 0.0]
+    ways = way_along(passed.motion, 50) - [6.0, 0.0, 0.0]
     assert np.linalg.norm(np.maximum(np.abs(ways) - np.asarray(tracks.half), 0.0), axis=1).min() > KEEPING.radius
 
 
@@ -172,7 +208,7 @@ def test_who_is_too_near_already_gets_away() -> None:
                                rests=jnp.array([True]), half=jnp.full((1, 3), 0.5))  # fmt: skip
     flown, holds = choose(around(near), at_rest(np.zeros(3)))
     assert not holds
-    assert float(at(flown.motion, jnp.float32(CHOICE.horizon))[0][0]) > 1.0
+    assert way_along(flown.motion, 2)[-1, 0] > 1.0
 
 
 def test_of_two_sides_that_are_as_good_the_one_that_was_taken_is_kept() -> None:
@@ -204,24 +240,19 @@ def boxed(place: list[list[float]], velocity: list[list[float]], width: list[flo
     )  # fmt: skip
 
 
-FAST = Bounds(speed=6.0, acceleration=2.0, size=1.0)
-choose_fast = jax.jit(functools.partial(choose_motion, choice=CHOICE, bounds=FAST, keeping=KEEPING))
-
-
 def test_a_set_around_the_vehicle_excuses_nothing_from_the_others() -> None:
     """One that was hidden for long, somewhere around the vehicle, and one head-on, 4 m away at 5 m/s."""
     both = boxed([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [-5.0, 0.0, 0.0]], [1.5, 0.1])
-    hover = jax.tree.map(lambda x: x[None], at_rest(np.zeros(3)).motion)
-    scored = score(around(both), hover, CHOICE, FAST, KEEPING)
+    scored = judge(around(both), hover())
     assert scored.near[0]
     assert not scored.verified[0]
     assert float(scored.free[0]) <= (4.0 - 0.5 - KEEPING.radius) / 5.0  # soon the second one is there
-    _, holds = choose_fast(around(both), at_rest(np.zeros(3), verified=2.0))
+    _, holds = choose(around(both), at_rest(np.zeros(3), verified=2.0))
     assert not holds
     # With the first alone the vehicle is as little promised anything, and with the second alone it gets away.
     first, second = (jax.tree.map(lambda x, k=k: x[k : k + 1], both) for k in (0, 1))
-    assert not choose_fast(around(first), at_rest(np.zeros(3), verified=2.0))[1]
-    assert not score(around(second), hover, CHOICE, FAST, KEEPING).near[0]
+    assert not choose(around(first), at_rest(np.zeros(3), verified=2.0))[1]
+    assert not judge(around(second), hover()).near[0]
 
 
 def test_who_is_too_near_to_one_keeps_out_of_the_way_of_the_others() -> None:
@@ -231,9 +262,9 @@ def test_who_is_too_near_to_one_keeps_out_of_the_way_of_the_others() -> None:
         others = crowd(rng, 3)
         here = boxed([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [1.5])
         tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), here, others)
-        tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
-        found = score(around(tracks), tried, CHOICE, BOUNDS, KEEPING)
-        alone = score(around(others), tried, CHOICE, BOUNDS, KEEPING)
+        tried = tried_from(REST, REST, REST)
+        found = judge(around(tracks), tried)
+        alone = judge(around(others), tried)
         np.testing.assert_array_equal(found.verified, alone.verified)
         assert np.asarray(found.near).all()
         assert not np.asarray(alone.near).any()
@@ -249,10 +280,9 @@ def test_a_set_that_is_too_near_is_not_approached() -> None:
     """0.6 m from a mover of which 0.8 m are asked: nothing that is called verified goes nearer than 0.6 m."""
     one = dataclasses.replace(boxed([[1.1, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0]), slowest=jnp.zeros((1, 3)),
                               fastest=jnp.zeros((1, 3)))  # fmt: skip
-    still = Bounds(speed=6.0, acceleration=1e-3, size=1.0)
-    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
-    scored = score(around(one), tried, CHOICE, still, KEEPING)
-    ways = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 23)), float)
+    tried = tried_from(REST, REST, REST)
+    scored = judge(around(one), tried, STILL)
+    ways = way_along(tried, 23)
     gap = np.linalg.norm(np.maximum(np.abs(ways - [1.1, 0.0, 0.0]) - 0.5, 0.0), axis=-1).min(axis=1)
     verified = np.asarray(scored.verified)
     assert scored.near.all()
@@ -266,14 +296,13 @@ def test_what_keeps_its_distance_is_too_near_to_nobody() -> None:
     away = 0.5 + KEEPING.radius + 0.01
     one = dataclasses.replace(boxed([[away, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0]), slowest=jnp.zeros((1, 3)),
                               fastest=jnp.zeros((1, 3)))  # fmt: skip
-    still = Bounds(speed=6.0, acceleration=1e-3, size=1.0)
-    tried = motions(CHOICE, *(jnp.zeros(3) for _ in range(3)))
-    scored = score(around(one), tried, CHOICE, still, KEEPING)
-    ways = np.asarray(jax.vmap(lambda t: at(tried, t)[0], out_axes=1)(jnp.linspace(0.0, CHOICE.horizon, 220)), float)
+    tried = tried_from(REST, REST, REST)
+    scored = judge(around(one), tried, STILL)
+    ways = way_along(tried, 220)
     gap = np.linalg.norm(np.maximum(np.abs(ways - [away, 0.0, 0.0]) - 0.5, 0.0), axis=-1).min(axis=1)
     assert not scored.near.any()
     assert gap[np.asarray(scored.verified)].min() >= KEEPING.radius - 2e-3
-    assert choose(around(one), at_rest(np.zeros(3)), bounds=still)[1]
+    assert choose(around(one), at_rest(np.zeros(3)), bounds=STILL)[1]
 
 
 def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> None:
@@ -290,11 +319,8 @@ def test_who_can_no_longer_stop_before_a_wall_brakes_whatever_follows_him() -> N
     motion = MotionPrimitive(jnp.array([2.0, 0.0, 0.0]), fast, fast, jnp.float32(0.5), jnp.float32(CHOICE.acceleration))
     taken, holds = choose(around(tracks, blocked), Commitment(motion, jnp.float32(0.0)))
     assert not holds
-    end = np.asarray(at(taken.motion, jnp.float32(CHOICE.horizon))[0], float)
-    tried = motions(CHOICE, motion.place, motion.velocity, fast)
-    furthest = np.asarray(jax.vmap(lambda t: at(tried, t)[0])(jnp.linspace(0.0, CHOICE.horizon, 45)))[..., 0].max(
-        axis=0
-    )
-    own = max(float(at(taken.motion, jnp.float32(t))[0][0]) for t in np.linspace(0.0, CHOICE.horizon, 45))
+    tried = tried_from(motion.place, motion.velocity, fast)
+    furthest = way_along(tried, 45)[..., 0].max(axis=1)
+    own = way_along(taken.motion, 45)[:, 0].max()
     assert own <= furthest.min() + 0.3
-    assert np.isfinite(end).all()
+    assert np.isfinite(way_along(taken.motion, 45)).all()
