@@ -44,7 +44,12 @@ TESTS = {
         *("sim/movers/test_choice.py", "sim/movers/test_perception.py"),
     ),
     "flags": (
-        *("sim/movers/test_choice.py", "sim/movers/test_tracking.py", "sim/movers/test_slow_movers.py"),
+        *(
+            "sim/movers/test_flags.py",
+            "sim/movers/test_choice.py",
+            "sim/movers/test_tracking.py",
+            "sim/movers/test_slow_movers.py",
+        ),
         "sim/movers/test_flight_among.py",
     ),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),

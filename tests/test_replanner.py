@@ -185,6 +185,18 @@ def test_what_a_window_found_is_the_answer_where_there_is_no_time_for_a_larger_o
     assert not found.late
 
 
+def test_the_first_flight_of_each_shape_leads_through_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the way from both sides, so that what is timed is neither the shortest nor the longest way."""
+    asked: list[View] = []
+    monkeypatch.setattr(fixed_shapes.FixedShapes, "_ask", lambda _, view: asked.append(view))
+    shapes = fixed_shapes.FixedShapes(Grid((41, 41, 17), 2.0, (0.0, 0.0, 0.0)), Field(focus=False), DISTANCES)
+    shapes.warm_up()
+    (task, again) = (view.task for view in asked)
+    assert task is again
+    voxels = np.array([task.starts[0], task.goals[0]]) / 2.0
+    np.testing.assert_array_equal(voxels, [[10.0, 10.0, 4.0], [30.0, 30.0, 12.0]])
+
+
 @pytest.mark.large
 def test_as_one_program_as_on_an_accelerator(replanner: Replanner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fixed_shapes, "target", lambda: "cuda")

@@ -140,15 +140,24 @@ def choose_motion(
     some = jnp.any(scored.verified)
     best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
     keeps = (flown.verified >= keeping.step) & (scored.free[0] > flown.verified) & scored.allowed[0]
-    # Longest out of where movers are likely; among equals far from there, and out of the sets; at last on the way.
-    clear = scored.hopeful > choice.horizon
-    hope = scored.hopeful + 0.5 * jnp.minimum(scored.margin, 1.0) + 0.2 * scored.free
-    hope = jnp.where(clear, 100.0 - scored.cost, hope - 0.02 * scored.cost)
-    last = jnp.argmax(jnp.where(scored.allowed, hope, hope - 1e4 * (1.0 + scored.nearer)))
+    last = jnp.argmax(last_resort(scored, choice.horizon))
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
     verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
     motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
     return Commitment(motion, verified), (some | keeps) & ~scored.near[0]
+
+
+def last_resort(scored: MotionScores, horizon: float) -> Float[Array, " n"]:
+    """Rank of motions where none is verified; the greatest is flown.
+
+    1. Those that walls and unseen space allow; then those that come less near to walls than they may not.
+    2. Those out of where movers are likely to be for the whole horizon, by cost.
+    3. The others by seconds out of there. A metre of margin, of the first one, counts as half a second; a second out of
+       the sets as 0.2 s; a metre of cost as 0.02 s.
+    """
+    hope = scored.hopeful + 0.5 * jnp.minimum(scored.margin, 1.0) + 0.2 * scored.free
+    hope = jnp.where(scored.hopeful > horizon, 100.0 - scored.cost, hope - 0.02 * scored.cost)
+    return jnp.where(scored.allowed, hope, hope - 1e4 * (1.0 + scored.nearer))
 
 
 # (around, flown, choice, bounds, keeping) ↦ (the motion to fly, whether its promise holds)

@@ -49,6 +49,16 @@ def test_movers_that_keep_the_bounds_stay_in_their_sets() -> None:
         assert (truth + half <= greatest + 1e-4).all()
 
 
+def test_what_rests_stays_and_what_moves_goes_on() -> None:
+    """The likeliest place between measurements: along the measured velocity, and nowhere for a mover at rest."""
+    tracks, place, velocity = drawn(np.random.default_rng(2), 20)
+    rests = np.arange(20) % 2 == 0
+    given = {"place": place, "velocity": velocity, "rests": rests}
+    tracks = dataclasses.replace(tracks, **{k: jnp.asarray(v) for k, v in given.items()})
+    later = np.asarray(propagate(tracks, 0.7, BOUNDS).place)
+    np.testing.assert_allclose(later, place + 0.7 * velocity * ~rests[:, None], atol=1e-5)
+
+
 def test_the_bound_is_reached() -> None:
     """The set is no larger than what its fastest member reaches, pushed all the time."""
     rng = np.random.default_rng(1)
