@@ -60,7 +60,7 @@ LARGE = (
     *(f"planning/test_{name}" for name in ("narrow_streets", "windowed_route")),
     "planning/test_focus_window.py::test_the_public_argument",
     "planning/test_planning_exemptions.py::test_exemptions_are_those_of_the_rule",
-    "planning/test_planning_exemptions.py::test_ten_thousand_doors_narrower_than_the_radius_join_nothing",
+    "planning/test_planning_exemptions.py::test_doors_narrower_than_the_radius_join_nothing",
     "compile/test_lowering",
     *(f"sim/test_{name}" for name in ("controller", "faults", "flight", "trajectory_flight")),
     "sim/swarm/",
@@ -78,6 +78,21 @@ LARGE = (
     "trajectories/test_trajectory.py::test_it_is_twice_continuously_differentiable",
     *(f"sim/worlds/test_{name}" for name in ("movers", "populations")),
 )
+
+# Left out by `make test`: each takes more than a quarter of a minute, and a smaller test keeps its promise by day.
+NIGHTLY = {
+    "experiments/test_fault_matrix.py::test_a_stuck_planner": "sim/test_faults.py flies with planners that fail",
+    "planning/test_narrow_streets": "planning/test_corridor.py compares costs with those of the whole map",
+    "sim/trials/test_execution.py::test_real_flights": "sim/test_flight.py flies, test_execution.py batches",
+    "sim/trials/test_shards.py::test_four_processes": "the rest of test_shards.py shares and merges in one process",
+    "sim/trials/test_shards.py::test_the_processes_of_a_job": "the rest of test_shards.py shares and merges",
+    "ui/cli/test_cli.py::test_delft": "io/test_load.py reads Delft, ui/cli/test_cli.py plans in other maps",
+    "ui/cli/test_cli.py::test_training": "nn/test_training.py trains and goes on",
+    "ui/cli/test_cli_fly.py::test_one_trial_is_filmed": "ui/figures/test_film.py draws films",
+    "ui/cli/test_cli_interrupted.py::test_during_a_flight": "sim/trials/test_execution.py interrupts a campaign",
+    "ui/cli/test_cli_mission.py::test_three_waypoints": "the rest of test_cli_mission.py flies missions around areas",
+    "ui/cli/test_cli_places.py::test_the_hague": "the rest of test_cli_places.py plans between latitudes",
+}
 
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
 KEPT = 14 * 86400.0
@@ -151,9 +166,9 @@ def of(item: pytest.Item, places: tuple[str, ...]) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of pages and of large files."""
+    """Mark the tests of pages, of large files and of the night."""
     for item in items:
-        for mark, places in (("docs", ("docs/",)), ("large", LARGE)):
+        for mark, places in (("docs", ("docs/",)), ("large", LARGE), ("nightly", tuple(NIGHTLY))):
             if of(item, places):
                 item.add_marker(mark)
 

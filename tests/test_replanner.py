@@ -127,13 +127,14 @@ def noting(replanner: Replanner, patch: pytest.MonkeyPatch) -> list[tuple[int, .
 
 
 @pytest.mark.large
-def test_nothing_compiles_over_500_random_scans_starts_and_goals(
-    in_windows: Replanner, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("count", [100, pytest.param(500, marks=pytest.mark.nightly)])
+def test_nothing_compiles_over_random_scans_starts_and_goals(
+    in_windows: Replanner, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     statuses, sizes, older = [], set(), 0
     asked = noting(in_windows, monkeypatch)
     with counted() as compiled:
-        for k, (occupied, points, ends) in enumerate(scans(500, seed=5)):
+        for k, (occupied, points, ends) in enumerate(scans(count, seed=5)):
             found = in_windows.replan(points, *ends, deadline=1e-3 if k % 2 else math.inf)
             statuses.append(found.status)
             sizes.add(len(points))
@@ -142,9 +143,9 @@ def test_nothing_compiles_over_500_random_scans_starts_and_goals(
                 assert (found.age == 0.0) == (found.status == Status.OK)
                 older += found.age > 0
     assert compiled == []
-    assert len(sizes) > 300
+    assert len(sizes) > 0.6 * count
     assert {*SMALL, GRID.shape} == set(asked)
-    assert statuses.count(Status.OK) > 100
+    assert statuses.count(Status.OK) > 0.2 * count
     assert {Status.START_OCCUPIED, Status.GOAL_OUTSIDE_MAP, Status.TIMEOUT, Status.EMPTY_SCAN} <= set(statuses)
 
 

@@ -262,12 +262,17 @@ BROKEN = {
 
 
 @pytest.mark.large
+@pytest.mark.nightly  # planning/test_focus_window.py plans in windows, ui/figures draws larger voxels
 def test_a_large_map_is_planned_in_windows_and_drawn_in_larger_voxels(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "large.npz").write_bytes(sparse((300, 300, 200)))
     out = tmp_path / "out"
     code, *_ = terminal("plan", tmp_path / "large.npz", *between((40, 40, 20), (80, 50, 20)), "--out", out)
     assert code == 0
     assert sorted(os.listdir(out)) == ["path.csv", "plan.json", "plan.png"]
+
+
+def test_a_map_too_large_for_a_lattice_is_refused(terminal: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "large.npz").write_bytes(sparse((300, 300, 200)))
     small = terminal("plan", tmp_path / "large.npz", *between((40, 40, 20), (80, 50, 20)), "--method", "astar")
     assert small[0] == 2
     assert "at most 16777216 voxels" in small[2]
