@@ -73,12 +73,8 @@ def test_every_command_has_a_tiny_run_that_leaves_results_alone(name: str) -> No
     assert "main(configured(TINY))" in started.read_text(encoding="utf-8")
 
 
-# The small runs that take less than ten seconds each, compiled anew; the others run by night.
-QUICK = {
-    *(f"benchmarks.{name}" for name in ("city_scale", "lidar", "profile", "startup", "verifier")),
-    *(f"experiments.{name}" for name in ("fleet_picture", "heights_picture", "long_ways")),
-    "experiments.differentiable.sensitivity",
-}
+# A benchmark and an experiment that take seconds; the small runs of the others by night.
+QUICK = {"benchmarks.lidar", "experiments.heights_picture"}
 
 
 def numbers(thing: object) -> Iterator[float]:

@@ -88,7 +88,9 @@ def test_with_room_it_arrives_on_every_scene_and_keeps_half_a_voxel() -> None:
 
 
 @pytest.mark.large
-@pytest.mark.parametrize("name", ["momentum", "smoothed", "adam"])
+@pytest.mark.parametrize(
+    "name", ["momentum", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("smoothed", "adam"))]
+)
 def test_arrives_through_a_corridor_one_voxel_wide(name: str) -> None:
     blocked = np.ones(SHAPE, bool)
     blocked[:, :, 4:7:2] = serpentine(16, 18, 2)

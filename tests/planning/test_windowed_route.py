@@ -1,6 +1,5 @@
 """Routes in windows, alone and in a batch, are those of whole maps."""
 
-import dataclasses
 import functools
 
 import jax
@@ -13,15 +12,15 @@ from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
-from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.plan_route import find_route
 from maxjax.planning.windows import windowed_route as windowed
-from maxjax.ui.methods import planner_named
 from maxjax.verification.verifier import verify
 
 GRID = Grid((34, 30, 20), 2.0, (0.0, 0.0, 0.0))
 DISTANCES = Distances(1.0, 4.0)
 NEAR_SIZES = ((16, 16, 14), (24, 22, 14))
+PLANNER = maxjax.Field()
+COUNT = 15  # pairs of ends in a batch
 
 
 def blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -35,13 +34,39 @@ def blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return occupied | ground, ground
 
 
-@pytest.fixture
-def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(windowed, "_SIZES", NEAR_SIZES)
-    monkeypatch.setattr(windowed, "_AT_ONCE", (3, 2, 2))
+@pytest.fixture(params=[NEAR_SIZES[1:], pytest.param(NEAR_SIZES, marks=pytest.mark.nightly)], ids=["one", "two"])
+def small_windows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """How many sizes there are: each of them is half a minute to compile."""
+    monkeypatch.setattr(windowed, "_SIZES", request.param)
+    monkeypatch.setattr(windowed, "_AT_ONCE", (3, 2, 2)[-1 - len(request.param) :])
+    return len(request.param)
 
 
-def test_routes_in_windows_are_those_of_whole_maps(small_windows: None) -> None:
+def sought(volumes: tuple[jax.Array, jax.Array], ends: jax.Array, wanted: jax.Array) -> windowed.WindowedRoute:
+    asked = windowed.MapAndEnds.of(volumes, ends, jnp.zeros(3))
+    return windowed.route_in_windows(asked, wanted, DISTANCES, GRID, PLANNER)
+
+
+@functools.partial(jax.jit, static_argnums=3)
+def alone_in_windows(
+    volumes: tuple[jax.Array, jax.Array], ends: jax.Array, wanted: jax.Array, sizes: int
+) -> windowed.WindowedRoute:
+    """Traced anew for each number of sizes."""
+    return sought(volumes, ends, wanted)
+
+
+@functools.partial(jax.jit, static_argnums=3)
+def together_in_windows(
+    volumes: tuple[jax.Array, jax.Array], ends: jax.Array, wanted: jax.Array, sizes: int
+) -> windowed.WindowedRoute:
+    return jax.vmap(sought, (None, 0, 0))(volumes, ends, wanted)
+
+
+in_the_whole = jax.jit(functools.partial(find_route, distances=DISTANCES, planner=PLANNER))
+
+
+def test_routes_in_windows_are_those_of_whole_maps(small_windows: int) -> None:
+    """By night alone as well; by day flights with fields plan so (sim/test_flight.py)."""
     rng = np.random.default_rng(3)
     occupied, ground = blocks(rng)
     occupied[20:27, 5:12, 2:19] = True
@@ -57,27 +82,20 @@ def test_routes_in_windows_are_those_of_whole_maps(small_windows: None) -> None:
         np.array([[2.0, 2.0, 4.0], [np.nan, 2.0, 4.0]]),
     ]
     both = jnp.asarray(np.stack(ends), jnp.float32)
-    planner = planner_named("field")
-    assert isinstance(planner, FieldPlanner)
-    origin = jnp.zeros(3)
+    assert len(both) == COUNT
     volumes = jnp.asarray(occupied), jnp.asarray(ground)
-
-    def sought(ends: jax.Array, wanted: jax.Array) -> windowed.WindowedRoute:
-        asked = windowed.MapAndEnds.of(volumes, ends, origin)
-        return windowed.route_in_windows(asked, wanted, DISTANCES, GRID, planner)
-
     wanted = jnp.ones(len(both), bool).at[0].set(False)
-    together = jax.jit(jax.vmap(sought))(both, wanted)
+    together = together_in_windows(volumes, both, wanted, small_windows)
     where = VoxelMap.on(GRID, occupied, ground)
-    whole = jax.jit(functools.partial(find_route, where, distances=DISTANCES, planner=planner))
-    one = jax.jit(sought)
     numbers = []
     for k, pair in enumerate(both):
         if not wanted[k]:
             continue
-        _, expected = whole(ends=pair)
-        alone = one(pair, jnp.array(True))
-        for found in (jax.tree.map(lambda x, k=k: x[k], together), alone):
+        _, expected = in_the_whole(where, pair)
+        found_at_k = [jax.tree.map(lambda x, k=k: x[k], together)]
+        if small_windows > 1:
+            found_at_k.append(alone_in_windows(volumes, pair, jnp.array(True), small_windows))
+        for found in found_at_k:
             assert int(found.route.status) == int(expected.status)
             numbers.append(int(found.least))
             if expected.status == Status.OK:
@@ -100,17 +118,15 @@ def test_routes_in_windows_are_those_of_whole_maps(small_windows: None) -> None:
     assert statuses.count(Status.OK) >= 6
 
 
-def test_what_lies_around_the_start_is_what_the_whole_map_blocks(small_windows: None) -> None:
+def test_what_lies_around_the_start_is_what_the_whole_map_blocks(small_windows: int) -> None:
     rng = np.random.default_rng(5)
     occupied, ground = blocks(rng)
-    planner = planner_named("field")
     ends = jnp.array([[4.0, 4.0, 4.0], [14.0, 9.0, 6.0]])
     occupied[2:7, 2:7, 3:6] = False
-    asked = windowed.MapAndEnds.of((jnp.asarray(occupied), jnp.asarray(ground)), ends, jnp.zeros(3))
-    found = jax.jit(lambda: windowed.route_in_windows(asked, jnp.array(True), DISTANCES, GRID, planner))()
-    problem, _ = find_route(
-        VoxelMap.on(GRID, occupied, ground), ends, DISTANCES, dataclasses.replace(planner, focus=False)
-    )
+    several = jnp.stack([ends] * COUNT), jnp.ones(COUNT, bool)
+    volumes = jnp.asarray(occupied), jnp.asarray(ground)
+    found = jax.tree.map(lambda x: x[0], together_in_windows(volumes, *several, small_windows))
+    problem, _ = in_the_whole(VoxelMap.on(GRID, occupied, ground), ends)
     blocked = np.pad(np.asarray(problem.blocked), windowed.NEAR, constant_values=True)
     size = 2 * windowed.NEAR + 1
     expected = blocked[4 : 4 + size, 4 : 4 + size, 4 : 4 + size]

@@ -250,13 +250,13 @@ def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     np.testing.assert_allclose(there.phi, here.phi, rtol=1e-4)
 
 
-def test_a_batch_answers_each_scene_as_it_is_answered_alone() -> None:
+@pytest.mark.parametrize("edge", [17, pytest.param(33, marks=pytest.mark.nightly)])
+def test_a_batch_answers_each_scene_as_it_is_answered_alone(edge: int) -> None:
     """Cycles that stall, a corridor, and a goal in a wall; alone, and all of them at once."""
-    edge = 33
     easy, goal = scene(3, (edge,) * 3, doors=False)
     doors, beyond = scene(1, (edge,) * 3)
     corridor, corner = np.zeros((edge,) * 3, np.float32), np.zeros(3, np.int32)
-    corridor[:31, :32, :1] = conducting(serpentine(31, 32, 1), corner)
+    corridor[: edge - 2, : edge - 1, :1] = conducting(serpentine(edge - 2, edge - 1, 1), corner)
     walled = easy.copy()
     walled[0, 0, 0] = 0
     sigma = jnp.asarray(np.stack([easy, doors, corridor, walled]))
