@@ -41,8 +41,8 @@ from maxjax.planning.path.route import Route
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.run.field_planner import FieldPlanner
-from maxjax.sim.faults.effects import account
-from maxjax.sim.faults.modes import MEANINGLESS, Faults, Mode, Target
+from maxjax.sim.faults.effects import Faults, account
+from maxjax.sim.faults.modes import MEANINGLESS, Mode, Target, Unseen
 from maxjax.sim.loop.flight import STAGES, FlightConfig, FlightLog, World, fly_all_closed_loop, watch
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.trials.trials import draw_many
@@ -199,7 +199,7 @@ def _flown(config: Config, how: FlightConfig, modes: Int32[np.ndarray, "n 6"], a
             drawn.goal[place],
             jax.vmap(functools.partial(jax.random.fold_in, key))(jnp.asarray(config.first + place)),
             jax.tree.map(lambda _: jnp.zeros(config.batch), Disturbances()),
-            faults=Faults(jnp.asarray(modes[rows]), jnp.asarray(np.array(onsets)[place], jnp.float32)),
+            extensions=(Faults(jnp.asarray(modes[rows]), jnp.asarray(np.array(onsets)[place], jnp.float32)),),
         )
         log = _fly(worlds, how)
         flown = range(first, min(first + config.batch, len(modes)))
@@ -246,7 +246,7 @@ def _row(config: Config, name: str, log: FlightLog, modes: Int32[np.ndarray, "n 
         if contact.sum() < n
         else 100.0,
         "not_numbers": int(lost.sum()),
-        "unseen": int(np.sum(np.asarray(log.unseen) > 0)),
+        "unseen": int(np.sum(np.asarray(log.part(Unseen).samples) > 0)),
         "statuses": ", ".join(f"{count} {one}" for one, count in statuses.most_common()),
         "lifting": int(lifting.sum()),
         "blamed": "; ".join(f"{count} {one}" for one, count in blamed.most_common()) or None,

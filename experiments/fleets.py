@@ -36,8 +36,8 @@ from maxjax.planners import Field
 from maxjax.sim.loop.flight import Flight, FlightConfig, World
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Avoidance
-from maxjax.sim.movers.steering import straight_way
+from maxjax.sim.movers.among import Flags
+from maxjax.sim.movers.avoidance import Avoidance, straight_way
 from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swaps import Swaps, antipodal
@@ -124,7 +124,7 @@ def _flight(world: str, size: int, together: Together, plans: int) -> FlightConf
         return SwarmTrial(world, 0, size, together, FlightConfig(planner=Field(), plans=plans)).flight
     return FlightConfig(
         planner=Field(),
-        moving=Avoidance(None, choice=together.motions(), within=_LAYER if world == "level" else None),
+        extensions=(Avoidance(None, choice=together.motions(), within=_LAYER if world == "level" else None),),
         shape=(33, 33, 33),
         plans=plans,
         sampling=Sampling(0.5, 512),
@@ -162,7 +162,7 @@ def open_sky(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
 def _figures(logs: SwarmLog) -> Row:
     status, seconds = np.asarray(logs.flights.status), np.asarray(logs.flights.duration)
-    assert logs.flights.flags is not None
+    flagged = np.asarray(logs.flights.part(Flags).any_seconds)
     ok, met, rests = status == Status.OK, np.asarray(logs.touched) >= 0, stuck(logs)
     count, arrived, contacts = status.size, int(ok.sum()), int(met.sum())
     swaps, dropped = int(np.asarray(logs.swaps).sum()), int(np.asarray(logs.dropped).sum())
@@ -180,7 +180,7 @@ def _figures(logs: SwarmLog) -> Row:
         "seconds": round(float(seconds[ok].mean()), 2) if arrived else None,
         "slowest": round(float(seconds[ok].max()), 2) if arrived else None,
         "dropped": round(dropped / max(swaps + dropped, 1), 4),
-        "flagged": round(float(np.asarray(logs.flights.flags.any_seconds).sum() / seconds.sum()), 5),
+        "flagged": round(float(flagged.sum() / seconds.sum()), 5),
     }  # fmt: skip
 
 

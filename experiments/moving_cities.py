@@ -77,7 +77,7 @@ class Unaware(Campaign):
     @property
     def flight(self) -> FlightConfig:
         """How to fly."""
-        return dataclasses.replace(super().flight, moving=None)
+        return dataclasses.replace(super().flight, extensions=())
 
 
 def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:

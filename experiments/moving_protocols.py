@@ -59,13 +59,13 @@ from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, fly_all_close
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse
-from maxjax.sim.movers.among import Avoidance, Perception
+from maxjax.sim.movers.among import Flags, Perception
+from maxjax.sim.movers.avoidance import Avoidance, straight_way
 from maxjax.sim.movers.choice import Keeping
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionSet
 from maxjax.sim.movers.reachable_sets import Bounds
-from maxjax.sim.movers.steering import straight_way
 from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
@@ -156,13 +156,12 @@ def _scenes(config: Config) -> Iterator[Contest]:
 
 def _by(method: Method, flight: FlightConfig) -> FlightConfig:
     """The same flight by another method."""
-    moving = flight.moving
-    assert moving is not None
+    moving = flight.extension(Avoidance)
     if method == "orca":
         moving = dataclasses.replace(moving, chooser=orca)
     if method == "static":
         moving = dataclasses.replace(moving, perception=TrueTracks(reach=0.0, slots=1))
-    return dataclasses.replace(flight, moving=moving)
+    return flight.with_extension(moving)
 
 
 def _world(geoms: Any, movers: Any, start: Any, goal: Any, seed: int) -> World:
@@ -220,7 +219,7 @@ def _flight(
     """A point that flies motions, the straight line for a guide."""
     return FlightConfig(
         planner=Field(),
-        moving=moving,
+        extensions=(moving,),
         lidar=lidar,
         exact=True,
         radius=radius,
@@ -257,11 +256,10 @@ def _flown(contests: list[Contest], config: Config) -> Iterator[FlightLog]:
 
 def _figures(logs: FlightLog, contest: Contest, config: Config) -> Row:
     status, seconds = np.asarray(logs.status), np.asarray(logs.duration)
-    assert logs.flags is not None
-    assert contest.config.moving is not None
+    flags = logs.part(Flags)
     ok, hit = status == Status.OK, status == Status.IN_CONTACT
-    last = np.asarray(logs.flags.last).max(axis=1)
-    before = last >= seconds - contest.config.moving.choice.horizon
+    last = np.asarray(flags.last).max(axis=1)
+    before = last >= seconds - contest.config.extension(Avoidance).choice.horizon
     then = last >= seconds - LOG_PERIOD - 0.5 * contest.config.vehicle.timestep
     count, arrived = len(status), int(ok.sum())
     again = [f"{_command(contest)} --first {config.first + k}" for k in np.flatnonzero(hit)]
@@ -275,7 +273,7 @@ def _figures(logs: FlightLog, contest: Contest, config: Config) -> Row:
         "unflagged_at_contact": int((hit & ~then).sum()),
         "seconds": round(float(seconds[ok].mean()), 2) if arrived else None,
         "flown_m": round(float(np.asarray(logs.flown_length)[ok].mean()), 1) if arrived else None,
-        "flagged": round(float(np.asarray(logs.flags.any_seconds).sum() / seconds.sum()), 4),
+        "flagged": round(float(np.asarray(flags.any_seconds).sum() / seconds.sum()), 4),
         "least_m": round(float(np.asarray(logs.clearance).min()), 3),
         "again": "; ".join(again[:20]) or None,
     }

@@ -95,7 +95,7 @@ class Loop:
     def __call__(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
         """A path on the present map, and the reference along it."""
         grid, rolling_map = config.grid, flight.rolling_map
-        position = estimated_position(world, flight)
+        position = estimated_position(world, flight, config)
         ends = jnp.stack([grid.fractional_index(to_local(flight, config, end)) for end in (position, world.goal)])
         given = mapping.occupied_voxels(rolling_map), mapping.ground(rolling_map), ends
         no = jnp.array(False)

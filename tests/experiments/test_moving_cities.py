@@ -20,9 +20,9 @@ def flights(campaign: Campaign, batch: int | None, folder: Path | None) -> Itera
     assert batch is None
     assert folder is None
     if campaign.movers is None:
-        assert campaign.flight.moving is None
+        assert not campaign.flight.extensions
         yield [outcome(0, "OK", duration=10.0), outcome(1, "OK", duration=20.0)]
-    elif campaign.flight.moving is not None:
+    elif campaign.flight.extensions:
         flagged = {"flagged": {"TRAPPED": 1.5}, "flagged_share": 0.1}
         yield [outcome(0, "OK", duration=15.0, **flagged, hidden_movers=0)]
         hit = {"flagged": {"NEAR": 1.0}, "flagged_share": 0.2, "flagged_before": False, "touched": "mover"}

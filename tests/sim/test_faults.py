@@ -12,8 +12,8 @@ import pytest
 
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
-from maxjax.sim.faults.effects import account, deliver_scan, locate, thrusts, tick_reference
-from maxjax.sim.faults.modes import MEANINGLESS, Failing, Faults, Mode, Target, none_yet
+from maxjax.sim.faults.effects import Faults, account
+from maxjax.sim.faults.modes import MEANINGLESS, Failing, Mode, Target, Unseen, none_yet
 from maxjax.sim.loop.flight import STAGES, Flight, FlightConfig, World, take_off, watch
 from maxjax.sim.loop.flight_state import estimated_position
 from maxjax.sim.loop.follow import advance_time
@@ -34,16 +34,17 @@ CONFIG = FlightConfig(
 START, GOAL = jnp.array([-24.0, 1.0, 6.0]), jnp.array([14.0, -2.0, 8.0])
 
 
-def world(faults: Faults | None) -> World:
-    return World(wall_and_tower(), START, GOAL, jax.random.key(5), Disturbances(), faults=faults)
+def world(*faults: Faults) -> World:
+    return World(wall_and_tower(), START, GOAL, jax.random.key(5), Disturbances(), extensions=faults)
 
 
-def ready(target: Target, mode: Mode, **changes: object) -> tuple[World, Flight]:
-    """A world with one fault from the beginning, and a flight that moves."""
-    one = world(Faults.of({target: mode}, onset=0.0))
+def ready(target: Target, mode: Mode) -> tuple[Faults, World, Flight]:
+    """A fault from the beginning, its world, and a flight that moves."""
+    fault = Faults.of({target: mode}, onset=0.0)
+    one = world(fault)
     flight = take_off(one, CONFIG)
     vehicle = dataclasses.replace(flight.vehicle, velocity=jnp.array([4.0, 0.0, 0.0]))
-    return one, dataclasses.replace(flight, vehicle=vehicle, **changes)  # type: ignore[arg-type]
+    return fault, one, dataclasses.replace(flight, vehicle=vehicle)
 
 
 @functools.cache
@@ -53,8 +54,9 @@ def honest() -> Scan:
 
 @functools.cache
 def scans(mode: Mode) -> tuple[Scan, Failing]:
-    one, flight = ready(Target.LIDAR, mode)
-    return deliver_scan(one, flight, honest(), LIDAR, jnp.int32(1))
+    fault, one, flight = ready(Target.LIDAR, mode)
+    after = fault.deliver_scan(one, dataclasses.replace(flight, scan=honest()), CONFIG, jnp.int32(1))
+    return after.scan, after.part(Failing)
 
 
 def test_a_sensor_that_works_delivers_what_it_measured() -> None:
@@ -81,49 +83,50 @@ def test_of_no_scan_and_of_ranges_without_surfaces_nothing_is_used(mode: Mode) -
 
 
 def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
-    one, flight = ready(Target.LIDAR, Mode.STUCK)
-    first, failing = deliver_scan(one, flight, honest(), LIDAR, jnp.int32(0))
+    fault, one, flight = ready(Target.LIDAR, Mode.STUCK)
+    first = fault.deliver_scan(one, dataclasses.replace(flight, scan=honest()), CONFIG, jnp.int32(0))
     other = scan(wall_and_tower(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
-    second, again = deliver_scan(one, dataclasses.replace(flight, failing=failing), other, LIDAR, jnp.int32(1))
-    assert np.array_equal(first.hit, honest().hit)
-    assert not np.any(second.hit)
-    assert np.array_equal(again.ranges, failing.ranges)
+    second = fault.deliver_scan(one, dataclasses.replace(first, scan=other), CONFIG, jnp.int32(1))
+    assert np.array_equal(first.scan.hit, honest().hit)
+    assert not np.any(second.scan.hit)
+    assert np.array_equal(second.part(Failing).ranges, first.part(Failing).ranges)
 
 
 @pytest.mark.parametrize(("mode", "off"), [(Mode.OFF, 0.01), (Mode.GARBAGE, 0.01), (Mode.STUCK, 1.1), (Mode.LATE, 1.1)])
 def test_a_position_is_never_further_off_than_a_believable_jump(mode: Mode, off: float) -> None:
     """For two seconds at 4 m/s: dead reckoning errs by a hundredth of the way, what is believed by a metre at most."""
-    one, flight = ready(Target.POSE, mode)
-    located_at = jax.jit(lambda flight: locate(one, flight, jnp.zeros(3), 0.01))
+    fault, one, flight = ready(Target.POSE, mode)
+    assert CONFIG.vehicle.timestep == 0.01
+    advance = jax.jit(lambda flight: fault.advance(one, flight, CONFIG))
     for k in range(200):
         vehicle = dataclasses.replace(flight.vehicle, position=START + jnp.array([0.04 * (k + 1), 0.0, 0.0]))
         log = dataclasses.replace(flight.log, duration=jnp.float32(0.01 * k))
         flight = dataclasses.replace(flight, vehicle=vehicle, log=log)
-        flight = dataclasses.replace(flight, failing=located_at(flight))
-        assert float(jnp.linalg.norm(estimated_position(one, flight) - vehicle.position)) <= off + 0.01 * 0.04 * (k + 1)
+        flight = advance(flight)
+        error = jnp.linalg.norm(estimated_position(one, flight, CONFIG) - vehicle.position)
+        assert float(error) <= off + 0.01 * 0.04 * (k + 1)
 
 
 def test_commands_reach_late_motors_five_steps_later_and_weak_ones_in_part() -> None:
     commands = np.random.default_rng(0).uniform(1.0, 6.0, (12, 4)).astype(np.float32)
     for mode, expected in ((Mode.LATE, commands[:-5]), (Mode.WRONG, 0.85 * commands), (Mode.NONE, commands)):
-        one, flight = ready(Target.MOTORS, mode)
+        fault, one, flight = ready(Target.MOTORS, mode)
         told = []
         for command in commands:
-            got, failing = thrusts(one, flight, jnp.asarray(command), CONFIG.vehicle)
-            flight = dataclasses.replace(flight, failing=failing)
+            flight, got = fault.thrusts(one, flight, CONFIG, jnp.asarray(command))
             told.append(np.asarray(got))
         assert np.allclose(told[5:] if mode == Mode.LATE else told, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("mode", [mode for mode in Mode if (Target.CLOCK, mode) not in MEANINGLESS])
 def test_whatever_the_clock_says_set_points_do_not_jump_nor_go_back(mode: Mode) -> None:
-    one = world(Faults.of({Target.CLOCK: mode}, onset=0.0))
-    step = CONFIG.vehicle.timestep
+    fault = Faults.of({Target.CLOCK: mode}, onset=0.0)
+    one, step = world(fault), CONFIG.vehicle.timestep
 
     @jax.jit
     def times(flight: Flight) -> jax.Array:
         def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
-            now = advance_time(flight.reference_time, tick_reference(one, flight, CONFIG), step)
+            now = advance_time(flight.reference_time, fault.clock(one, flight, CONFIG, flight.reference_time), step)
             log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
             return dataclasses.replace(flight, reference_time=now, log=log), now
 
@@ -147,13 +150,13 @@ def test_what_is_remembered_at_first_is_hovering_at_the_start() -> None:
 def flown() -> dict[str, Flight]:
     """Nothing that may fail; what may but does not within the flight; a planner that stops answering after 4 s."""
     worlds = {
-        "sound": world(None),
+        "sound": world(),
         "later": world(Faults.of(dict.fromkeys(Target, Mode.OFF), onset=1e3)),
         "silent": world(Faults.of({Target.PLANNER: Mode.OFF}, onset=4.0)),
         "slow": world(Faults.of({Target.PLANNER: Mode.SLOW}, onset=2.0)),
         "blind": world(Faults.of({Target.LIDAR: Mode.OFF, Target.POSE: Mode.OFF}, onset=4.0)),
     }
-    return {name: list(watch(one, CONFIG if one.faults else dataclasses.replace(CONFIG, stages=None)))[-1]
+    return {name: list(watch(one, CONFIG if one.extensions else dataclasses.replace(CONFIG, stages=None)))[-1]
             for name, one in worlds.items()}  # fmt: skip
 
 
@@ -163,7 +166,7 @@ def test_before_its_time_a_fault_changes_next_to_nothing(flown: dict[str, Flight
     # But for what dead reckoning errs by.
     apart = np.linalg.norm(np.asarray(sound.position - later.position), axis=1)
     assert np.nanmax(apart[: int(10 * min(sound.duration, later.duration))]) < 0.5
-    assert later.unseen == 0
+    assert later.part(Unseen).samples == 0
 
 
 @pytest.mark.parametrize(("name", "status"), [("silent", Status.TIMEOUT), ("blind", Status.OUT_OF_PLANS)])
@@ -174,7 +177,7 @@ def test_without_planner_or_senses_the_vehicle_stops_in_sight_of_what_it_saw(
     assert log.status == status
     assert np.isfinite(log.clearance)
     assert log.clearance > CONFIG.radius
-    assert log.unseen == 0
+    assert log.part(Unseen).samples == 0
 
 
 def test_between_the_answers_of_a_slow_planner_the_vehicle_flies_on(flown: dict[str, Flight]) -> None:

@@ -1,4 +1,4 @@
-"""Faults of a flight: sensors, air, motors, planner and clock that fail from a time on.
+"""Modes of faults: how sensors, air, motors, planner and clock fail, and what a flight remembers of it.
 
     what is said = fault(what is so, mode, time)        t ≥ onset; `Mode.INTERMITTENT`: in random planning periods
 
@@ -33,7 +33,7 @@ STEPS_LATE = 5
 
 
 class Target(enum.IntEnum):
-    """A part that fails: a column of `Faults.modes`."""
+    """A target of faults: a column of `Faults.modes`."""
 
     LIDAR = 0
     POSE = 1
@@ -64,27 +64,8 @@ MEANINGLESS = frozenset({
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Faults:
-    """Faults of a flight, and their onset; batch axes lead.
-
-    Attributes:
-        modes: the `Mode` of each `Target`.
-        onset: time since take-off [s].
-    """
-
-    modes: Int32[Array, "*batch 6"]
-    onset: Float[Array, "*batch"]
-
-    @classmethod
-    def of(cls, modes: dict[Target, Mode], onset: float = 3.0) -> Faults:
-        """Those of one flight: targets that are not named work."""
-        return cls(jnp.array([modes.get(target, Mode.NONE) for target in Target], jnp.int32), jnp.float32(onset))
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Failing:
-    """Memory of a flight with faults; batch axes lead.
+    """The part of a flight with faults; batch axes lead.
 
     Attributes:
         position: what the vehicle takes for its position [m].
@@ -97,6 +78,19 @@ class Failing:
     held: Float[Array, "*batch 3"]
     ranges: Float[Array, "*batch r"]
     commands: Float[Array, "*batch s 4"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Unseen:
+    """The part of the log of a flight with faults; batch axes lead.
+
+    Attributes:
+        samples: times, ten a second, at which the vehicle was more than a voxel from any that was seen free, as
+            `sim.faults.effects.account` counts them.
+    """
+
+    samples: Int32[Array, "*batch"]
 
 
 def none_yet(start: Float[Array, "3"], rays: int, vehicle: Vehicle) -> Failing:

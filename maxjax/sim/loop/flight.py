@@ -9,8 +9,10 @@ A planning iteration is a tuple of pure stages, each (world, flight, config) ↦
 3. `plan` (`sim.loop.replan`): a path from the estimated position to the goal, verified on the present map, and a
    reference along it that ends before the first voxel that was not seen free. Without a path the vehicle brakes and
    moves to another viewpoint.
-4. `follow` (`sim.loop.follow`): one planning period of physics along the reference. With `FlightConfig.moving` the
-   vehicle looks for movers ten times a second and flies motions that are verified against their sets (`sim.movers`).
+4. `follow` (`sim.loop.follow`): one planning period of physics along the reference.
+
+A flight may be built with extensions (`sim.loop.flight_state.Extension`): objects with hooks inside these stages and
+state of their own.
 
 Coordinates are float32, which resolves 1 mm up to 16 km from the origin: cities are centred before they are flown in.
 
@@ -19,7 +21,6 @@ Frames: world, ENU, metres.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Iterator
 
@@ -33,14 +34,11 @@ from maxjax.compile.threads import concurrently
 from maxjax.core.rng_streams import ITERATIONS, Stream, stream
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
-from maxjax.sim.faults.modes import none_yet
-from maxjax.sim.loop.flight_state import Flight, FlightConfig, FlightLog, World
+from maxjax.sim.loop.flight_state import Extension, Flight, FlightConfig, FlightLog, World, extensions_of
 from maxjax.sim.loop.follow import clearance_of, follow
 from maxjax.sim.loop.replan import plan
 from maxjax.sim.loop.sensing import fuse, look, sense
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Among, Flag, no_flags, no_sightings, record_of
-from maxjax.sim.movers.steering import hover_at
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
@@ -53,6 +51,7 @@ from maxjax.trajectories.online import profile, straight_course
 __all__ = [
     "AT_ONCE",
     "STAGES",
+    "Extension",
     "Flight",
     "FlightConfig",
     "FlightLog",
@@ -65,8 +64,6 @@ __all__ = [
     "watch",
 ]
 
-# Evidence that a map among movers loses by a scan that sees a voxel free: two scans clear what is gone.
-_FORGETS = 3
 # Flights of a batch that take an iteration at a time: of one that arrives, another takes the place.
 AT_ONCE = 512
 
@@ -89,7 +86,7 @@ def fly_closed_loop(
         start, goal: world frame [m].
         key: of all random numbers of the flight.
         config: how to fly.
-        movers: in the city besides; the vehicle looks for them if `config.moving` says how.
+        movers: in the city besides; the vehicle looks for them if an extension of `config` does.
 
     Returns:
         The log. Its status is OK only if the vehicle came within `config.tolerance` of the goal and no solid within
@@ -183,8 +180,6 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         clearance=clearance,
         margin=jnp.full(config.plans, nan),
         certified=none,
-        flags=None if config.moving is None else no_flags(),
-        unseen=None if world.faults is None else none,
     )
     gust = physics.gust(config.gusts, jnp.zeros(3), jax.random.normal(stream(world.key, Stream.FIRST_GUST), (3,)), 1e3)
     course = straight_course(start, start, config.sampling)
@@ -194,7 +189,7 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         gust=gust,
         scan=Scan(jnp.full((rays, 3), nan), jnp.full(rays, jnp.float32(jnp.inf)), jnp.zeros(rays, bool)),
         returns=none,
-        rolling_map=mapping.empty(start, config.shape, config.spacing, 1 if config.moving is None else _FORGETS),
+        rolling_map=mapping.empty(start, config.shape, config.spacing),
         path=path,
         pending_path=path,
         pending_valid=jnp.array(False),
@@ -206,17 +201,10 @@ def take_off(world: World, config: FlightConfig) -> Flight:
         failures=none,
         done=status != Status.OK,
         log=log,
-        failing=None if world.faults is None else none_yet(start, rays, config.vehicle),
     )
-    if config.moving is None:
-        return flight
-    perception = config.moving.perception
-    seen = no_sightings(rays) if perception is None else perception.start(world, flight, config)
-    rests = hover_at(start, config.moving)
-    one = record_of(seen, rests, jnp.zeros(len(Flag), bool), config.moving)
-    record = jax.tree.map(lambda x: jnp.broadcast_to(x, (config.log_samples, *x.shape)), one)
-    among = Among(seen, rests, zero, record)
-    return look(world, dataclasses.replace(flight, among=among), config)
+    for extension in extensions_of(world, config):
+        flight = extension.take_off(world, flight, config)
+    return look(world, flight, config)
 
 
 def _usable(world: World, clearance: Float[Array, ""], config: FlightConfig) -> Int32[Array, ""]:

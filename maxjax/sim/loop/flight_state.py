@@ -1,6 +1,6 @@
-"""The data of a flight: its configuration, what it cannot change, what evolves, and its log.
+"""The data of a flight: its configuration, what it cannot change, what evolves, and its log; and what extends it.
 
-    FlightConfig, World, Flight, FlightLog
+    FlightConfig, World, Flight, FlightLog        Extension: hooks of a flight, with parts of their own in these
 
 Frames: world, ENU, metres. The rolling map moves with the vehicle by whole voxels; `to_local` is the frame of
 `FlightConfig.grid`, whose origin is the middle voxel of the rolling map.
@@ -19,18 +19,16 @@ from jaxtyping import Array, Bool, Float, Int32, Key, UInt32
 from maxjax.core.grid import Grid, Index3
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.distances import Distances
-from maxjax.sim.faults.modes import Failing, Faults
+from maxjax.sim.loop.parts import Parts, part_of, with_part
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Among, Avoidance, Flags
 from maxjax.sim.sensors.lidar import Lidar, Scan
-from maxjax.sim.swarm.member import Member
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
 from maxjax.sim.vehicle.disturbances import Disturbances, position_error
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers
 from maxjax.trajectories.limits import FlightLimits
-from maxjax.trajectories.online import Reference, Sampling
+from maxjax.trajectories.online import Reference, Sampling, Setpoint
 
 Path = Float[Array, "n 3"]
 T = TypeVar("T")
@@ -60,7 +58,7 @@ class FlightConfig:
         snapshot: plan on the latest scan alone, as the paper does, instead of the fused map.
         reactive: gain of the reactive layer [m/s²]; 0: none.
         exact: whether the vehicle is where its set-point is, as in protocols that judge commanded points.
-        moving: how to fly among movers, which are looked for ten times a second; None: none are expected.
+        extensions: that all flights are built with, each of another class; see `Extension`.
         stages: of a planning iteration, pure functions (world, flight, config) ↦ flight. None:
             `sim.loop.flight.STAGES`.
     """
@@ -85,7 +83,7 @@ class FlightConfig:
     snapshot: bool = dataclasses.field(default=False, metadata={"static": True})
     reactive: float = dataclasses.field(default=0.0, metadata={"static": True})
     exact: bool = dataclasses.field(default=False, metadata={"static": True})
-    moving: Avoidance | None = dataclasses.field(default=None, metadata={"static": True})
+    extensions: tuple[Extension, ...] = dataclasses.field(default=(), metadata={"static": True})
     stages: tuple[Callable[[World, Flight, FlightConfig], Flight], ...] | None = dataclasses.field(
         default=None, metadata={"static": True}
     )
@@ -96,10 +94,17 @@ class FlightConfig:
         x, y, z = (-(n // 2) * self.spacing for n in self.shape)
         return Grid(self.shape, self.spacing, (x, y, z))
 
-    @property
-    def avoidance(self) -> Avoidance:
-        """How to fly among movers; raises a ValueError where none are expected."""
-        return _present(self.moving, "moving")
+    def has(self, kind: type) -> bool:
+        """Whether there is an extension of a class."""
+        return any(isinstance(one, kind) for one in self.extensions)
+
+    def extension(self, kind: type[T]) -> T:
+        """The extension of a class; raises a ValueError where there is none."""
+        return part_of(self.extensions, kind)
+
+    def with_extension(self, extension: Extension) -> FlightConfig:
+        """The same with an extension in place of that of its class, or after all others."""
+        return dataclasses.replace(self, extensions=with_part(self.extensions, extension))
 
     @property
     def log_samples(self) -> int:
@@ -109,7 +114,7 @@ class FlightConfig:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class FlightLog:
+class FlightLog(Parts):
     """The result of a flight; batch axes lead.
 
     Attributes:
@@ -122,9 +127,7 @@ class FlightLog:
         clearance: least distance from the centre of the vehicle to any solid [m].
         margin: of each plan [m]; NaN where there was none.
         certified: number of paths that climb a certified field.
-        flags: assumptions about movers that failed, with their times; None where no movers are expected.
-        unseen: times, ten a second, at which the vehicle was more than a voxel from any that was seen free, as
-            `faults.account` counts them; None where nothing may fail.
+        parts: what extensions record, an object of another class each.
     """
 
     status: Int32[Array, "*batch"]
@@ -136,26 +139,20 @@ class FlightLog:
     clearance: Float[Array, "*batch"]
     margin: Float[Array, "*batch p"]
     certified: Int32[Array, "*batch"]
-    flags: Flags | None = None
-    unseen: Int32[Array, "*batch"] | None = None
-
-    @property
-    def flags_among_movers(self) -> Flags:
-        """`flags`; raises a ValueError where no movers were expected."""
-        return _present(self.flags, "moving")
-
-    @property
-    def unseen_among_faults(self) -> Int32[Array, "*batch"]:
-        """`unseen`; raises a ValueError where nothing may fail."""
-        return _present(self.unseen, "faults")
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class World:
-    """The constants of a flight: solids, ends [m], random key, disturbances, and movers and faults if there are any.
+    """The constants of a flight; batch axes lead.
 
-    Batch axes lead.
+    Attributes:
+        geoms: solids at rest.
+        start, goal: [m].
+        key: of all random numbers.
+        disturbances: their strengths.
+        movers: solids that move, looked for or not; None: there are none.
+        extensions: with data that each flight has of its own; see `Extension`.
     """
 
     geoms: Geoms
@@ -164,17 +161,12 @@ class World:
     key: Key[Array, "*batch"] | UInt32[Array, "*batch 2"]
     disturbances: Disturbances
     movers: Movers | None = None
-    faults: Faults | None = None
-
-    @property
-    def failures(self) -> Faults:
-        """`faults`; raises a ValueError where nothing may fail."""
-        return _present(self.faults, "faults")
+    extensions: tuple[Extension, ...] = ()
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Flight:
+class Flight(Parts):
     """The state of a flight; batch axes lead.
 
     Attributes:
@@ -195,9 +187,7 @@ class Flight:
         failures: consecutive plans without a path.
         done: whether the flight is over.
         log: so far.
-        among: what is known of movers, and the motion that is flown; None where none are expected.
-        member: what is said to the other vehicles of a fleet, and how near they were; None for a vehicle by itself.
-        failing: what is remembered of faults; None where nothing may fail.
+        parts: what extensions remember, an object of another class each.
     """
 
     vehicle: physics.State
@@ -217,37 +207,118 @@ class Flight:
     failures: Int32[Array, "*batch"]
     done: Bool[Array, "*batch"]
     log: FlightLog
-    among: Among | None = None
-    member: Member | None = None
-    failing: Failing | None = None
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """The planner's answer.
+
+    Attributes:
+        status: of planning and verification; TIMEOUT: it says nothing, and the vehicle flies on while that is safe.
+        late: whether the path is flown a period later.
+        start: from where the path leads [m].
+    """
+
+    status: Int32[Array, ""]
+    late: Bool[Array, ""]
+    start: Float[Array, "3"]
+
+
+class Extension:
+    """An extension of a flight, for subclasses: hooks inside its stages, which here change nothing.
+
+    Hooks are pure. Each is given the world, the flight and the configuration; most are given a value, too, and return
+    it as it is with the extension. Extensions follow one another in their order. State and records are objects of the
+    extension's own classes, which `take_off` adds to the parts of the flight or of its log (`with_part`).
+
+    An extension without arrays is static (`jax.tree_util.register_static`) and stands in `FlightConfig.extensions`. One
+    that has other arrays in each flight is a pytree (`jax.tree_util.register_dataclass`) in `World.extensions`.
+    """
 
     @property
-    def tracked(self) -> Among:
-        """`among`; raises a ValueError where no movers are expected."""
-        return _present(self.among, "moving")
+    def looks(self) -> bool:
+        """Whether a scan is to be taken ten times a second, for `look`, in place of one in a planning period."""
+        return False
 
-    @property
-    def fault_memory(self) -> Failing:
-        """`failing`; raises a ValueError where nothing may fail."""
-        return _present(self.failing, "faults")
+    def take_off(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """The flight at the start, with the parts of the extension."""
+        return flight
 
-    @property
-    def swarm_member(self) -> Member:
-        """`member`; raises a ValueError for a vehicle by itself."""
-        return _present(self.member, "a swarm")
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """The flight after each scan, which is in `flight.scan`; only for an extension that `looks`."""
+        return flight
+
+    def steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+        """The flight before a tenth of a second, by its number in the planning period."""
+        return flight
+
+    def advance(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """The flight with the extension's own parts a time step later, after the set-point was taken."""
+        return flight
+
+    def estimate(
+        self, world: World, flight: Flight, config: FlightConfig, position: Float[Array, "3"]
+    ) -> Float[Array, "3"]:
+        """Where the vehicle takes itself to be [m]."""
+        return position
+
+    def scan_origin(
+        self, world: World, flight: Flight, config: FlightConfig, position: Float[Array, "3"]
+    ) -> Float[Array, "3"]:
+        """Where the scan that arrives now was taken [m]."""
+        return position
+
+    def deliver_scan(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+        """The flight with what arrives of the scan in `flight.scan`, by its number."""
+        return flight
+
+    def still_scan(self, world: World, flight: Flight, config: FlightConfig, scan: Scan) -> Scan:
+        """The scan as the map learns of it: `hit` only where something stands still."""
+        return scan
+
+    def answer(self, world: World, flight: Flight, config: FlightConfig, answer: Answer) -> Answer:
+        """The planner's answer."""
+        return answer
+
+    def setpoint(self, world: World, flight: Flight, config: FlightConfig, setpoint: Setpoint) -> Setpoint:
+        """The set-point that is flown to."""
+        return setpoint
+
+    def wind(self, world: World, flight: Flight, config: FlightConfig, wind: Float[Array, "3"]) -> Float[Array, "3"]:
+        """The wind, gusts included [m/s]."""
+        return wind
+
+    def thrusts(
+        self, world: World, flight: Flight, config: FlightConfig, command: Float[Array, "4"]
+    ) -> tuple[Flight, Float[Array, "4"]]:
+        """The flight, and the thrusts that reach the motors [N]."""
+        return flight, command
+
+    def clock(self, world: World, flight: Flight, config: FlightConfig, time: Float[Array, ""]) -> Float[Array, ""]:
+        """Time on the reference a time step later [s]."""
+        return time
 
 
-def _present(part: T | None, of: str) -> T:
-    if part is None:
-        raise ValueError(f"expected a flight with {of}, given one without")
-    return part
+def extensions_of(world: World, config: FlightConfig) -> tuple[Extension, ...]:
+    """All extensions of a flight in their order: the configuration's, then the world's.
+
+    Raises:
+        ValueError: for two of one class.
+    """
+    found = (*config.extensions, *world.extensions)
+    names = [type(one).__name__ for one in found]
+    if len(set(map(type, found))) < len(found):
+        raise ValueError(f"extensions: expected at most one of a class, given {', '.join(names)}")
+    return found
 
 
-def estimated_position(world: World, flight: Flight) -> Float[Array, "3"]:
+def estimated_position(world: World, flight: Flight, config: FlightConfig) -> Float[Array, "3"]:
     """Position of the vehicle with its estimation error [m]."""
-    if flight.failing is not None:
-        return flight.failing.position
-    return flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
+    position = flight.vehicle.position + position_error(world.disturbances, world.key, flight.log.duration)
+    for extension in extensions_of(world, config):
+        position = extension.estimate(world, flight, config, position)
+    return position
 
 
 def to_local(flight: Flight, config: FlightConfig, x: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:

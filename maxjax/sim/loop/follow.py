@@ -1,4 +1,4 @@
-"""The stage of a flight that moves: a planning period of physics along the reference, or among movers, along motions.
+"""The stage of a flight that moves: a planning period of physics along the reference, or as an extension steers.
 
 The exact distance to every solid, moving or not, is computed at every physics step. Frame: world.
 """
@@ -15,15 +15,12 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
-from maxjax.sim.faults.effects import air, locate, thrusts, tick_reference
-from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World
+from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position, extensions_of
 from maxjax.sim.loop.reactive import push
 from maxjax.sim.loop.sensing import look
-from maxjax.sim.movers.among import raise_flags, record_look, record_of
-from maxjax.sim.movers.steering import setpoint_of, steer_vehicle
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
-from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, mean_wind, position_error
+from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, mean_wind
 from maxjax.sim.worlds.movers import solids_at
 from maxjax.sim.worlds.solid_distance import distance
 from maxjax.trajectories.online import setpoint_at
@@ -65,8 +62,7 @@ def fly_period(world: World, flight: Flight, config: FlightConfig, steer: Steer,
         was_done = flight.done
         flight = steer(world, flight, config, number)
         flight, _ = lax.scan(lambda flight, noise: (step(world, flight, config, noise), None), flight, noise)
-        if config.moving is not None:
-            flight = unless(flight.done, flight, look(world, flight, config))
+        flight = unless(flight.done, flight, look(world, flight, config))
         row = first + number
         position = jnp.where(was_done, flight.log.position[row], flight.vehicle.position)
         log = dataclasses.replace(flight.log, position=flight.log.position.at[row].set(position))
@@ -80,14 +76,10 @@ def fly_period(world: World, flight: Flight, config: FlightConfig, steer: Steer,
 
 
 def steer_alone(world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
-    """A motion among movers, and the flags that are up with it; without movers none. `number`: as `fly_period`."""
-    if config.moving is None:
-        return flight
-    among, up = steer_vehicle(world, flight, config)
-    record = record_of(among.seen, among.flown, up, config.moving)
-    among = record_look(among, record, number)
-    flags = raise_flags(flight.log.flags_among_movers, up, flight.log.duration, LOG_PERIOD)
-    after = dataclasses.replace(flight, among=among, log=dataclasses.replace(flight.log, flags=flags))
+    """As extensions steer a flight that is not done. `number`: as `fly_period`."""
+    after = flight
+    for extension in extensions_of(world, config):
+        after = extension.steer(world, after, config, number)
     return unless(flight.done, flight, after)
 
 
@@ -98,18 +90,12 @@ def step_alone(world: World, flight: Flight, config: FlightConfig, noise: Float[
 
 def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
     """One time step of controller, gusts and vehicle, and what it adds to the log."""
-    log, before, vehicle = flight.log, flight.vehicle, config.vehicle
-    error = position_error(world.disturbances, world.key, log.duration)
-    lead, among, failing = config.controller.lead, flight.among, flight.failing
-    if among is None:
-        setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, lead)
-    else:
-        setpoint = setpoint_of(among, lead)
-        among = dataclasses.replace(among, since=among.since + vehicle.timestep)
-    estimated = dataclasses.replace(before, position=before.position + error)
-    if world.faults is not None:
-        failing = locate(world, flight, error, vehicle.timestep)
-        estimated = dataclasses.replace(before, position=failing.position)
+    before, vehicle, extensions = flight.vehicle, config.vehicle, extensions_of(world, config)
+    setpoint = setpoint_at(flight.reference, flight.reference_time, flight.yaw, config.controller.lead)
+    for extension in extensions:
+        setpoint = extension.setpoint(world, flight, config, setpoint)
+        flight = extension.advance(world, flight, config)
+    estimated = dataclasses.replace(before, position=estimated_position(world, flight, config))
     if config.reactive > 0:
         extra = push(flight.scan.points, estimated.position, setpoint.velocity, config.reactive)
         setpoint = dataclasses.replace(setpoint, acceleration=setpoint.acceleration + extra)
@@ -119,15 +105,17 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
     wind = mean_wind(world.disturbances, world.key)
     wind = wind + strength * gust
     reference_time = flight.reference_time + vehicle.timestep
-    if world.faults is not None:
-        command, failing = thrusts(world, dataclasses.replace(flight, failing=failing), command, vehicle)
-        wind, reference_time = wind + air(world, flight), tick_reference(world, flight, config)
+    for extension in extensions:
+        flight, command = extension.thrusts(world, flight, config, command)
+        wind = extension.wind(world, flight, config, wind)
+        reference_time = extension.clock(world, flight, config, reference_time)
     reference_time = advance_time(flight.reference_time, reference_time, vehicle.timestep)
     after = physics.advance(vehicle, before, command, wind)
     if config.exact:
         yaw = turn_heading(before.rotation, setpoint.velocity, config)
         after = dataclasses.replace(physics.hover(vehicle, setpoint.position, yaw), velocity=setpoint.velocity)
 
+    log = flight.log
     clearance = clearance_of(world, after.position, log.duration + vehicle.timestep)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(after)]))
     touches = clearance <= config.radius
@@ -148,8 +136,6 @@ def _physics_step(world: World, flight: Flight, config: FlightConfig, noise: Flo
         reference_time=reference_time,
         done=~finite | touches | arrives,
         log=log,
-        among=among,
-        failing=failing,
     )
 
 

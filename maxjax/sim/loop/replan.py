@@ -29,8 +29,16 @@ from maxjax.core.status import Status
 from maxjax.fields.occupancy import squared_distance
 from maxjax.fields.stencil import cell
 from maxjax.planning.windows.windowed_route import MapAndEnds, corner_around, cut_box, route_in_windows
-from maxjax.sim.faults.effects import answer_planner
-from maxjax.sim.loop.flight_state import Flight, FlightConfig, Path, World, estimated_position, to_local
+from maxjax.sim.loop.flight_state import (
+    Answer,
+    Flight,
+    FlightConfig,
+    Path,
+    World,
+    estimated_position,
+    extensions_of,
+    to_local,
+)
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.mapping.viewpoint import AROUND, MapView, UnseenPath, next_viewpoint, still_reachable
 from maxjax.trajectories.online import Course, Reference, profile, sample, setpoint_at
@@ -54,8 +62,6 @@ _SPEED_NEAR, _SPEED_GAIN = 2.0, 0.75
 _SIDEWAYS = 2.0
 # Without a new plan the vehicle flies on where obstacles' centres are further than this [m].
 _FAR = 4.0
-# A path begins where the vehicle is within [m].
-_BEGINS = 0.1
 # A reference shorter than this in one period makes no progress [m].
 _STUCK = 0.5
 
@@ -106,19 +112,19 @@ def plan(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
     While the planner says nothing, it flies on along its present course as far as that is far from what is known.
     """
-    position, gap = estimated_position(world, flight), _gap(flight, config)
+    position, gap = estimated_position(world, flight, config), _gap(flight, config)
     late = jnp.asarray(world.disturbances.latency) > 0
     pending = _refer(flight, flight.pending_path, flight.pending_valid, gap, position, config)
     start = jnp.where(late, setpoint_at(pending, jnp.float32(config.period)).position, position)
     candidate = _seek(world, flight, start, config)
-    if world.faults is not None:
-        begins = jnp.linalg.norm(flight.pending_path[0] - start) <= _BEGINS
-        status, a_period_late = answer_planner(world, flight, candidate.status, begins)
-        candidate, late = dataclasses.replace(candidate, status=status), late | a_period_late
+    answer = planned = Answer(candidate.status, late, start)
+    for extension in extensions_of(world, config):
+        answer = extension.answer(world, flight, config, answer)
+    candidate, late = dataclasses.replace(candidate, status=answer.status), answer.late
     ok, silent = candidate.ok, jnp.array(False)
     direct = _refer(flight, candidate.path, ok, gap, position, config)
-    # A planner within the program always answers.
-    if world.faults is not None or not config.planner.batched:
+    # A planner within the program always answers, unless an extension answers for it.
+    if answer is not planned or not config.planner.batched:
         silent = candidate.status == Status.TIMEOUT
         direct = _choose(silent, _onwards(flight, gap, position, config), direct)
     reference = _choose(late, pending, direct)

@@ -1,4 +1,4 @@
-"""The data of a flight among movers: how it is flown, what it knows, and what it assumed in vain.
+"""The data of a flight among movers: what it knows, what it flies, and what it assumed in vain.
 
 No contact with a mover before the motion that is flown has ended, unless a flag is up:
 
@@ -17,12 +17,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Bool, Float
 
-from maxjax.sim.movers.choice import Chooser, Commitment, Keeping, choose_motion
-from maxjax.sim.movers.local_value import Crowding
-from maxjax.sim.movers.motions import MotionSet
-from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks, reachable
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
+from maxjax.sim.movers.choice import Commitment
+from maxjax.sim.movers.reachable_sets import Tracks, no_tracks
 
 AHEAD = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Shares of the horizon at which a record says where movers may be."""
@@ -102,39 +101,13 @@ def no_sightings(rays: int) -> Sightings:
 class Perception(Protocol):
     """A perception of movers; static, hashable."""
 
-    def start(self, world: Any, flight: Any, config: Any) -> Sightings:
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """Sightings before the first look."""
         ...
 
-    def look(self, world: Any, flight: Any, config: Any) -> Sightings:
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """Sightings after the scan in `flight.scan`."""
         ...
-
-
-@jax.tree_util.register_static
-@dataclasses.dataclass(frozen=True)
-class Avoidance:
-    """How to fly among movers; static.
-
-    Attributes:
-        perception: who finds them, ten times a second; None: nobody looks for any.
-        bounds: that they are assumed to keep.
-        choice: motions that are tried.
-        keeping: distances that motions keep.
-        crowd: what nearness costs on the way.
-        drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
-        within: least and greatest coordinates of the air that may be flown in [m]; None: any.
-        chooser: of motions; another one may take its place, as rivals do.
-    """
-
-    perception: Perception | None
-    bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
-    choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
-    keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)
-    crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
-    drift: float = 0.4
-    within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    chooser: Chooser = choose_motion
 
 
 @jax.tree_util.register_dataclass
@@ -154,15 +127,10 @@ class LookRecord:
     up: Bool[Array, "*batch f"]
 
 
-def record_of(seen: Sightings, flown: Commitment, up: Bool[Array, " f"], how: Avoidance) -> LookRecord:
-    """That of one look."""
-    return LookRecord(*reachable(seen.tracks, how.choice.horizon * jnp.asarray(AHEAD), how.bounds), flown, up)
-
-
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Among:
-    """The state of a flight among movers; batch axes lead.
+    """The part of a flight among movers; batch axes lead.
 
     Attributes:
         seen: by the latest look.
@@ -175,9 +143,3 @@ class Among:
     flown: Commitment
     since: Float[Array, "*batch"]
     record: LookRecord
-
-
-def record_look(among: Among, record: LookRecord, number: Int32[Array, ""]) -> Among:
-    """With what was known and chosen at a look, by its number in its planning period."""
-    every = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, record)
-    return dataclasses.replace(among, record=every)

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
-from maxjax.sim.movers.among import Flag, Sightings
+from maxjax.sim.movers.among import Among, Flag, Sightings
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.perception import PerceptionState, initial_perception, process_scan
 from maxjax.sim.movers.tracking_settings import TrackingSettings
 
@@ -31,7 +32,7 @@ class LidarPerception:
         Raises:
             ValueError: for another sensor than the flight's, or other bounds.
         """
-        if self.sight.lidar != config.lidar or self.sight.bounds != config.avoidance.bounds:
+        if self.sight.lidar != config.lidar or self.sight.bounds != config.extension(Avoidance).bounds:
             raise ValueError(
                 "TrackingSettings: expected the lidar of the flight and the bounds of its avoidance, given "
                 f"{self.sight.lidar} and {self.sight.bounds}"
@@ -40,9 +41,9 @@ class LidarPerception:
 
     def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """After the scan in `flight.scan`."""
-        pose = estimated_position(world, flight), flight.vehicle.rotation
+        pose = estimated_position(world, flight, config), flight.vehicle.rotation
         return sightings_of(
-            process_scan(flight.tracked.seen.memory, flight.scan, *pose, flight.log.duration, self.sight)
+            process_scan(flight.part(Among).seen.memory, flight.scan, *pose, flight.log.duration, self.sight)
         )
 
 

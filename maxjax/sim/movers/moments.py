@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.sim.loop.flight_state import Flight
-from maxjax.sim.movers.among import Flag
+from maxjax.sim.movers.among import Among, Flag
 from maxjax.sim.movers.motions import at, duration
 
 _POINTS = np.linspace(0.0, 1.0, 13, dtype=np.float32)  # of a motion, shares of its duration
@@ -41,7 +41,7 @@ def moments_of(flights: Sequence[Flight]) -> list[Moment]:
     Args:
         flights: before its first planning period and after each, as `sim.loop.flight.watch` yields them.
     """
-    records = [flight.among.record for flight in flights[1:] if flight.among is not None]
+    records = [flight.part(Among).record for flight in flights[1:] if flight.has(Among)]
     if not records:
         return []
     record = jax.tree.map(lambda *parts: jnp.concatenate(parts), *records)

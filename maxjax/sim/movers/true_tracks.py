@@ -11,7 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 from maxjax.sim.movers.among import Flag, Sightings
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, no_tracks
 from maxjax.sim.worlds.geoms import half_edges
 from maxjax.sim.worlds.movers import Movers, places, solids_at
@@ -36,27 +38,27 @@ class TrueTracks:
     place: float = 0.02
     velocity: float = 0.1
 
-    def start(self, world: object, flight: object, config: object) -> Sightings:
+    def start(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """No tracks: the first look makes them."""
         return self._seen(no_tracks(self.slots), config)
 
-    def look(self, world: object, flight: object, config: object) -> Sightings:
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """All movers within reach."""
-        movers, log = world.movers, flight.log  # type: ignore[attr-defined]
+        movers, log = world.movers, flight.log
         if movers is None:
             return self._seen(no_tracks(self.slots), config)
-        position = flight.vehicle.position  # type: ignore[attr-defined]
-        bounds = config.moving.bounds  # type: ignore[attr-defined]
+        position = flight.vehicle.position
+        bounds = config.extension(Avoidance).bounds
         tracks = tracks_of(movers, log.duration, position, bounds, self)
-        seen, points = self._seen(tracks, config), flight.scan.points  # type: ignore[attr-defined]
-        room = tracks.half + _ROUND + config.lidar.turn * jnp.abs(tracks.velocity)  # type: ignore[attr-defined]
+        seen, points = self._seen(tracks, config), flight.scan.points
+        room = tracks.half + _ROUND + config.lidar.turn * jnp.abs(tracks.velocity)
         hit = jnp.zeros_like(seen.returns)
         for k in range(self.slots):
             hit |= tracks.used[k] & jnp.all(jnp.abs(points - tracks.place[k]) <= room[k], axis=1)
         return dataclasses.replace(seen, returns=hit)
 
-    def _seen(self, tracks: Tracks, config: object) -> Sightings:
-        rays = config.lidar.rays  # type: ignore[attr-defined]
+    def _seen(self, tracks: Tracks, config: FlightConfig) -> Sightings:
+        rays = config.lidar.rays
         return Sightings(tracks, jnp.zeros(rays, bool), jnp.zeros(len(Flag), bool), None)
 
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.choice import Around, Commitment, downhill, score
 from maxjax.sim.movers.motions import MotionPrimitive, at, motions
 from maxjax.sim.movers.reachable_sets import Tracks, no_tracks

@@ -25,6 +25,8 @@ from maxjax.core.status import Status
 from maxjax.sim.loop.flight import program_of, stages_of, take_off
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, FlightLog, World
 from maxjax.sim.loop.follow import follow, unless
+from maxjax.sim.movers.among import Among
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.swarm.member import Member, hovering
 from maxjax.sim.swarm.together import SWARM, Together
 
@@ -57,7 +59,7 @@ def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> SwarmL
 
     Args:
         worlds: one for each vehicle, along a leading axis: the same solids and movers, its own ends and key.
-        config: how each flies; `config.moving` says by which motions. `Together.motions` are such that a vehicle need
+        config: how each flies; its `Avoidance` says by which motions. `Together.motions` are such that a vehicle need
             not brake while its proposal waits.
         together: how they agree.
 
@@ -65,7 +67,7 @@ def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> SwarmL
         The log. START_OCCUPIED: a start lies nearer to another one than motions have to be apart.
 
     Raises:
-        ValueError: for fewer than two vehicles, or a `config.moving` of None.
+        ValueError: for fewer than two vehicles, or a configuration without `Avoidance` or the stage `follow`.
     """
     _check(worlds, config)
     first = swarm_take_off(worlds, config, together)
@@ -76,7 +78,7 @@ def fly_swarm(worlds: World, config: FlightConfig, together: Together) -> SwarmL
 
 def log_of(flown: Flight) -> SwarmLog:
     """The log of a swarm's flights."""
-    member = flown.swarm_member
+    member = flown.part(Member)
     return SwarmLog(flown.log, member.gap, member.touched, member.swaps, member.dropped)
 
 
@@ -104,8 +106,8 @@ def watch_swarm(worlds: World, config: FlightConfig, together: Together) -> Iter
 def _check(worlds: World, config: FlightConfig) -> None:
     if len(worlds.start) < 2:
         raise ValueError(f"swarm: expected 2 vehicles or more, given {len(worlds.start)}")
-    if config.moving is None or follow not in stages_of(config):
-        raise ValueError("swarm: expected config.moving and the stage `follow`, given a config without")
+    if not config.has(Avoidance) or follow not in stages_of(config):
+        raise ValueError("swarm: expected the extension Avoidance and the stage `follow`, given a config without")
 
 
 def swarm_take_off(worlds: World, config: FlightConfig, together: Together) -> Flight:
@@ -142,14 +144,16 @@ def _flies(_: World, flights: Flight) -> Bool[Array, ""]:
 def _take_off(world: World, config: FlightConfig, together: Together) -> Flight:
     """A flight before its first planning period, with its member of the swarm."""
     flight = take_off(world, config)
-    member: Member = hovering(flight.tracked.flown.motion, together.wait)
+    member: Member = hovering(flight.part(Among).flown.motion, together.wait)
     places = jax.lax.all_gather(flight.vehicle.position, SWARM)
     others = jnp.arange(len(places)) != jax.lax.axis_index(SWARM)
     apart = jnp.linalg.norm(places - flight.vehicle.position, axis=-1)
-    crowded = jnp.any(others & (apart < together.agreement(config.avoidance).apart)) & (flight.log.status == Status.OK)
+    crowded = jnp.any(others & (apart < together.agreement(config.extension(Avoidance)).apart)) & (
+        flight.log.status == Status.OK
+    )
     status = jnp.where(crowded, Status.START_OCCUPIED, flight.log.status).astype(jnp.int32)
     log = dataclasses.replace(flight.log, status=status)
-    return dataclasses.replace(flight, member=member, done=flight.done | crowded, log=log)
+    return dataclasses.replace(flight, done=flight.done | crowded, log=log).with_part(member)
 
 
 _TAKE_OFF = Stored("take-off of a swarm", swarm_take_off)

@@ -20,13 +20,13 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.loop.follow import fly_period, step_alone, unless
-from maxjax.sim.movers.among import Avoidance, Flag, raise_flags, record_look, record_of
+from maxjax.sim.movers.among import Among, Flag
+from maxjax.sim.movers.avoidance import Avoidance, guide_around, hard_around
 from maxjax.sim.movers.choice import Around, Commitment
 from maxjax.sim.movers.motions import MotionSet, later
 from maxjax.sim.movers.reachable_sets import Tracks, propagate
-from maxjax.sim.movers.steering import guide_around, hard_around
 from maxjax.sim.swarm.agreement import Agreement, proposing, swap_proposal
-from maxjax.sim.swarm.member import NOBODY, place_of_commitment, saying
+from maxjax.sim.swarm.member import NOBODY, Member, place_of_commitment, saying
 from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion
 from maxjax.sim.swarm.separation import Sampled, Scheduled
 
@@ -79,7 +79,7 @@ class Together:
 
     def _steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
         """Swap, propose, and send the message of this look; `number`: of it in its period."""
-        how, member, among = config.avoidance, flight.swarm_member, flight.tracked
+        how, member, among = config.extension(Avoidance), flight.part(Member), flight.part(Among)
         agreement, index = self.agreement(how), lax.axis_index(SWARM)
         told, own = lax.all_gather(member.oldest, SWARM), member.latest
         look = own.sent + 1
@@ -102,14 +102,9 @@ class Together:
         counted = dataclasses.replace(member, swaps=member.swaps + swaps, dropped=member.dropped + (due & ~swaps))
         up = _up(world, flight, config, appeared, ~wish.holds)
         from_now = Commitment(later(flown.motion, since), flown.verified - since)
-        among = dataclasses.replace(among, flown=flown, since=since)
-        among = record_look(among, record_of(among.seen, from_now, up, how), number)
-        log = dataclasses.replace(
-            flight.log, flags=raise_flags(flight.log.flags_among_movers, up, flight.log.duration, LOG_PERIOD)
-        )
-        after = dataclasses.replace(flight, among=among, log=log)
-        after = unless(flight.done, flight, after)
-        return dataclasses.replace(after, member=saying(counted, own))
+        after = flight.with_part(dataclasses.replace(among, flown=flown, since=since))
+        after = unless(flight.done, flight, how.log_choice(after, from_now, up, number))
+        return after.with_part(saying(counted, own))
 
 
 def _around(
@@ -119,7 +114,7 @@ def _around(
 
     The way is dear where others may be.
     """
-    how, among = config.avoidance, flight.tracked
+    how, among = config.extension(Avoidance), flight.part(Among)
     tracks = propagate(among.seen.tracks, ahead, how.bounds)
     priced = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), tracks, others)
     guide = guide_around(flight, config, place, priced)
@@ -131,9 +126,9 @@ def _up(
     world: World, flight: Flight, config: FlightConfig, appeared: Bool[Array, ""], trapped: Bool[Array, ""]
 ) -> Bool[Array, " f"]:
     """The flags that are up."""
-    how, among, member = config.avoidance, flight.tracked, flight.swarm_member
+    how, among, member = config.extension(Avoidance), flight.part(Among), flight.part(Member)
     # Where it believes to be: map, sets and motions are in that frame.
-    position = estimated_position(world, flight)
+    position = estimated_position(world, flight, config)
     drifted = jnp.linalg.norm(place_of_commitment(member, LOG_PERIOD) - position) > how.drift
     return among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
 
@@ -141,7 +136,7 @@ def _up(
 def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:
     """One time step, and how near the others are after it."""
     flight = step_alone(world, flight, config, noise)
-    member = dataclasses.replace(flight.swarm_member, since=flight.swarm_member.since + config.vehicle.timestep)
+    member = dataclasses.replace(flight.part(Member), since=flight.part(Member).since + config.vehicle.timestep)
     place = jnp.where(flight.done, place_of_commitment(member, LOG_PERIOD), flight.vehicle.position)
     places = lax.all_gather(place, SWARM)
     others = jnp.arange(len(places)) != lax.axis_index(SWARM)
@@ -157,4 +152,4 @@ def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array
     # Whoever has arrived and is touched there was in contact.
     status = jnp.where(touches, Status.IN_CONTACT, flight.log.status).astype(jnp.int32)
     log = dataclasses.replace(flight.log, status=status)
-    return dataclasses.replace(flight, member=member, done=flight.done | touches, log=log)
+    return dataclasses.replace(flight, done=flight.done | touches, log=log).with_part(member)

@@ -23,7 +23,8 @@ from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, stages_of
 from maxjax.sim.loop.flight_state import LOG_PERIOD
-from maxjax.sim.movers.among import Avoidance, Flag
+from maxjax.sim.movers.among import Flag
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.tracking_settings import TrackingSettings
@@ -39,7 +40,7 @@ _ALLOWANCE = 1.1
 # Distances to walls in a contact are compared with so much room [m].
 _ROUNDING = 1e-3
 # What configurations of earlier versions lack, and what it is where they lack it.
-_LATER: dict[str, Any] = {"exact": False, "moving": None, "movers": None}
+_LATER: dict[str, Any] = {"exact": False, "moving": None, "movers": None, "extensions": []}
 _LATER_LIDAR = {"turn": 0.1, "width": 360.0, "reports_misses": False}
 
 # The command line that flies a trial of a campaign again, by itself.
@@ -92,7 +93,7 @@ class Campaign:
     def flight(self) -> FlightConfig:
         """How to fly, with disturbances as a program takes them; among movers, by its own LiDAR if nothing is said."""
         config = dataclasses.replace(self.config, disturbances=Disturbances(**self.strengths))
-        if self.movers is None or config.moving is not None:
+        if self.movers is None or config.has(Avoidance):
             return config
         how = self.movers
         bounds = Bounds(_ALLOWANCE * how.fastest, _ALLOWANCE * ACCELERATION, how.body, how.turn)
@@ -100,7 +101,7 @@ class Campaign:
         strengths = self.strengths
         error = scan_error(strengths["drift"], strengths["range_noise"], config.lidar, sight.images * sight.apart)
         perception = LidarPerception(dataclasses.replace(sight, pose_error=error))
-        return dataclasses.replace(config, moving=Avoidance(perception, bounds))
+        return config.with_extension(Avoidance(perception, bounds))
 
     @property
     def key(self) -> PRNGKeyArray:
@@ -114,7 +115,11 @@ class Campaign:
         """
         own = {"map": self.map, "seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
         config = self.flight
-        settings = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+        # `moving` was a setting of its own, in the place of the extensions.
+        names = {"extensions": "moving"}
+        settings = {names.get(one.name, one.name): getattr(config, one.name) for one in dataclasses.fields(config)}
+        settings["moving"] = config.extension(Avoidance) if config.has(Avoidance) else None
+        settings["extensions"] = [type(one).__name__ for one in config.extensions if not isinstance(one, Avoidance)]
         settings |= {"disturbances": self.config.disturbances, "movers": self.movers}
         del settings["planner"]  # told by its name
         settings["stages"] = [getattr(stage, "__name__", str(stage)) for stage in stages_of(self.config)]
@@ -195,9 +200,9 @@ def outcome_of(campaign: Campaign, drawn: Table, row: int, logs: Table | None = 
 
 def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
     """Figures of the flags of one flight; empty where no movers were expected."""
-    how = campaign.flight.moving
-    if how is None or "flags.seconds" not in log:
+    if "flags.seconds" not in log:
         return {}
+    horizon = campaign.flight.extension(Avoidance).choice.horizon
     duration = float(log["duration"])
     share = float(log["flags.any_seconds"]) / duration if duration > 0.0 else 0.0
     touched = int(log["status"]) == Status.IN_CONTACT
@@ -209,7 +214,7 @@ def _flags_of(campaign: Campaign, log: Table) -> dict[str, Any]:
     return {
         "flagged": {flag.name: round(float(log["flags.seconds"][flag]), 3) for flag in Flag},
         "flagged_share": round(min(share, 1.0), 5),
-        "flagged_before": last >= duration - how.choice.horizon if touched else None,
+        "flagged_before": last >= duration - horizon if touched else None,
         "flagged_at_contact": at_once if touched else None,
         "touched": ("wall" if wall else "mover") if touched else None,
         "hidden_movers": int(log["hidden"]) if "hidden" in log else None,

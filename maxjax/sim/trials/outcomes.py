@@ -135,13 +135,17 @@ class Outcome:
 def on_host(batch: Any) -> Table:
     """The arrays of a registered dataclass by name, fetched from the device.
 
-    Those of a dataclass in it are named after both, as in `flags.seconds`; what is None is left out.
+    Those of a dataclass in it are named after both, those of a tuple after their class, as in `flags.seconds`;
+    what is None is left out.
     """
     found: Table = {}
     for field in dataclasses.fields(batch):
         value = getattr(batch, field.name)
         if dataclasses.is_dataclass(value):
             found |= {f"{field.name}.{name}": array for name, array in on_host(value).items()}
+        elif isinstance(value, tuple):
+            for part in value:
+                found |= {f"{type(part).__name__.lower()}.{name}": array for name, array in on_host(part).items()}
         elif value is not None:
             found[field.name] = np.asarray(value)
     return found

@@ -20,7 +20,7 @@ from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, World
 from maxjax.sim.loop.flight_state import LOG_PERIOD
-from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.swarm.swarm_flight import SwarmLog, log_of, watch_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.campaign import Campaign
@@ -65,8 +65,8 @@ class SwarmTrial:
     def flight(self) -> FlightConfig:
         """How each vehicle flies."""
         config = Campaign(self.map, self.seed, config=self.config, movers=self.movers).flight
-        moving = Avoidance(None) if config.moving is None else config.moving
-        return dataclasses.replace(config, moving=dataclasses.replace(moving, choice=self.together.motions()))
+        how = config.extension(Avoidance) if config.has(Avoidance) else Avoidance(None)
+        return config.with_extension(dataclasses.replace(how, choice=self.together.motions()))
 
     def worlds(self) -> World:
         """The world of each vehicle, along a leading axis."""

@@ -16,7 +16,7 @@ from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig
-from maxjax.sim.movers.among import Flag
+from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials.swarm_trials import SwarmTrial, fly_swarm_in_stages, stuck
@@ -68,7 +68,8 @@ def swarm_figures(fleet: SwarmTrial, log: SwarmLog) -> dict[str, Any]:
     """Contents of fleet.json; lengths [m], times [s]."""
     flights, touched = log.flights, np.asarray(log.touched)
     status, seconds = np.asarray(flights.status), np.asarray(flights.duration)
-    flagged = np.asarray(flights.flags_among_movers.any_seconds)
+    flags = flights.part(Flags)
+    flagged = np.asarray(flags.any_seconds)
     vehicles = [
         {
             "vehicle": k,
@@ -82,7 +83,7 @@ def swarm_figures(fleet: SwarmTrial, log: SwarmLog) -> dict[str, Any]:
             "touched": int(touched[k]) if touched[k] >= 0 else None,
             "swaps": int(log.swaps[k]),
             "dropped": int(log.dropped[k]),
-            "flagged": {flag.name: round(float(flights.flags_among_movers.seconds[k, flag]), 3) for flag in Flag},
+            "flagged": {flag.name: round(float(flags.seconds[k, flag]), 3) for flag in Flag},
         }
         for k in range(fleet.count)
     ]

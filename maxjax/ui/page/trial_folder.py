@@ -19,6 +19,7 @@ from maxjax.core.status import Status
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.mapping import rolling_map
+from maxjax.sim.movers.among import Among
 from maxjax.sim.movers.moments import moments_of
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
@@ -153,7 +154,7 @@ def _period(flight: Flight, frame: Frame) -> Scene:
     moves = np.flatnonzero(np.any(np.diff(path, axis=0), axis=1))
     if len(moves):
         scene["/period/plan"] = plain_line(frame.page(path[: moves[-1] + 2]), PLANNED, _PLAN)
-    if flight.among is not None:  # then the motion is flown, and the reference only says where the way leads
+    if flight.has(Among):  # then the motion is flown, and the reference only says where the way leads
         return scene
     reference = np.stack([np.asarray(setpoint_at(flight.reference, jnp.float32(t)).position) for t in _REFERENCE])
     if np.isfinite(reference).all() and np.ptp(reference, axis=0).max() > 0.1:

@@ -19,7 +19,8 @@ from jax.tree_util import keystr, tree_flatten_with_path
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, watch
-from maxjax.sim.movers.among import AHEAD, Avoidance, Flag, Sightings
+from maxjax.sim.movers.among import AHEAD, Among, Flag, Flags, Sightings
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.moments import moments_of
@@ -74,15 +75,16 @@ class Haunted:
 
 BOUNDS = Bounds(6.0, 2.2, 1.0, 0.0)
 SIGHT = TrackingSettings(lidar=LIDAR, bounds=BOUNDS, slots=SLOTS, detections=12, points=512, pose_error=0.2)
+HOW = Avoidance(
+    Haunted(LidarPerception(SIGHT)), BOUNDS, MotionSet(directions=24), crowd=Crowding(shape=(16, 16, 7), sweeps=24)
+)
 CONFIG = FlightConfig(
     planner=planner_named("field"),
     lidar=LIDAR,
     shape=(41, 21, 13),
     plans=30,
     distances=Distances(1.0, 4.0),
-    moving=Avoidance(
-        Haunted(LidarPerception(SIGHT)), BOUNDS, MotionSet(directions=24), crowd=Crowding(shape=(16, 16, 7), sweeps=24)
-    ),
+    extensions=(HOW,),
 )
 Way = Callable[[np.ndarray], np.ndarray]
 """Places (t, 3) at times (t,)."""
@@ -189,8 +191,8 @@ NAN = {
     ".scan.points": "rays without a return",
     ".log.position": "after the end",
     ".log.margin": "no plan",
-    ".among.record.least": "nobody",
-    ".among.record.greatest": "nobody",
+    ".parts[0].record.least": "nobody",
+    ".parts[0].record.greatest": "nobody",
 }
 """Where NaN says that there is nothing."""
 
@@ -204,8 +206,7 @@ def test_nothing_is_nan(name: str) -> None:
     assert finite[:count].all()
     assert 0.1 * (count - 1) == pytest.approx(float(flights[-1].log.duration), abs=0.11)
     for flight in flights:
-        assert flight.among is not None
-        record = flight.among.record
+        record = flight.part(Among).record
         np.testing.assert_array_equal(np.isnan(record.least), np.isnan(record.greatest))
         assert np.isfinite(flight.scan.points[flight.scan.hit]).all()
 
@@ -213,11 +214,9 @@ def test_nothing_is_nan(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in CASES if name != "in the vehicle"])
 def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> None:
     log = flown(name)[-1].log
-    assert log.flags is not None
-    assert CONFIG.moving is not None
     status = Status(int(log.status))
     if status == Status.IN_CONTACT:
-        assert np.max(log.flags.last) >= float(log.duration) - CONFIG.moving.choice.horizon
+        assert np.max(log.part(Flags).last) >= float(log.duration) - HOW.choice.horizon
     else:
         assert status == Status.OK  # it arrived: out of plans is who stays where he is
 
@@ -232,14 +231,12 @@ def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> 
     ],
 )
 def test_what_does_not_hold_is_flagged(name: str, flag: Flag) -> None:
-    flags = flown(name)[-1].log.flags
-    assert flags is not None
+    flags = flown(name)[-1].log.part(Flags)
     assert float(flags.seconds[flag]) > 0.0
 
 
 def test_an_error_of_the_estimated_position_is_no_error_of_following() -> None:
-    flags = flown("wind and drift")[-1].log.flags
-    assert flags is not None
+    flags = flown("wind and drift")[-1].log.part(Flags)
     assert (
         float(flags.seconds[Flag.DRIFTED]) < 0.3
     )  # gusts; the estimate is off by up to a metre, and 0.4 m are allowed
@@ -255,9 +252,8 @@ def test_a_mover_in_the_vehicle_is_a_status_at_once() -> None:
 def test_slots_are_free_again_soon_after_false_returns() -> None:
     """They last until 1.5 s; what they left is given up in plain view, or when its set says nothing any more."""
     log = flown("false returns")[-1].log
-    assert log.flags is not None
     assert float(log.duration) > 4.0
-    assert 0.5 < float(log.flags.last[Flag.CROWDED]) < 3.5
+    assert 0.5 < float(log.part(Flags).last[Flag.CROWDED]) < 3.5
 
 
 def test_moments_tell_what_was_known_and_chosen() -> None:
@@ -265,15 +261,14 @@ def test_moments_tell_what_was_known_and_chosen() -> None:
     moments, position = moments_of(flights), np.asarray(flights[-1].log.position)
     position = position[np.isfinite(position[:, 0])]
     assert len(moments) == len(position)
-    assert CONFIG.moving is not None
-    times = CONFIG.moving.choice.horizon * jnp.asarray(AHEAD)
+    times = HOW.choice.horizon * jnp.asarray(AHEAD)
     for number, flight in enumerate(flights[1:-1], 1):
-        assert flight.among is not None
-        least, greatest = reachable(flight.among.seen.tracks, times, BOUNDS)
-        used = np.asarray(flight.among.seen.tracks.used)
+        among = flight.part(Among)
+        least, greatest = reachable(among.seen.tracks, times, BOUNDS)
+        used = np.asarray(among.seen.tracks.used)
         shown = moments[10 * number].boxes
         np.testing.assert_allclose(shown, np.stack([least[:, used], greatest[:, used]], axis=2), atol=1e-4)
-        end = at(flight.among.flown.motion, duration(flight.among.flown.motion))[0]
+        end = at(among.flown.motion, duration(among.flown.motion))[0]
         np.testing.assert_allclose(moments[10 * number - 1].motion[-1], end, atol=1e-4)
     assert any(Flag.CROWDED in moment.flags for moment in moments)
     assert max(len(moment.boxes[0]) for moment in moments) > 1

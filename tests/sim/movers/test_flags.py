@@ -14,11 +14,11 @@ from maxjax.planners import Field
 from maxjax.sim.loop.flight import take_off
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import AHEAD, Avoidance, Flag, Sightings, no_flags, no_sightings, raise_flags
+from maxjax.sim.movers.among import AHEAD, Flag, Sightings, no_flags, no_sightings, raise_flags
+from maxjax.sim.movers.avoidance import Avoidance, guide_around, hard_around, straight_way
 from maxjax.sim.movers.choice import MotionScores, last_resort
 from maxjax.sim.movers.hard_set import gaps
 from maxjax.sim.movers.reachable_sets import no_tracks
-from maxjax.sim.movers.steering import guide_around, hard_around, straight_way
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane
@@ -40,7 +40,7 @@ class Blind:
 
 CONFIG = FlightConfig(
     planner=Field(),
-    moving=Avoidance(Blind()),
+    extensions=(Avoidance(Blind()),),
     lidar=Lidar(channels=4, rays=64, reports_misses=True),
     shape=(9, 9, 9),
     plans=3,

@@ -14,7 +14,8 @@ from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
 from maxjax.sim.loop.flight_state import LOG_PERIOD
-from maxjax.sim.movers.among import Avoidance, Flag
+from maxjax.sim.movers.among import Flag, Flags
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
@@ -31,7 +32,8 @@ CALM = FlightConfig(
     plans=30,
     distances=Distances(1.0, 4.0),
 )
-LOOKING = dataclasses.replace(CALM, moving=Avoidance(TrueTracks(slots=8), bounds=Bounds(speed=10.0)))
+HOW = Avoidance(TrueTracks(slots=8), bounds=Bounds(speed=10.0))
+LOOKING = dataclasses.replace(CALM, extensions=(HOW,))
 START, GOAL = np.array([-20.0, 0.0, 6.0]), np.array([20.0, 0.0, 6.0])
 RADIUS = 0.6
 
@@ -64,12 +66,12 @@ def gaps(log: FlightLog) -> np.ndarray:
 def test_who_looks_arrives_and_keeps_away() -> None:
     log = flown(LOOKING)
     assert Status(int(log.status)) == Status.OK
-    assert gaps(log).min() > LOOKING.moving.keeping.radius - LOOKING.moving.drift  # type: ignore[union-attr]
+    assert gaps(log).min() > HOW.keeping.radius - HOW.drift
     assert float(log.clearance) <= gaps(log).min() + 0.05  # the log counts movers, at every physics step
-    assert log.flags is not None
-    assert float(log.flags.any_seconds) == 0.0
-    assert (np.asarray(log.flags.last) == -np.inf).all()
-    assert len(np.asarray(log.flags.seconds)) == len(Flag)
+    flags = log.part(Flags)
+    assert float(flags.any_seconds) == 0.0
+    assert (np.asarray(flags.last) == -np.inf).all()
+    assert len(np.asarray(flags.seconds)) == len(Flag)
     assert float(log.flown_length) < 1.5 * np.linalg.norm(GOAL - START)
 
 
@@ -77,7 +79,7 @@ def test_who_does_not_look_is_hit_and_the_log_says_so() -> None:
     log = flown(CALM)
     assert Status(int(log.status)) == Status.IN_CONTACT
     assert float(log.clearance) <= CALM.radius
-    assert log.flags is None
+    assert not log.has(Flags)
 
 
 def test_nan_and_movers_on_the_start_end_the_flight_at_once() -> None:

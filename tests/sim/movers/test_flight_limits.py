@@ -13,9 +13,9 @@ from maxjax.core.status import Status
 from maxjax.planners import Field
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, take_off
 from maxjax.sim.loop.follow import step_alone
-from maxjax.sim.movers.among import Avoidance, Flag
+from maxjax.sim.movers.among import Among, Flag
+from maxjax.sim.movers.avoidance import Avoidance, steer_vehicle
 from maxjax.sim.movers.motions import MotionSet
-from maxjax.sim.movers.steering import steer_vehicle
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.vehicle.disturbances import Disturbances
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.large
 
 HOW = Avoidance(TrueTracks(slots=1), choice=MotionSet(directions=4), drift=0.4)
 CONFIG = FlightConfig(
-    planner=Field(), moving=HOW, lidar=Lidar(channels=16, rays=1024), shape=(21, 21, 11), exact=True, radius=0.5
+    planner=Field(), extensions=(HOW,), lidar=Lidar(channels=16, rays=1024), shape=(21, 21, 11), exact=True, radius=0.5
 )
 START, SIZE = np.array([0.0, 0.0, 10.0]), 0.3
 AWAY = 20.0
@@ -68,11 +68,11 @@ def test_a_contact_is_a_distance_of_the_radius(hovering: Flight) -> None:
         unit = touched / np.linalg.norm(touched)
         for gap, contact in ((0.44, True), (0.49, True), (0.51, False), (0.6, False)):
             by = touched - gap * unit
-            motion = hovering.among.flown.motion  # type: ignore[union-attr]
+            among = hovering.part(Among)
+            motion = among.flown.motion
             motion = dataclasses.replace(motion, place=motion.place + jnp.asarray(by, jnp.float32))
-            flown = dataclasses.replace(hovering.among.flown, motion=motion)  # type: ignore[union-attr]
-            among = dataclasses.replace(hovering.among, flown=flown)
-            after = step(dataclasses.replace(moved(hovering, by), among=among))
+            flown = dataclasses.replace(among.flown, motion=motion)
+            after = step(moved(hovering, by).with_part(dataclasses.replace(among, flown=flown)))
             assert float(after.log.clearance) == pytest.approx(gap, abs=2e-3)
             assert (Status(int(after.log.status)) == Status.IN_CONTACT) == contact, gap
             assert bool(after.done) == contact

@@ -15,9 +15,9 @@ from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse, sense
-from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.among import Flags
+from maxjax.sim.movers.avoidance import Avoidance, clearance_to_movers, straight_way
 from maxjax.sim.movers.reachable_sets import Bounds, no_tracks
-from maxjax.sim.movers.steering import clearance_to_movers, straight_way
 from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane
@@ -33,7 +33,7 @@ BOUNDS = Bounds(speed=5.5, acceleration=2.2, turn=0.0)
 HOW = Avoidance(TrueTracks(slots=1, place=0.2, velocity=1.0), BOUNDS, within=((-60.0, -60.0, 2.0), (60.0, 60.0, 30.0)))
 CONFIG = FlightConfig(
     planner=Field(),
-    moving=HOW,
+    extensions=(HOW,),
     lidar=Lidar(channels=16, rays=1024, reports_misses=True),
     exact=True,
     shape=(41, 41, 17),
@@ -64,8 +64,7 @@ def test_a_slow_mover_is_passed(place: list[float], velocity: list[float]) -> No
     assert Status(int(log.status)) == Status.OK
     # 10 s at 5 m/s, and a way round of some metres.
     assert float(log.duration) < 16.0
-    assert log.flags is not None
-    assert float(log.flags.any_seconds) == 0.0
+    assert float(log.part(Flags).any_seconds) == 0.0
     line = np.asarray(log.position, float)
     line = line[np.isfinite(line[:, 0])]
     # The way on is not turned round again and again.

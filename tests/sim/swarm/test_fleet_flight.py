@@ -16,9 +16,9 @@ from maxjax.sim.loop.flight import FlightConfig, World
 from maxjax.sim.loop.flight_state import Flight
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Avoidance, Flag
+from maxjax.sim.movers.among import Flag, Flags
+from maxjax.sim.movers.avoidance import Avoidance, straight_way
 from maxjax.sim.movers.reachable_sets import Bounds
-from maxjax.sim.movers.steering import straight_way
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm, swarm_take_off, watch_swarm
@@ -45,7 +45,7 @@ def open_sky(world: World, flight: Flight, config: FlightConfig) -> Flight:
 
 CONFIG = FlightConfig(
     planner=Field(),
-    moving=Avoidance(None, choice=SMALL),
+    extensions=(Avoidance(None, choice=SMALL),),
     shape=(31, 31, 31),
     plans=12,
     sampling=Sampling(0.5, 128),
@@ -86,9 +86,9 @@ def test_all_arrive_and_nobody_touches_anybody() -> None:
     # The least over physics steps is below that over logged samples, and not by more than they go in between.
     assert least - 2.0 * 0.1 * SMALL.speed <= np.asarray(log.gap).min() <= least + 1e-3
     # Nobody was further from its motion than allowed for: what the motions keep, bodies keep.
-    assert np.asarray(log.flights.flags.seconds)[..., Flag.DRIFTED].max() == 0.0
-    keeping = CONFIG.moving.keeping.radius
-    assert np.asarray(log.gap).min() >= 2.0 * (keeping - CONFIG.moving.drift - CONFIG.radius)
+    assert np.asarray(log.flights.part(Flags).seconds)[..., Flag.DRIFTED].max() == 0.0
+    keeping = CONFIG.extension(Avoidance).keeping.radius
+    assert np.asarray(log.gap).min() >= 2.0 * (keeping - CONFIG.extension(Avoidance).drift - CONFIG.radius)
     assert (np.asarray(log.swaps) >= 5).all()
 
 
@@ -108,8 +108,8 @@ def test_a_fleet_keeps_away_from_movers_too() -> None:
     mover = straight(solid, jnp.asarray(place, jnp.float32), jnp.asarray(velocity, jnp.float32))
     ends = np.array([[-RADIUS, 0.0, 20.0], [RADIUS, 0.0, 20.0]])
     bounds = Bounds(speed=3.0, acceleration=0.5)
-    looking = dataclasses.replace(CONFIG.moving, perception=TrueTracks(slots=1), bounds=bounds)
-    config = dataclasses.replace(CONFIG, moving=looking, lidar=Lidar(rays=1024, channels=16))
+    looking = dataclasses.replace(CONFIG.extension(Avoidance), perception=TrueTracks(slots=1), bounds=bounds)
+    config = dataclasses.replace(CONFIG, extensions=(looking,), lidar=Lidar(rays=1024, channels=16))
     *_, last = watch_swarm(worlds(ends, ends[::-1], mover), config, TOGETHER)
     assert np.asarray(last.log.status).tolist() == [Status.OK, Status.OK]
     position = np.asarray(last.log.position, float)
@@ -135,4 +135,4 @@ def test_impossible_fleets_are_refused() -> None:
     with pytest.raises(ValueError, match="expected 2 vehicles or more, given 1"):
         fly_swarm(jax.tree.map(lambda x: x[:1], swaps()), CONFIG, TOGETHER)
     with pytest.raises(ValueError, match="given a config without"):
-        fly_swarm(swaps(), dataclasses.replace(CONFIG, moving=None), TOGETHER)
+        fly_swarm(swaps(), dataclasses.replace(CONFIG, extensions=()), TOGETHER)

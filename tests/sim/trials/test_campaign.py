@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from maxjax.sim.loop.flight import FlightConfig
-from maxjax.sim.movers.among import Avoidance
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
@@ -52,8 +52,7 @@ def test_campaigns_of_versions_without_movers_can_be_resumed() -> None:
 def test_who_flies_among_movers_looks_by_the_flights_own_lidar() -> None:
     lidar = Lidar(rays=4096, channels=32)
     campaign = Campaign("suburb", config=FlightConfig(planner=PLANNER, lidar=lidar), movers=Population(5, 4.0, "birds"))
-    how = campaign.flight.moving
-    assert how is not None
+    how = campaign.flight.extension(Avoidance)
     assert isinstance(how.perception, LidarPerception)
     assert how.perception.sight.lidar == lidar
     assert how.perception.sight.bounds == how.bounds
@@ -62,5 +61,5 @@ def test_who_flies_among_movers_looks_by_the_flights_own_lidar() -> None:
     assert campaign.configuration()["movers"] == {"count": 5, "speed": 4.0, "kind": "birds"}
     assert campaign.configuration()["moving"]["bounds"]["speed"] == how.bounds.speed
     own = Avoidance(TrueTracks())
-    told = Campaign("suburb", config=FlightConfig(planner=PLANNER, moving=own), movers=Population(5))
-    assert told.flight.moving == own
+    told = Campaign("suburb", config=FlightConfig(planner=PLANNER, extensions=(own,)), movers=Population(5))
+    assert told.flight.extensions == (own,)

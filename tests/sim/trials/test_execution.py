@@ -28,6 +28,7 @@ from maxjax.core.status import Status
 from maxjax.sim.loop import flight, replan
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, watch
 from maxjax.sim.movers.among import Flag, Flags
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.trials import batch_size
 from maxjax.sim.trials import batches as module
@@ -326,12 +327,12 @@ def fake_fly_among(
 ) -> FlightLog:
     """As above, with a figure of its movers, and a flag a moment, one or four seconds before the end."""
     log = fake_fly(geoms, start, goal, key, config)
-    assert config.moving is not None
+    assert config.has(Avoidance)
     last = jnp.full(len(Flag), -jnp.inf)
     ago = jnp.array([0.05, 1.0, 4.0, 4.0])[jax.random.randint(jax.random.fold_in(key, 2), (), 0, 4)]
     flags = Flags(jnp.arange(len(Flag)) / 10.0, 0.25 * log.duration, last.at[Flag.NEAR].set(log.duration - ago))
     touches = jnp.where(jax.random.uniform(key) < 0.6, Status.IN_CONTACT, Status.OK).astype(jnp.int32)
-    return dataclasses.replace(log, status=touches, clearance=jnp.sum(movers.knots), flags=flags)
+    return dataclasses.replace(log, status=touches, clearance=jnp.sum(movers.knots), parts=(flags,))
 
 
 @pytest.fixture

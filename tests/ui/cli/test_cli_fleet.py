@@ -13,6 +13,7 @@ import pytest
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World
 from maxjax.sim.movers.among import Flag, Flags
+from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.trials import swarm_trials as drawing
@@ -35,8 +36,7 @@ def swaps(name: str, seed: int, count: int) -> Swaps:
 def flown(worlds: World, config: FlightConfig, together: Together) -> SwarmLog:
     """Vehicles 1 and 2 touch half-way, the last one rests at its start for half a minute, the others arrive."""
     assert together.delay == 0.2
-    assert config.moving is not None
-    assert config.moving.choice == together.motions()
+    assert config.extension(Avoidance).choice == together.motions()
     count = len(worlds.start)
     share = jnp.linspace(0.0, 1.0, 301)[:, None]
     position = worlds.start[:, None] + share * (worlds.goal - worlds.start)[:, None]
@@ -44,7 +44,8 @@ def flown(worlds: World, config: FlightConfig, together: Together) -> SwarmLog:
     status = jnp.zeros(count, jnp.int32).at[1:3].set(Status.IN_CONTACT).at[-1].set(Status.OUT_OF_PLANS)
     some, none = jnp.ones(count), jnp.zeros(count, jnp.int32)
     flags = Flags(jnp.zeros((count, len(Flag))), 0.0 * some, jnp.full((count, len(Flag)), -jnp.inf))
-    log = FlightLog(status, position, 80.0 * some, 30.0 * some, none, none, 3.0 * some, some[:, None], none, flags)
+    log = FlightLog(status, position, 80.0 * some, 30.0 * some, none, none, 3.0 * some, some[:, None], none,
+                    parts=(flags,))  # fmt: skip
     touched = jnp.full(count, -1).at[1].set(2).at[2].set(1)
     return SwarmLog(log, some.at[1:3].set(-0.01), touched, none + 9, none + 1)
 

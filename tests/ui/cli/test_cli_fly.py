@@ -71,7 +71,7 @@ def fake_fly(
         clearance=jnp.float32(3.0),
         margin=jnp.full(4, 8.0),
         certified=jnp.int32(4),
-        flags=None if movers is None else flags,
+        parts=() if movers is None else (flags,),
     )
 
 

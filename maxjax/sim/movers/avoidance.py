@@ -1,4 +1,4 @@
-"""Steer among movers: the cost-to-go around the vehicle, and the motion to fly from now on.
+"""The avoidance of movers: look for them, and choose the motion to fly from the cost-to-go around the vehicle.
 
 The static plan, made once a second, says where the way leads; ten times a second the motion is chosen anew
 (`sim.movers.choice`) from where the present one is by now. Frame: world.
@@ -13,27 +13,125 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.core.grid import Index3
 from maxjax.planning.windows.windowed_route import corner_around, cut_box
-from maxjax.sim.loop.flight_state import Flight, FlightConfig, World, estimated_position
+from maxjax.sim.loop.flight_state import LOG_PERIOD, Extension, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Among, Avoidance, Flag
-from maxjax.sim.movers.choice import Around, Commitment
+from maxjax.sim.movers.among import (
+    AHEAD,
+    Among,
+    Flag,
+    Flags,
+    LookRecord,
+    Perception,
+    Sightings,
+    no_flags,
+    no_sightings,
+    raise_flags,
+)
+from maxjax.sim.movers.choice import Around, Chooser, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.hard_set import HardSet, hard_set
-from maxjax.sim.movers.local_value import LocalValue, crowding, local_value
-from maxjax.sim.movers.motions import MotionPrimitive, at, later
-from maxjax.sim.movers.reachable_sets import Tracks, reachable
+from maxjax.sim.movers.local_value import Crowding, LocalValue, crowding, local_value
+from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, later
+from maxjax.sim.movers.reachable_sets import Bounds, Tracks, reachable
+from maxjax.sim.sensors.lidar import Scan
 from maxjax.trajectories.online import Setpoint, profile, straight_course
 
 # Cost of a metre beside the static way, in metres of it.
 _ASIDE = 1.5
 # Time that it takes to confirm a mover [s]: two looks, and the time of a scan.
 _CONFIRMING = 0.3
+# Evidence that a map among movers loses by a scan that sees a voxel free: two scans clear what is gone.
+_FORGETS = 3
 
 
-def hover_at(position: Float[Array, "3"], how: Avoidance) -> Commitment:
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Avoidance(Extension):
+    """How to fly among movers; static, an extension. A flight has the part `Among`, its log the part `Flags`.
+
+    Attributes:
+        perception: who finds them, ten times a second; None: nobody looks for any.
+        bounds: that they are assumed to keep.
+        choice: motions that are tried.
+        keeping: distances that motions keep.
+        crowd: what nearness costs on the way.
+        drift: distance of the vehicle from its motion that is allowed for [m]; a part of `keeping.radius`.
+        within: least and greatest coordinates of the air that may be flown in [m]; None: any.
+        chooser: of motions; another one may take its place, as rivals do.
+    """
+
+    perception: Perception | None
+    bounds: Bounds = Bounds()  # noqa: RUF009 (frozen)
+    choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
+    keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)
+    crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
+    drift: float = 0.4
+    within: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    chooser: Chooser = choose_motion
+
+    @property
+    def looks(self) -> bool:
+        """Whether there is a perception."""
+        return self.perception is not None
+
+    def take_off(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """Hovering, with nothing seen, and a map that soon forgets what moved on."""
+        rays = config.lidar.rays
+        seen = no_sightings(rays) if self.perception is None else self.perception.start(world, flight, config)
+        rests = _hover_at(flight.vehicle.position, self)
+        one = self.record(seen, rests, jnp.zeros(len(Flag), bool))
+        record = jax.tree.map(lambda x: jnp.broadcast_to(x, (config.log_samples, *x.shape)), one)
+        rolling_map = dataclasses.replace(flight.rolling_map, loss=_FORGETS)
+        flight = dataclasses.replace(flight, rolling_map=rolling_map, log=flight.log.with_part(no_flags()))
+        return flight.with_part(Among(seen, rests, jnp.float32(0.0), record))
+
+    def look(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """With what the scan shows of movers."""
+        among = flight.part(Among)
+        seen = among.seen if self.perception is None else self.perception.look(world, flight, config)
+        return flight.with_part(dataclasses.replace(among, seen=seen))
+
+    def still_scan(self, world: World, flight: Flight, config: FlightConfig, scan: Scan) -> Scan:
+        """The scan but for returns of movers."""
+        return dataclasses.replace(scan, hit=scan.hit & ~flight.part(Among).seen.returns)
+
+    def steer(self, world: World, flight: Flight, config: FlightConfig, number: Int32[Array, ""]) -> Flight:
+        """With the motion to fly, and the flags that are up with it."""
+        among, up = steer_vehicle(world, flight, config)
+        return self.log_choice(flight.with_part(among), among.flown, up, number)
+
+    def setpoint(self, world: World, flight: Flight, config: FlightConfig, setpoint: Setpoint) -> Setpoint:
+        """Of the motion that is flown."""
+        among, lead = flight.part(Among), config.controller.lead
+        place, velocity, acceleration = at(among.flown.motion, among.since)
+        if lead:
+            acceleration = at(among.flown.motion, among.since + lead)[2]
+        return Setpoint(place, velocity, acceleration, jnp.zeros((), place.dtype))
+
+    def advance(self, world: World, flight: Flight, config: FlightConfig) -> Flight:
+        """A time step further along the motion."""
+        among = flight.part(Among)
+        return flight.with_part(dataclasses.replace(among, since=among.since + config.vehicle.timestep))
+
+    def record(self, seen: Sightings, flown: Commitment, up: Bool[Array, " f"]) -> LookRecord:
+        """The record of one look."""
+        boxes = reachable(seen.tracks, self.choice.horizon * jnp.asarray(AHEAD), self.bounds)
+        return LookRecord(*boxes, flown, up)
+
+    def log_choice(self, flight: Flight, flown: Commitment, up: Bool[Array, " f"], number: Int32[Array, ""]) -> Flight:
+        """The flight with the record of a look, by its number in the planning period, and the flags that are up."""
+        among, log = flight.part(Among), flight.log
+        record = self.record(among.seen, flown, up)
+        every = jax.tree.map(lambda every, x: every.at[number].set(x), among.record, record)
+        flags = raise_flags(log.part(Flags), up, log.duration, LOG_PERIOD)
+        flight = dataclasses.replace(flight, log=log.with_part(flags))
+        return flight.with_part(dataclasses.replace(among, record=every))
+
+
+def _hover_at(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     """To stay where one is."""
     zero = jnp.zeros(3)
     return Commitment(
@@ -41,20 +139,12 @@ def hover_at(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     )
 
 
-def setpoint_of(among: Among, lead: float) -> Setpoint:
-    """Of the motion that is flown; acceleration that much later [s]."""
-    place, velocity, acceleration = at(among.flown.motion, among.since)
-    if lead:
-        acceleration = at(among.flown.motion, among.since + lead)[2]
-    return Setpoint(place, velocity, acceleration, jnp.zeros((), place.dtype))
-
-
 def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
     """The motion from now on, and the flags that are up with it."""
-    how, among = config.avoidance, flight.tracked
+    how, among = config.extension(Avoidance), flight.part(Among)
     left = later(among.flown.motion, among.since)
     # Where it believes to be: map, sets and motions are in that frame.
-    position = estimated_position(world, flight)
+    position = estimated_position(world, flight, config)
     drifted = jnp.linalg.norm(left.place - position) > how.drift
     # Far from its motion the vehicle begins another one from where it is.
     here = MotionPrimitive(position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
@@ -73,7 +163,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
 
     The map learns of a scan once a second. Until then, and until it is confirmed as a mover, what was met is blocked.
     """
-    how, rolling_map = config.avoidance, flight.rolling_map
+    how, rolling_map = config.extension(Avoidance), flight.rolling_map
     furthest = how.choice.speed * how.choice.horizon
     half = math.ceil(furthest / config.spacing) + 1
     shape = (2 * half + 1,) * 3
@@ -93,7 +183,7 @@ def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) 
 
 def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape: Index3) -> Bool[Array, "bx by bz"]:
     """Voxels of a box in which the last scan met something, but movers."""
-    still = flight.scan.hit & ~flight.tracked.seen.returns
+    still = flight.scan.hit & ~flight.part(Among).seen.returns
     points = jnp.where(still[:, None], flight.scan.points, jnp.inf)
     index = jnp.floor((points - origin) / config.spacing + 0.5)
     inside = jnp.all((index >= 0) & (index < np.asarray(shape)), axis=1)
@@ -106,7 +196,7 @@ def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape:
 
 def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
     """Cost-to-go around a place, dearer near those who move: where the window ends, along the static way."""
-    how, rolling_map = config.avoidance, flight.rolling_map
+    how, rolling_map = config.extension(Avoidance), flight.rolling_map
     cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
     base = mapping.origin(rolling_map)
     corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
