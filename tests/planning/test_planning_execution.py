@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax import Grid, Plan, Status, VoxelMap, plan, solve_potential, verify
+from maxjax import Grid, Plan, Potential, Status, VoxelMap, plan, solve_potential, verify
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, RouteFn, Routes, no_route, route_of
 from maxjax.planning.problem.distances import Distances
@@ -23,7 +23,6 @@ from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.shared_goal import plan_to_goal
 from maxjax.planning.run.stages import PotentialFn
 from maxjax.planning.run.verifying import verify_routes
-from maxjax.solvers.screened import Screened
 from tests.planners import ByFunction
 from tests.references import random_blocks, random_free, serpentine
 
@@ -93,22 +92,24 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
         np.testing.assert_allclose(one.clearance_at, verdict.clearance_at, rtol=1e-9)
 
 
-def capped(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
-    nothing = Screened(max_iterations=0, max_sweeps=0, or_geodesic=False)
-    return solve_potential(sigma, goal, price, solver=nothing, screening_length=2.0)
-
-
-def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> object:
+def flat(sigma: jax.Array, goal: jax.Array, price: jax.Array, status: Status = Status.OK) -> Potential:
     """A field that claims more than it holds."""
-    potential = solve_potential(sigma, goal, price)
-    return dataclasses.replace(potential, log_phi=jnp.where(sigma > 0, jnp.float32(0), -jnp.inf))
+    none, certified = jnp.int32(0), jnp.array(status is Status.OK)
+    log_phi = jnp.where(sigma > 0, jnp.float32(0), -jnp.inf)
+    return Potential(
+        log_phi, jnp.int32(status), none, none, jnp.float32(0), certified, none, jnp.float32(2), jnp.array(False)
+    )
+
+
+def unsolved(sigma: jax.Array, goal: jax.Array, price: jax.Array) -> Potential:
+    return flat(sigma, goal, price, Status.NOT_CONVERGED)
 
 
 @pytest.mark.large
 def test_a_field_that_fails_gives_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(execute, "_FACTORS", (1,))  # no number of steps would do
-    check_failed(run(FieldPlanner(capped, focus=False)), Status.NOT_CONVERGED)  # type: ignore[arg-type]
-    check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)  # type: ignore[arg-type]
+    check_failed(run(FieldPlanner(unsolved, focus=False)), Status.NOT_CONVERGED)
+    check_failed(run(FieldPlanner(flat, focus=False)), Status.PATH_STALLED)
 
 
 @dataclasses.dataclass(frozen=True)

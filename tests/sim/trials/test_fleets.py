@@ -62,12 +62,12 @@ def test_impossible_swaps_are_refused() -> None:
 
 def test_movers_of_a_fleet_begin_away_from_every_start() -> None:
     config = FlightConfig(planner=Field())
-    fleet = SwarmTrial("downtown", 1, 12, Together(0.1), config, Population(40, 5.0, "drones"))
+    fleet = SwarmTrial("downtown", 1, 4, Together(0.1), config, Population(16, 5.0, "drones"))
     movers = fleet.worlds().movers
     assert movers is not None
     there = np.asarray(place_movers(movers))
-    assert there.shape == (12, 40)
-    assert 0 < there[0].sum() < 40
+    assert there.shape == (4, 16)
+    assert 0 < there[0].sum() < 16
     own = jax.tree.map(lambda x: x[0], movers)
     for time in np.linspace(0.0, 2.0, 9):
         place = np.asarray(places(own, jnp.float32(time))[0])
