@@ -27,14 +27,15 @@ from benchmarks.common.harness import RESULTS, Row, save
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.ui.cli.map_task import city_task, load_scene
+from maxjax.ui.page.answer import Answer, answer
 from maxjax.ui.page.camera import over_map
 from maxjax.ui.page.controls import text_place
 from maxjax.ui.page.draw import city_scene, city_surface
 from maxjax.ui.page.page_map import City, first_ends
 from maxjax.ui.page.plan_page import PlanPage
-from maxjax.ui.page.question import Answer, Question, answer
 from maxjax.ui.page.server import serve
 from maxjax.ui.page.stage import Stage
+from maxjax.ui.request import Request
 
 # Notes when the mouse moved last and when another path arrived.
 _CLOCK = """() => {
@@ -99,7 +100,7 @@ def main(config: Config) -> list[Row]:
     place = np.array(ends[0])
     for axis, metres in moves:  # compiles what will be met
         place[axis] += metres
-        answer(city, Question(((place[0], place[1], place[2]), ends[1])))
+        answer(city, Request.between(city.name, (place[0], place[1], place[2]), ends[1]))
     rows: list[Row] = []
     with browser() as chrome:
         for sharp in config.sharpness:
@@ -132,7 +133,7 @@ def _drags(
     chrome: Any, city: City, ends: tuple[Point3, Point3], moves: list[tuple[int, float]], sharp: float
 ) -> list[Row]:
     server = serve(city, port=0)
-    page = PlanPage(server, city, Question(ends), lambda *_: ("", b""))
+    page = PlanPage(server, city, Request.between(city.name, *ends), lambda *_: ("", b""))
     window = Window(chrome)
     window.page.goto(_address(server, sharp))
     window.shown("/plan/path", 300.0)
@@ -161,7 +162,7 @@ def _settled(page: PlanPage, before: Point3) -> Answer | None:
         now = page.waypoints[0]
         if now != before and text_place(page.controls.start.value) == now and page.worker.rest(10.0):
             found = page.answer
-            return found if found is not None and found.ok and found.question.waypoints[0] == now else None
+            return found if found is not None and found.ok and found.request.places[0] == now else None
         time.sleep(0.02)
     return None
 

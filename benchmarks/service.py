@@ -34,8 +34,8 @@ from maxjax.core.grid import Point3
 from maxjax.ui.page.draw import root_of
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.plan_page import PlanPage
-from maxjax.ui.page.question import Question
 from maxjax.ui.page.server import serve
+from maxjax.ui.request import Request
 
 _SHAPE, _SPACING = (32, 32, 24), 2.0
 _START, _MIDDLE, _GOAL = (6.0, 6.0, 30.0), (34.0, 8.0, 34.0), (56.0, 54.0, 30.0)
@@ -167,7 +167,7 @@ def _page() -> Iterator[Callable[[Point3], bool]]:
 
     city = City("town", _town(np.random.default_rng(0)))
     server = serve(city, port=0)
-    page = PlanPage(server, city, Question((_START, _GOAL)), lambda *_: ("", b""))
+    page = PlanPage(server, city, Request.between("town", _START, _GOAL), lambda *_: ("", b""))
     address = f"ws://127.0.0.1:{server.get_port()}"
     protocol = Subprotocol(f"viser-v{viser.__version__}")
 
@@ -185,7 +185,7 @@ def _page() -> Iterator[Callable[[Point3], bool]]:
             until(server.get_clients, "a client")
             where = city.frame.page(np.array(place)).tolist()
             client.send(msgspec.msgpack.encode(_DRAG | {"position": where}))
-            until(lambda: page.answer is not None and page.answer.question.waypoints[0] == place, "an answer")
+            until(lambda: page.answer is not None and page.answer.request.places[0] == place, "an answer")
         until(lambda: not server.get_clients(), "the client to be gone")
         return page.answer is not None and page.answer.ok
 

@@ -23,9 +23,9 @@ from maxjax.io.reading import PLAIN
 from maxjax.nn import checkpoint
 from maxjax.nn.model import load_model
 from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
-from maxjax.ui.cli.mission_file import read_mission
-from maxjax.ui.cli.options import MissionOptions, ViewOptions
-from maxjax.ui.cli.viewing_source import open_source
+from maxjax.ui.cli.options import ViewOptions
+from maxjax.ui.cli.view_command import request_shown
+from maxjax.ui.request_files import read_mission
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
 
@@ -33,7 +33,7 @@ GRID = Grid((8, 8, 8), 2.0, (0.0, 0.0, 0.0))
 
 
 def mission(path: Path) -> object:
-    return read_mission(MissionOptions(path))
+    return read_mission(path)
 
 
 def airspace(path: Path) -> object:
@@ -108,10 +108,10 @@ def test_no_reader_takes_what_is_no_file(name: str, kind: str, tmp_path: Path) -
 
 def test_view_leaves_it_to_the_reader_of_maps(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "plan.json")
-    assert open_source(ViewOptions(str(tmp_path / "plan.json"))).waypoints == ()
+    assert request_shown(ViewOptions(str(tmp_path / "plan.json"))).waypoints == ()
     (tmp_path / "zero.toml").symlink_to("/dev/zero")
     with pytest.raises(FileError, match="expected a regular file, found a device"):
-        open_source(ViewOptions(str(tmp_path / "zero.toml")))
+        request_shown(ViewOptions(str(tmp_path / "zero.toml")))
 
 
 def test_what_is_too_large_or_missing_is_refused_with_its_name(tmp_path: Path) -> None:

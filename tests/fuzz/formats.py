@@ -20,10 +20,10 @@ from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.nn.checkpoint import MANIFEST, load_checkpoint, load_metadata, save_checkpoint
 from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
 from maxjax.sim.trials.outcomes import summarise
-from maxjax.ui.cli.mission_file import read_mission
-from maxjax.ui.cli.options import MissionOptions, ViewOptions
-from maxjax.ui.cli.viewing_source import open_source
+from maxjax.ui.cli.options import ViewOptions
+from maxjax.ui.cli.view_command import request_shown
 from maxjax.ui.page.incoming import fault_of
+from maxjax.ui.request_files import read_mission
 from tests.fuzz import map_files
 
 TREE = {"kernel": np.arange(12, dtype=np.float32).reshape(3, 4), "step": np.int32(7)}
@@ -98,9 +98,7 @@ def _check_finite(value: Any) -> None:
 
 def _mission(content: bytes, folder: Path) -> str:
     (folder / "a.toml").write_bytes(content)
-    return _read(
-        lambda: [dataclasses.astuple(one) for one in read_mission(MissionOptions(folder / "a.toml")).waypoints]
-    )
+    return _read(lambda: [dataclasses.astuple(one) for one in read_mission(folder / "a.toml").waypoints])
 
 
 def _ledger(name: str, content: bytes, folder: Path) -> str:
@@ -132,7 +130,7 @@ def _placed() -> bytes:
 
 def _plan_file(content: bytes, folder: Path) -> str:
     (folder / "plan.json").write_bytes(content)
-    return _read(lambda: dataclasses.astuple(open_source(ViewOptions(str(folder / "plan.json"))).options))
+    return _read(lambda: dataclasses.astuple(request_shown(ViewOptions(str(folder / "plan.json")))))
 
 
 def _config() -> bytes:

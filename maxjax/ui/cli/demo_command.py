@@ -21,11 +21,12 @@ from maxjax.sim.worlds.scenes import Scene, make_scene
 from maxjax.sim.worlds.street_corners import Corner, corners
 from maxjax.ui.cli import plan_command, report
 from maxjax.ui.cli.map_task import MapTask, city_task, task_in
-from maxjax.ui.cli.options import DemoOptions, PlanOptions
+from maxjax.ui.cli.options import DemoOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.figures.figures import Overlay
 from maxjax.ui.figures.planned import figure_plans
 from maxjax.ui.methods import label_of, planner_named
+from maxjax.ui.request import Request
 from maxjax.verification.verifier import verify
 
 _AROUND = 25.0  # map shown around the paths [m]
@@ -37,8 +38,8 @@ def look(scene: Scene, corner: Corner) -> tuple[MapTask, Returns]:
     none = np.zeros(len(returns.points), bool)
     cloud = PointCloud(returns.points, np.zeros(3), none, none, scene.name)
     x, y, z = (0.5 * a + 0.5 * b for a, b in zip(corner.start, corner.goal, strict=True))
-    options = PlanOptions(scene.name, corner.start, corner.goal, center=(x, y, z), ground=0.0)
-    return task_in(cloud, options), returns
+    request = Request.between(scene.name, corner.start, corner.goal, center=(x, y, z), ground=0.0)
+    return task_in(cloud, request), returns
 
 
 def choose(scene: Scene, seed: int) -> Corner:

@@ -14,9 +14,9 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.io import LoadedMap, Window, map_of, read_map
 from maxjax.io.kinds.contents import facts
 from maxjax.ui.cli import report
-from maxjax.ui.cli.map_task import reading_of
 from maxjax.ui.cli.options import MapOptions
 from maxjax.ui.cli.progress import progress
+from maxjax.ui.request import reading_of
 
 
 def run_map(options: MapOptions) -> int:

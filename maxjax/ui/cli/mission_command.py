@@ -16,15 +16,16 @@ from rich.table import Table
 from maxjax.api import trajectory
 from maxjax.compile.stage_timer import recording, sum_reports
 from maxjax.core.status import Status
-from maxjax.planning.mission import Mission, Waypoint, first_legs, plan_mission
-from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.planning.mission import Mission, first_legs, plan_mission
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.cli import exporting, report
-from maxjax.ui.cli.map_task import MapTask, check_options, load_source, reading_of, task_in
-from maxjax.ui.cli.mission_file import Asked, options_as_keys, read_mission
+from maxjax.ui.cli.load_request import load_request
+from maxjax.ui.cli.map_task import MapTask
 from maxjax.ui.cli.options import MissionOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
+from maxjax.ui.request import Request
+from maxjax.ui.request_files import options_as_keys, read_mission
 
 # Statuses of a leg for its goal, and of the next one, which starts there.
 _ENDS = {
@@ -43,105 +44,75 @@ def run_mission(options: MissionOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    asked = read_mission(options)
+    asked = read_mission(options.file)
+    flags = ("takeoff_and_landing", "params", "keep_radius")
+    given = {name: getattr(options, name) or getattr(asked, name) for name in (*flags, "autopilot")}
+    outputs = {name: getattr(options, name) for name in ("out", "json", "export", "partial")}
     with options_as_keys(options.file):
-        return run_asked(asked)
+        return run_request(dataclasses.replace(asked, **given, **outputs))
 
 
-def run_asked(asked: Asked) -> int:
+def run_request(request: Request) -> int:
     """Plan a mission, show and write it. Returns the exit code.
 
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    options = asked.options
-    report.check_output(options.out)
-    exporting.check_exports(options)
-    check_options(options)
-    planner, limits = planner_named(options.method), _limits(asked)
-    with progress(f"Reading {options.map}"), recording() as recorder:
-        given = task_in(load_source(options.map, reading_of(options)), options)
-    exporting.check_place(options, given)
-    for remark in given.remarks:
-        report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = locate_waypoints(asked, given)
-    with progress(f"Planning, method {options.method}"):
-        mission = plan_mission(given.task, waypoints, planner)
+    report.check_output(request.out)
+    exporting.check_exports(request)
+    planner, limits = planner_named(request.method), request.limits
+    with recording() as recorder:
+        given = load_request(request)
+    exporting.check_place(request, given)
+    with progress(f"Planning, method {request.method}"):
+        mission = plan_mission(given.task, request.through(given.stops).flown, planner)
     mission = dataclasses.replace(mission, timings=sum_reports(recorder.report(), mission.timings))
     shown: Mission | None = mission
     if mission.failed:
-        shown = first_legs(mission, given.task) if asked.partial else None
-    if options.keep_radius and shown is not None and shown.near:
-        return report.refuse_near(shown.near, given.places, options.out, "mission")
+        shown = first_legs(mission, given.task) if request.partial else None
+    if request.keep_radius and shown is not None and shown.near:
+        return report.refuse_near(shown.near, given.places, request.out, "mission")
     flown = None
     if shown is not None and shown.status == Status.OK:
         with progress("Timing"):
             flown = trajectory(shown, limits)
-    content = _document(mission, shown, flown, given, asked)
+    content = _document(mission, shown, flown, given, request)
     files: list[object] = []
-    if options.out is not None:
-        files += _written(options.out, content, (shown, flown), given, Path(options.map).name)
+    if request.out is not None:
+        files += _written(request.out, content, (shown, flown), given, Path(request.map).name)
     if shown is not None and flown is not None:
-        files += exporting.write_all(options, given, flown)
-    if options.json:
+        files += exporting.write_all(request, given, flown)
+    if request.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(_table(mission, flown, Path(options.map).name))
+        report.show(_table(mission, flown, Path(request.map).name))
         if files:
             print(*files, sep="\n")
     if shown is not None and flown is not None:
         report.warn_near(shown, given.places)
         report.warn_outside(shown.path, given)
-    return _told(mission, content, asked)
+    return _told(mission, content, request)
 
 
-def plan_file(asked: Asked) -> tuple[Mission, FlightLimits]:
-    """The mission of a file, and the limits of its trajectory, with nothing written; `maxjax fly` flies it.
+def plan_request(request: Request) -> Mission:
+    """Plan a mission, with nothing written; `maxjax fly` flies it.
 
     Raises:
-        ValueError, OSError, ImportError: as `run_asked`.
+        ValueError, OSError, ImportError: as `run_request`.
     """
-    options = asked.options
-    check_options(options)
-    planner, limits = planner_named(options.method), _limits(asked)
-    with progress(f"Reading {options.map}"):
-        given = task_in(load_source(options.map, reading_of(options)), options)
-    for remark in given.remarks:
-        report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    waypoints = locate_waypoints(asked, given)
-    with progress(f"Planning, method {options.method}"):
-        mission = plan_mission(given.task, waypoints, planner)
-    if options.keep_radius and mission.near:
+    planner = planner_named(request.method)
+    given = load_request(request)
+    with progress(f"Planning, method {request.method}"):
+        mission = plan_mission(given.task, request.through(given.stops).flown, planner)
+    if request.keep_radius and mission.near:
         raise ValueError(
             f"{'; '.join(one.describe(given.places) for one in mission.near)}; move it, or leave out keep_radius"
         )
     report.warn_near(mission, given.places)
-    return mission, limits
+    return mission
 
 
-def _limits(asked: Asked) -> FlightLimits:
-    """Those of the trajectory: the speed is the greatest that is asked for.
-
-    Raises:
-        ValueError: for a speed that is not positive.
-    """
-    limits = dataclasses.replace(PX4, speed=asked.options.speed)
-    return dataclasses.replace(limits, speed=max([limits.speed, *(w.speed or 0.0 for w in asked.waypoints)]))
-
-
-def locate_waypoints(asked: Asked, given: MapTask) -> tuple[Waypoint, ...]:
-    """The waypoints where the task has them, back to the start if asked, each with the speed of the leg to it."""
-    task, waypoints = given.task, asked.waypoints
-    if asked.options.return_to_start:
-        waypoints = (*waypoints, Waypoint(waypoints[0].position))
-    places = [task.starts[0], *task.goals]
-    return tuple(
-        dataclasses.replace(waypoint, position=tuple(place.tolist()), speed=waypoint.speed or asked.options.speed)
-        for waypoint, place in zip(waypoints, places, strict=True)
-    )
-
-
-def _told(mission: Mission, content: dict[str, Any], asked: Asked) -> int:
+def _told(mission: Mission, content: dict[str, Any], request: Request) -> int:
     """Say on stderr what went wrong; returns the exit code."""
     if mission.status == Status.OK:
         return 0
@@ -155,15 +126,15 @@ def _told(mission: Mission, content: dict[str, Any], asked: Asked) -> int:
         before = plan.status
     if not mission.failed:
         report.complain(content["message"])
-    elif asked.options.out is not None or asked.options.export:
-        written = "the legs before it were written" if asked.partial and mission.failed[0] else "nothing was written"
-        hint = "" if asked.partial else "; --partial writes the legs before it"
+    elif request.out is not None or request.export:
+        written = "the legs before it were written" if request.partial and mission.failed[0] else "nothing was written"
+        hint = "" if request.partial else "; --partial writes the legs before it"
         report.complain(f"Leg {mission.failed[0] + 1} failed, and {written}{hint}.")
     return 1
 
 
 def _document(
-    mission: Mission, shown: Mission | None, flown: Trajectory | None, given: MapTask, asked: Asked
+    mission: Mission, shown: Mission | None, flown: Trajectory | None, given: MapTask, request: Request
 ) -> dict[str, Any]:
     """Content of mission.json: the mission, a plan for each leg, and what is needed to run it again."""
     legs = []
@@ -174,7 +145,12 @@ def _document(
         legs.append({"leg": k + 1, "speed": speed, "hover": hover, **{n: full[n] for n in full if n not in _ONCE}})
     whole = mission if shown is None else shown
     times = None if flown is None else np.round(flown.passes, 6).tolist()
-    last = report.document(mission.legs[0], given, "", _configuration(asked))
+    last = report.document(
+        mission.legs[0],
+        given,
+        "",
+        {**request.configuration, "waypoints": [vars(waypoint) for waypoint in request.waypoints]},
+    )
     content = {
         "status": mission.status.name,
         "message": mission.status.advice,
@@ -192,23 +168,6 @@ def _document(
     }
     filled: dict[str, Any] = report.plain(content)
     return filled
-
-
-def _configuration(asked: Asked) -> dict[str, Any]:
-    outputs = (
-        "out",
-        "json",
-        "export",
-        "takeoff_and_landing",
-        "autopilot",
-        "params",
-        "keep_radius",
-        "start",
-        "goal",
-        "via",
-    )
-    options = {name: value for name, value in vars(asked.options).items() if name not in outputs}
-    return {**options, "waypoints": [vars(waypoint) for waypoint in asked.waypoints]}
 
 
 def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:

@@ -3,111 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 import tyro
 
-from maxjax.ui.cli.export_options import ExportOptions
-from maxjax.ui.methods import ALIASES, METHODS
+from maxjax.ui.option_groups import (
+    Bounds,
+    Count,
+    ExportOptions,
+    Flag,
+    MapArgument,
+    Metres,
+    OptionalFolder,
+    OptionalHeight,
+    OptionalMetres,
+    OptionalXyz,
+    PlannerName,
+    Point3,
+    ReadOptions,
+    RouteOptions,
+    Speed,
+    Xyz,
+    optional,
+)
 
-Point3 = tuple[float, float, float]
-_optional = functools.partial(tyro.conf.arg, help_behavior_hint="")  # what its absence means, the help says
-_Map = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
-_Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
-_OptionalXyz = Annotated[Point3 | None, _optional(metavar="X Y Z")]
-_Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-_OptionalMetres = Annotated[float | None, _optional(metavar="Z")]
-_OptionalUnit = Annotated[str | None, _optional(metavar="UNIT")]
-_OptionalMetre = Annotated[float | None, _optional(metavar="M")]
-_Bounds = Annotated[tuple[float, float, float, float, float, float] | None, _optional(metavar="X0 Y0 Z0 X1 Y1 Z1")]
 _Via = Annotated[tyro.conf.UseAppendAction[tuple[Point3, ...]], tyro.conf.arg(metavar="X Y Z")]
 _Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
-_OptionalFolder = Annotated[Path | None, _optional(metavar="DIR")]
-_Count = Annotated[int | None, _optional(metavar="N")]
 _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
-_Flag = tyro.conf.FlagCreatePairsOff[bool]
-
-if TYPE_CHECKING:
-    _Planner = str
-else:  # the choices of the registry; solver is another word for field
-    _Planner = Literal[(*METHODS, *ALIASES)]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ReadOptions:
-    """Options of a map: window, voxels, ground.
-
-    Attributes:
-        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
-        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
-        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; in simulated cities by default between ends.
-        ground: Height of flat ground [m], for maps that do not tell ground apart.
-        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
-        unknown: What space is that a file tells nothing of (OctoMap, surface model, survey); by default occupied.
-        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
-        unit: Unit of the map's coordinates: m, ft, us-ft, or a number of metres; by default the file's own.
-        vertical_unit: Unit of its heights; by default the file's own.
-        band: Band of a raster that holds heights, from 1 on; by default the only one.
-        drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
-        only: What to take of a city model, in place of all that stands: building, man_made, power, barrier, natural,
-            aerialway or other of OpenStreetMap and GeoJSON, types of CityJSON; several, each with its own --only.
-    """
-
-    spacing: _OptionalMetre = None
-    bounds: _Bounds = None
-    center: _OptionalXyz = None
-    ground: _OptionalMetres = None
-    below: Annotated[Literal["closed", "open"] | None, _optional(metavar="{closed,open}")] = None
-    unknown: Annotated[Literal["occupied", "free"] | None, _optional(metavar="{occupied,free}")] = None
-    crs: Annotated[str | None, _optional(metavar="CODE")] = None
-    unit: _OptionalUnit = None
-    vertical_unit: _OptionalUnit = None
-    band: _Count = None
-    drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
-    only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
-
-
-@dataclasses.dataclass(frozen=True)
-class RouteOptions:
-    """Options of a plan: ends, distances, method, rules of the air.
-
-    Attributes:
-        map: A map.
-        start: Start of the path [m].
-        goal: End of the path [m].
-        via: A place to fly through on the way [m]; several in order, each with its own --via.
-        frame: What start, goal and places on the way are. map: x, y, z of the map; local-agl: x, y of the map and
-            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; amsl: latitude,
-            longitude and height above sea level.
-        method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
-            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
-        radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
-        margin: Distance where obstacles cost nothing [m].
-        price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
-            none: its length.
-        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
-        floor: Least height above ground [m].
-        ceiling: Greatest height above ground [m].
-        ceiling_above_start: Greatest height above the start [m].
-        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
-    """
-
-    map: _Map
-    start: _OptionalXyz = None
-    goal: _OptionalXyz = None
-    via: _Via = ()
-    frame: Literal["map", "local-agl", "agl", "amsl"] = "map"
-    method: _Planner = "field"
-    radius: _Metres = 1.0
-    margin: _Metres = 8.0
-    price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
-    airspace: Annotated[Path | None, _optional(metavar="FILE")] = None
-    floor: _OptionalMetre = None
-    ceiling: _OptionalMetre = None
-    ceiling_above_start: _OptionalMetre = None
-    place: Annotated[Point3 | None, _optional(metavar="LAT LON H")] = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,15 +46,16 @@ class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
             .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
+        via: A place to fly through on the way [m]; several in order, each with its own --via.
         return_to_start: From the goal back to the start.
         speed: Greatest speed of what is exported [m/s].
     """
 
-    # Without the default that the base has.
-    start: _Xyz = dataclasses.field()
-    goal: _Xyz = dataclasses.field()
-    return_to_start: _Flag = False
-    speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
+    start: Xyz
+    goal: Xyz
+    via: _Via = ()
+    return_to_start: Flag = False
+    speed: Speed = 12.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +68,7 @@ class MissionOptions(ExportOptions):
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    partial: _Flag = False
+    partial: Flag = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,10 +85,10 @@ class MapOptions(ReadOptions):
         json: Print all as JSON, and nothing else, on stdout.
     """
 
-    map: _Map
-    at: Annotated[tuple[float, float] | None, _optional(metavar="X Y")] = None
-    out: _OptionalFolder = None
-    json: _Flag = False
+    map: MapArgument
+    at: Annotated[tuple[float, float] | None, optional(metavar="X Y")] = None
+    out: OptionalFolder = None
+    json: Flag = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,10 +102,10 @@ class ScanOptions:
         json: Print the counts as JSON, and nothing else, on stdout.
     """
 
-    map: _Map
-    pose: _Xyz
-    out: _OptionalFolder = None
-    json: _Flag = False
+    map: MapArgument
+    pose: Xyz
+    out: OptionalFolder = None
+    json: Flag = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,39 +155,39 @@ class FlyOptions:
         json: Print the content of flight.json or summary.json, and nothing else, on stdout.
     """
 
-    map: _Map
-    start: _OptionalXyz = None
-    goal: _OptionalXyz = None
-    spacing: _OptionalMetre = None
-    bounds: _Bounds = None
-    ground: _OptionalMetres = None
-    radius: _Metres = 1.0
-    margin: _Metres = 8.0
-    speed: Annotated[float, tyro.conf.arg(metavar="V")] = 12.0
-    trials: _Count = None
+    map: MapArgument
+    start: OptionalXyz = None
+    goal: OptionalXyz = None
+    spacing: OptionalMetres = None
+    bounds: Bounds = None
+    ground: OptionalHeight = None
+    radius: Metres = 1.0
+    margin: Metres = 8.0
+    speed: Speed = 12.0
+    trials: Count = None
     seed: _Seed = 0
-    method: _Planner = "field"
-    batch: _Count = None
+    method: PlannerName = "field"
+    batch: Count = None
     wind: Annotated[float, tyro.conf.arg(metavar="W")] = 0.0
-    noise: _Metres = 0.0
+    noise: Metres = 0.0
     dropout: Annotated[float, tyro.conf.arg(metavar="P")] = 0.0
     dead_sector: Annotated[float, tyro.conf.arg(metavar="DEG")] = 0.0
     blackout: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
-    drift: _Metres = 0.0
-    latency: _Flag = False
-    snapshot: _Flag = False
+    drift: Metres = 0.0
+    latency: Flag = False
+    snapshot: Flag = False
     reactive: Annotated[float, tyro.conf.arg(metavar="G")] = 0.0
-    movers: _Count = None
-    mover_speed: Annotated[float, tyro.conf.arg(metavar="V")] = 5.0
+    movers: Count = None
+    mover_speed: Speed = 5.0
     mover_kind: Annotated[str, tyro.conf.arg(metavar="KIND")] = "drones"
-    fleet: _Count = None
+    fleet: Count = None
     delay: Annotated[float, tyro.conf.arg(metavar="SEC")] = 0.0
-    trial: Annotated[int | None, _optional(metavar="K")] = None
-    shard: Annotated[str | None, _optional(metavar="K/N")] = None
-    merge: _Flag = False
-    distributed: _Flag = False
-    out: _OptionalFolder = None
-    json: _Flag = False
+    trial: Annotated[int | None, optional(metavar="K")] = None
+    shard: Annotated[str | None, optional(metavar="K/N")] = None
+    merge: Flag = False
+    distributed: Flag = False
+    out: OptionalFolder = None
+    json: Flag = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -277,6 +201,7 @@ class ViewOptions(ReadOptions, RouteOptions):
             those given here; or a folder that fly has written.
         start: Start of the first plan [m]; by default a free place.
         goal: Its end [m].
+        via: A place to fly through on the way [m]; several in order, each with its own --via.
         trial: Number of the flight to begin with, of a folder.
         share: One HTML file to write in place of serving a page; it plays in any browser, without network.
         host: Address to serve the page at; beyond this machine a browser needs the token that is printed.
@@ -284,11 +209,14 @@ class ViewOptions(ReadOptions, RouteOptions):
         dark: A dark page.
     """
 
-    trial: Annotated[int | None, _optional(metavar="K")] = None
-    share: Annotated[Path | None, _optional(metavar="FILE")] = None
+    start: OptionalXyz = None
+    goal: OptionalXyz = None
+    via: _Via = ()
+    trial: Annotated[int | None, optional(metavar="K")] = None
+    share: Annotated[Path | None, optional(metavar="FILE")] = None
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
     port: Annotated[int, tyro.conf.arg(metavar="N")] = 8080
-    dark: _Flag = False
+    dark: Flag = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -309,10 +237,10 @@ class TrainOptions:
 
     config: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ("maxjax",)
     out: _Folder = Path("maxjax-train")
-    tiny: _Flag = False
-    epochs: _Count = None
+    tiny: Flag = False
+    epochs: Count = None
     scenes: Annotated[int, tyro.conf.arg(metavar="N")] = 749
-    cache: _OptionalFolder = None
+    cache: OptionalFolder = None
     seed: _Seed = 0
 
 

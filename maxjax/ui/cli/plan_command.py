@@ -15,26 +15,15 @@ from maxjax.planning.planner import Planner
 from maxjax.planning.run.execution import plan_task
 from maxjax.ui.cli import exporting, report
 from maxjax.ui.cli import mission_command as mission
-from maxjax.ui.cli.map_task import MOST_VOXELS, MapTask, check_options, load_source, reading_of, task_in
-from maxjax.ui.cli.mission_file import Asked
+from maxjax.ui.cli.load_request import load_request
+from maxjax.ui.cli.map_task import MOST_VOXELS, MapTask
 from maxjax.ui.cli.options import PlanOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.figures.figures import Overlay
 from maxjax.ui.figures.planned import figure_plans
 from maxjax.ui.methods import climbs, label_of, method_named, planner_named
+from maxjax.ui.request import Request
 
-_OUTPUTS = (
-    "out",
-    "json",
-    "export",
-    "speed",
-    "takeoff_and_landing",
-    "autopilot",
-    "params",
-    "keep_radius",
-    "via",
-    "return_to_start",
-)
 _AROUND = 45.0  # [m]; enough of a town to recognise it
 
 
@@ -44,24 +33,23 @@ def run_plan(options: PlanOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    if options.via or options.return_to_start:
-        return mission.run_asked(Asked.of(options))
+    request = Request.of(options)
+    if len(request.stops) > 2:
+        return mission.run_request(request)
     report.check_output(options.out)
-    exporting.check_exports(options)
-    check_options(options)
+    exporting.check_exports(request)
     method, planner = method_named(options.method).name, planner_named(options.method)
-    with progress(f"Reading {options.map}"), recording() as recorder:
-        given = task_in(load_source(options.map, reading_of(options)), options)
-    exporting.check_place(options, given)
-    for remark in given.remarks:
-        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    with recording() as recorder:
+        given = load_request(request)
+    exporting.check_place(request, given)
     with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, planner, recorder)
     message = report.explain(plan, given)
     if options.keep_radius and (near := Mission.of_plan(plan).near):
         return report.refuse_near(near, given.places, options.out, "plan")
-    configuration = {name: value for name, value in vars(options).items() if name not in _OUTPUTS}
-    content = report.document(plan, given, message, configuration)
+    content = report.document(
+        plan, given, message, {**request.configuration, "start": options.start, "goal": options.goal}
+    )
     plans, figure, files = {method: plan}, None, list[object]()
     if options.out is not None and plan.status == Status.OK:
         with progress("Drawing"):
@@ -73,7 +61,7 @@ def run_plan(options: PlanOptions) -> int:
         files += report.write_plan(options.out, content, figure)
     if options.export and plan.status == Status.OK:
         with progress("Timing and exporting"):
-            files += exporting.write(options, given, plan)
+            files += exporting.write(request, given, plan)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:

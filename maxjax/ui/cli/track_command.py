@@ -21,16 +21,17 @@ from maxjax.core.status import Status
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.sim.loop.trajectory_flight import Tracking, fly
-from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.cli import mission_command as mission
 from maxjax.ui.cli import report
-from maxjax.ui.cli.map_task import load_source, reading_of, task_in
-from maxjax.ui.cli.mission_file import options_as_keys, read_mission
-from maxjax.ui.cli.options import FlyOptions, MissionOptions, PlanOptions
+from maxjax.ui.cli.load_request import load_request
+from maxjax.ui.cli.options import FlyOptions
 from maxjax.ui.cli.plan_command import plan_in
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
+from maxjax.ui.request import Request
+from maxjax.ui.request_files import options_as_keys, read_mission
 
 Flight = tuple[Trajectory, Tracking]
 
@@ -62,17 +63,11 @@ def fly_given(options: FlyOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    if options.start is None or options.goal is None:
-        raise ValueError("--start and --goal: expected both or neither, given one of them")
+    request = Request.of(options)
     refuse(options, _TRIALS, "goes with trials, not with --start and --goal")
     report.check_output(options.out)
-    limits = dataclasses.replace(PX4, speed=options.speed)
-    shared = {field.name for field in dataclasses.fields(PlanOptions)} & {*GIVEN, "map", "method"}
-    wanted = PlanOptions(**{name: getattr(options, name) for name in shared})
-    with progress(f"Reading {options.map}"):
-        given = task_in(load_source(options.map, reading_of(wanted)), wanted)
-    for remark in given.remarks:
-        report.complain(f"Note: {Path(options.map).name}: {remark}.")
+    limits = request.limits
+    given = load_request(request)
     with progress(f"Planning, method {options.method}"):
         plan = plan_in(given, planner_named(options.method))
     if plan.status != Status.OK:
@@ -90,9 +85,9 @@ def fly_mission(options: FlyOptions) -> int:
     """
     refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
-    asked = read_mission(MissionOptions(Path(options.map)))
+    request = read_mission(Path(options.map))
     with options_as_keys(Path(options.map)):
-        found, limits = mission.plan_file(asked)
+        found, limits = mission.plan_request(request), request.limits
     if found.status != Status.OK:
         which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
         return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)

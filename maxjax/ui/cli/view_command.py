@@ -13,28 +13,18 @@ from maxjax.io.kinds.point_cloud import PointCloud
 from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import Scene
-from maxjax.trajectories.limits import PX4
 from maxjax.ui.cli import report, viewing_flights
-from maxjax.ui.cli.map_task import (
-    MapTask,
-    airspace_of,
-    check_options,
-    distances_of,
-    earth_in,
-    load_source,
-    price_of,
-    reading_of,
-    task_in,
-)
-from maxjax.ui.cli.mission_command import locate_waypoints
-from maxjax.ui.cli.options import PlanOptions, ViewOptions
+from maxjax.ui.cli.load_request import tell_remarks
+from maxjax.ui.cli.map_task import MapTask, airspace_of, earth_in, load_source, task_in
+from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.page import wait, write_page
 from maxjax.ui.cli.progress import progress
-from maxjax.ui.cli.viewing_source import Opened, common_options, open_source
 from maxjax.ui.figures.drawable import drawable
+from maxjax.ui.page.answer import answer, describe_answer
 from maxjax.ui.page.page_map import City, first_ends
-from maxjax.ui.page.question import Question, answer, describe_answer
 from maxjax.ui.page.server import need_viser
+from maxjax.ui.request import Request, reading_of
+from maxjax.ui.request_files import read_mission, read_plan
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
 _MIDDLE = (0.0, 0.0, 40.0)
@@ -51,12 +41,10 @@ def run_view(options: ViewOptions) -> int:
         raise ValueError(f"--share {options.share}: expected a folder {options.share.absolute().parent}; make it first")
     if Path(options.map).is_dir():
         return viewing_flights.view_flights(options)
-    shown = open_source(options)
-    options = shown.options
     with progress(f"Reading {options.map}"):
-        city, question, earth = first_asked(shown)
+        city, request, earth = open_request(request_shown(options))
     if options.share is not None:
-        return _share(options, options.share, city, question)
+        return _share(options.share, city, request, dark=options.dark)
     from maxjax.ui.page.download import file_of
     from maxjax.ui.page.plan_page import PlanPage
     from maxjax.ui.page.server import serve
@@ -65,7 +53,7 @@ def run_view(options: ViewOptions) -> int:
     page = PlanPage(
         server,
         city,
-        question,
+        request,
         lambda ending, found: file_of(city, earth, ending, found),
         on_earth=earth is not None,
         dark=options.dark,
@@ -75,68 +63,68 @@ def run_view(options: ViewOptions) -> int:
     return 0
 
 
-def _share(options: ViewOptions, path: Path, city: City, question: Question) -> int:
+def _share(path: Path, city: City, request: Request, *, dark: bool) -> int:
     from maxjax.ui.page.download import page_of
 
     with progress("Planning"):
-        found = answer(city, question)
+        found = answer(city, request)
     if not found.ok:
         report.complain(describe_answer(found).replace("### ", "").replace("**", "").replace("\n\n", ". "))
         return 1
     with progress("Writing the page"):
-        page = page_of(city, found, dark=options.dark)
+        page = page_of(city, found, dark=dark)
     write_page(path, page)
     return 0
 
 
-def first_asked(shown: Opened) -> tuple[City, Question, Earth | None]:
-    """The map, the first question, and where the map lies on Earth."""
-    options = shown.options
-    if (options.start is None) != (options.goal is None):
-        raise ValueError("--start and --goal: expected both or none, given one")
-    source = load_source(options.map, reading_of(options))
-    waypoints: tuple[Waypoint, ...] = ()
-    speed = PX4.speed
-    if options.start is None:
-        given = _without_ends(source, options)
-    else:
-        asked = shown.asked()
-        check_options(asked.options)
-        given = task_in(source, asked.options)
-        waypoints, speed = locate_waypoints(asked, given), asked.options.speed
-    given = _small_enough(given)
-    for remark in given.remarks:
-        report.complain(f"Note: {Path(options.map).name}: {remark}.")
-    city = _city_of(given, source, options)
-    band = (options.floor, options.ceiling)
-    ends = tuple(waypoint.position for waypoint in waypoints) or first_ends(city)
-    question = Question(
-        ends,
-        options.method,
-        options.radius,
-        options.margin,
-        band=None if band == (None, None) else band,
-        details=waypoints if shown.waypoints else (),
-        speed=speed,
-        price=price_of(options.price),
-    )
-    return city, question, given.earth
+def request_shown(options: ViewOptions) -> Request:
+    """What the page begins with: a map's options, or a file's but for options that are given and not their defaults.
+
+    Raises:
+        ValueError, OSError: for a file that cannot be used.
+    """
+    path, own, shown = Path(options.map), Request.of(options), None
+    if path.suffix.lower() == ".toml":
+        shown = read_mission(path)
+    elif path.suffix.lower() == ".json" and path.is_file():
+        shown = read_plan(path)
+    if shown is None:
+        return own
+    if own.waypoints and shown.waypoints:
+        raise ValueError(f"--start: {options.map} has its own waypoints; drag them on the page")
+    changed = {
+        field.name: getattr(own, field.name)
+        for field in dataclasses.fields(Request)
+        if field.name != "map" and getattr(own, field.name) != field.default
+    }
+    return dataclasses.replace(shown, **changed)
 
 
-def _without_ends(source: Scene | Contents, options: ViewOptions) -> MapTask:
+def open_request(request: Request) -> tuple[City, Request, Earth | None]:
+    """The map of a request, its first stops in it, and where the map lies on Earth."""
+    request.check()
+    source = load_source(request.map, reading_of(request))
+    bare = not request.waypoints
+    given = _small_enough(_without_ends(source, request) if bare else task_in(source, request))
+    tell_remarks(request.map, given)
+    city = _city_of(given, source, request)
+    stops = tuple(map(Waypoint, first_ends(city))) if bare else request.through(given.stops).waypoints
+    return city, dataclasses.replace(request, waypoints=stops, return_to_start=False, frame="map"), given.earth
+
+
+def _without_ends(source: Scene | Contents, request: Request) -> MapTask:
     """A map with the rules of the air that do not depend on the ends."""
-    if options.via or options.frame != "map":
-        raise ValueError("--via and --frame: expected with --start and --goal, given without")
-    given = PlanOptions(start=_MIDDLE, goal=_MIDDLE, **common_options(options))
-    check_options(given)
+    if request.frame != "map":
+        raise ValueError("--frame: expected with --start and --goal, given without")
     if isinstance(source, Scene):
-        return task_in(source, dataclasses.replace(given, center=options.center or _MIDDLE))
-    window = Window(options.spacing, options.bounds, options.center, (), options.ground)
-    found, earth = map_of(source, window, reading_of(options)), earth_in(source, given)
+        where = dataclasses.replace(request, center=request.center or _MIDDLE, waypoints=(Waypoint(_MIDDLE),) * 2)
+        return task_in(source, where)
+    window = Window(request.spacing, request.bounds, request.center, (), request.ground)
+    found, earth = map_of(source, window, reading_of(request)), earth_in(source, request)
     ends = np.array([found.grid.origin])
-    task = Task.of(found, ends, ends, distances_of(options))
+    task = Task.of(found, ends, ends, request.distances)
     bare = MapTask(task, found.terrain, {}, found.file.remarks, earth, within=found.file.within)
-    airspace = airspace_of(given, bare)
+    airspace = airspace_of(request, bare)
     return bare if airspace is None else dataclasses.replace(bare, airspace=airspace)
 
 
@@ -153,7 +141,7 @@ def _small_enough(given: MapTask) -> MapTask:
     )
 
 
-def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> City:
+def _city_of(given: MapTask, source: Scene | Contents, request: Request) -> City:
     """The map of a page; what its rules of the air close is no obstacle of it."""
     task, grid = given.task, given.task.grid
     points = None
@@ -161,10 +149,10 @@ def _city_of(given: MapTask, source: Scene | Contents, options: ViewOptions) -> 
         points = np.asarray(source.points, np.float64) + source.offset
         points = points[((points >= np.array(grid.lower)) & (points <= np.array(grid.upper))).all(axis=1)]
     return City(
-        Path(options.map).name,
+        Path(request.map).name,
         dataclasses.replace(task.map, closed=None),
         points,
         () if given.airspace is None else given.airspace.areas,
-        options.ceiling_above_start,
+        request.ceiling_above_start,
         given.terrain,
     )

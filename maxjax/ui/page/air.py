@@ -15,21 +15,21 @@ from maxjax.io.airspace.airspace import Airspace, Area
 from maxjax.ui.page.colors import BAND, KEEP_IN, KEEP_OUT
 from maxjax.ui.page.nodes import Node, Scene, Text, point3
 from maxjax.ui.page.page_map import Band, City
-from maxjax.ui.page.question import Question
 from maxjax.ui.page.surface import surface
+from maxjax.ui.request import Request
 
 _OUT, _IN, _SHEET = 0.3, 0.15, 0.12  # opacities
 
 
-def air_scene(city: City, question: Question) -> Scene:
-    """The rules that a question was planned by."""
-    return {**_areas(city), **_band(city, question.band or (None, None), city.highest(question.waypoints[0]))}
+def air_scene(city: City, request: Request) -> Scene:
+    """The rules that a request was planned by."""
+    return {**_areas(city), **_band(city, request.altitudes, city.highest(request.places[0]))}
 
 
-def air_lines(city: City, question: Question) -> list[str]:
+def air_lines(city: City, request: Request) -> list[str]:
     """The rules in words, a line each."""
     lines = [f"{'Green: keep in' if area.keep_in else 'Red: keep out of'} {_plain(area)}" for area in city.areas]
-    floor, ceiling = question.band or (None, None)
+    floor, ceiling = request.altitudes
     limits = [f"from {floor:g} m above ground"] if floor is not None else []
     limits += [f"to {ceiling:g} m above ground"] if ceiling is not None else []
     limits += [f"to {city.above_start:g} m above the start"] if city.above_start is not None else []

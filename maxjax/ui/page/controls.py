@@ -14,8 +14,8 @@ from maxjax.planning.mission import Waypoint
 from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE
 from maxjax.ui.page.page_map import Band, City
-from maxjax.ui.page.question import Question
 from maxjax.ui.page.slices import Axis, Slice
+from maxjax.ui.request import Request
 
 if TYPE_CHECKING:
     from viser import GuiApi
@@ -29,9 +29,9 @@ _HIGHEST = 150.0  # of the altitude band [m]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Controls:
-    """Handles of the panel, by what they are for; each is viser's. `first` is the question that it begins with."""
+    """Handles of the panel, by what they are for; each is viser's. `first` is the request that it begins with."""
 
-    first: Question
+    first: Request
     status: Any
     legend: Any
     start: Any
@@ -53,25 +53,26 @@ class Controls:
     export: Any
     share: Any
 
-    def question(self, stops: tuple[Waypoint, ...]) -> Question:
-        """The question of the controls, through these waypoints; the margin is the radius at least."""
+    def request(self, stops: tuple[Waypoint, ...]) -> Request:
+        """The request of the controls, through these waypoints; the margin is the radius at least."""
         radius = float(self.radius.value)
-        return Question(
-            tuple(stop.position for stop in stops),
-            self.method.value,
-            radius,
-            max(radius, float(self.margin.value)),
-            bool(self.beside.value),
-            self._band() if self.keep.value else None,
-            stops if self.first.details else (),
-            self.first.speed,
+        floor, ceiling = self._band() if self.keep.value else (None, None)
+        return dataclasses.replace(
+            self.first,
+            waypoints=stops,
+            method=self.method.value,
+            radius=radius,
+            margin=max(radius, float(self.margin.value)),
+            beside=bool(self.beside.value),
+            floor=floor,
+            ceiling=ceiling,
         )
 
     def _band(self) -> Band:
-        """The first question's own until the slider is moved; an end of the slider is no limit."""
+        """The first request's own until the slider is moved; an end of the slider is no limit."""
         low, high = map(float, self.band.value)
-        if self.first.band is not None and (low, high) == _on_slider(self.first.band):
-            return self.first.band
+        if self.first.altitudes != (None, None) and (low, high) == _on_slider(self.first.altitudes):
+            return self.first.altitudes
         return None if low <= 0.0 else low, None if high >= self.band.max else max(high, low + 1.0)
 
     def say_band(self) -> None:
@@ -89,32 +90,32 @@ class Controls:
         return None if of is None else Slice(of, axis, inside)  # type: ignore[arg-type]  # one of the two names
 
 
-def add_controls(gui: GuiApi, city: City, question: Question, *, on_earth: bool, dark: bool) -> Controls:
+def add_controls(gui: GuiApi, city: City, request: Request, *, on_earth: bool, dark: bool) -> Controls:
     """Fill the panel."""
     step = 0.25
-    parts: dict[str, Any] = {"first": question}
+    parts: dict[str, Any] = {"first": request}
     parts |= {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
     with gui.add_folder("Where"):
         # As text: three boxes are too narrow for national coordinates.
-        parts["start"] = gui.add_text("Start [m]", place_text(question.waypoints[0]), hint=_TYPED)
-        parts["goal"] = gui.add_text("Goal [m]", place_text(question.waypoints[-1]), hint=_TYPED)
+        parts["start"] = gui.add_text("Start [m]", place_text(request.places[0]), hint=_TYPED)
+        parts["goal"] = gui.add_text("Goal [m]", place_text(request.places[-1]), hint=_TYPED)
         parts["click"] = gui.add_checkbox("Add waypoints by click", False)
         parts["above"] = gui.add_slider("Above what is clicked [m]", 2.0, 60.0, 1.0, 10.0)
-        parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(question.waypoints) < 3)
+        parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(request.stops) < 3)
     with gui.add_folder("How"):
-        parts["method"] = gui.add_dropdown("Method", tuple(METHODS), initial_value=question.method)
-        for name, given in (("radius", question.radius), ("margin", question.margin)):
+        parts["method"] = gui.add_dropdown("Method", tuple(METHODS), initial_value=request.method)
+        for name, given in (("radius", request.radius), ("margin", request.margin)):
             parts[name] = gui.add_slider(f"{name.capitalize()} [m]", 0.0, max(_MOST, given), step, given)
-        parts["keep"] = gui.add_checkbox("Keep an altitude band", question.band is not None)
-        band = _on_slider((5.0, 60.0) if question.band is None else question.band)
+        parts["keep"] = gui.add_checkbox("Keep an altitude band", request.altitudes != (None, None))
+        band = _on_slider(request.altitudes)
         low, high = min(0.0, band[0]), max(_HIGHEST, band[1])
         parts["band"] = gui.add_multi_slider(_band_label(*band, high), min=low, max=high, step=1.0, initial_value=band)
-        parts["beside"] = gui.add_checkbox("A* beside it", question.beside)
+        parts["beside"] = gui.add_checkbox("A* beside it", request.beside)
     with gui.add_folder("Look inside", expand_by_default=False):
         parts["slice"] = gui.add_dropdown("Slice of", tuple(_SLICES), initial_value="none")
         parts["axis"] = gui.add_dropdown("Plane", tuple(_AXES), initial_value="horizontal")
         low, high = _reach(city, "z")
-        height = min(max(question.waypoints[-1][2], low), high)
+        height = min(max(request.places[-1][2], low), high)
         parts["place"] = gui.add_slider("At [m]", low, high, city.grid.spacing, height)
         parts["through"] = gui.add_checkbox("See-through buildings", False)
         parts["dark"] = gui.add_checkbox("Dark page", dark)
@@ -144,7 +145,8 @@ def text_place(text: str) -> Point3 | None:
 
 
 def _on_slider(band: Band) -> tuple[float, float]:
-    low, high = band
+    """Where the slider stands for a band; for none where it is tried first."""
+    low, high = (5.0, 60.0) if band == (None, None) else band
     return 0.0 if low is None else low, max(_HIGHEST, low or 0.0) if high is None else high
 
 
@@ -161,14 +163,14 @@ def _reach(city: City, axis: Axis) -> tuple[float, float]:
     return low, low + city.grid.spacing * (city.grid.shape[number] - 1)
 
 
-def legend(question: Question, wanted: Slice | None, rules: Sequence[str] = (), *, path: bool = True) -> str:
+def legend(request: Request, wanted: Slice | None, rules: Sequence[str] = (), *, path: bool = True) -> str:
     """The legend of colours, of a path where there is one, and the rules of the air that hold, as HTML."""
-    rows = [_bar(CLEARANCES, "path: clearance 0 m", f"{question.margin:g} m and more")] if path else []
+    rows = [_bar(CLEARANCES, "path: clearance 0 m", f"{request.margin:g} m and more")] if path else []
     if wanted is not None and wanted.of == "cost":
         rows.append(_bar(FIELD, "cost to the goal 0 m, a line every 10 m", "far"))
     if wanted is not None and wanted.of == "price":
         rows.append(_bar(PRICE, "price of a metre 1", "dear"))
-    if question.beside:
+    if request.beside:
         rows.append('<div style="margin-top:4px"><b style="color:#0072B2">━━</b> A*</div>')
     rows += [f'<div style="margin-top:4px">{html.escape(rule)}</div>' for rule in rules]
     return f'<div style="font-size:0.8em;padding:0 0.9em 0.4em">{"".join(rows)}</div>'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import tempfile
 from pathlib import Path
@@ -12,14 +11,11 @@ from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.export import export
 from maxjax.io.geo.earth import Earth
-from maxjax.planning.mission import Mission
-from maxjax.trajectories.limits import PX4
-from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.page.air import air_lines, air_scene
+from maxjax.ui.page.answer import Answer
 from maxjax.ui.page.camera import hiding, over_way
 from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene, together
 from maxjax.ui.page.page_map import City
-from maxjax.ui.page.question import Answer, Question
 from maxjax.ui.page.share import playing_page
 from maxjax.ui.page.timeline import trajectory_film
 
@@ -38,11 +34,11 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
-    flight = _timed(found.verified, found.question)
+    flight = trajectory(found.verified, found.request.limits)
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"
-        x, y, _ = found.question.waypoints[0]
+        x, y, _ = found.request.places[0]
         height = city.terrain.at(x, y)
         # What only voxels tell is left to the judgement, which then takes the ground for up to a voxel lower.
         ground = None if math.isnan(height) or city.terrain.doubt > 0.0 else height
@@ -50,18 +46,12 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         return file.name, file.read_bytes()
 
 
-def _timed(mission: Mission, question: Question) -> Trajectory:
-    """The trajectory of a mission that is OK, which keeps to the question's rules of the air as well."""
-    limits = dataclasses.replace(PX4, speed=max([question.speed, *(stop.speed or 0.0 for stop in question.stops)]))
-    return trajectory(mission, limits)
-
-
 def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     """The page of an answer that is OK: map, path, and a vehicle that flies its trajectory."""
     mission = found.verified
-    flight = _timed(mission, found.question)
-    ends = ends_scene(found.question.waypoints, city.frame)
-    air = air_scene(city, found.question)
+    flight = trajectory(mission, found.request.limits)
+    ends = ends_scene(found.request.places, city.frame)
+    air = air_scene(city, found.request)
     way = city.frame.page(found.dense)
     buildings = city_scene(city, hiding=hiding(city, over_way(city, way)[0], way))
     film = trajectory_film(flight, together(buildings, ends, answer_scene(found, city.frame), air), city.frame)
@@ -70,9 +60,9 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
         city.name,
         f"Verified path{certified}: {mission.length:.1f} m, flown in {flight.duration:.1f} s",
         f"Clearance {mission.cruise_clearance:.1f} m away from the ends, {mission.clearance:.1f} m at the least",
-        f"Path coloured by clearance: red 0 m, green {found.question.margin:g} m and more",
+        f"Path coloured by clearance: red 0 m, green {found.request.margin:g} m and more",
     ]
     if found.beside is not None and found.beside.status == Status.OK:
         lines.append(f"Blue: A*, {found.beside.length:.1f} m, {found.beside.cruise_clearance:.1f} m clear")
-    lines += air_lines(city, found.question)
+    lines += air_lines(city, found.request)
     return playing_page(city, film, "\n".join(lines), dark=dark)

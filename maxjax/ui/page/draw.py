@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float, UInt8
 
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
+from maxjax.ui.page.answer import Answer
 from maxjax.ui.page.colors import CLEARANCES, EARTH, EARTH_AT_NIGHT, GOAL, RETURN, RIVAL, START, VIA, Rgb, ramp
 from maxjax.ui.page.nodes import Ball, Dots, Frame, Lines, Node, Scene, Surface, Text, point3
 from maxjax.ui.page.page_map import City
-from maxjax.ui.page.question import Answer
 from maxjax.ui.page.surface import split_surface, surface
 
 END = 1.6
@@ -100,7 +100,7 @@ def answer_scene(found: Answer, frame: Frame) -> Scene:
     """The path, coloured by clearance up to the margin, and that of A*."""
     scene: dict[str, Node] = {}
     if found.ok:
-        part = np.minimum(found.clearance, found.question.margin) / max(found.question.margin, 1e-9)
+        part = np.minimum(found.clearance, found.request.margin) / max(found.request.margin, 1e-9)
         scene["/plan/path"] = _line(frame.page(found.dense), ramp(CLEARANCES, part), _PATH)
     if found.beside is not None and found.beside.status == Status.OK:
         path = frame.page(found.beside.path)

@@ -1,6 +1,6 @@
 """The page to plan on: ends and waypoints dragged by hand, a new plan at once.
 
-controls and handles → Question → worker → Answer → scene, status in words
+controls and handles → Request → worker → Answer → scene, status in words
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ import numpy as np
 from maxjax.core.grid import Point3
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.page.air import air_lines, air_scene
+from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.camera import hiding
 from maxjax.ui.page.controls import add_controls, legend, place_text, reach, text_place
 from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.ui.page.nodes import point3
 from maxjax.ui.page.page_map import City, hit
-from maxjax.ui.page.question import Answer, Question, answer, describe_answer
 from maxjax.ui.page.server import look_at, set_theme
 from maxjax.ui.page.slices import Field, Slice, field_of, picture
 from maxjax.ui.page.stage import Stage
 from maxjax.ui.page.worker import Worker
+from maxjax.ui.request import Request
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -46,7 +47,7 @@ class PlanPage:
     Args:
         server: with an empty scene.
         city: the map.
-        question: the first one.
+        request: the first one.
         export: makes a file of an answer, by its ending, or `.html`; raises ValueError where it cannot.
         on_earth: whether the map's place on Earth is known.
         dark: whether the page is dark.
@@ -56,7 +57,7 @@ class PlanPage:
         self,
         server: ViserServer,
         city: City,
-        question: Question,
+        request: Request,
         export: Exporter,
         *,
         on_earth: bool = False,
@@ -65,19 +66,19 @@ class PlanPage:
         self._server, self._city, self._export = server, city, export
         self._stage = Stage(server.scene)
         self._stage.show("/map", city_scene(city, dark=dark))
-        look_at(server, city, _surroundings(city, question))
+        look_at(server, city, _surroundings(city, request))
         self._eye: Point3 = point3(np.asarray(server.initial_camera.position))
         self._hiding = np.zeros(city.grid.shape[:2], bool)
         self._resting = threading.Timer(_REST, self.ask)
-        self._stops = list(question.stops)
-        self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(question.waypoints), axis=0).max()))
+        self._stops = list(request.stops)
+        self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(request.places), axis=0).max()))
         self._handles: dict[str, Any] = {}
         self._field: tuple[tuple[Any, ...], Field | None] = (), None
         self._lock = threading.RLock()
         self.answer: Answer | None = None
         """The last one; None before the first."""
-        self.controls = add_controls(server.gui, city, question, on_earth=on_earth, dark=dark)
-        self.worker: Worker[tuple[Question, Slice | None]] = Worker(self._work)
+        self.controls = add_controls(server.gui, city, request, on_earth=on_earth, dark=dark)
+        self.worker: Worker[tuple[Request, Slice | None]] = Worker(self._work)
         self._listen()
         self._place_handles()
         self.ask()
@@ -90,7 +91,7 @@ class PlanPage:
     def ask(self) -> None:
         """Ask what handles and controls say."""
         with self._lock:
-            self.worker.ask((self.controls.question(tuple(self._stops)), self.controls.wanted(self._city)))
+            self.worker.ask((self.controls.request(tuple(self._stops)), self.controls.wanted(self._city)))
 
     def move(self, k: int, place: Point3) -> None:
         """Put the waypoint k elsewhere [m] and plan anew."""
@@ -249,24 +250,24 @@ class PlanPage:
             return
         event.client.send_file_download(name, content)
 
-    def _work(self, asked: tuple[Question, Slice | None]) -> None:
-        question, wanted = asked
-        if self.answer is None or question != self.answer.question:
+    def _work(self, asked: tuple[Request, Slice | None]) -> None:
+        request, wanted = asked
+        if self.answer is None or request != self.answer.request:
             slow = threading.Timer(_SLOW, self._say, ["### Planning …\nThe first plan of a size is compiled, once."])
             slow.start()
-            found = answer(self._city, question)
+            found = answer(self._city, request)
             slow.cancel()
             self._show(found, wanted)
         else:
             self._say_legend(self.answer, wanted)
         if not self.worker.stale:
             self._see_through()
-            self._slice(question, wanted)
+            self._slice(request, wanted)
 
     def _show(self, found: Answer, wanted: Slice | None) -> None:
         with self._server.atomic():
             self._stage.show("/plan", answer_scene(found, self._city.frame))
-            self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.question))
+            self._stage.show("/air", {} if found.mission is None else air_scene(self._city, found.request))
             self._say(describe_answer(found))
             self._say_legend(found, wanted)
         self.answer = found
@@ -275,21 +276,21 @@ class PlanPage:
         self.controls.status.content = text
 
     def _say_legend(self, found: Answer, wanted: Slice | None) -> None:
-        question = found.question
-        text = legend(question, wanted, air_lines(self._city, question), path=found.ok)
+        request = found.request
+        text = legend(request, wanted, air_lines(self._city, request), path=found.ok)
         if self.controls.legend.content != text:
             self.controls.legend.content = text
 
-    def _slice(self, question: Question, wanted: Slice | None) -> None:
-        """Show the slice, of a field that is solved where the question's last leg is another one."""
+    def _slice(self, request: Request, wanted: Slice | None) -> None:
+        """Show the slice, of a field that is solved where the request's last leg is another one."""
         if wanted is None:
             self._stage.show("/slice", {})
             return
-        highest = self._city.highest(question.waypoints[0])
-        key = (*question.stops[-2:], question.radius, question.margin, question.band, highest)
+        highest = self._city.highest(request.places[0])
+        key = (*request.stops[-2:], request.radius, request.margin, request.altitudes, highest)
         if self._field[0] != key:
             try:
-                self._field = key, field_of(self._city, question)
+                self._field = key, field_of(self._city, request)
             except ValueError as error:
                 self._say(f"### No slice\n{error}")
                 self._field = key, None
@@ -298,9 +299,9 @@ class PlanPage:
         self._stage.show("/slice", nodes)
 
 
-def _surroundings(city: City, question: Question) -> np.ndarray:
+def _surroundings(city: City, request: Request) -> np.ndarray:
     """The straight legs with some of the map around them, in the page's frame [m]."""
-    ends = city.frame.page(np.array(question.waypoints))
+    ends = city.frame.page(np.array(request.places))
     room = 0.15 * max(float(np.ptp(ends, axis=0).max()), 40.0)
     along = np.linspace(0.0, 1.0, 12)[:, None]
     legs = [start + along * (stop - start) for start, stop in itertools.pairwise(ends)]

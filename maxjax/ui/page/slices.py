@@ -19,10 +19,11 @@ from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.planning.run.execution import problem_of
 from maxjax.planning.run.stages import potential_field
 from maxjax.solvers.potential import solve_potential
+from maxjax.ui.page.answer import task_of
 from maxjax.ui.page.colors import FIELD, PRICE, ramp
 from maxjax.ui.page.nodes import Frame, Picture, Quaternion, point3
 from maxjax.ui.page.page_map import City
-from maxjax.ui.page.question import Question, task_of
+from maxjax.ui.request import Request
 
 Axis = Literal["x", "y", "z"]
 LARGEST = 2**22
@@ -42,7 +43,7 @@ _TURNS: dict[Axis, Quaternion] = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Field:
-    """The field of a question's last leg.
+    """The field of a request's last leg.
 
     Attributes:
         cost: −ℓ log φ [m]; NaN where no way leads.
@@ -68,7 +69,7 @@ class Slice:
     place: int
 
 
-def field_of(city: City, question: Question) -> Field | None:
+def field_of(city: City, request: Request) -> Field | None:
     """The field of the last leg; None where its problem has none.
 
     Raises:
@@ -76,8 +77,8 @@ def field_of(city: City, question: Question) -> Field | None:
     """
     if city.occupied.size > LARGEST:
         raise ValueError(f"expected a map of at most {LARGEST} voxels to show the field of, given {city.occupied.size}")
-    task = task_of(city, question, slice(-1, None))
-    problem = problem_of(dataclasses.replace(task, distances=question.stops[-1].distances(task.distances)))
+    task = task_of(city, request, slice(-1, None))
+    problem = problem_of(dataclasses.replace(task, distances=request.stops[-1].distances(task.distances)))
     if int(problem.status) not in (Status.OK, Status.NO_SAFE_PATH, Status.NO_VALID_PATH):
         return None
     field = potential_field(problem.blocked, problem.price, problem.goal_index, city.grid, solve_potential)

@@ -135,6 +135,22 @@ def test_a_band_opens_the_voxels_that_lie_in_it_whole(seed: int) -> None:
     assert set(np.unique(closed)) == {Closure.OPEN, Closure.BAND}
 
 
+def test_a_voxel_is_closed_for_a_reason_that_is_named() -> None:
+    """Words for each closed voxel and for no open one."""
+    rng = np.random.default_rng(0)
+    terrain = Terrain.of(hills(rng), GRID)
+    rules = Airspace(floor=1.5, ceiling=9.0, areas=(Area("'yard'", (star(rng, np.array([0.0, 62.0]), 8.0),)),))
+    closed = rules.closed_over(terrain)
+    for index in zip(*(rng.integers(0, n, 30).tolist() for n in GRID.shape), strict=True):
+        named = rules.reasons_at(index, terrain)
+        assert bool(named) == (closed[index] != Closure.OPEN)
+        if closed[index] == Closure.AREA:
+            assert "in the keep-out area 'yard'" in named
+    ground = terrain.at(-13.0, 51.0)
+    level = int((ground + 12.0 - GRID.lower[2]) / 2.0)
+    assert "above 9 m above ground" in rules.reasons_at((0, 0, min(level, 9)), terrain)
+
+
 def test_a_band_that_ends_on_faces_opens_all_up_to_them() -> None:
     flat = NOTHING.copy()
     flat[:, :, :2] = True

@@ -14,8 +14,9 @@ import pytest
 import shapely
 
 import maxjax
-from maxjax.ui.cli import main, mission_file
+from maxjax.ui.cli import main
 from maxjax.ui.cli.options import PlanOptions
+from maxjax.ui.request_files import KEYS
 from tests.scenes import SHAPE, gap_file
 
 SAMPLE = Path(__file__).parents[3] / "docs" / "samples" / "quarter.geojson"
@@ -268,9 +269,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest
 
 def test_every_option_of_plan_may_stand_in_a_file() -> None:
     options = {field.name for field in dataclasses.fields(PlanOptions)}
-    kinds = ("NUMBERS", "VECTORS", "WORDS", "TEXTS", "WHOLE", "LISTS", "FILES", "FLAGS")
-    known = {name for kind in kinds for name in getattr(mission_file, kind)}
-    assert known == options - {"start", "goal", "via", "out", "json", "export"}
+    assert KEYS.keys() == options - {"start", "goal", "via", "out", "json", "export"}
 
 
 @pytest.mark.large

@@ -16,11 +16,10 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 
 from maxjax.ui.cli import main
 from maxjax.ui.cli.options import ViewOptions
-from maxjax.ui.cli.view_command import first_asked
-from maxjax.ui.cli.viewing_source import open_source
+from maxjax.ui.cli.view_command import open_request, request_shown
 from maxjax.ui.figures import drawable
+from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.download import file_of
-from maxjax.ui.page.question import Answer, answer, describe_answer
 
 town = test_cli_mission.town
 SQUARE = [(-15.0, -30.0), (20.0, -30.0), (20.0, 30.0), (-15.0, 30.0)]
@@ -39,8 +38,8 @@ def written(folder: Path, content: Any) -> str:
 
 def seen(file: str, **given: Any) -> Answer:
     """What the page of a file is answered first."""
-    city, question, _ = first_asked(open_source(ViewOptions(file, **given)))
-    return answer(city, question)
+    city, request, _ = open_request(request_shown(ViewOptions(file, **given)))
+    return answer(city, request)
 
 
 def test_a_plan_opens_with_its_airspace_and_is_planned_again(
@@ -76,9 +75,9 @@ def test_a_mission_keeps_what_its_waypoints_say(
     file = test_cli_mission.around(town)
     planned = content_of(capsys, "mission", file)
     for source in (file, written(tmp_path, planned)):
-        city, question, earth = first_asked(open_source(ViewOptions(source)))
-        assert [(stop.hover, stop.speed) for stop in question.stops[1:]] == [(2.5, 3.0), (None, 6.0), (None, 6.0)]
-        found = answer(city, question)
+        city, request, earth = open_request(request_shown(ViewOptions(source)))
+        assert [(stop.hover, stop.speed) for stop in request.flown[1:]] == [(2.5, 3.0), (None, 6.0), (None, 6.0)]
+        found = answer(city, request)
         np.testing.assert_allclose(found.mission.path, planned["path"], atol=1e-6)
         assert "hovers 2.5 s" in describe_answer(found)
         rows = file_of(city, earth, ".csv", found)[1].decode().splitlines()
@@ -88,10 +87,10 @@ def test_a_mission_keeps_what_its_waypoints_say(
 def test_options_given_to_the_page_count_and_ends_of_a_file_are_its_own(tmp_path: Path) -> None:
     configuration = {"map": "suburb:0", "start": [-20, 0, 30], "goal": [20, 0, 30], "method": "astar", "radius": 2.0}
     file = written(tmp_path, {"configuration": configuration})
-    options = open_source(ViewOptions(file, margin=5.0)).options
+    options = request_shown(ViewOptions(file, margin=5.0))
     assert (options.map, options.method, options.radius, options.margin) == ("suburb:0", "astar", 2.0, 5.0)
     with pytest.raises(ValueError, match=r"--start: .*plan\.json has its own waypoints"):
-        open_source(ViewOptions(file, start=(0.0, 0.0, 30.0)))
+        request_shown(ViewOptions(file, start=(0.0, 0.0, 30.0), goal=(9.0, 0.0, 30.0)))
 
 
 @pytest.mark.parametrize(
@@ -130,7 +129,7 @@ def test_a_map_too_large_to_show_is_shown_in_larger_voxels(
     occupied[10:14, 10:14, :9] = True
     np.savez(tmp_path / "a.npz", occupied=occupied, spacing=1.0, origin=np.zeros(3))
     monkeypatch.setattr(drawable, "MOST_DRAWN", 4000)
-    city, _, _ = first_asked(open_source(ViewOptions(str(tmp_path / "a.npz"))))
+    city, _, _ = open_request(request_shown(ViewOptions(str(tmp_path / "a.npz"))))
     assert city.grid.spacing == 2.0
     assert city.occupied.sum() == 2 * 2 * 5
     assert "drawn in voxels of 2 m" in capsys.readouterr().err

@@ -23,8 +23,8 @@ from maxjax.ui.cli import page as page_of_command
 from maxjax.ui.page.border import Border
 from maxjax.ui.page.controls import add_controls
 from maxjax.ui.page.guard import MOST_FAULTS, guarding
-from maxjax.ui.page.question import Question
 from maxjax.ui.page.server import address_of, serve
+from maxjax.ui.request import Request
 from tests.ui.page.test_page import town
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -37,8 +37,8 @@ class Page:
     def __init__(self, host: str) -> None:
         self.server = serve(town(), host=host, port=0)
         self.port: int = self.server.get_port()
-        question = Question(ENDS, band=(5.0, 60.0))
-        self.controls = add_controls(self.server.gui, town(), question, on_earth=False, dark=False)
+        request = Request.between("town", *ENDS, floor=5.0, ceiling=60.0)
+        self.controls = add_controls(self.server.gui, town(), request, on_earth=False, dark=False)
         self.moved: list[np.ndarray] = []
         handle = self.server.scene.add_transform_controls("/start")
         handle.on_update(lambda event: self.moved.append(np.array(event.target.position)))

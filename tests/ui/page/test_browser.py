@@ -21,14 +21,15 @@ from benchmarks.common.browser import Window, browser, chromium
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.ui.cli.viewing_flights import caption
+from maxjax.ui.page.answer import answer
 from maxjax.ui.page.download import file_of
 from maxjax.ui.page.flight_page import FlightPage
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.plan_page import PlanPage
-from maxjax.ui.page.question import Question, answer
 from maxjax.ui.page.server import serve
 from maxjax.ui.page.share import MOST_BYTES, playing_page
 from maxjax.ui.page.trial_folder import city_of, film_of, open_folder
+from maxjax.ui.request import Request
 from tests.ui.page.flown import folder
 from tests.ui.page.test_page import town
 
@@ -59,7 +60,9 @@ def city() -> City:
 @pytest.fixture
 def page(city: City) -> Iterator[PlanPage]:
     server = serve(city, port=0)
-    shown = PlanPage(server, city, Question((START, GOAL)), lambda ending, found: file_of(city, None, ending, found))
+    shown = PlanPage(
+        server, city, Request.between("town", START, GOAL), lambda ending, found: file_of(city, None, ending, found)
+    )
     yield shown
     shown.worker.close()
     server.stop()
@@ -99,7 +102,7 @@ def test_a_drag_changes_the_path_and_sliders_act(window: Window, page: PlanPage,
     slider = window.page.locator("input").nth(9)
     assert slider is not None
     page.controls.radius.value = 3.0  # what the slider's message does
-    until(lambda: page.answer.question.radius == 3.0)
+    until(lambda: page.answer.request.radius == 3.0)
     assert page.answer.mission.radius == 3.0
     window.wait("() => document.body.innerText.includes('radius 3 m')")
     assert window.errors == []
@@ -131,7 +134,7 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     until(lambda: len(page.waypoints) == 3)
     assert page.waypoints[1][2] >= 12.0
     window.shown("/ends/waypoint_1/ball")
-    until(lambda: page.worker.rest(60.0) and page.answer.question.waypoints == page.waypoints)
+    until(lambda: page.worker.rest(60.0) and page.answer.request.places == page.waypoints)
     assert page.answer.ok
     page.remove()
     page.move(0, (22.0, 30.0, 10.0))
@@ -157,7 +160,7 @@ def test_slices_are_shown_and_the_page_is_dark(window: Window, page: PlanPage, p
 def test_a_shared_page_opens_from_disk_without_network_and_plays(
     chrome: Any, city: City, pages: Path, tmp_path: Path
 ) -> None:
-    found = answer(city, Question((START, GOAL), beside=True))
+    found = answer(city, Request.between("town", START, GOAL, beside=True))
     name, content = file_of(city, None, ".html", found)
     assert len(content) < 10_000_000
     file = tmp_path / name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import threading
 
 import numpy as np
@@ -12,18 +13,22 @@ import maxjax
 from maxjax.io.airspace.airspace import Area
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.page.air import air_scene
+from maxjax.ui.page.answer import answer, describe_answer
 from maxjax.ui.page.colors import CLEARANCES, ramp
 from maxjax.ui.page.controls import add_controls, place_text, text_place
 from maxjax.ui.page.download import page_of
 from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.page_map import City, first_ends, hit
-from maxjax.ui.page.question import Question, answer, describe_answer
 from maxjax.ui.page.slices import Field, Slice, picture
 from maxjax.ui.page.worker import Worker
+from maxjax.ui.request import Request
 from tests.ui.page.test_surface import area_vectors
 
 FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates
+
+
+asked = functools.partial(Request.between, "town")
 
 
 def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
@@ -40,7 +45,7 @@ def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
 def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None:
     city = town(FAR)
     ends = tuple((FAR[0] + x, FAR[1] + y, FAR[2] + z) for x, y, z in ((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))
-    found = answer(city, Question(ends))  # type: ignore[arg-type]
+    found = answer(city, asked(*ends))  # type: ignore[arg-type]
     plan = maxjax.plan(city.voxels, *ends)
     assert found.ok
     assert found.mission is not None
@@ -60,25 +65,38 @@ def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None
 
 def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
     city = town()
-    found = answer(city, Question(((8.0, 10.0, 10.0), (34.0, 40.0, 20.0), (58.0, 50.0, 12.0)), beside=True))
+    found = answer(city, asked((8.0, 10.0, 10.0), (34.0, 40.0, 20.0), (58.0, 50.0, 12.0), beside=True))
     assert found.ok
     assert np.abs(found.dense - (34.0, 40.0, 20.0)).sum(axis=1).min() < 1e-9
     assert {"/plan/path", "/plan/astar"} == set(answer_scene(found, city.frame))
     assert "A\\* beside it" in describe_answer(found)
+    assert found.beside is not None
+    assert f"Blue: A*, {found.beside.length:.1f} m" in page_of(city, found)
+
+
+def test_of_a_gap_that_is_too_narrow_the_widest_radius_is_told() -> None:
+    """Between the blocks the street is 12 m wide; a wall across it leaves a gap of one voxel."""
+    occupied = np.array(town().occupied)
+    occupied[:, 16, :] = True
+    occupied[16, 16, 1:] = False
+    gap = City("gap", maxjax.VoxelMap.of(occupied, spacing=2.0, origin=(1.0, 1.0, 1.0)))
+    found = answer(gap, asked((34.0, 20.0, 10.0), (34.0, 50.0, 10.0), radius=2.0, method="astar"))
+    assert "**NO_SAFE_PATH**" in describe_answer(found)
+    assert "At most a radius of 1 m joins them." in describe_answer(found)
 
 
 def test_a_path_keeps_the_altitude_band() -> None:
     city = town()
     ends = ((8.0, 40.0, 12.0), (58.0, 40.0, 12.0))
     above = ((8.0, 40.0, 12.0), (22.0, 30.0, 36.0), (58.0, 40.0, 12.0))
-    kept = answer(city, Question(ends, band=(4.0, 14.0)))
+    kept = answer(city, asked(*ends, floor=4.0, ceiling=14.0))
     assert kept.ok
     assert kept.dense[:, 2].min() >= 2.0 + 4.0
     assert kept.dense[:, 2].max() <= 2.0 + 14.0
-    assert answer(city, Question(above)).ok
-    assert not answer(city, Question(above, band=(4.0, 14.0))).ok
+    assert answer(city, asked(*above)).ok
+    assert not answer(city, asked(*above, floor=4.0, ceiling=14.0)).ok
     bare = City("bare", maxjax.VoxelMap.on(city.grid, city.occupied))
-    assert "ground" in describe_answer(answer(bare, kept.question))
+    assert "ground" in describe_answer(answer(bare, kept.request))
 
 
 def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
@@ -87,10 +105,10 @@ def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
     all_of_it = np.array([(0.0, 0.0), (66.0, 0.0), (66.0, 66.0), (0.0, 66.0)])
     areas = (Area("'yard'", (square,), ceiling=20.0), Area("town", (all_of_it,), keep_in=True))
     city = dataclasses.replace(town(), areas=areas, above_start=10.0)
-    assert not (air_scene(town(), Question(((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))))
-    found = answer(city, Question(((8.0, 8.0, 10.0), (58.0, 8.0, 12.0)), "astar", margin=2.0, band=(4.0, None)))
+    assert not (air_scene(town(), asked((8.0, 10.0, 10.0), (58.0, 50.0, 12.0))))
+    found = answer(city, asked((8.0, 8.0, 10.0), (58.0, 8.0, 12.0), method="astar", margin=2.0, floor=4.0))
     assert found.ok
-    scene = air_scene(city, found.question)
+    scene = air_scene(city, found.request)
     names = {"/air/area_0/volume", "/air/area_0/name", "/air/area_1/volume", "/air/area_1/name", "/air/floor"}
     assert set(scene) == {*names, "/air/ceiling"}
     yard = scene["/air/area_0/volume"]
@@ -110,35 +128,36 @@ def test_the_rules_drawn_are_those_that_were_planned_by() -> None:
         assert words in page
 
 
-def test_the_panel_asks_what_the_first_question_asked_until_it_is_moved() -> None:
+def test_the_panel_asks_what_was_asked_first_until_it_is_moved() -> None:
     """Distances and heights beyond the sliders' usual ends stay what they are."""
     viser = pytest.importorskip("viser", reason="the page needs the extra view: pip install 'maxjax[view]'")
     stops = (Waypoint((8.0, 10.0, 10.0)), Waypoint((58.0, 50.0, 90.0), hover=2.0, speed=3.0, radius=0.3))
-    ends = tuple(stop.position for stop in stops)
-    first = Question(ends, "astar", 40.1, 55.3, band=(None, 200.5), details=stops, speed=7.0)
+    first = Request(
+        map="town", waypoints=stops, method="astar", radius=40.1, margin=55.3, ceiling=200.5, speed=7.0, price="speed:2"
+    )
     server = viser.ViserServer(port=0, verbose=False)
     try:
         controls = add_controls(server.gui, town(), first, on_earth=False, dark=False)
-        assert controls.question(first.stops) == first
+        assert controls.request(first.stops) == first
         controls.band.value = (10.0, controls.band.max)
-        assert controls.question(first.stops).band == (10.0, None)
+        assert controls.request(first.stops).altitudes == (10.0, None)
         controls.band.value = (0.0, 30.0)
-        assert controls.question(first.stops).band == (None, 30.0)
+        assert controls.request(first.stops).altitudes == (None, 30.0)
     finally:
         server.stop()
 
 
 @pytest.mark.parametrize(
-    ("question", "words"),
+    ("wanted", "words"),
     [
-        (Question(((20.0, 30.0, 10.0), (58.0, 50.0, 12.0))), "START_OCCUPIED"),
-        (Question(((8.0, 10.0, 10.0), (58.0, 50.0, 90.0))), "GOAL_OUTSIDE_MAP"),
-        (Question(((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)), radius=200.0, margin=200.0), "radius: expected at most"),
+        (asked((20.0, 30.0, 10.0), (58.0, 50.0, 12.0)), "START_OCCUPIED"),
+        (asked((8.0, 10.0, 10.0), (58.0, 50.0, 90.0)), "GOAL_OUTSIDE_MAP"),
+        (asked((8.0, 10.0, 10.0), (58.0, 50.0, 12.0), radius=200.0, margin=200.0), "radius: expected at most"),
     ],
 )
-def test_where_there_is_no_path_nothing_is_drawn_and_words_say_why(question: Question, words: str) -> None:
+def test_where_there_is_no_path_nothing_is_drawn_and_words_say_why(wanted: Request, words: str) -> None:
     city = town()
-    found = answer(city, question)
+    found = answer(city, wanted)
     assert not found.ok
     assert answer_scene(found, city.frame) == {}
     assert words in describe_answer(found)
@@ -201,16 +220,16 @@ def test_a_place_is_shown_whole_and_read_as_it_is_shown(place: tuple[float, floa
 def test_only_the_latest_question_is_answered() -> None:
     gate, done = threading.Event(), list[int]()
 
-    def work(question: int) -> None:
+    def work(request: int) -> None:
         gate.wait(10.0)
-        done.append(question)
+        done.append(request)
 
     worker = Worker(work)
     worker.ask(0)
     while worker.stale:
         pass
-    for question in range(1, 50):
-        worker.ask(question)
+    for request in range(1, 50):
+        worker.ask(request)
     gate.set()
     assert worker.rest(10.0)
     assert done == [0, 49]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import itertools
 import types
 
@@ -11,17 +11,18 @@ import pytest
 
 import maxjax
 from maxjax.planning.mission import Mission, Waypoint
-from maxjax.ui.page.download import _timed
+from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.incoming import fault_of, refusal_of
-from maxjax.ui.page.question import Answer, Question, answer, describe_answer
+from maxjax.ui.request import Request
 from tests.planners import bare_plan
 
 PLACES = ((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), (120.0, 0.0, 20.0))
+PLAIN = tuple(map(Waypoint, PLACES))
 
 
-def answered(details: tuple[Waypoint, ...], clear: float = np.inf) -> Answer:
-    """The answer to a question of two straight legs in the open."""
-    question = Question(PLACES, radius=1.5, details=details, speed=4.0)
+def answered(stops: tuple[Waypoint, ...], clear: float = np.inf) -> Answer:
+    """The answer to a request of two straight legs in the open."""
+    request = Request(map="open", waypoints=stops, radius=1.5, speed=4.0)
     path, where = (
         np.array(PLACES),
         maxjax.VoxelMap.of(np.zeros((70, 5, 20), bool), spacing=2.0, origin=(0.0, -4.0, 1.0)),
@@ -38,14 +39,15 @@ def answered(details: tuple[Waypoint, ...], clear: float = np.inf) -> Answer:
         for k in range(2)
     )
     mission = Mission(
-        maxjax.Status.OK, question.flown, legs, path, np.array([0, 1, 2]), 120.0, clear, {"total": 0.1}, where
+        maxjax.Status.OK, request.flown, legs, path, np.array([0, 1, 2]), 120.0, clear, {"total": 0.1}, where
     )
-    return Answer(question, mission, None, path, np.full(3, clear), "", 0.1)
+    return Answer(request, mission, None, path, np.full(3, clear), "", 0.1)
 
 
-def speeds(details: tuple[Waypoint, ...]) -> list[float]:
+def speeds(stops: tuple[Waypoint, ...]) -> list[float]:
     """Greatest speed on each leg [m/s]."""
-    flight = _timed((found := answered(details)).verified, found.question)
+    found = answered(stops)
+    flight = maxjax.trajectory(found.verified, found.request.limits)
     motion = flight.sampled(0.05)
     fast = np.linalg.norm(motion.velocity, axis=1)
     legs = itertools.pairwise(flight.passes)
@@ -58,14 +60,14 @@ def test_the_speed_of_the_mission_rules_where_a_leg_has_none() -> None:
     added, own = speeds((start, click, fast))
     assert added == pytest.approx(4.0, abs=0.1)
     assert own > 8.0
-    assert speeds(()) == pytest.approx([4.0, 4.0], abs=0.1)
+    assert speeds(PLAIN) == pytest.approx([4.0, 4.0], abs=0.1)
     assert speeds((start, Waypoint(PLACES[1], speed=3.0), fast))[0] == pytest.approx(3.0, abs=0.1)
     assert "1. 60.0 m, at most 4 m/s" in describe_answer(answered((start, click, fast))).replace("nan m", "60.0 m")
 
 
 def test_a_waypoint_nearer_than_the_radius_is_told() -> None:
-    assert "Radius not kept" not in describe_answer(answered(()))
-    text = describe_answer(answered((), clear=1.36))
+    assert "Radius not kept" not in describe_answer(answered(PLAIN))
+    text = describe_answer(answered(PLAIN, clear=1.36))
     assert "**Radius not kept:** waypoint 1 (60, 0, 20) stands 1.36 m from an obstacle" in text
 
 
@@ -104,11 +106,11 @@ def test_an_end_in_something_is_told_as_on_the_command_line() -> None:
     walls[20:30, 10:20, :20] = True
     where = maxjax.VoxelMap.of(walls, spacing=2.0, origin=(0.0, 0.0, 0.0), ground=ground)
     city = City("town", where)
-    question = Question(((50.0, 30.0, 31.0), (10.0, 20.0, 20.0)), method="astar", radius=1.0, margin=2.0)
-    text = describe_answer(answer(city, question))
+    ask = functools.partial(Request.between, "town", method="astar", radius=1.0, margin=2.0)
+    text = describe_answer(answer(city, ask((50.0, 30.0, 31.0), (10.0, 20.0, 20.0))))
     assert "START_OCCUPIED" in text
     assert "(50, 30, 31) lies in an obstacle, 8.0 m below its top at z = 39.0; free from z = " in text
-    closed = dataclasses.replace(question, waypoints=((10.0, 20.0, 12.0), (10.0, 50.0, 30.0)), band=(10.0, 40.0))
+    closed = ask((10.0, 20.0, 12.0), (10.0, 50.0, 30.0), floor=10.0, ceiling=40.0)
     text = describe_answer(answer(city, closed))
     assert "START_OUTSIDE_BAND" in text
     assert ". There z = 20.0 to z = 46.0 is open" in text

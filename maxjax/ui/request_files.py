@@ -1,4 +1,4 @@
-"""A mission as a TOML file: a map and options of `maxjax plan`, and waypoints in order.
+"""Files of a request: a mission as TOML, and the JSON that `maxjax plan` and `maxjax mission` write.
 
     map = "quarter.geojson"        # beside this file, or a simulated city
     speed = 8.0                    # any option of `maxjax plan`, with _ for -
@@ -12,12 +12,14 @@
     hover = 5.0                    # to rest there [s]
     speed = 4.0                    # of the leg that leads here; likewise radius and margin
 
-Paths in it are relative to the file. All is checked before anything is planned.
+Paths in it are relative to the file. All is checked before anything is planned; what a file says that is no option is
+refused, so that nothing is planned by other rules than the file has.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 import re
@@ -25,12 +27,13 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from maxjax.core.files import read_bytes
+from maxjax.core.files import read_bytes, read_text
 from maxjax.planning.mission import Waypoint
-from maxjax.ui.cli.options import MissionOptions, PlanOptions
-from maxjax.ui.methods import ALIASES, METHODS
+from maxjax.ui.option_groups import Point3
+from maxjax.ui.request import Request
 
 _MOST_BYTES = 2**20
 # What separates keys and values of TOML, texts and quoted keys taken out.
@@ -40,71 +43,100 @@ _OPTION = re.compile(r"--([a-z][a-z-]*)")
 _MOST_DOTS = 64
 _CITY = re.compile(r"\w+:\d+")
 
-# What may stand in a file, by kind: options of `maxjax plan`, but its ends and its outputs.
-NUMBERS = ("spacing", "radius", "margin", "ground", "speed", "floor", "ceiling", "ceiling_above_start")
-VECTORS = {"bounds": 6, "center": 3, "place": 3}
-WORDS: Mapping[str, tuple[str, ...]] = {
-    "frame": ("map", "local-agl", "agl", "amsl"),
-    "method": (*METHODS, *ALIASES),
-    "below": ("closed", "open"),
-    "unknown": ("occupied", "free"),
+# What a file cannot say: stops stand in tables of their own, and where an answer goes is said by whoever asks.
+_OTHERS = ("waypoints", "out", "json", "export", "partial", "beside")
+
+
+def _without_none(hint: Any) -> Any:
+    """The type of an option that may be left out."""
+    kinds = get_args(hint)
+    return next(kind for kind in kinds if kind is not NoneType) if NoneType in kinds else hint
+
+
+_HINTS = get_type_hints(Request)
+KEYS: Mapping[str, Any] = {
+    field.name: _without_none(_HINTS[field.name]) for field in dataclasses.fields(Request) if field.name not in _OTHERS
 }
-TEXTS = ("crs", "unit", "vertical_unit", "price", "autopilot")
-WHOLE = ("band",)
-LISTS: Mapping[str, type] = {"drop_class": int, "only": str}
-FILES = ("map", "airspace")
-FLAGS = ("return_to_start", "takeoff_and_landing", "params", "keep_radius")
+"""Options that may stand in a file, and their types."""
 _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
+# What a plan.json says of the map beside the options: what came of them.
+_FOUND = ("grid", "returns")
 
 
-@dataclasses.dataclass(frozen=True)
-class Asked:
-    """A mission as a file asks for it.
-
-    Attributes:
-        options: of its plans, `start` and `goal` the first and the last waypoint, `via` those in between.
-        waypoints: in order, without the way back.
-        partial: whether the legs before the first that fails are written.
-    """
-
-    options: PlanOptions
-    waypoints: tuple[Waypoint, ...]
-    partial: bool = False
-
-    @classmethod
-    def of(cls, options: PlanOptions) -> Asked:
-        """The mission of the options of `maxjax plan`."""
-        return cls(options, tuple(Waypoint(point) for point in (options.start, *options.via, options.goal)))
-
-
-def read_mission(options: MissionOptions) -> Asked:
-    """The mission of a file.
+def read_mission(file: Path) -> Request:
+    """The request of a mission's TOML file.
 
     Raises:
         ValueError: if it is not such a file, with what was expected and what was given.
         OSError: if it cannot be read.
     """
-    content = _content(options.file)
+    content = _toml(file)
     try:
         given: dict[str, Any] = {key: value_of(key, value) for key, value in content.items() if key != "waypoint"}
         if "map" not in given:
             raise ValueError("expected a map, as map = 'town.geojson', given none")
         waypoints = waypoints_of(content.get("waypoint"))
-        first, *via, last = (waypoint.position for waypoint in waypoints)
     except ValueError as error:
-        raise ValueError(f"{options.file}: {error}") from error
-    beside = options.file.parent / given["map"]
+        raise ValueError(f"{file}: {error}") from error
+    beside = file.parent / given["map"]
     if os.path.exists(beside) or not _CITY.fullmatch(given["map"]):
         given["map"] = str(beside)
     if "airspace" in given:
-        given["airspace"] = options.file.parent / given["airspace"]
-    given |= {"start": first, "goal": last, "via": tuple(via)}
-    for flag in ("takeoff_and_landing", "params", "keep_radius"):
-        given[flag] = getattr(options, flag) or given.get(flag, False)
-    if options.autopilot is not None:
-        given["autopilot"] = options.autopilot
-    planned = PlanOptions(**given, out=options.out, json=options.json, export=options.export)
-    return Asked(planned, waypoints, options.partial)
+        given["airspace"] = file.parent / given["airspace"]
+    return Request(**given, waypoints=waypoints)
+
+
+def read_plan(file: Path) -> Request | None:
+    """The request that a plan.json or mission.json answers; None for other JSON, as that of a map.
+
+    Its files are looked for where they were, then beside it.
+
+    Raises:
+        ValueError: for a plan by options that are none.
+    """
+    try:
+        content = json.loads(read_text(file))
+    except (ValueError, RecursionError):
+        return None  # the reader of maps says what is wrong
+    if not isinstance(content, dict) or not isinstance(content.get("configuration"), dict):
+        return None
+    try:
+        return _of_configuration(content["configuration"], file.parent)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+def _of_configuration(configuration: Mapping[str, Any], folder: Path) -> Request:
+    kept = {name: value for name, value in configuration.items() if name not in _FOUND and value not in (None, [])}
+    if "map" not in kept:
+        raise ValueError("expected the plan of a map, given one without configuration.map")
+    ends = {name: kept.pop(name) for name in ("start", "goal", "via", "waypoints") if name in kept}
+    unknown = min(kept.keys() - KEYS.keys(), default=None)
+    if unknown is not None:
+        raise ValueError(f"expected a plan by options of maxjax plan, given one by {unknown!r} as well; open its map")
+    given = {name: value_of(name, value) for name, value in kept.items()}
+    for name in ("map", "airspace"):
+        beside = os.path.join(folder, os.path.basename(given.get(name, "")))
+        if name in given and not os.path.exists(given[name]) and os.path.isfile(beside):
+            given[name] = type(given[name])(beside)
+    if "waypoints" in ends:
+        return Request(**given, waypoints=_written_waypoints(ends["waypoints"]))
+    via = ends.get("via", [])
+    between = [point_of("via", place) for place in (via if isinstance(via, list) else [via])]
+    places = [point_of(name, ends[name]) for name in ("start", "goal") if name in ends]
+    if len(places) == 1:
+        raise ValueError("start and goal: expected both or none, given one")
+    places[1:1] = between if places else []
+    return Request.between(given.pop("map"), *places, **given)
+
+
+def _written_waypoints(given: Any) -> tuple[Waypoint, ...]:
+    """Those of a mission.json, which says None for what a mission's file leaves out."""
+    names, tables = {"position": "at"}, []
+    for table in given if isinstance(given, list) else [given]:
+        pairs = table.items() if isinstance(table, dict) else []
+        tables.append({names.get(key, key): value for key, value in pairs if value is not None})
+    return waypoints_of(tables)
 
 
 @contextmanager
@@ -118,14 +150,14 @@ def options_as_keys(file: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         named = dict.fromkeys(name.replace("-", "_") for name in _OPTION.findall(str(error)))
-        keys = [key for key in named if key in (*NUMBERS, *VECTORS, *WORDS, *TEXTS, *WHOLE, *LISTS)]
+        keys = [key for key in named if key in KEYS]
         if not keys:
             raise
         stand = "are keys of the file" if len(keys) > 1 else "is a key of the file"
         raise ValueError(f"{error} ({' and '.join(keys)} {stand}: {file})") from error
 
 
-def _content(file: Path) -> dict[str, Any]:
+def _toml(file: Path) -> dict[str, Any]:
     content = read_bytes(file, _MOST_BYTES)
     # A parser of TOML takes a time that grows with the square of a key's parts.
     if any(part.count(b".") > _MOST_DOTS for part in _STRUCTURE.split(_QUOTED.sub(b"q", content))):
@@ -137,29 +169,30 @@ def _content(file: Path) -> dict[str, Any]:
 
 
 def value_of(key: str, given: Any) -> Any:
-    """The value of an option.
+    """The value of an option, as its type says.
 
     Raises:
         ValueError: for an unknown key, or a value of another kind.
     """
-    if key in NUMBERS:
+    if key not in KEYS:
+        raise ValueError(f"{key}: expected one of {', '.join(sorted(KEYS))}, or [[waypoint]]")
+    hint = KEYS[key]
+    parts = get_args(hint)
+    if get_origin(hint) is Literal:
+        return _checked(key, given, lambda value: value in parts, "one of " + ", ".join(parts))
+    if get_origin(hint) is tuple and parts[-1] is Ellipsis:
+        expected = "whole numbers in brackets" if parts[0] is int else "texts in brackets"
+        return tuple(_checked(key, given, lambda values: _is_list(values, parts[0]), expected))
+    if get_origin(hint) is tuple:
+        return numbers_of(key, given, len(parts))
+    if hint is float:
         return _number(key, given)
-    if key in VECTORS:
-        return numbers_of(key, given, VECTORS[key])
-    if key in WORDS:
-        return _checked(key, given, lambda value: value in WORDS[key], "one of " + ", ".join(WORDS[key]))
-    if key in (*TEXTS, *FILES):
-        return _checked(key, given, lambda value: isinstance(value, str) and bool(value), "a text")
-    if key in WHOLE:
+    if hint is int:
         return _checked(key, given, _is_whole, "a whole number")
-    if key in LISTS:
-        kind = LISTS[key]
-        expected = "whole numbers in brackets" if kind is int else "texts in brackets"
-        return tuple(_checked(key, given, lambda values: _is_list(values, kind), expected))
-    if key in FLAGS:
+    if hint is bool:
         return _checked(key, given, lambda value: isinstance(value, bool), "true or false")
-    known = ", ".join(sorted([*NUMBERS, *VECTORS, *WORDS, *TEXTS, *WHOLE, *LISTS, *FILES, *FLAGS]))
-    raise ValueError(f"{key}: expected one of {known}, or [[waypoint]]")
+    text = _checked(key, given, lambda value: isinstance(value, str) and bool(value), "a text")
+    return hint(text)
 
 
 def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
@@ -181,9 +214,9 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
         numbers = {key: _number(f"{name}: {key}", value) for key, value in table.items() if key != "at"}
         if number == 0 and numbers.keys() - {"hover"}:
             raise ValueError(f"{name}: expected no {min(numbers.keys() - {'hover'})}: no leg leads to the start")
-        x, y, z = numbers_of(f"{name}: at", table["at"], 3)
+        place = point_of(f"{name}: at", table["at"])
         try:
-            found.append(Waypoint((x, y, z), **numbers))
+            found.append(Waypoint(place, **numbers))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return tuple(found)
@@ -213,6 +246,12 @@ def numbers_of(name: str, given: Any, count: int) -> tuple[float, ...]:
         return isinstance(values, list) and len(values) == count and all(map(_is_number, values))
 
     return tuple(float(value) for value in _checked(name, given, fits, f"{count} finite numbers in brackets"))
+
+
+def point_of(name: str, given: Any) -> Point3:
+    """A place of a list; raises a ValueError where it is none."""
+    x, y, z = numbers_of(name, given, 3)
+    return x, y, z
 
 
 def _is_number(given: Any) -> bool:

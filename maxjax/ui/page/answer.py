@@ -1,6 +1,6 @@
-"""Questions of a page and their answers: a pure function of the map and the question.
+"""Answers of a page: a pure function of the map and what is asked, whose stops are places of the map.
 
-(City, Question) ↦ Answer
+(City, Request) ↦ Answer
 """
 
 from __future__ import annotations
@@ -13,18 +13,15 @@ import time
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace, Reasons
-from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
-from maxjax.planning.problem.distances import Distances
+from maxjax.planning.mission import Mission, legs_of, plan_mission
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
 from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
-from maxjax.trajectories.limits import PX4
 from maxjax.ui.methods import planner_named
 from maxjax.ui.page.page_map import Band, City
+from maxjax.ui.request import Request
 from maxjax.verification.verifier import verify
 
 # Statuses of a start and of a goal that a rule of the air closes.
@@ -34,66 +31,21 @@ CLOSED_ENDS = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class Question:
-    """A question: waypoints, distances, method and rules to plan by.
-
-    Attributes:
-        waypoints: start, places to visit, goal [m].
-        method: by name.
-        radius, margin: [m].
-        beside: whether A* plans the same.
-        band: least and greatest height above ground [m]; None: any.
-        details: of a mission's file, for each waypoint: how long to hover, and speed, radius and margin of the leg that
-            leads there; empty: none of this is given.
-        speed: greatest on the way [m/s].
-        price: what a metre costs below the margin.
-    """
-
-    waypoints: tuple[Point3, ...]
-    method: str = "field"
-    radius: float = 1.0
-    margin: float = 8.0
-    beside: bool = False
-    band: Band | None = None
-    details: tuple[Waypoint, ...] = ()
-    speed: float = PX4.speed
-    price: Price = Price()  # noqa: RUF009 (frozen)
-
-    @property
-    def stops(self) -> tuple[Waypoint, ...]:
-        """The waypoints with their details."""
-        details = self.details or tuple(map(Waypoint, self.waypoints))
-        return tuple(
-            dataclasses.replace(detail, position=place) for detail, place in zip(details, self.waypoints, strict=True)
-        )
-
-    @property
-    def flown(self) -> tuple[Waypoint, ...]:
-        """The waypoints as they are flown: a leg without a speed of its own has the mission's, however fast others are.
-
-        Without details there are no legs with speeds, and the limits of the flight are enough.
-        """
-        if not self.details:
-            return self.stops
-        return tuple(dataclasses.replace(stop, speed=stop.speed or self.speed) for stop in self.stops)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
-    """An answer: the mission of a question, or why there is none.
+    """An answer: the mission that was asked for, or why there is none.
 
     Attributes:
-        question: that was asked.
-        mission: its plan; None where the question itself cannot be planned.
+        request: what was asked.
+        mission: its plan; None where the request itself cannot be planned.
         beside: by A*; None where it was not asked for.
         clearance: at the points of `dense`, to the nearest obstacle [m].
         dense: points along the path, no farther apart than half a voxel [m].
-        refusal: why the question cannot be planned, or what is in the way of an end; empty else.
-        seconds: from question to answer.
+        refusal: why the request cannot be planned, or what is in the way of an end; empty else.
+        seconds: from request to answer.
     """
 
-    question: Question
+    request: Request
     mission: Mission | None
     beside: Mission | None
     dense: Float[np.ndarray, "n 3"]
@@ -114,36 +66,35 @@ class Answer:
         return self.mission
 
 
-def answer(city: City, question: Question) -> Answer:
+def answer(city: City, request: Request) -> Answer:
     """Plan what is asked, by the method and, where wanted, by A* beside it."""
     began = time.perf_counter()
     nothing = np.zeros((0, 3)), np.zeros(0)
     try:
-        mission = _planned(city, question, question.method)
-        rival = _planned(city, question, "astar") if question.beside and question.method != "astar" else None
+        mission = _planned(city, request, request.method)
+        rival = _planned(city, request, "astar") if request.beside and request.method != "astar" else None
     except (ValueError, ImportError, MemoryError, RuntimeError) as error:
-        return Answer(question, None, None, *nothing, str(error).partition("\n")[0], time.perf_counter() - began)
+        return Answer(request, None, None, *nothing, str(error).partition("\n")[0], time.perf_counter() - began)
     along = nothing
     if mission.status == Status.OK:
         dense = densify(mission.path, 0.5 * city.grid.spacing)
         along = dense, verify(dense, city.voxels).clearance_at
-    why = _closed_end(city, question, mission)
-    return Answer(question, mission, rival, *along, why, time.perf_counter() - began)
+    why = _closed_end(city, request, mission)
+    return Answer(request, mission, rival, *along, why, time.perf_counter() - began)
 
 
-def task_of(city: City, question: Question, ends: slice = slice(None)) -> Task:
-    """The task of a question's legs, or of some of them, with what the rules of the air close.
+def task_of(city: City, request: Request, ends: slice = slice(None)) -> Task:
+    """The task of a request's legs, or of some of them, with what the rules of the air close.
 
     Raises:
         ValueError: for distances or rules that the map cannot have.
     """
-    starts, goals = legs_of(question.stops)
-    distances = Distances(question.radius, question.margin, question.price)
-    task = Task.of(city.voxels, starts[ends], goals[ends], distances)
-    highest = city.highest(question.waypoints[0])
-    if question.band is None and highest is None and not city.areas:
+    starts, goals = legs_of(request.stops)
+    task = Task.of(city.voxels, starts[ends], goals[ends], request.distances)
+    highest = city.highest(request.places[0])
+    if (*request.altitudes, highest) == (None, None, None) and not city.areas:
         return task
-    closed = _closed(city, question.band or (None, None), highest)
+    closed = _closed(city, request.altitudes, highest)
     return dataclasses.replace(task, map=task.map.closing(closed))
 
 
@@ -152,26 +103,26 @@ def _closed(city: City, band: Band, highest: float | None) -> Reasons:
     return Airspace(*band, highest, city.areas).closed_over(city.terrain)
 
 
-def _closed_end(city: City, question: Question, mission: Mission) -> str:
+def _closed_end(city: City, request: Request, mission: Mission) -> str:
     """The obstacle at the end of a leg that failed for it, and a free place; empty where there is none."""
     for k in mission.failed[:1]:
         for end, statuses in enumerate(CLOSED_ENDS):
             if mission.legs[k].status in statuses:
-                place = np.array(question.waypoints[k + end])
+                place = np.array(request.places[k + end])
                 x, y, z = np.floor((place - city.grid.lower) / city.grid.spacing).astype(int).tolist()
-                rules = Airspace(*(question.band or (None, None)), city.highest(question.waypoints[0]), city.areas)
-                where = task_of(city, question, slice(k, k + 1)).map_at(0)
-                heights = open_sentence(where, question.waypoints[k + end], PlaceFormat())
+                rules = Airspace(*request.altitudes, city.highest(request.places[0]), city.areas)
+                where = task_of(city, request, slice(k, k + 1)).map_at(0)
+                heights = open_sentence(where, request.places[k + end], PlaceFormat())
                 why = " and ".join(rules.reasons_at((x, y, z), city.terrain))
                 return f"It lies {why}. {heights[0].upper()}{heights[1:]}."
             if mission.legs[k].status == (Status.START_OCCUPIED, Status.GOAL_OCCUPIED)[end]:
-                stands = find_occupied_end(city.voxels, question.waypoints[k + end], mission.legs[k].radius)
+                stands = find_occupied_end(city.voxels, request.places[k + end], mission.legs[k].radius)
                 return "" if stands is None else f"{stands.describe(PlaceFormat(terrain=city.terrain))}."
     return ""
 
 
-def _planned(city: City, question: Question, method: str) -> Mission:
-    return plan_mission(task_of(city, question), question.flown, planner_named(method))
+def _planned(city: City, request: Request, method: str) -> Mission:
+    return plan_mission(task_of(city, request), request.flown, planner_named(method))
 
 
 def densify(path: Float[np.ndarray, "t 3"], step: float) -> Float[np.ndarray, "n 3"]:
@@ -204,7 +155,7 @@ def describe_answer(found: Answer) -> str:
         f"{mission.clearance:.1f} m at the least; radius {mission.radius:g} m, "
         f"planned in {1e3 * mission.timings['total']:.0f} ms.",
     ]
-    rows += _legs(mission) if found.question.details else []
+    rows += _legs(mission) if found.request.is_mission else []
     rows += [f"**Radius not kept:** {one}." for one in mission.near]
     if found.beside is not None:
         rival = found.beside
@@ -217,7 +168,7 @@ def describe_answer(found: Answer) -> str:
 
 
 def _legs(mission: Mission) -> list[str]:
-    """A line for each leg of a mission with details."""
+    """A line for each leg."""
     rows = []
     for k, (leg, stop) in enumerate(zip(mission.legs, mission.waypoints[1:], strict=True), 1):
         words = [f"{leg.length:.1f} m"]

@@ -1,0 +1,130 @@
+"""The options that several commands share, each with its help: reading a map, planning in it, exporting what comes out.
+
+Nothing here imports JAX.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from maxjax.ui.methods import ALIASES, METHODS
+
+Point3 = tuple[float, float, float]
+optional = functools.partial(tyro.conf.arg, help_behavior_hint="")  # what its absence means, the help says
+MapArgument = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MAP")]
+Xyz = Annotated[Point3, tyro.conf.arg(metavar="X Y Z")]
+OptionalXyz = Annotated[Point3 | None, optional(metavar="X Y Z")]
+Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+OptionalMetres = Annotated[float | None, optional(metavar="M")]
+OptionalHeight = Annotated[float | None, optional(metavar="Z")]
+Bounds = Annotated[tuple[float, float, float, float, float, float] | None, optional(metavar="X0 Y0 Z0 X1 Y1 Z1")]
+Speed = Annotated[float, tyro.conf.arg(metavar="V")]
+OptionalFolder = Annotated[Path | None, optional(metavar="DIR")]
+Count = Annotated[int | None, optional(metavar="N")]
+Flag = tyro.conf.FlagCreatePairsOff[bool]
+_Unit = Annotated[str | None, optional(metavar="UNIT")]
+
+if TYPE_CHECKING:
+    PlannerName = str
+else:  # the choices of the registry; solver is another word for field
+    PlannerName = Literal[(*METHODS, *ALIASES)]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """Options of a map: window, voxels, ground.
+
+    Attributes:
+        spacing: Edge of a voxel [m]; by default the file's own, else 2 m.
+        bounds: Lowest and highest corner of what becomes voxels [m]; by default the map and the ends, with room.
+        center: Middle of 101 x 101 x 101 voxels [m], in place of bounds; in simulated cities by default between ends.
+        ground: Height of flat ground [m], for maps that do not tell ground apart.
+        below: Whether what points hide from the air is solid down to the ground; by default closed for .las and .laz.
+        unknown: What space is that a file tells nothing of (OctoMap, surface model, survey); by default occupied.
+        crs: Reference system of the map's coordinates, as EPSG:28992, in place of --place; by default the file's own.
+        unit: Unit of the map's coordinates: m, ft, us-ft, or a number of metres; by default the file's own.
+        vertical_unit: Unit of its heights; by default the file's own.
+        band: Band of a raster that holds heights, from 1 on; by default the only one.
+        drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
+        only: What to take of a city model, in place of all that stands: building, man_made, power, barrier, natural,
+            aerialway or other of OpenStreetMap and GeoJSON, types of CityJSON; several, each with its own --only.
+    """
+
+    spacing: OptionalMetres = None
+    bounds: Bounds = None
+    center: OptionalXyz = None
+    ground: OptionalHeight = None
+    below: Annotated[Literal["closed", "open"] | None, optional(metavar="{closed,open}")] = None
+    unknown: Annotated[Literal["occupied", "free"] | None, optional(metavar="{occupied,free}")] = None
+    crs: Annotated[str | None, optional(metavar="CODE")] = None
+    unit: _Unit = None
+    vertical_unit: _Unit = None
+    band: Count = None
+    drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
+    only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class RouteOptions:
+    """Options of a plan: distances, method, rules of the air.
+
+    Attributes:
+        map: A map.
+        frame: What start, goal and places on the way are. map: x, y, z of the map; local-agl: x, y of the map and
+            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; amsl: latitude,
+            longitude and height above sea level.
+        method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
+        radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
+        margin: Distance where obstacles cost nothing [m].
+        price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
+            none: its length.
+        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
+        floor: Least height above ground [m].
+        ceiling: Greatest height above ground [m].
+        ceiling_above_start: Greatest height above the start [m].
+        place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
+    """
+
+    map: MapArgument
+    _: dataclasses.KW_ONLY
+    frame: Literal["map", "local-agl", "agl", "amsl"] = "map"
+    method: PlannerName = "field"
+    radius: Metres = 1.0
+    margin: Metres = 8.0
+    price: Annotated[str, tyro.conf.arg(metavar="LAW")] = "quadratic"
+    airspace: Annotated[Path | None, optional(metavar="FILE")] = None
+    floor: OptionalMetres = None
+    ceiling: OptionalMetres = None
+    ceiling_above_start: OptionalMetres = None
+    place: Annotated[Point3 | None, optional(metavar="LAT LON H")] = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExportOptions:
+    """Where a plan or a mission goes.
+
+    Attributes:
+        out: Folder for plan.json, path.csv and plan.png; of a mission for mission.json, path.csv and mission.png.
+        json: Print the content of plan.json or mission.json, and nothing else, on stdout.
+        export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
+            .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
+        takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing.
+        autopilot: Whom .plan and .waypoints are for, px4 or arducopter, with parameters as arducopter:WPNAV_RADIUS=50;
+            by default they are judged for both.
+        params: Write the parameters that .plan and .waypoints rely on beside them.
+        keep_radius: Refuse a waypoint that stands nearer to an obstacle than the radius.
+    """
+
+    out: OptionalFolder = None
+    json: Flag = False
+    export: Annotated[tuple[Path, ...], optional(metavar="FILE ...")] = ()
+    takeoff_and_landing: Flag = False
+    autopilot: Annotated[str | None, optional(metavar="NAME")] = None
+    params: Flag = False
+    keep_radius: Flag = False

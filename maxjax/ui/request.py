@@ -1,0 +1,178 @@
+"""What a user asks to be planned: arguments, a mission's TOML file, a plan's JSON and the page become one `Request`.
+
+arguments, mission.toml, plan.json, page  →  Request  →  (with a map) MapTask  →  Plan or Mission
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+from maxjax.fields.price import Price
+from maxjax.io.airspace.airspace import Airspace
+from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.io.geo.reference_system import reference_system
+from maxjax.io.reading import Reading
+from maxjax.planning.mission import Waypoint
+from maxjax.planning.problem.distances import Distances
+from maxjax.trajectories.limits import PX4, FlightLimits
+from maxjax.ui.option_groups import ExportOptions, Point3, ReadOptions, RouteOptions
+
+# What says where an answer goes, and not what is asked.
+_OUTPUTS = tuple(field.name for field in dataclasses.fields(ExportOptions))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Request(ReadOptions, RouteOptions, ExportOptions):
+    """A path from place to place through a map, how to read that, what to keep, and where the answer goes.
+
+    Attributes:
+        waypoints: start, places on the way and goal, in `frame`, without the way back; none: a page finds its own.
+        return_to_start: whether the way leads back to the start.
+        speed: greatest on the way [m/s]; a waypoint's own is that of the leg that leads to it.
+        partial: whether the legs before the first that fails are written.
+        beside: whether A* plans the same, to compare.
+    """
+
+    waypoints: tuple[Waypoint, ...] = ()
+    return_to_start: bool = False
+    speed: float = PX4.speed
+    partial: bool = False
+    beside: bool = False
+
+    @classmethod
+    def of(cls, options: Any) -> Request:
+        """The request of a command's options.
+
+        Raises:
+            ValueError: for a start without a goal, or the other way round.
+        """
+        given = {
+            field.name: getattr(options, field.name)
+            for field in dataclasses.fields(cls)
+            if hasattr(options, field.name)
+        }
+        if (options.start is None) != (options.goal is None):
+            raise ValueError("--start and --goal: expected both or none, given one")
+        via = getattr(options, "via", ())
+        if via and options.start is None:
+            raise ValueError("--via: expected with --start and --goal, given without")
+        places = () if options.start is None else (options.start, *via, options.goal)
+        return cls.between(given.pop("map"), *places, **given)
+
+    @classmethod
+    def between(cls, map: str, *places: Point3, **options: Any) -> Request:
+        """The request of a path through places of a map, the start first."""
+        return cls(map=map, waypoints=tuple(Waypoint(place) for place in places), **options)
+
+    @property
+    def stops(self) -> tuple[Waypoint, ...]:
+        """The waypoints in order, back to the start if asked."""
+        back = (Waypoint(self.waypoints[0].position),) if self.return_to_start and self.waypoints else ()
+        return (*self.waypoints, *back)
+
+    @property
+    def places(self) -> tuple[Point3, ...]:
+        """Where the stops are."""
+        return tuple(stop.position for stop in self.stops)
+
+    @property
+    def flown(self) -> tuple[Waypoint, ...]:
+        """The stops, each with the speed of the leg that leads to it, its own or the mission's."""
+        return tuple(dataclasses.replace(stop, speed=stop.speed or self.speed) for stop in self.stops)
+
+    @property
+    def altitudes(self) -> tuple[float | None, float | None]:
+        """Least and greatest height above ground [m]; None: any."""
+        return self.floor, self.ceiling
+
+    @property
+    def is_mission(self) -> bool:
+        """Whether there is more to it than a path from a start to a goal."""
+        return len(self.stops) > 2 or any(stop != Waypoint(stop.position) for stop in self.stops)
+
+    def through(self, places: Iterable[Point3]) -> Request:
+        """The same with its stops at other places [m], in the coordinates of the map."""
+        moved = zip(self.stops, places, strict=True)
+        stops = tuple(dataclasses.replace(stop, position=place) for stop, place in moved)
+        return dataclasses.replace(self, waypoints=stops, return_to_start=False, frame="map")
+
+    @property
+    def limits(self) -> FlightLimits:
+        """The limits of the trajectory: the speed is the greatest that is asked for.
+
+        Raises:
+            ValueError: for a speed that is not positive.
+        """
+        limits = dataclasses.replace(PX4, speed=self.speed)
+        return dataclasses.replace(limits, speed=max([limits.speed, *(stop.speed or 0.0 for stop in self.stops)]))
+
+    @property
+    def distances(self) -> Distances:
+        """The distances to keep; raises a ValueError if they are none."""
+        return Distances(self.radius, self.margin, price_of(self.price))
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """What is needed to ask the same again but the stops, by the names of options; for JSON."""
+        left_out = (*_OUTPUTS, "waypoints", "partial", "beside")
+        return {name: value for name, value in vars(self).items() if name not in left_out}
+
+    def earth(self, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:
+        """Where the map lies on Earth: at the place that is asked for, else where its file has it; None: unknown.
+
+        Args:
+            crs: reference system of the file, read as asked.
+            origin: longitude and latitude of its (0, 0) [deg], of a file in degrees.
+
+        Raises:
+            ValueError: if the place is none.
+        """
+        if self.place is not None:
+            return TangentPlane(*self.place)
+        if origin is not None:
+            return Degrees(*origin)
+        return None if crs is None else Projected(crs)
+
+    def check(self) -> None:
+        """Find out before a map is read whether what is told about it can be used.
+
+        Raises:
+            ValueError: for a place, a reference system or heights that are none.
+            ImportError: where a package is missing that reference systems need.
+        """
+        if self.place is not None and self.crs is not None:
+            raise ValueError("--crs: expected one of --place and --crs, given both; leave one out")
+        self.earth(None, None)
+        if self.crs is not None:
+            reference_system(self.crs)
+        Airspace(self.floor, self.ceiling, self.ceiling_above_start)
+
+
+def reading_of(options: ReadOptions) -> Reading:
+    """How to read what a file leaves open."""
+    return Reading(
+        below=options.below,
+        unknown=options.unknown,
+        crs=options.crs,
+        unit=options.unit,
+        vertical_unit=options.vertical_unit,
+        band=options.band,
+        drop_classes=options.drop_class,
+        only=options.only,
+    )
+
+
+def price_of(text: str) -> Price:
+    """The price that `SHAPE`, `SHAPE:HEIGHT` or `none` names; raises a ValueError where it names none."""
+    shape, _, height = text.partition(":")
+    try:
+        if shape == "none":
+            return Price(height=0.0)
+        return Price(shape, float(height)) if height else Price(shape)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(
+            "--price: expected none, quadratic, exponential or speed, with a height of at least 0 as in quadratic:3.5, "
+            f"given {text!r}"
+        ) from error
