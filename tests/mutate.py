@@ -73,12 +73,20 @@ SURVIVORS: dict[tuple[str, str], str] = {
     ): "It chooses between two ways to the same distance, the quicker one.",
     (
         "maxjax/planning/windows/fixed_shapes.py",
-        "far = np.minimum(shape, self.grid.shape) + 1",
-    ): "The ends of the problem that is planned before the first flight, a quarter from the faces, move by a voxel.",
-    (
-        "maxjax/planning/windows/fixed_shapes.py",
         "best = found if found.ok.any() else best",
     ): "A replanner asks one problem at a time.",
+    (
+        "maxjax/sim/movers/body_marks.py",
+        "return History(-never, never, jnp.full((_EARLIER, slots), jnp.inf))",
+    ): "A time that is not finite is no look, with either sign.",
+    (
+        "maxjax/sim/movers/steering.py",
+        "every = max(round(spacing / 4 / config.sampling.spacing), 1)",
+    ): "Twice as many points of the way, which lies within half a cell of them either way.",
+    (
+        "maxjax/ui/page/guard.py",
+        "MOST_FAULTS = 40",
+    ): "How many faults a browser may send before it is sent away: the promise is that it is.",
 }
 # A mutation may make a loop endless [s].
 _LONGEST = 900

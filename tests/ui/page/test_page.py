@@ -5,18 +5,21 @@ from __future__ import annotations
 import dataclasses
 import functools
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import maxjax
+from maxjax.core.terrain import Terrain
 from maxjax.io.airspace.airspace import Area
 from maxjax.planning.mission import Waypoint
+from maxjax.ui.page import download
 from maxjax.ui.page.air import air_scene
 from maxjax.ui.page.answer import answer, describe_answer
 from maxjax.ui.page.colors import CLEARANCES, ramp
 from maxjax.ui.page.controls import add_controls, place_text, text_place
-from maxjax.ui.page.download import page_of
+from maxjax.ui.page.download import file_of, page_of
 from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.page_map import City, first_ends, hit
@@ -72,6 +75,22 @@ def test_a_waypoint_is_on_the_path_and_astar_beside_it() -> None:
     assert "A\\* beside it" in describe_answer(found)
     assert found.beside is not None
     assert f"Blue: A*, {found.beside.length:.1f} m" in page_of(city, found)
+
+
+def test_the_ground_that_a_file_counts_from_is_measured_or_left_to_its_judge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Voxels tell the ground to two metres: nothing is said of it then."""
+    told = []
+
+    def written(file: Path, *_: object, ground: float | None, **__: object) -> None:
+        told.append(ground)
+        file.write_text("")
+
+    monkeypatch.setattr(download, "export", written)
+    city = town()
+    found = answer(city, asked((8.0, 10.0, 10.0), (58.0, 50.0, 12.0)))
+    for measured in (None, Terrain.flat(1.75, city.grid)):
+        file_of(dataclasses.replace(city, measured=measured), None, ".csv", found)
+    assert told == [None, 1.75]
 
 
 def test_of_a_gap_that_is_too_narrow_the_widest_radius_is_told() -> None:
