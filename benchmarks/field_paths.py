@@ -90,7 +90,7 @@ def _paths(scene: Instance, fields: Mapping[str, Array]) -> dict[str, dict[str, 
                     break
             taut = np.asarray(_tighten(sight, path))
             route = route_of(taut, certified=False) if arrived else no_route(maxjax.Status.PATH_STALLED)
-            routes.append(complete_on_host(problem, route, scene.task.grid))
+            routes.append(complete_on_host(problem, route))
             climbed.append(
                 scene.task.grid.spacing * float(np.linalg.norm(np.diff(np.asarray(path), axis=0), axis=1).sum())
             )

@@ -110,7 +110,7 @@ def _of_problems(config: Config) -> list[Row]:
         return formulate(occupied | ground, ground, ends, Distances(margin=config.margin), grid.local)
 
     def plan(*problem: Array) -> Route:
-        return climb.route(formulated(*problem), grid.local)
+        return climb.route(formulated(*problem))
 
     most = _arrays(max((*config.scenes, *config.plans)), grid, config)
 

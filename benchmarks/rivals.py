@@ -234,7 +234,7 @@ def _fleet_rows(what: str, config: Config, grid: maxjax.Grid, reach: tuple[float
     arrays = jnp.asarray(blocked), jnp.asarray(price), jnp.asarray(goal, jnp.int32)
 
     def field() -> Any:
-        return potential_field(*arrays, grid, solve_potential).log_phi
+        return potential_field(*arrays, solve_potential).log_phi
 
     def run() -> maxjax.Plans:
         return maxjax.plan_to_goal(task.map, task.starts, task.goals[0])

@@ -33,7 +33,6 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
 from maxjax.compile.executable import Stored
-from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import named_key
 from maxjax.core.status import Status
 from maxjax.planners import Field
@@ -102,9 +101,9 @@ class Liar(FieldPlanner):
     lie: str = "wrong"
     name: str = "liar"
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """A route that says it is one."""
-        found = super().route(problem, grid)
+        found = super().route(problem)
         path = jnp.asarray(found.path)
         lies, side = jax.random.split(
             jax.random.wrap_key_data(jax.lax.bitcast_convert_type(problem.start[:2], jnp.uint32))
@@ -114,9 +113,8 @@ class Liar(FieldPlanner):
             false = path + _ASIDE * inside[:, None] * jax.random.normal(side, (3,))
         else:
             anywhere = jax.random.uniform(side, path.shape, minval=-_ANYWHERE, maxval=_ANYWHERE)
-            false = (
-                jnp.clip(path[0] + anywhere, 0.0, jnp.asarray(grid.shape) - 1.0).at[0].set(path[0]).at[-1].set(path[-1])
-            )
+            false = jnp.clip(path[0] + anywhere, 0.0, jnp.asarray(problem.blocked.shape) - 1.0)
+            false = false.at[0].set(path[0]).at[-1].set(path[-1])
         return dataclasses.replace(found, path=jnp.where(jax.random.bernoulli(lies), false, path))
 
 

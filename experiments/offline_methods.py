@@ -63,7 +63,7 @@ class FastMarching:
     name: ClassVar[str] = "fast marching"
     batched: ClassVar[bool] = False
 
-    def route(self, problem: Problem, grid: maxjax.Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """The descent from the start; raises an ImportError where scikit-fmm is missing."""
         blocked, goal = np.asarray(problem.blocked), tuple(int(i) for i in problem.goal_index)
         with time_stage("march"):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from maxjax import Distances, Grid, Plan, Status, VoxelMap
+from maxjax import Distances, Plan, Status, VoxelMap
 from maxjax.planning.path.route import Route
 from maxjax.planning.plan import no_plans
 from maxjax.planning.problem.problem import Problem
@@ -20,13 +20,13 @@ from maxjax.planning.problem.task import Task
 class ByFunction:
     """The planner that a function is, called on the host."""
 
-    find: Callable[[Problem, Grid], Route]
+    find: Callable[[Problem], Route]
     name: str = "test"
     batched: bool = False
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """What the function finds."""
-        return self.find(problem, grid)
+        return self.find(problem)
 
 
 def bare_plan(where: VoxelMap, path: np.ndarray, distances: Distances = Distances(), **changes: Any) -> Plan:  # noqa: B008

@@ -106,7 +106,7 @@ class OverTheRoofs:
     name: str = "over the roofs"
     batched: bool = True
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         up, down = (end.at[2].set(self.height) for end in (problem.start, problem.goal))
         path = jnp.stack([problem.start, up, down, problem.goal])
         return Route(path, problem.status, certified=jnp.array(False))
@@ -118,8 +118,8 @@ class OnTheHost(OverTheRoofs):
 
     batched: bool = False
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
-        route = super().route(problem, grid)
+    def route(self, problem: Problem) -> Route:
+        route = super().route(problem)
         return Route(np.asarray(route.path), np.asarray(route.status), np.array(False))
 
 

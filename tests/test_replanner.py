@@ -288,9 +288,9 @@ def test_a_plan_that_is_late_says_so_and_no_other_is_begun_for_a_while(
     shapes, deadline = replanner._shapes, 0.2
     real = shapes._finder
 
-    def slow(problem: Problem, grid: Grid) -> Route:
+    def slow(problem: Problem) -> Route:
         time.sleep(0.25)
-        return real(problem, grid)
+        return real(problem)
 
     monkeypatch.setitem(shapes._seconds, GRID.shape, 0.0)
     with monkeypatch.context() as patch:

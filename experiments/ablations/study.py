@@ -170,7 +170,7 @@ def run(task: Task, variants: Sequence[Variant]) -> dict[Variant, Result]:
             taut, walked = _guarded(log_phi, p, Ascent(v.rule, smoothing=sigma, steps=_STEPS), sure)
         for route in (taut, walked):
             plans += maps[m].measured(
-                verify_routes(Routes.of([complete_on_host(p, route, grid)]).route, maps[m].task, "ablation")
+                verify_routes(Routes.of([complete_on_host(p, route)]).route, maps[m].task, "ablation")
             )
     climbed = [plan.length for plan in plans[1::2]]
     return {v: Result(plan, length) for v, plan, length in zip(variants, plans[::2], climbed, strict=True)}

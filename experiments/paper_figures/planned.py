@@ -105,7 +105,7 @@ def planned(name: str, choice: Choice) -> Planned:
     goal = grid.index_of(jnp.asarray(task.goals[0], jnp.float32))
     sigma = maxjax.conductivity(jnp.asarray(blocked), goal, grid)
     # The program that the plan was made by.
-    field = potential_field(jnp.asarray(blocked), None, goal, grid, maxjax.solve_potential)
+    field = potential_field(jnp.asarray(blocked), None, goal, maxjax.solve_potential)
     return Planned(task, plan, blocked, np.asarray(sigma), np.exp(np.asarray(field.log_phi)))
 
 

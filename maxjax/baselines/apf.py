@@ -30,7 +30,6 @@ from jaxtyping import Bool, Float64, Int64
 
 from maxjax.baselines.rrt_star import line_of_sight
 from maxjax.compile.stage_timer import time_stage
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.route import Route, no_route, route_of
 from maxjax.planning.problem.problem import Problem
@@ -62,7 +61,7 @@ class APF:
     name: ClassVar[str] = "apf"
     batched: ClassVar[bool] = False
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """The descent from start to goal; PATH_STALLED where it gets stuck."""
         with time_stage("distance"):
             distance = distance_field(np.asarray(problem.blocked))

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.compile.stage_timer import time_stage
-from maxjax.core.grid import Grid, Index3
+from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.route import Route, no_route, route_of
 from maxjax.planning.problem.problem import Problem
@@ -30,7 +30,7 @@ class AStar:
     name: ClassVar[str] = "astar"
     batched: ClassVar[bool] = False
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """The cheapest route on the lattice; it counts in voxels and needs no more of the grid."""
         with time_stage("compile"):
             compiled = astar_compiled.available()

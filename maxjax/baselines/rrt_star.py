@@ -40,7 +40,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from maxjax.compile.stage_timer import time_stage
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import TOUCH
 from maxjax.planning.path.route import Route, no_route, route_of
@@ -80,7 +79,7 @@ class RRTStar:
         if importlib.util.find_spec("ompl") is None:
             raise ImportError("RRT* needs ompl, from the extra bench: pip install 'maxjax[bench]'")
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """The best path of the tree; PATH_STALLED where it has not reached the goal."""
         from ompl import util
 

@@ -1,6 +1,6 @@
 """The protocol of planners: a value with a name that finds a route through a problem.
 
-    Planner.route = (Problem, Grid) -> Route
+    Planner.route = (Problem) -> Route
 
 A planner is `batched` if `route` is a pure function of arrays, so that it runs under `jit` and `vmap` and inside
 compiled flights. Any other is called on the host, one problem at a time; in flight by a callback. Ten lines make one:
@@ -10,7 +10,7 @@ compiled flights. Any other is called on the host, one problem at a time; in fli
         name = "straight"
         batched = True
 
-        def route(self, problem, grid):
+        def route(self, problem):
             path = jnp.stack([problem.start, problem.goal])
             return Route(path, problem.status, certified=jnp.array(False))
 
@@ -31,7 +31,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int32, Num
 
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.line_of_sight import clear, sight_of
@@ -57,12 +56,11 @@ class Planner(Hashable, Protocol):
         """Whether `route` is a pure function of arrays, for `jit` and `vmap`."""
         ...
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """A route from start to goal of a problem; its status says why there is none.
 
         Args:
             problem: in index coordinates, arrays of JAX; one whose status is not OK has no route.
-            grid: says shape and spacing; its origin lies at zero, wherever the map is.
         """
         ...
 
@@ -140,10 +138,10 @@ def pure_route(planner: Planner) -> RouteFn:
     return planner.route if planner.batched else functools.partial(_route_on_host, planner)
 
 
-def _route_on_host(planner: Planner, problem: Problem, grid: Grid) -> Route:
+def _route_on_host(planner: Planner, problem: Problem) -> Route:
     """A route of `POINTS` points by a callback; PATH_STALLED where the path has more corners than the array holds."""
     shapes = (jax.ShapeDtypeStruct((POINTS, 3), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32))
-    corners = functools.partial(_corners_on_host, planner, grid)
+    corners = functools.partial(_corners_on_host, planner)
     path, status = jax.pure_callback(corners, shapes, problem, vmap_method="sequential")
     sight = sight_of(problem.blocked, problem.room)
     to_end, to_second = clear(sight, path[0], path[3]), clear(sight, path[0], path[2])
@@ -152,11 +150,9 @@ def _route_on_host(planner: Planner, problem: Problem, grid: Grid) -> Route:
     return Route(path.at[1].set(first).at[2].set(second), status, jnp.array(False))
 
 
-def _corners_on_host(
-    planner: Planner, grid: Grid, problem: Problem
-) -> tuple[Float[np.ndarray, "n 3"], Int32[np.ndarray, ""]]:
+def _corners_on_host(planner: Planner, problem: Problem) -> tuple[Float[np.ndarray, "n 3"], Int32[np.ndarray, ""]]:
     """Corners of a path, filled up to `POINTS`; nothing is searched for a problem whose status is not OK."""
-    route = planner.route(problem, grid) if problem.status == Status.OK else no_route(problem.status)
+    route = planner.route(problem) if problem.status == Status.OK else no_route(problem.status)
     whole = np.asarray(route.path, np.float32)
     between = whole[1:-1] if len(whole) > 2 else whole[:1]
     corners = corners_of(between)

@@ -20,7 +20,7 @@ from maxjax.planning.problem.problem import Problem, formulate
 from maxjax.planning.search.astar import astar
 
 
-def problem_of(seed: int) -> tuple[Problem, Grid]:
+def problem_of(seed: int) -> Problem:
     rng = np.random.default_rng(seed)
     grid = Grid((14, 12, 9), 2.0, (0.0, 0.0, 0.0))
     occupied = rng.random(grid.shape) < 0.25
@@ -30,14 +30,14 @@ def problem_of(seed: int) -> tuple[Problem, Grid]:
         occupied[5] = True
     nothing = jnp.zeros(grid.shape, bool)
     ends = grid.fractional_index(jnp.stack([jnp.asarray(start), jnp.asarray(goal)]))
-    return formulate(jnp.asarray(occupied), nothing, ends, Distances(0.0, 0.0), grid), grid
+    return formulate(jnp.asarray(occupied), nothing, ends, Distances(0.0, 0.0), grid)
 
 
 @pytest.mark.large
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_astar_in_the_loop_is_astar(seed: int) -> None:
-    problem, grid = problem_of(seed)
-    route = jax.jit(pure_route(AStar()), static_argnums=1)(problem, grid)
+    problem = problem_of(seed)
+    route = jax.jit(pure_route(AStar()))(problem)
     path, status, certified = route.path, route.status, route.certified
     expected = astar(np.asarray(problem.blocked), (1, 1, 1), (12, 10, 7))
     assert path.shape == (POINTS, 3) == (Ascent().steps + 1, 3)
@@ -60,12 +60,11 @@ def test_astar_in_the_loop_is_astar(seed: int) -> None:
 
 @pytest.mark.large
 def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
-    problems = [problem_of(seed)[0] for seed in (0, 1, 2)]
-    grid = problem_of(0)[1]
+    problems = [problem_of(seed) for seed in (0, 1, 2)]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *problems)
-    routes = jax.vmap(lambda one: pure_route(AStar())(one, grid))(batch)
+    routes = jax.vmap(lambda one: pure_route(AStar())(one))(batch)
     for problem, path, status in zip(problems, routes.path, routes.status, strict=True):
-        alone = pure_route(AStar())(problem, grid)
+        alone = pure_route(AStar())(problem)
         np.testing.assert_array_equal(path, alone.path)
         assert status == alone.status
 
@@ -73,8 +72,8 @@ def test_astar_in_the_loop_under_vmap_is_each_by_itself() -> None:
 @pytest.mark.large
 @pytest.mark.parametrize("seed", [0, 1])
 def test_on_the_host_every_voxel_on_the_way_is_a_point(seed: int) -> None:
-    problem, grid = problem_of(seed)
-    route = AStar().route(problem, grid)
+    problem = problem_of(seed)
+    route = AStar().route(problem)
     expected = astar(np.asarray(problem.blocked), (1, 1, 1), (12, 10, 7))
     assert route.status == Status.OK
     np.testing.assert_array_equal(route.path[1:-1], expected.path)

@@ -44,7 +44,7 @@ def check_failed(plan: Plan, status: Status) -> None:
 
 
 def returning(path: Callable[[Problem], np.ndarray]) -> RouteFn:
-    return lambda problem, grid: route_of(path(problem), certified=True)
+    return lambda problem: route_of(path(problem), certified=True)
 
 
 def test_a_path_through_a_wall_is_withheld() -> None:
@@ -128,7 +128,7 @@ class StrangersClimber:
     def with_ascent(self, ascent: Ascent) -> StrangersClimber:
         return dataclasses.replace(self, ascent=ascent)
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         raise AssertionError
 
 

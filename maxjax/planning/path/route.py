@@ -1,6 +1,6 @@
 """Routes: the result of every planner.
 
-    RouteFn = (Problem, Grid) -> Route        complete_route = (Problem, Route, Grid) -> Route
+    RouteFn = (Problem) -> Route        complete_route = (Problem, Route) -> Route
 
 A route is a claim: only the verifier makes a `Plan` of it. It leads from start to goal of its problem;
 `complete_route` adds the ways to the exact ends, and what all of it costs. The grid says nothing but shape and spacing;
@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int32, Int64
 
 from maxjax.compile.stage_timer import Recorder
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.line_of_sight import segment_costs
 from maxjax.planning.problem.problem import Problem
@@ -48,7 +47,7 @@ class Route:
     cost: Float[Array | np.ndarray, "*batch"] = dataclasses.field(default_factory=lambda: np.zeros((), np.float32))
 
 
-RouteFn = Callable[[Problem, Grid], Route]
+RouteFn = Callable[[Problem], Route]
 
 NO_PATH = np.zeros((0, 3), np.float32)
 
@@ -64,10 +63,10 @@ def no_route(status: int | Array | np.ndarray, certified: bool = False) -> Route
     return Route(NO_PATH, np.asarray(status, np.int32), np.asarray(certified))
 
 
-def complete_route(problem: Problem, route: Route, grid: Grid) -> Route:
+def complete_route(problem: Problem, route: Route) -> Route:
     """A route from exact start to exact goal, with its cost and the problem's exemptions; `jit`- and `vmap`-safe."""
     path, cost = complete_path(problem.ends, problem.price, jnp.asarray(route.path))
-    return dataclasses.replace(route, path=path, exemptions=problem.exemptions, cost=grid.spacing * cost)
+    return dataclasses.replace(route, path=path, exemptions=problem.exemptions, cost=problem.spacing * cost)
 
 
 def complete_path(

@@ -50,6 +50,7 @@ class Problem:
         levels: of the exemptions; 0 where no voxel is opened.
         goal_index: voxel of the goal.
         status: OK, or why there is nothing to plan.
+        spacing: edge of a voxel [m].
         room: half the width of the box around each point of a path that meets free voxels only [voxels]
             (`planning.path.line_of_sight`). Static.
     """
@@ -63,6 +64,7 @@ class Problem:
     levels: Int32[Array, "*batch 2"]
     goal_index: Int32[Array, "*batch 3"]
     status: Int32[Array, "*batch"]
+    spacing: Float[Array, "*batch"]
     room: float = dataclasses.field(metadata={"static": True})
 
 
@@ -111,6 +113,7 @@ def problem_in(around: Surroundings, ends: Float[Array, "2 3"], distances: Dista
         levels=both.level,
         goal_index=both.first[1],
         status=jnp.where(fault == Status.OK, joined, fault).astype(jnp.int32),
+        spacing=jnp.float32(grid.spacing),
         room=distances.room,
     )
 

@@ -27,7 +27,6 @@ from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
 from maxjax.compile.stage_timer import Recorder, recording, time_stage
 from maxjax.compile.threads import concurrently
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, equal_shares, no_route
@@ -125,8 +124,8 @@ def find_one_by_one(view: View, planner: Planner, finder: RouteFn | None = None)
             shown = view.some(slice(k, k + 1))
             problem = formulate_view(shown)
             status = fetch(problem.status)
-            route = no_route(status) if status != Status.OK else find(problem, view.grid)
-            route = complete_on_host(problem, route, view.grid)
+            route = no_route(status) if status != Status.OK else find(problem)
+            route = complete_on_host(problem, route)
         return route, recorder.report()
 
     # The first by itself: it may compile.
@@ -145,15 +144,15 @@ def _host_finder(planner: Planner) -> RouteFn:
     if not planner.batched:
         return planner.route
 
-    def find(problem: Problem, grid: Grid) -> Route:
-        route: Route = _ROUTE(problem, grid=grid, planner=planner)
+    def find(problem: Problem) -> Route:
+        route: Route = _ROUTE(problem, planner=planner)
         return jax.tree.map(np.asarray, route)  # type: ignore[no-any-return]
 
     return find
 
 
-def _route(problem: Problem, grid: Grid, planner: Planner) -> Route:
-    return planner.route(problem, grid)
+def _route(problem: Problem, planner: Planner) -> Route:
+    return planner.route(problem)
 
 
 def problem_of(task: Task) -> Problem:
@@ -167,16 +166,16 @@ def formulate_view(view: View) -> Problem:
     return problem
 
 
-def complete_on_host(problem: Problem, route: Route, grid: Grid) -> Route:
+def complete_on_host(problem: Problem, route: Route) -> Route:
     """`route.complete_route` on the host."""
     if route.status != Status.OK:
         return dataclasses.replace(route, path=np.zeros((0, 3), np.float32))
     path = np.asarray(route.path)
     path = np.pad(path, ((0, -len(path) % _POINTS), (0, 0)), mode="edge")
-    (path, cost), exemptions = fetch((_PRICE(problem.ends, problem.price, path), problem.exemptions))
-    return dataclasses.replace(
-        route, path=path, exemptions=exemptions, cost=np.asarray(grid.spacing * cost, np.float32)
+    (path, cost), exemptions, spacing = fetch(
+        (_PRICE(problem.ends, problem.price, path), problem.exemptions, problem.spacing)
     )
+    return dataclasses.replace(route, path=path, exemptions=exemptions, cost=np.asarray(spacing * cost, np.float32))
 
 
 # Paths are filled up to whole multiples of so many points, so that searches share programs.
@@ -185,7 +184,7 @@ _POINTS = 128
 _FORMULATE = Program("formulate", pipeline.formulate_parts, static=("layout",))
 _LARGEST = Program("largest radius", pipeline.largest_radius, static=("layout",))
 _PRICE = Program("price", complete_path)
-_ROUTE = Program("route", _route, static=("grid", "planner"))
+_ROUTE = Program("route", _route, static=("planner",))
 
 
 def fetch(tree: Any) -> Any:
@@ -197,8 +196,8 @@ def fetch(tree: Any) -> Any:
 def stage_finder(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
     """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
 
-    def find(problem: Problem, grid: Grid) -> Route:
-        field = STAGED.field(problem, grid, planner.potential)
+    def find(problem: Problem) -> Route:
+        field = STAGED.field(problem, planner.potential)
         verdict = problem.status, field.status, field.certified, field.geodesic
 
         def attempt(_: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:

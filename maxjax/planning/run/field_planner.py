@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route
@@ -38,9 +37,9 @@ class FieldPlanner:
         """The same planner with another ascent."""
         return dataclasses.replace(self, ascent=ascent)
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         """A route; without one PATH_STALLED, or the status of the field or the problem."""
-        field = FUSED.field(problem, grid, self.potential)
+        field = FUSED.field(problem, self.potential)
         path, arrived = FUSED.path(field.log_phi, problem, self.ascent)
         status, sound = status_of_climb(problem.status, field.status, arrived), problem.status == Status.OK
         return Route(path, status, field.certified & sound, geodesic=field.geodesic & sound)

@@ -153,9 +153,7 @@ def _points(planner: Planner, layout: Layout) -> int:
     """How many points the paths of a batched planner have."""
     if (climber := field_climber(planner)) is not None:
         return climber.ascent.steps + 1
-    path = jax.eval_shape(
-        lambda parts: planner.route(formulate_parts(parts, layout), layout.grid).path, part_shapes(layout)
-    )
+    path = jax.eval_shape(lambda parts: planner.route(formulate_parts(parts, layout)).path, part_shapes(layout))
     return int(path.shape[0])
 
 
@@ -167,7 +165,7 @@ def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
 def answer(parts: Parts, layout: Layout, planner: Planner) -> Route:
     """The route of one problem, from its parts."""
     problem = formulate_parts(parts, layout)
-    answer = complete_route(problem, planner.route(problem, layout.grid), layout.grid)
+    answer = complete_route(problem, planner.route(problem))
     return dataclasses.replace(answer, geodesic=jnp.asarray(answer.geodesic))
 
 

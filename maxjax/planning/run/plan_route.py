@@ -41,7 +41,7 @@ def find_route(
     problem = formulate(occupied, ground, ends, law, where.grid)
     if price is not None:
         problem = dataclasses.replace(problem, price=jnp.asarray(price))
-    return problem, complete_route(problem, pure_route(planner)(problem, where.grid), where.grid)
+    return problem, complete_route(problem, pure_route(planner)(problem))
 
 
 def plan_route(

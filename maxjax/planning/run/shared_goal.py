@@ -186,7 +186,7 @@ def plan_to_goal(task: Task, planner: FieldClimber) -> Plans:
 def _routes(group: Group, fleet: SharedGoal, planner: FieldClimber, task: Task) -> Routes:
     """Routes of the starts of a group, by one field."""
     price, places, count = fleet.around.price, group.places, len(group.members)
-    field = potential_field(group.blocked, price, fleet.goal_index, task.grid, planner.potential)
+    field = potential_field(group.blocked, price, fleet.goal_index, planner.potential)
     certified, geodesic = np.full(count, bool(field.certified)), np.full(count, bool(field.geodesic))
     if field.status != Status.OK:
         nothing = Routes.blank(count, int(field.status))

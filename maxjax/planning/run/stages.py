@@ -63,11 +63,11 @@ def solve(
     blocked: Bool[Array, "nx ny nz"],
     price: Float[Array, "nx ny nz"] | None,
     goal_index: Int32[Array, " 3"],
-    grid: Grid,
     potential: PotentialFn,
 ) -> PotentialLike:
-    """The potential of the blocked voxels and a price."""
-    sigma = materialise(conductivity(blocked, goal_index, grid))
+    """The potential of the blocked voxels and a price; it counts in voxels."""
+    nx, ny, nz = blocked.shape
+    sigma = materialise(conductivity(blocked, goal_index, Grid((nx, ny, nz), 1.0, (0.0, 0.0, 0.0))))
     return potential(sigma, goal_index, None if price is None else materialise(lattice_price(price, SCREENING_LENGTH)))
 
 
@@ -105,9 +105,9 @@ class Stages(NamedTuple):
     climb: Callable[..., tuple[Array, Array, Sight]]
     tighten: Callable[..., Array]
 
-    def field(self, problem: Problem, grid: Grid, potential: PotentialFn) -> PotentialLike:
+    def field(self, problem: Problem, potential: PotentialFn) -> PotentialLike:
         """The potential of a problem."""
-        return self.solve(problem.blocked, problem.price, problem.goal_index, grid=grid.unit, potential=potential)
+        return self.solve(problem.blocked, problem.price, problem.goal_index, potential=potential)
 
     def path(
         self, log_phi: Float[Array, "nx ny nz"], problem: Problem, settings: Ascent
@@ -120,7 +120,7 @@ class Stages(NamedTuple):
 
 FUSED = Stages(solve, climb, tighten)
 STAGED = Stages(
-    Program("solve", solve, static=("grid", "potential")),
+    Program("solve", solve, static=("potential",)),
     Program("ascend", climb, static=("settings", "room")),
     Program("tighten", tighten),
 )
@@ -130,8 +130,7 @@ def potential_field(
     blocked: Bool[Array, "nx ny nz"],
     price: Float[Array, "nx ny nz"] | None,
     goal_index: Int32[Array, " 3"],
-    grid: Grid,
     potential: PotentialFn,
 ) -> PotentialLike:
     """`solve` as a program by itself, which is compiled once for all maps of a shape."""
-    return STAGED.solve(blocked, price, goal_index, grid=grid.unit, potential=potential)
+    return STAGED.solve(blocked, price, goal_index, potential=potential)

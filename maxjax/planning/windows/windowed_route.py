@@ -196,7 +196,7 @@ class _Finder:
             price = None if asked.price is None else cut_box(asked.price, corner, self.size, beyond=1.0)
         if price is not None:
             problem = dataclasses.replace(problem, price=price)
-        route = complete_route(problem, pure_route(self.planner)(problem, grid), grid)
+        route = complete_route(problem, pure_route(self.planner)(problem))
         path = jnp.asarray(route.path) + corner
         passes = _is_clear(problem, path - corner, asked.origin + grid.spacing * corner, grid)
         status = jnp.where((route.status == Status.OK) & ~passes, Status.PATH_IN_COLLISION, route.status)

@@ -73,9 +73,7 @@ def _log_potential(task: Task) -> Float[np.ndarray, "nx ny nz"]:
 
 def _field_in(view: View) -> Float[np.ndarray, "nx ny nz"]:
     problem = formulate_view(view)
-    return np.asarray(
-        potential_field(problem.blocked, problem.price, problem.goal_index, view.grid, solve_potential).log_phi
-    )
+    return np.asarray(potential_field(problem.blocked, problem.price, problem.goal_index, solve_potential).log_phi)
 
 
 def refine_field(values: Float[np.ndarray, "mx my mz"], factor: int, shape: Index3) -> Float[np.ndarray, "nx ny nz"]:

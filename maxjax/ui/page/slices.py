@@ -81,7 +81,7 @@ def field_of(city: City, request: Request) -> Field | None:
     problem = problem_of(dataclasses.replace(task, distances=request.stops[-1].distances(task.distances)))
     if int(problem.status) not in (Status.OK, Status.NO_SAFE_PATH, Status.NO_VALID_PATH):
         return None
-    field = potential_field(problem.blocked, problem.price, problem.goal_index, city.grid, solve_potential)
+    field = potential_field(problem.blocked, problem.price, problem.goal_index, solve_potential)
     cost = -SCREENING_LENGTH * city.grid.spacing * np.asarray(field.log_phi, np.float64)
     blocked = np.asarray(problem.blocked)
     price = np.ones(blocked.shape) if problem.price is None else np.asarray(problem.price, np.float64)

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.planning.path.route import Route
 from maxjax.planning.problem.problem import Problem
@@ -333,7 +332,7 @@ class Stranger:
     name: str = "hop"
     batched: bool = True
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         raise AssertionError("it is named, and flies nothing")
 
 
