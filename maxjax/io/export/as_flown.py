@@ -234,8 +234,7 @@ def upright(line: Points, mission: Mission, leg: int) -> Verification:
         areas = np.where(np.asarray(where.closed) == Closure.AREA, np.uint8(Closure.AREA), np.uint8(Closure.OPEN))
         obstacles = obstacles.closing(areas)
     # Below the map's lowest layer is ground.
-    low = where.grid.lower[2] + 1e-6 * where.grid.spacing
-    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], low)])
+    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], where.grid.lower[2])])
     # A rise ends where the plan starts, a descent begins where it ends.
     exemptions = (plan.exemptions[1], 0.0) if leg else (0.0, plan.exemptions[0])
     return verify(clipped, obstacles, radius=plan.radius, exemptions=exemptions)
