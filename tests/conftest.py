@@ -88,6 +88,7 @@ LARGE = (
 # Left out by `make test`: each takes more than a quarter of a minute, and a smaller test keeps its promise by day.
 NIGHTLY = {
     "experiments/test_fault_matrix.py::test_a_stuck_planner": "sim/test_faults.py flies with planners that fail",
+    "planning/test_planning_execution.py::test_a_way": "its tests of with_longer_ascents count the attempts",
     "planning/test_narrow_streets": "planning/test_corridor.py compares costs with those of the whole map",
     "sim/trials/test_execution.py::test_real_flights": "sim/test_flight.py flies, test_execution.py batches",
     "sim/trials/test_shards.py::test_four_processes": "the rest of test_shards.py shares and merges in one process",

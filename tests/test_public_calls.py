@@ -16,8 +16,9 @@ from maxjax import Distances, Grid, Problem, Route, Status, VoxelMap
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.sim.loop import flight as flights
 from maxjax.sim.loop.flight import Flight, FlightConfig, World
-from maxjax.sim.worlds.scenes import make_scene
+from maxjax.sim.sensors.lidar import Lidar
 from tests.planners import unchecked
+from tests.scenes import wall_and_tower
 
 QUARTER = Path(__file__).parents[1] / "docs" / "samples" / "quarter.geojson"
 
@@ -149,28 +150,29 @@ def test_a_strangers_batched_planner_goes_through_a_device_in_chunks() -> None:
     np.testing.assert_allclose(chunked.length, alone.length)
 
 
-def test_a_strangers_planner_is_flown_and_a_strangers_stage_runs() -> None:
+# On the host planners are flown in sim/trials/test_execution.py, too.
+@pytest.mark.parametrize("planner", [OverTheRoofs(20.0), pytest.param(OnTheHost(20.0), marks=pytest.mark.nightly)])
+def test_a_strangers_planner_is_flown_and_a_strangers_stage_runs(planner: OverTheRoofs) -> None:
     def blinded(world: World, flight: Flight, config: FlightConfig) -> Flight:
         """A stranger's stage: it hides every other scan."""
         lost = flight.log.planning_iterations % 2 == 1
         points = jnp.where(lost, jnp.nan, flight.scan.points)
         return dataclasses.replace(flight, scan=dataclasses.replace(flight.scan, points=points))
 
-    scene = make_scene("suburb", 3)
     sense, fuse, *rest = flights.STAGES
-    for planner in (OverTheRoofs(20.0), OnTheHost(20.0)):
-        config = FlightConfig(
-            planner=planner,
-            shape=(45, 45, 25),
-            plans=3,
-            distances=Distances(1.0, 4.0),
-            stages=(sense, blinded, fuse, *rest),
-        )
-        log = flights.fly_closed_loop(
-            scene.geoms, jnp.array([0.0, 0.0, 12.0]), jnp.array([30.0, 0.0, 12.0]), jax.random.key(0), config
-        )
-        assert int(log.planning_iterations) >= 1
-        assert np.isfinite(float(log.flown_length))
+    config = FlightConfig(
+        planner=planner,
+        shape=(45, 45, 25),
+        lidar=Lidar(rays=1024, channels=32),
+        plans=3,
+        distances=Distances(1.0, 4.0),
+        stages=(sense, blinded, fuse, *rest),
+    )
+    log = flights.fly_closed_loop(
+        wall_and_tower(), jnp.array([-24.0, 1.0, 12.0]), jnp.array([14.0, -2.0, 12.0]), jax.random.key(0), config
+    )
+    assert int(log.planning_iterations) >= 1
+    assert np.isfinite(float(log.flown_length))
 
 
 @pytest.mark.large

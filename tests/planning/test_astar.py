@@ -84,7 +84,7 @@ def test_equals_dijkstra_among_boxes() -> None:
 
 
 @pytest.mark.large
-@pytest.mark.parametrize("name", ["Complex", "Simple"])
+@pytest.mark.parametrize("name", ["Simple", pytest.param("Complex", marks=pytest.mark.nightly)])  # compiled: both
 def test_finds_the_stated_optimum_of_every_warframe_scenario(name: str, data: Path) -> None:
     with np.load(data / "warframe" / f"crop101_{name}.npz") as crop:
         blocked, starts, goals, optima = (crop[k] for k in ("occupancy", "start", "goal", "optimal_length"))

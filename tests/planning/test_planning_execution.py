@@ -132,7 +132,7 @@ class StrangersClimber:
         raise AssertionError
 
 
-@pytest.mark.parametrize("focus", [False, pytest.param(True, marks=pytest.mark.large)])
+@pytest.mark.parametrize("focus", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_a_planner_with_the_members_of_a_field_climber_is_carried_out_in_stages(focus: bool) -> None:
     """Whatever its class: with more steps where it has too few, and shared among starts."""
     climber, task = StrangersClimber(Ascent(steps=64), focus), Task.of(VoxelMap.on(GRID, EMPTY), START[None], GOAL)

@@ -114,7 +114,7 @@ def expected(occupied: np.ndarray, ground: np.ndarray, end: np.ndarray, radius: 
     return needed, -1, np.zeros(SHAPE, bool)
 
 
-@pytest.mark.parametrize("radius", [0.5, 1.0, 1.6])
+@pytest.mark.parametrize("radius", [1.0, *(pytest.param(r, marks=pytest.mark.nightly) for r in (0.5, 1.6))])
 def test_exemptions_are_those_of_the_rule(radius: float) -> None:
     rng, seen = np.random.default_rng(3), []
     scenes = [scene(rng, 0.45 * (k % 3 > 0)) for k in range(60)]
