@@ -227,6 +227,7 @@ def test_whatever_has_a_height_stands_and_what_may_stand_is_counted(tmp_path: Pa
         "other power structures without a height": 1,
         "other barriers without a height": 1,
         "bridges in relations of type bridge": 1,
+        "other shapes without a height": 1,
     }
 
 

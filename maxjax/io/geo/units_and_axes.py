@@ -122,6 +122,10 @@ def reference(stated: Stated, reading: Reading, extent: Float64[np.ndarray, "2 2
         known = reading.vertical_unit or stated.vertical_unit or (system is not None and system.vertical_unit)
         guess = "" if known else ", as no unit of them is named; --vertical-unit names another"
         remarks.append(f"heights are in {unit_in_words(vertical)}{guess}, and are read as metres")
+    elif stated.heights == "metres" and unit != 1.0 and not reading.vertical_unit:
+        remarks.append(
+            f"heights are read as metres, although its plane is in {unit_in_words(unit)}; --vertical-unit names another"
+        )
     if system is None or system.kind == "local":
         return Reference(None, None, unit, vertical, tuple(remarks), system)
     middle = extent.mean(axis=0) * (unit / system.unit)

@@ -1,8 +1,9 @@
 """GeoJSON: polygons, lines and points with heights among their properties (`tagged`), and whatever else stands.
 
 Coordinates are longitude and latitude (RFC 7946); a file of the older form may name another system as its `crs`.
-Heights are those of OpenStreetMap's tags (`tag_heights`), floors `ele` [m]; third coordinates are ignored. Each polygon
-of several is its own, with its holes: where they overlap, both are solid.
+Heights are those of OpenStreetMap's tags (`tag_heights`), plain numbers in the unit of heights that is stated; floors
+are `ele`, else third coordinates where a file has any: the lowest, and what is on it reaches as far above the highest.
+Each polygon of several is its own, with its holes: where they overlap, both are solid.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from maxjax.core.files import FileError, parse_json, read_text
 from maxjax.io.geo.earth import geojson_system
 from maxjax.io.geo.units_and_axes import Stated
 from maxjax.io.kinds.footprints import Footprints, around
-from maxjax.io.readers.standing import ANYTHING, BUILDING, kind_of
+from maxjax.io.readers.standing import ANYTHING, BUILDING, is_underground, kind_of
 from maxjax.io.readers.tagged import Tagged, solids_of
 from maxjax.io.reading import PLAIN, Reading
 
@@ -54,6 +55,9 @@ def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
         tags = {key: str(value) for key, value in values.items() if isinstance(value, str | int | float)}
         name = str(feature.get("id") or values.get("name") or number)
         kind = kind_of(tags)
+        if is_underground(tags):
+            dropped[f"{(kind or BUILDING).name} underground"] += 1
+            continue
         for geometry in _simple(feature.get("geometry") or {}, 0):
             shape = geometry["type"]
             if shape == "Polygon":
@@ -64,12 +68,13 @@ def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
                 # A hole as large as all would leave nothing of what has a height.
                 kept = [hole for hole in holes if hole and _edges(hole) != _edges(outline)]
                 parts = tuple(np.array(ring, np.float64) for ring in chain.from_iterable([outline, *kept]))
-                found.append(Tagged("area", parts, kind or BUILDING, tags, name))
+                found.append(Tagged("area", parts, kind or BUILDING, tags, name, _levels(geometry["coordinates"][0])))
             elif shape in ("LineString", "Point"):
                 line = geometry["coordinates"]
-                corners = np.array(_corners(line if shape == "LineString" else [line]), np.float64).reshape(-1, 2)
+                line = line if shape == "LineString" else [line]
+                corners = np.array(_corners(line), np.float64).reshape(-1, 2)
                 if len(corners):
-                    found.append(Tagged("line", (corners,), kind or ANYTHING, tags, name))
+                    found.append(Tagged("line", (corners,), kind or ANYTHING, tags, name, _levels(line)))
             else:
                 raise FileError(f"{path}: feature {name}: expected a geometry of GeoJSON, found {shape!r}")
     return solids_of(found, dropped, Stated(system, heights="metres"), reading, path)
@@ -94,6 +99,12 @@ def _ring(line: list[Any]) -> list[tuple[float, float]]:
     """Corners of a polygon's ring, which closes, whether its first corner is repeated or not."""
     corners = _corners(line)
     return corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners
+
+
+def _levels(line: list[Any]) -> tuple[float, float] | None:
+    """The lowest and the highest third coordinate of a line's corners; None where some have none."""
+    levels = [float(corner[2]) for corner in line if len(corner) > 2]
+    return (min(levels), max(levels)) if levels and len(levels) == len(line) else None
 
 
 def _edges(rings: list[list[tuple[float, float]]]) -> set[frozenset[tuple[float, float]]]:

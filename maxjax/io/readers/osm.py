@@ -2,7 +2,8 @@
 
 Taken are ways, nodes and relations. A closed way is an area, unless its kind is a line (walls, rows of trees); a
 relation is the union of its outer rings, each without the inner rings that lie in it. The file is read as a stream, so
-that memory holds its nodes and ways only; it is UTF-8, without a document type and so without entities.
+that memory holds its nodes and ways only; it is UTF-8, without a document type and so without entities. What has tags
+and is none of these is counted by its kind; what was deleted in an editor is not there.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.rings import chain, surrounds
 from maxjax.io.geo.units_and_axes import Stated
 from maxjax.io.kinds.footprints import Footprints, around
-from maxjax.io.readers.standing import Kind, kind_of
+from maxjax.io.readers.standing import Kind, flat_name, is_underground, kind_of
 from maxjax.io.readers.tagged import Tagged, solids_of
 from maxjax.io.reading import PLAIN, Reading
 
@@ -94,7 +95,7 @@ class _Content:
                 )
         elif self.depth > _DEEPEST:
             raise FileError(f"{self.path}: expected elements within {_DEEPEST} levels, found more; damaged")
-        elif self.depth == 2:
+        elif self.depth == 2 and not _deleted(given):
             if name == "node":
                 self.nodes[given["id"]] = (float(given["lon"]), float(given["lat"]))
             if name in self.found:
@@ -127,6 +128,10 @@ def _things(content: _Content, path: Path) -> tuple[list[Tagged], dict[str, int]
     for element in (one for kind in ("way", "relation", "node") for one in content.found[kind]):
         kind = kind_of(element.tags)
         if kind is None:
+            dropped.update([flat_name(element.tags)] if element.tags else [])
+            continue
+        if is_underground(element.tags):
+            dropped[f"{kind.name} underground"] += 1
             continue
         if element.kind == "relation" and (what := element.tags.get("type", "")) not in _AREAS:
             dropped[f"{kind.name} in relations of type {what}"] += 1
@@ -160,6 +165,11 @@ def _things(content: _Content, path: Path) -> tuple[list[Tagged], dict[str, int]
             holes = [hole for hole in inner if _within(hole, ring)]
             found.append(Tagged("area", (ring, *holes), kind, element.tags, name))
     return found, dict(dropped)
+
+
+def _deleted(given: dict[str, str]) -> bool:
+    """Whether an editor or the history has deleted an element."""
+    return given.get("action") == "delete" or given.get("visible") == "false"
 
 
 def _is_line(corners: list[tuple[float, float]], kind: Kind) -> bool:

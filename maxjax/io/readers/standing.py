@@ -3,7 +3,8 @@
 A thing without a height of its own is as tall as such things may be, where that is known (trees, walls, pylons), and
 counted where it is not (a mast may have any height). What the table does not name stands where a height is stated,
 unless it is a way to go, whose height is that of vehicles. A node or a line is as wide as its tags say, else as the
-table does. All reach down to the ground; wires too, as nobody wants to fly under them.
+table does. All reach down to the ground; wires and bridges too, as nobody wants to fly under them. A bridge without a
+height is 12 m tall for each layer, with its girders and what drives on it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,13 @@ from collections.abc import Mapping
 from maxjax.io.readers.tag_heights import length, tall
 
 _NOTHING = ("no", "none", "proposed", "construction_site", "demolished", "razed", "underground")
+_LAYER = 12.0  # from deck to deck of bridges [m]
+_LANE, _BESIDE_LANES = 3.5, 3.0  # widths [m]
+# Keys by which what lies flat is counted.
+_FLAT_KEYS = (
+    "highway", "railway", "waterway", "natural", "landuse", "leisure", "amenity", "aeroway", "historic", "tourism",
+    "place", "boundary", "public_transport",
+)  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +56,8 @@ _KINDS: Mapping[str, Mapping[str, Kind]] = {
             ("flagpole", "flagpoles", 2.0, 25.0), ("utility_pole", "poles", 2.0, 20.0),
             ("street_lamp", "poles", 4.0, 15.0), ("monitoring_station", "masts", 4.0, None),
             ("kiln", "chimneys", 10.0, None), ("obelisk", "towers", 10.0, None), ("works", "works", 10.0, None),
-            ("gantry", "gantries", 4.0, 12.0), ("pipeline", "pipelines", 3.0, 10.0), ("bridge", "bridges", 10.0, None),
+            ("gantry", "gantries", 4.0, 12.0), ("pipeline", "pipelines", 3.0, 10.0),
+            ("bridge", "bridges", 15.0, _LAYER),
             ("pier", "piers", 5.0, 10.0), ("dyke", "dykes", 20.0, 15.0), ("embankment", "dykes", 10.0, 15.0),
         )
     },
@@ -73,6 +82,23 @@ _KINDS: Mapping[str, Mapping[str, Kind]] = {
     "natural": {
         "tree": Kind("trees", "natural", 12.0, 30.0),
         "tree_row": Kind("rows of trees", "natural", 12.0, 30.0, line=True),
+        "wood": Kind("woods", "natural", 12.0, 30.0),
+    },
+    "landuse": {
+        "forest": Kind("woods", "natural", 12.0, 30.0),
+    },
+    "advertising": {
+        name: Kind("billboards", "man_made", width, height)
+        for name, width, height in (
+            ("billboard", 8.0, 20.0), ("screen", 8.0, 20.0), ("totem", 4.0, 40.0), ("column", 3.0, 8.0),
+            ("sign", 4.0, 15.0), ("board", 4.0, 6.0),
+        )
+    },
+    "historic": {
+        "monument": Kind("monuments", "man_made", 20.0, 60.0),
+    },
+    "leisure": {
+        "stadium": Kind("stadiums", "man_made", 100.0, 60.0),
     },
     "highway": {
         "street_lamp": Kind("poles", "man_made", 4.0, 15.0),
@@ -104,12 +130,12 @@ def kind_of(tags: Mapping[str, str]) -> Kind | None:
     """The kind of standing object with these tags; None if it is none."""
     if any(tags.get(key, "no") not in _NOTHING for key in ("building", "building:part")):
         return BUILDING
-    if tags.get("location") in ("underground", "underwater") or tags.get("tunnel", "no") != "no":
-        return None
+    if tags.get("bridge", "no") not in (*_NOTHING, "boardwalk", "low_water_crossing"):
+        return _bridge(tags)
     for key, values in _KINDS.items():
         value = tags.get(key, "no")
         if value in values:
-            return values[value]
+            return _bridge(tags) if value == "bridge" else values[value]
         if key in _OTHER and value not in (*_NOTHING, *_FLAT):
             return _OTHER[key]
     # Of a road, a height is that of what may pass; what is no building is nothing.
@@ -117,6 +143,34 @@ def kind_of(tags: Mapping[str, str]) -> Kind | None:
         return None
     stated = any(key in tags for key in ("height", "est_height", "height:hub"))
     return ANYTHING if stated and tall(tags).metres is not None else None
+
+
+def _bridge(tags: Mapping[str, str]) -> Kind:
+    """A bridge as tall as its layer says."""
+    lanes = length(tags.get("lanes", ""))
+    kind = _KINDS["man_made"]["bridge"]
+    width = kind.width if lanes is None else max(kind.width, _LANE * lanes[0] + _BESIDE_LANES)
+    return dataclasses.replace(kind, width=width, height=_LAYER * max(_layer(tags), 1))
+
+
+def is_underground(tags: Mapping[str, str]) -> bool:
+    """Whether a thing lies below the ground, or below water."""
+    below = tags.get("location") in ("underground", "underwater") or tags.get("tunnel", "no") != "no"
+    return below or _layer(tags) < 0 or tags.get("is_underground", "no").lower() in ("true", "yes", "1")
+
+
+def flat_name(tags: Mapping[str, str]) -> str:
+    """How what is no standing thing is counted."""
+    other = "address" if any(key.startswith("addr:") for key in tags) else "other"
+    return f"{next((key for key in _FLAT_KEYS if key in tags), other)} shapes without a height"
+
+
+def _layer(tags: Mapping[str, str]) -> int:
+    """The number of the layer; 0 where it is none."""
+    try:
+        return int(tags.get("layer", "0"))
+    except ValueError:
+        return 0
 
 
 def width_of(tags: Mapping[str, str], kind: Kind) -> tuple[float, bool]:

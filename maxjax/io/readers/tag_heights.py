@@ -47,13 +47,13 @@ class Tall:
     guessed: bool = False
 
 
-def tall(tags: Mapping[str, str]) -> Tall:
-    """How tall a thing is by its tags."""
+def tall(tags: Mapping[str, str], unit: float = 1.0) -> Tall:
+    """How tall a thing is by its tags; a number that names no unit is in units of so many metres."""
     guessed = False
-    hub, rotor = length(tags.get("height:hub", "")), length(tags.get("rotor:diameter", ""))
+    hub, rotor = length(tags.get("height:hub", ""), unit=unit), length(tags.get("rotor:diameter", ""), unit=unit)
     tip = 0.0 if hub is None else hub[0] + 0.5 * (rotor[0] if rotor else 0.0)
     for key in ("height", "building:height", "est_height"):
-        if (text := tags.get(key, "").strip()) and (read := length(text)) is not None:
+        if (text := tags.get(key, "").strip()) and (read := length(text, unit=unit)) is not None:
             if read[0] > 0:
                 return Tall(max(read[0], tip), read[1])
             guessed = True
@@ -64,18 +64,19 @@ def tall(tags: Mapping[str, str]) -> Tall:
     levels, odd = _count(tags.get("building:levels") or tags.get("levels") or "")
     if levels is None:
         return Tall(None, guessed)
-    roof = length(tags.get("roof:height", ""))
+    roof = length(tags.get("roof:height", ""), unit=unit)
     above = roof[0] if roof is not None else _LEVEL * (_count(tags.get("roof:levels", ""))[0] or 0.0)
     total = _LEVEL * levels + max(above, 0.0)
     return Tall(total if total > 0 else None, guessed or odd)
 
 
-def length(text: str, most: float = _TALLEST) -> tuple[float, bool] | None:
+def length(text: str, most: float = _TALLEST, unit: float = 1.0) -> tuple[float, bool] | None:
     """The highest length [m] that a text tells, and whether it is not plainly one; None where it tells none.
 
     Args:
         text: of a tag.
         most: that fits [m].
+        unit: metres of a number that names none.
     """
     if len(text) > _LONGEST:
         return None
@@ -84,17 +85,17 @@ def length(text: str, most: float = _TALLEST) -> tuple[float, bool] | None:
     rest: str = text
     before: float | str | None = None
     for match in _QUANTITY.finditer(text):
-        number, unit = match[1], (match[2] or "").lower()
-        scale = _UNITS.get(unit, 1.0)
+        number, word = match[1], (match[2] or "").lower()
+        scale = _UNITS.get(word, 1.0) if word else unit
         value = scale * _number(number, most / scale)
         # Feet and inches are one length, and so are metres and what follows as in 12m50.
         if scale == _INCH and before == _FOOT and found:
             found[-1] += value
-        elif before == "m" and not unit and re.fullmatch(r"\d\d", number) and text[match.start() - 1] in "mM":
+        elif before == "m" and not word and re.fullmatch(r"\d\d", number) and text[match.start() - 1] in "mM":
             found[-1] += 0.01 * value
         else:
             found.append(value)
-        before = "m" if unit == "m" else scale
+        before = "m" if word == "m" else scale
         rest = rest.replace(match[0], " ", 1)
     held = [value for value in found if value <= most]
     if not found:
@@ -105,9 +106,9 @@ def length(text: str, most: float = _TALLEST) -> tuple[float, bool] | None:
     return best, bool(rest.strip()) or len(held) > 1 or len(held) < len(found)
 
 
-def metres(text: str) -> float | None:
+def metres(text: str, unit: float = 1.0) -> float | None:
     """A height above sea level [m]; None where it is missing or in words."""
-    read = length(text, _HIGHEST) if text else None
+    read = length(text, _HIGHEST, unit) if text else None
     return None if read is None or not math.isfinite(read[0]) else read[0]
 
 

@@ -44,6 +44,7 @@ class Tagged:
         kind: of thing.
         tags: of the file.
         name: the file's.
+        levels: lowest and highest third coordinate of its corners, in the file's unit of heights; None: it has none.
     """
 
     shape: Literal["area", "line"]
@@ -51,6 +52,7 @@ class Tagged:
     kind: Kind
     tags: Mapping[str, str]
     name: str
+    levels: tuple[float, float] | None = None
 
 
 def solids_of(
@@ -82,8 +84,13 @@ def solids_of(
     lines, how = _placed([part for thing, _ in kept for part in thing.parts], stated, reading, path)
     parts = iter(lines)
     shapes = [[next(parts) for _ in thing.parts] for thing, _ in kept]
+    unit = how.vertical_unit
+    if unit != 1.0:
+        kept = [(thing, tall(thing.tags, unit)) for thing, _ in kept]
     height = np.array([h.metres if h.metres is not None else t.kind.height for t, h in kept], np.float64)
-    base, told = grounds(np.array([s[0].mean(axis=0) for s in shapes]), height, [thing.tags for thing, _ in kept])
+    floors, rises, remarks = _floors([thing for thing, _ in kept])
+    base, told = grounds(np.array([s[0].mean(axis=0) for s in shapes]), height, floors, unit)
+    height += unit * rises
     buildings: list[Footprint] = []
     for (thing, _), shape, foot, top in zip(kept, shapes, base.tolist(), (base + height).tolist(), strict=True):
         if thing.shape == "area":
@@ -94,9 +101,31 @@ def solids_of(
     read = Counter(thing.kind.name for thing, _ in kept)
     none = np.zeros((0, 3, 3))
     found = Footprints(
-        tuple(buildings), none, path.name, read=read, dropped=dict(left), reference=how, remarks=(*told, *_said(kept))
+        tuple(buildings),
+        none,
+        path.name,
+        read=read,
+        dropped=dict(left),
+        reference=how,
+        remarks=(*remarks, *told, *_said(kept)),
     )
     return check_footprints(found, path)
+
+
+def _floors(
+    things: Sequence[Tagged],
+) -> tuple[list[Mapping[str, str]], Float64[np.ndarray, " n"], tuple[str, ...]]:
+    """Tags with the lowest third coordinate as `ele` where there is none, how far the highest is above it, a remark.
+
+    A file whose third coordinates are all 0 says nothing by them.
+    """
+    said = [thing.levels if thing.levels is not None and "ele" not in thing.tags else None for thing in things]
+    if not any(any(levels) for levels in said if levels is not None):
+        return [thing.tags for thing in things], np.zeros(len(things)), ()
+    tags = [t.tags if z is None else {**t.tags, "ele": repr(z[0])} for t, z in zip(things, said, strict=True)]
+    rises = np.array([0.0 if z is None else z[1] - z[0] for z in said])
+    count = sum(z is not None for z in said)
+    return tags, rises, (f"{count} shapes stand on their third coordinate, the lowest of each",)
 
 
 def _placed(lines: list[Places], stated: Stated, reading: Reading, path: Path) -> tuple[list[Places], Reference]:
@@ -116,7 +145,7 @@ def _placed(lines: list[Places], stated: Stated, reading: Reading, path: Path) -
 
 
 def grounds(
-    places: Places, height: Float64[np.ndarray, " n"], tags: Sequence[Mapping[str, str]]
+    places: Places, height: Float64[np.ndarray, " n"], tags: Sequence[Mapping[str, str]], unit: float = 1.0
 ) -> tuple[Float64[np.ndarray, " n"], tuple[str, ...]]:
     """Height of the ground under each thing [m], and sentences on what is taken for it.
 
@@ -124,9 +153,10 @@ def grounds(
         places: of each [m].
         height: of each [m].
         tags: `ele` and `elevation` among them.
+        unit: metres of a number that names none.
     """
-    ele = np.array([_or_nan(metres(t.get("ele", ""))) for t in tags])
-    roof = np.array([_or_nan(metres(t.get("elevation", ""))) for t in tags])
+    ele = np.array([_or_nan(metres(t.get("ele", ""), unit)) for t in tags])
+    roof = np.array([_or_nan(metres(t.get("elevation", ""), unit)) for t in tags])
     remarks = []
     if _of_roofs(places, height, ele):
         ele = ele - height
