@@ -93,7 +93,7 @@ NIGHTLY = {
     "sim/trials/test_execution.py::test_real_flights": "sim/test_flight.py flies, test_execution.py batches",
     "sim/trials/test_shards.py::test_four_processes": "the rest of test_shards.py shares and merges in one process",
     "sim/trials/test_shards.py::test_the_processes_of_a_job": "the rest of test_shards.py shares and merges",
-    "sim/trials/test_trial_movers.py::test_outcomes": "test_execution.py keeps the books, movers/test_bad_movers.py flies",
+    "sim/trials/test_trial_movers.py::test_outcomes": "test_execution.py keeps books, test_bad_movers.py flies",
     "ui/cli/test_cli.py::test_delft": "io/test_load.py reads Delft, ui/cli/test_cli.py plans in other maps",
     "ui/cli/test_cli.py::test_training": "nn/test_training.py trains and goes on",
     "ui/cli/test_cli_fly.py::test_one_trial_is_filmed": "ui/figures/test_film.py draws films",
