@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maxjax import AStar
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.sensors.lidar import Lidar
@@ -19,12 +20,9 @@ from maxjax.sim.worlds.movers import solids_at
 from maxjax.sim.worlds.populations import Population
 from maxjax.sim.worlds.scenes import make_scene
 from maxjax.sim.worlds.solid_distance import distance
-from maxjax.ui.methods import planner_named
 
 # A coarse map and few beams; five seconds of flight are enough for the bookkeeping.
-SMALL = FlightConfig(
-    planner=planner_named("field"), shape=(51, 51, 17), spacing=4.0, lidar=Lidar(rays=4096, channels=64), plans=5
-)
+SMALL = FlightConfig(planner=AStar(), shape=(51, 51, 17), spacing=4.0, lidar=Lidar(rays=2048, channels=32), plans=5)
 
 
 @pytest.mark.large
