@@ -290,7 +290,7 @@ def outcome_of(instance: Instance, how: Variant) -> Outcome:
     """Plan a problem."""
     plan = maxjax.plan(instance.map, instance.start, instance.goal, **how.options)
     path = (plan.path - np.array(instance.grid.origin)) / instance.grid.spacing
-    claims = plan.radius, plan.exemptions, plan.potential
+    claims = plan.radius, plan.exemptions, plan.stats.potential
     return Outcome(int(plan.status), plan.certified, path, *claims, plan.timings["total"])
 
 

@@ -117,7 +117,7 @@ def _compared(where: maxjax.VoxelMap, ends: np.ndarray) -> Row:
         "ok": sum(plan.status == Status.OK for plan in plans),
         "astar_ok": sum(rival.status == Status.OK for rival in rivals),
         "certified": sum(plan.certified for plan in plans),
-        "in_corridors": int(np.isfinite([plan.ratio for plan in plans]).sum()),
+        "in_corridors": int(np.isfinite([plan.stats.ratio for plan in plans]).sum()),
         "ratio_mean": float(ratio.mean()),
         "ratio_worst": float(ratio.max()),
         "length_over_straight": float(

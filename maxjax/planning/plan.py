@@ -21,9 +21,25 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.problem.task import Task
 
 # What is one number of each plan.
-NUMBERS = "length", "clearance", "cruise_clearance", "cost", "ratio", "radius"
+NUMBERS = "length", "clearance", "cruise_clearance", "cost", "radius"
 # Seconds of each problem by stage; NaN where it had none of that stage.
 Seconds = Mapping[str, Float64[np.ndarray, " b"]]
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanStats:
+    """Diagnostics of a plan: how its path was found.
+
+    Attributes:
+        potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
+            "geodesic"; "" where it climbed none.
+        ratio: of a route across a map too large for a window, its cost over that of what guided it: the cheapest path
+            from voxel to voxel, or the straight line where there is no compiled A* (`planning.windows.corridor`); NaN
+            where nothing had to guide it, as a window proves its route the cheapest.
+    """
+
+    potential: str
+    ratio: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,16 +60,12 @@ class Plan:
             nearer, or beside the ground; 0: none.
         cost: the price paid, ∫ n ds [m]; the length where nothing was priced; NaN unless OK.
         certified: whether the field it climbed had no local maximum but the goal (always False for graph searches).
-        potential: the certified field that it climbed, "maxwell" or, where that was the flood's own distance,
-            "geodesic"; "" where it climbed none.
-        ratio: of a route across a map too large for a window, its cost over that of what guided it: the cheapest path
-            from voxel to voxel, or the straight line where there is no compiled A* (`planning.windows.corridor`); NaN
-            where nothing had to guide it, as a window proves its route the cheapest.
         margin: distance from which on a metre costs no more than its length [m].
         timings: seconds by stage (`formulate`, `solve`, `ascend`, `tighten`, `verify`, …; `transfer` is the way back
             from the device; `device` is all of that in one program), `compile` apart, and `total` without it.
         method: name of the planner.
         map: that it was planned and verified in.
+        stats: how it was found.
     """
 
     status: Status
@@ -65,13 +77,12 @@ class Plan:
     radius: float
     exemptions: tuple[float, float]
     cost: float
-    ratio: float
     certified: bool
-    potential: str
     margin: float
     timings: Mapping[str, float]
     method: str
     map: VoxelMap = dataclasses.field(repr=False)
+    stats: PlanStats
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,7 +94,7 @@ class Plans(Sequence[Plan]):
         points: (b, t, 3) float64 [m], ENU: paths, each filled up with its last point; NaN without a path.
         counts: (b,) how many points each path has.
         length, clearance, cruise_clearance, cost: (b,) float64 [m], as in `Plan`; NaN without a path.
-        ratio: (b,) float64, as in `Plan`.
+        ratio: (b,) float64, as in `PlanStats`.
         clearance_at: (b, t) float64 [m], at each point; NaN beyond a path.
         radius: (b,) float64 [m], as in `Plan`.
         exemptions: (b, 2) float64 [m], as in `Plan`.
@@ -153,11 +164,11 @@ class Plans(Sequence[Plan]):
             clearance_at=self.clearance_at[k, :count].copy(),
             exemptions=(start, goal),
             certified=bool(self.certified[k]),
-            potential=kind if count else "",
             margin=self.margin,
             timings=spent,
             method=self.method,
             map=self.task.map_at(k),
+            stats=PlanStats(kind if count else "", float(self.ratio[k])),
         )
 
 
@@ -169,7 +180,7 @@ def no_plans(task: Task, status: Status, method: str, timings: Seconds | None = 
         status=np.full(count, int(status), np.int32),
         points=np.full((count, 0, 3), math.nan),
         counts=np.zeros(count, np.int64),
-        **(dict.fromkeys(NUMBERS, nothing) | {"radius": np.full(count, task.distances.radius)}),
+        **(dict.fromkeys((*NUMBERS, "ratio"), nothing) | {"radius": np.full(count, task.distances.radius)}),
         clearance_at=np.full((count, 0), math.nan),
         exemptions=np.zeros((count, 2)),
         certified=none,

@@ -78,9 +78,9 @@ def test_a_route_states_what_it_costs_over_its_guide() -> None:
     plan = planned(task)
     (rival,) = execute.plan_task(task, AStar())
     inside = rival.cost - 2 * GRID.spacing  # the ways to the exact ends are not the guide's
-    assert 0.9 < plan.ratio <= 1.0 + 1e-3
-    assert inside <= plan.cost / plan.ratio <= rival.cost + 1e-3
-    assert np.isnan(whole(task).ratio)
+    assert 0.9 < plan.stats.ratio <= 1.0 + 1e-3
+    assert inside <= plan.cost / plan.stats.ratio <= rival.cost + 1e-3
+    assert np.isnan(whole(task).stats.ratio)
 
 
 def test_without_a_compiled_search_a_coarse_map_guides(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +92,7 @@ def test_without_a_compiled_search_a_coarse_map_guides(monkeypatch: pytest.Monke
     assert plan.status == Status.OK
     assert plan.certified
     assert plan.cost <= 1.05 * guided.cost
-    assert plan.ratio == pytest.approx(plan.cost / np.linalg.norm(task.goals - task.starts))
+    assert plan.stats.ratio == pytest.approx(plan.cost / np.linalg.norm(task.goals - task.starts))
 
 
 def test_what_no_corridor_joins_has_the_status_of_the_whole_map() -> None:

@@ -37,4 +37,4 @@ def test_streets_of_eight_metres_stay_open_in_thirty_million_voxels(monkeypatch:
     assert plan.status == rival.status == Status.OK
     assert plan.certified
     assert plan.cost <= 1.03 * rival.cost
-    assert plan.ratio == pytest.approx(plan.cost / rival.cost, rel=0.02)
+    assert plan.stats.ratio == pytest.approx(plan.cost / rival.cost, rel=0.02)

@@ -84,8 +84,8 @@ def test_a_plan_says_how_safe_it_is_and_what_it_pays() -> None:
     (free,) = verify_routes(Routes.of([bare]).route, loose, "test")
     verdict = verify(plan.path, VoxelMap.on(GRID, beside))
     assert plan.status is free.status is Status.OK
-    assert (plan.radius, plan.exemptions, plan.cost, plan.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
-    assert (free.radius, free.exemptions, free.cost, free.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
+    assert (plan.radius, plan.exemptions, plan.cost, plan.stats.potential) == (1.9, (3.0, 0.0), 99.5, "geodesic")
+    assert (free.radius, free.exemptions, free.cost, free.stats.potential) == (0.0, (0.0, 0.0), free.length, "maxwell")
     assert plan.clearance < 1.9 < plan.cruise_clearance
     for one in (plan, free):
         assert (one.clearance, one.cruise_clearance) == pytest.approx((verdict.clearance, verdict.cruise_clearance))

@@ -54,7 +54,7 @@ def remainder(
                 clearance_at=verdict.clearance_at,
                 exemptions=exemptions,
                 cost=math.nan,
-                ratio=math.nan,
+                stats=dataclasses.replace(plan.stats, ratio=math.nan),
                 timings={},
                 map=where,
             )

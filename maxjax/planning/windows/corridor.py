@@ -10,7 +10,7 @@ from middle to middle, which pulls the route taut across it. The verifier then p
 whole map.
 
 What is proved for a leg holds for its window. That no way along other streets is cheaper is known as far as the guide's
-cost tells: `Plan.ratio` is the route's over it (over the straight line, with a coarse guide).
+cost tells: `PlanStats.ratio` is the route's over it (over the straight line, with a coarse guide).
 """
 
 from __future__ import annotations

@@ -147,9 +147,9 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
         "radius": plan.radius,
         "exemptions": list(plan.exemptions),
         "cost": plan.cost,
-        "ratio": plan.ratio,
+        "ratio": plan.stats.ratio,
         "certified": plan.certified,
-        "potential": plan.potential,
+        "potential": plan.stats.potential,
         "margin": plan.margin,
         "timings": plan.timings,
         "method": plan.method,
@@ -213,7 +213,7 @@ def describe(plan: Plan, task: Task) -> dict[str, str]:
             "length": f"{plan.length:.2f} m",
             "straight line": f"{math.dist(task.starts[0], task.goals[0]):.2f} m",
             "price paid": f"{plan.cost:.2f} m",
-            "price over the lattice guide's": "" if math.isnan(plan.ratio) else f"{plan.ratio:.3f}",
+            "price over the lattice guide's": "" if math.isnan(plan.stats.ratio) else f"{plan.stats.ratio:.3f}",
             "clearance": f"{plan.clearance:.2f} m",
             "clearance away from the ends": f"{plan.cruise_clearance:.2f} m",
             "waypoints": str(len(plan.path)),
@@ -235,10 +235,10 @@ def warn(plan: Plan, task: Task, places: PlaceFormat = PlaceFormat()) -> None:  
                 f"Warning: the {end} {places.place(tuple(point.tolist()))} stands nearer to {what} than the radius of "
                 f"{plan.radius:g} m; within {exempt:g} m of it the path keeps no more than that."
             )
-    if plan.ratio > NEARLY:
+    if plan.stats.ratio > NEARLY:
         complain(
-            f"Warning: the path costs {plan.ratio:.2f} times what guided it across this large map; another way may be "
-            "shorter. A window (--bounds) around a shorter way, or a larger --spacing, may show it."
+            f"Warning: the path costs {plan.stats.ratio:.2f} times what guided it across this large map; another way may "
+            "be shorter. A window (--bounds) around a shorter way, or a larger --spacing, may show it."
         )
     if plan.cruise_clearance < 0.5 * task.distances.margin:
         found = verify(plan.path, plan.map, exemptions=plan.exemptions)

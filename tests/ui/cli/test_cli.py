@@ -26,7 +26,7 @@ import pytest
 from maxjax import Grid, Status, VoxelMap, verify
 from maxjax.io import PointCloud, read_map
 from maxjax.nn.recipes import RECIPES
-from maxjax.planning.plan import Plan
+from maxjax.planning.plan import Plan, PlanStats
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import make_scene, occupancy
@@ -76,8 +76,8 @@ def test_json_alone_on_stdout_holds_the_plan(terminal: Terminal, small: str) -> 
     assert code == 0
     found = json.loads(out)
     assert "Planning" in err
-    fields = set(Plan.__dataclass_fields__)
-    assert set(found) == fields - {"map"} | {"message", "configuration", "versions", "device"}
+    fields = {*Plan.__dataclass_fields__, *PlanStats.__dataclass_fields__}
+    assert set(found) == fields - {"map", "stats"} | {"message", "configuration", "versions", "device"}
     assert (found["status"], found["certified"], found["margin"], found["method"]) == ("OK", True, 2.0, "field")
     path = np.array(found["path"])
     assert tuple(path[0]) == START
