@@ -43,15 +43,7 @@ TESTS = {
         *("sim/movers/test_reachable_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_body_marks.py"),
         *("sim/movers/test_choice.py", "sim/movers/test_perception.py"),
     ),
-    "flags": (
-        *(
-            "sim/movers/test_flags.py",
-            "sim/movers/test_choice.py",
-            "sim/movers/test_tracking.py",
-            "sim/movers/test_slow_movers.py",
-        ),
-        "sim/movers/test_flight_among.py",
-    ),
+    "flags": tuple(f"sim/movers/test_{name}.py" for name in ("flags", "choice", "tracking", "slow_movers")),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),
     "airspace": ("io/airspace", "planning/test_occupied_end.py", "io/export/test_exports.py"),
     "replanner": ("test_replanner.py",),

@@ -1,7 +1,8 @@
-"""One slow mover in the open: the vehicle passes it, instead of staying behind or giving way to it for ever."""
+"""Flights in the open among movers with true tracks, judged in float64: slow ones are passed, fast ones avoided."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -9,18 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maxjax import AStar
 from maxjax.core.status import Status
 from maxjax.planners import Field
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, fly_closed_loop
 from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse, sense
-from maxjax.sim.movers.among import Flags
+from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.movers.avoidance import Avoidance, clearance_to_movers, straight_way
 from maxjax.sim.movers.reachable_sets import Bounds, no_tracks
 from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane
+from maxjax.sim.worlds.movers import Movers
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.online import Sampling
 from tests.sim.movers.scenes import spheres
@@ -42,6 +45,12 @@ CONFIG = FlightConfig(
     sampling=Sampling(0.5, 256),
     stages=(sense, fuse, straight_way, follow),
 )
+# The same for faster ones, and without looking.
+FAST = dataclasses.replace(
+    HOW, perception=TrueTracks(slots=3, place=0.2, velocity=1.0), bounds=dataclasses.replace(BOUNDS, speed=10.0)
+)
+LOOKING = dataclasses.replace(CONFIG, planner=AStar(), extensions=(FAST,))
+BLIND = dataclasses.replace(LOOKING, extensions=(), stages=None)
 
 
 @functools.cache
@@ -49,6 +58,18 @@ def fast_flight() -> jax.stages.Wrapped:
     ends = jnp.asarray(START, jnp.float32), jnp.asarray(GOAL, jnp.float32)
     key = jax.random.key(0)
     return jax.jit(lambda movers: fly_closed_loop(ground_plane(), *ends, key, CONFIG, movers))
+
+
+@functools.partial(jax.jit, static_argnames="config")
+def flight_among(movers: Movers, config: FlightConfig) -> FlightLog:
+    start, goal = (jnp.asarray(end, jnp.float32) for end in ENDS)
+    return fly_closed_loop(ground_plane(), start, goal, jax.random.key(0), config, movers)
+
+
+def line_of(log: FlightLog) -> np.ndarray:
+    position: np.ndarray = np.asarray(log.position, float)
+    line: np.ndarray = position[np.isfinite(position[:, 0])]
+    return line
 
 
 @pytest.mark.parametrize(
@@ -65,13 +86,52 @@ def test_a_slow_mover_is_passed(place: list[float], velocity: list[float]) -> No
     # 10 s at 5 m/s, and a way round of some metres.
     assert float(log.duration) < 16.0
     assert float(log.part(Flags).any_seconds) == 0.0
-    line = np.asarray(log.position, float)
-    line = line[np.isfinite(line[:, 0])]
+    line = line_of(log)
     # The way on is not turned round again and again.
     ahead = np.diff(line[:, 0])
     assert (ahead < -0.05).sum() * LOG_PERIOD < 2.0
     gaps = np.linalg.norm(line - (place + LOG_PERIOD * np.arange(len(line))[:, None] * velocity), axis=1) - 0.45
     assert gaps.min() > HOW.keeping.radius
+
+
+ENDS = np.array([-20.0, 0.0, 6.0]), np.array([20.0, 0.0, 6.0])
+SIZE = 0.6
+# One overtakes the vehicle along its way, one crosses it, one stands far away.
+PLACES = np.array([[-52.0, 0.0, 6.0], [-4.0, -18.0, 6.0], [0.0, 60.0, 30.0]])
+VELOCITIES = np.array([[10.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+def gaps(log: FlightLog) -> np.ndarray:
+    """Distance from the vehicle to the nearest mover at each logged position, by hand."""
+    line = line_of(log)
+    times = LOG_PERIOD * np.arange(len(line))[:, None, None]
+    least: np.ndarray = (np.linalg.norm(line[:, None] - (PLACES + times * VELOCITIES), axis=-1) - SIZE).min(axis=1)
+    return least
+
+
+def test_who_looks_arrives_and_keeps_away() -> None:
+    log = flight_among(spheres(PLACES, VELOCITIES, SIZE), LOOKING)
+    assert Status(int(log.status)) == Status.OK
+    assert gaps(log).min() > FAST.keeping.radius - FAST.drift
+    assert float(log.clearance) <= gaps(log).min() + 0.05  # the log counts movers, at every physics step
+    flags = log.part(Flags)
+    assert float(flags.any_seconds) == 0.0
+    assert (np.asarray(flags.last) == -np.inf).all()
+    assert len(np.asarray(flags.seconds)) == len(Flag)
+    assert float(log.flown_length) < 1.5 * np.linalg.norm(ENDS[1] - ENDS[0])
+
+
+def test_who_does_not_look_is_hit_and_the_log_says_so() -> None:
+    log = flight_among(spheres(PLACES, VELOCITIES, SIZE), BLIND)
+    assert Status(int(log.status)) == Status.IN_CONTACT
+    assert float(log.clearance) <= BLIND.radius
+    assert not log.has(Flags)
+
+
+def test_movers_on_the_start_end_the_flight_at_once() -> None:
+    log = flight_among(spheres(np.tile(ENDS[0], (3, 1)), VELOCITIES, SIZE), LOOKING)
+    assert Status(int(log.status)) == Status.START_OCCUPIED
+    assert float(log.duration) == 0.0
 
 
 def test_what_motions_keep_of_a_mover_is_its_set_at_the_horizon_and_the_radius() -> None:
