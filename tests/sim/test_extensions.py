@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maxjax.core.grid import Grid
 from maxjax.planning.path.route import Route
 from maxjax.planning.problem.problem import Problem
 from maxjax.sim.loop.flight import Extension, Flight, FlightConfig, World, iteration_of, take_off
@@ -33,7 +32,7 @@ class Straight:
     batched: bool = True
     needs_ground: bool = False
 
-    def route(self, problem: Problem, grid: Grid) -> Route:
+    def route(self, problem: Problem) -> Route:
         return Route(jnp.stack([problem.start, problem.goal]), problem.status, certified=jnp.array(False))
 
 
