@@ -76,6 +76,14 @@ SURVIVORS: dict[tuple[str, str], str] = {
         "every = max(round(spacing / 4 / config.sampling.spacing), 1)",
     ): "Twice as many points of the way, which lies within half a cell of them either way.",
     (
+        "maxjax/io/export/corners.py",
+        "count = 1 + math.floor(float(np.linalg.norm(end - middle)) / _STEP)",
+    ): "One point fewer on the rim: no two are farther apart than a step all the same.",
+    (
+        "maxjax/io/export/return_height.py",
+        "squares = middles[:, None] - half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])",
+    ): "The same four corners of a square, from the opposite one on.",
+    (
         "maxjax/ui/page/guard.py",
         "MOST_FAULTS = 40",
     ): "How many faults a browser may send before it is sent away: the promise is that it is.",

@@ -237,7 +237,7 @@ def warn(plan: Plan, task: Task, places: PlaceFormat = PlaceFormat()) -> None:  
             )
     if plan.stats.ratio > NEARLY:
         complain(
-            f"Warning: the path costs {plan.stats.ratio:.2f} times what guided it across this large map; another way may "
+            f"Warning: the path costs {plan.stats.ratio:.2f} times what guided it across this large map; another may "
             "be shorter. A window (--bounds) around a shorter way, or a larger --spacing, may show it."
         )
     if plan.cruise_clearance < 0.5 * task.distances.margin:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from inspect import unwrap  # without the run-time type checks of the tests
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import maxjax
-from maxjax.io.export.as_flown import upright
+from maxjax.io.export.as_flown import _sag, upright
 from maxjax.io.export.corners import _STEP, _blend
 from maxjax.planning.mission import Mission
 from tests.planners import bare_plan
@@ -34,6 +37,26 @@ def test_a_blend_fills_the_corner_up_to_the_radius(seed: int) -> None:
 
 def test_where_the_way_leads_straight_on_nothing_is_cut() -> None:
     assert not any(len(side) for side in _blend(np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0]]), 2.0))
+
+
+class Circling:
+    """A trajectory around a circle of radius r at speed v [m, m/s]."""
+
+    def __init__(self, radius: float, speed: float) -> None:
+        self.radius, self.speed = radius, speed
+
+    def at(self, times: np.ndarray) -> SimpleNamespace:
+        inwards = -np.stack([np.cos(times), np.sin(times), 0 * times], axis=1)
+        return SimpleNamespace(acceleration=self.speed**2 / self.radius * inwards)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.4])
+def test_set_points_sag_as_chords_of_a_circle_do(step: float) -> None:
+    """A chord of an arc of angle a lies r (1 - cos a/2) off it: by a t² / 8 to second order, and never more."""
+    radius, speed = 20.0, 6.0
+    exact = radius * (1.0 - np.cos(0.5 * speed * step / radius))
+    sag = unwrap(_sag)(Circling(radius, speed), np.array([0.0, 0.05, 0.05 + step]))
+    assert exact <= sag <= 1.01 * exact
 
 
 def test_a_rise_from_below_the_map_begins_on_its_lowest_layer() -> None:
