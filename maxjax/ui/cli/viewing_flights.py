@@ -59,7 +59,7 @@ def caption(name: str, outcome: Outcome) -> str:
     figures = f"{outcome.flown_length:.1f} m in {outcome.duration:.1f} s, {outcome.clearance:.1f} m clear at the least"
     legend = (
         "Blue line: flown; green: plan; pink: reference, or committed motion; blue boxes: the map so far; dots: scan; "
-        "violet: movers, frames that may hold them now, veils that may within the horizon"
+        "violet: movers; frames: where they may be now; veils: where they may be within the horizon"
     )
     return f"{head}\n{figures}\n{legend}"
 
