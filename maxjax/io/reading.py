@@ -29,6 +29,9 @@ class Reading:
         drop_classes: ASPRS classes of points that are left out.
         only: what is taken of a city model: keys of OpenStreetMap (building, man_made, power, barrier, natural,
             aerialway, other), or types of CityJSON. None given: all that stands.
+        height: property of OpenStreetMap or GeoJSON that holds heights, with their unit as in roof_ht:ft. None: the
+            first of `tag_heights.HEIGHTS` that a shape has.
+        levels: property that holds numbers of levels. None: the first of `tag_heights.LEVELS`.
 
     Raises:
         ValueError: for points without three coordinates, or a system, a unit, a band or a class that is none.
@@ -44,6 +47,8 @@ class Reading:
     band: int | None = None
     drop_classes: tuple[int, ...] = ()
     only: tuple[str, ...] = ()
+    height: str | None = None
+    levels: str | None = None
 
     def __post_init__(self) -> None:
         center = None if self.center is None else tuple(float(x) for x in self.center)
@@ -58,6 +63,9 @@ class Reading:
         for unit in (self.unit, self.vertical_unit):
             if unit is not None:
                 unit_of(unit)
+        _, _, of_height = (self.height or "").partition(":")
+        if of_height:
+            unit_of(of_height)
         if self.band is not None and self.band < 1:
             raise ValueError(f"band: expected a number from 1 on, given {self.band}")
         wrong = [number for number in self.drop_classes if not 0 <= number <= 255]

@@ -53,6 +53,9 @@ class ReadOptions:
         drop_class: ASPRS class of points to leave out; several, each with its own --drop-class.
         only: What to take of a city model, in place of all that stands: building, man_made, power, barrier, natural,
             aerialway or other of OpenStreetMap and GeoJSON, types of CityJSON; several, each with its own --only.
+        height: Property of GeoJSON or OpenStreetMap that holds heights, with their unit as in roof_ht:ft; by default
+            the first known one that a shape has (docs/maps.md).
+        levels: Property that holds numbers of levels.
     """
 
     spacing: OptionalMetres = None
@@ -67,6 +70,8 @@ class ReadOptions:
     band: Count = None
     drop_class: Annotated[tyro.conf.UseAppendAction[tuple[int, ...]], tyro.conf.arg(metavar="N")] = ()
     only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
+    height: Annotated[str | None, optional(metavar="PROPERTY")] = None
+    levels: Annotated[str | None, optional(metavar="PROPERTY")] = None
 
 
 @dataclasses.dataclass(frozen=True)

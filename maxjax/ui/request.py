@@ -161,6 +161,8 @@ def reading_of(options: ReadOptions) -> Reading:
         band=options.band,
         drop_classes=options.drop_class,
         only=options.only,
+        height=options.height,
+        levels=options.levels,
     )
 
 

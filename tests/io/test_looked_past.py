@@ -177,3 +177,43 @@ def test_heights_are_in_the_unit_of_the_systems_heights_or_a_remark_says_in_whic
     said = [remark for remark in (*found.remarks, *found.reference.remarks) if "heights are" in remark]
     assert len(said) == 1
     assert ("heights are read as metres, although its plane is in" in said[0]) == (system == "EPSG:2263")
+
+
+# --- Heights under other names. ---
+
+
+@pytest.mark.parametrize(
+    ("tags", "metres"),
+    [
+        ({"HEIGHT": 12.5}, 12.5),
+        ({"heightroof": 31}, 31.0),
+        ({"render_height": 9}, 9.0),
+        ({"measuredHeight": 17}, 17.0),
+        ({"building_levels": 4}, 12.0),
+        ({"num_floors": "5"}, 15.0),
+        ({"other_tags": '"height"=>"22","building:levels"=>"3"'}, 22.0),
+        ({"height": 8, "HEIGHT": 30, "num_floors": 9}, 8.0),
+    ],
+)
+def test_heights_stand_under_names_that_people_use(tmp_path: Path, tags: dict[str, Any], metres: float) -> None:
+    (building,) = load_geojson(features(tmp_path, (block(0, 0), tags))).buildings
+    assert building.top - building.base == pytest.approx(metres)
+
+
+@pytest.mark.parametrize(
+    ("reading", "metres"),
+    [({"height": "roof_ht:ft"}, 100 * FOOT), ({"height": "roof_ht"}, 100.0), ({"levels": "storeys_n"}, 21.0)],
+)
+def test_a_property_that_is_named_is_the_height(tmp_path: Path, reading: dict[str, str], metres: float) -> None:
+    path = features(tmp_path, (block(0, 0), {"roof_ht": 100, "storeys_n": 7}), (block(80, 0), {"height": 5}))
+    found = load_geojson(path, maxjax.Reading(**reading))  # type: ignore[arg-type]
+    assert found.buildings[0].top == pytest.approx(metres)
+    assert found.dropped == ({"shapes without a height": 1} if "height" in reading else {})
+
+
+def test_who_has_no_height_is_told_what_may_be_one(tmp_path: Path) -> None:
+    path = features(tmp_path, (block(0, 0), {"roof_ht": 40, "name": "A"}), (block(80, 0), {"roof_ht": 12.5, "pop": 3}))
+    with pytest.raises(maxjax.FileError, match=r"name it .*as --height roof_ht:m: roof_ht \(12\.5 to 40\)$"):
+        load_geojson(path)
+    with pytest.raises(ValueError, match="unit: expected one of"):
+        maxjax.Reading(height="roof_ht:parsec")

@@ -21,6 +21,7 @@ from maxjax.io.geo.earth import geojson_system
 from maxjax.io.geo.units_and_axes import Stated
 from maxjax.io.kinds.footprints import Footprints, around
 from maxjax.io.readers.standing import ANYTHING, BUILDING, is_underground, kind_of
+from maxjax.io.readers.tag_heights import with_other_tags
 from maxjax.io.readers.tagged import Tagged, solids_of
 from maxjax.io.reading import PLAIN, Reading
 
@@ -52,7 +53,7 @@ def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
     dropped: Counter[str] = Counter()
     for number, feature in enumerate(document.get("features", [document])):
         values = feature.get("properties") or {}
-        tags = {key: str(value) for key, value in values.items() if isinstance(value, str | int | float)}
+        tags = with_other_tags({k: str(value) for k, value in values.items() if isinstance(value, str | int | float)})
         name = str(feature.get("id") or values.get("name") or number)
         kind = kind_of(tags)
         if is_underground(tags):

@@ -1,6 +1,6 @@
 """Heights in the tags of OpenStreetMap, as its XML and GeoJSON made of it have them.
 
-    height = `height` (or `building:height`, `est_height`), else 3 m · `building:levels` + roof
+    height = `height` (or the next of `HEIGHTS`), else 3 m · `building:levels` (or the next of `LEVELS`) + roof
     roof   = `roof:height`, else 3 m · `roof:levels`          levels leave out the roof, a height holds it
     of a wind turbine: `height`, or `height:hub` + `rotor:diameter` / 2 where that is more
 
@@ -13,8 +13,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+HEIGHTS = (
+    "height", "building:height", "est_height", "HEIGHT", "Height", "measuredHeight", "measuredheight",
+    "building_height", "render_height", "heightroof", "HEIGHTROOF", "height_roof",
+)  # fmt: skip
+"""Properties that hold heights, the first that a shape has counts."""
+LEVELS = ("building:levels", "levels", "building_levels", "num_floors", "numFloors", "number_of_floors")
+"""Properties that hold numbers of levels, likewise."""
 _LEVEL = 3.0  # height of a storey [m]
 _TALLEST, _HIGHEST = 1000.0, 9000.0  # [m]; readings beyond fit nothing that stands, and no ground
 _LONGEST = 64  # characters of a text
@@ -30,6 +37,7 @@ _UNITS = {
 _QUANTITY = re.compile(
     r"(?<![\d.,])[-+]?(\d+(?:[.,]\d+)*(?:e\+?\d{1,2}(?!\d))?|\.\d+)\s*([a-z]+|''|['\"′″’”])?", re.IGNORECASE
 )
+_PACKED = re.compile(r'"([^"\\]+)"=>"([^"\\]*)"')
 _HALF = re.compile(r"(\d+)\s*(?:½|\s1/2)")
 _GROUND_FLOOR = re.compile(r"[a-z]+\s*\+", re.IGNORECASE)  # as in G+4
 
@@ -47,12 +55,20 @@ class Tall:
     guessed: bool = False
 
 
-def tall(tags: Mapping[str, str], unit: float = 1.0) -> Tall:
-    """How tall a thing is by its tags; a number that names no unit is in units of so many metres."""
+def tall(
+    tags: Mapping[str, str], unit: float = 1.0, heights: Sequence[str] = HEIGHTS, levels: Sequence[str] = LEVELS
+) -> Tall:
+    """How tall a thing is by its tags.
+
+    Args:
+        tags: of the file.
+        unit: metres of a number that names none.
+        heights, levels: names of those that say it, the first that is there counts.
+    """
     guessed = False
     hub, rotor = length(tags.get("height:hub", ""), unit=unit), length(tags.get("rotor:diameter", ""), unit=unit)
     tip = 0.0 if hub is None else hub[0] + 0.5 * (rotor[0] if rotor else 0.0)
-    for key in ("height", "building:height", "est_height"):
+    for key in heights:
         if (text := tags.get(key, "").strip()) and (read := length(text, unit=unit)) is not None:
             if read[0] > 0:
                 return Tall(max(read[0], tip), read[1])
@@ -61,13 +77,19 @@ def tall(tags: Mapping[str, str], unit: float = 1.0) -> Tall:
             guessed = True
     if tip > 0:
         return Tall(tip, guessed)
-    levels, odd = _count(tags.get("building:levels") or tags.get("levels") or "")
-    if levels is None:
+    count, odd = _count(next((text for key in levels if (text := tags.get(key))), ""))
+    if count is None:
         return Tall(None, guessed)
     roof = length(tags.get("roof:height", ""), unit=unit)
     above = roof[0] if roof is not None else _LEVEL * (_count(tags.get("roof:levels", ""))[0] or 0.0)
-    total = _LEVEL * levels + max(above, 0.0)
+    total = _LEVEL * count + max(above, 0.0)
     return Tall(total if total > 0 else None, guessed or odd)
+
+
+def with_other_tags(tags: Mapping[str, str]) -> Mapping[str, str]:
+    """Tags, and those that ogr2ogr has put into one: `other_tags` as "height"=>"12","building:levels"=>"3"."""
+    packed = tags.get("other_tags", "")
+    return {**dict(_PACKED.findall(packed)), **tags} if packed else tags
 
 
 def length(text: str, most: float = _TALLEST, unit: float = 1.0) -> tuple[float, bool] | None:

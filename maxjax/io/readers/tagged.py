@@ -21,14 +21,32 @@ from jaxtyping import Float64
 
 from maxjax.core.files import FileError
 from maxjax.io.geo.degrees import side_by_side
+from maxjax.io.geo.reference_system import unit_of
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
 from maxjax.io.kinds.footprints import Footprint, Footprints, check_footprints, swept
 from maxjax.io.readers.standing import Kind, width_of
-from maxjax.io.readers.tag_heights import Tall, metres, tall
+from maxjax.io.readers.tag_heights import HEIGHTS, LEVELS, Tall, length, metres, tall
 from maxjax.io.reading import Reading
 
 _DEGREES = "EPSG:4326"
 _SMOOTHER, _STEP = 0.5, 5.0  # share, and metres between neighbours
+# Parts of names of properties that may be heights, and how many of them are told.
+_LIKE_HEIGHTS = (
+    "height",
+    "hgt",
+    "hoehe",
+    "hohe",
+    "altura",
+    "haut",
+    "elev",
+    "_ht",
+    "ht_",
+    "roof",
+    "stor",
+    "floor",
+    "level",
+)
+_MOST_TOLD = 8
 _STEEP = 20.0  # [m]; ground that steps by more, and by more than the way between neighbours, is said
 
 Places = Float64[np.ndarray, "_ 2"]
@@ -74,19 +92,20 @@ def solids_of(
     asked = [not reading.only or thing.kind.key in reading.only for thing in things]
     left.update(f"{t.kind.name} that were not asked for" for t, held in zip(things, asked, strict=True) if not held)
     wanted = [thing for thing, held in zip(things, asked, strict=True) if held]
-    heights = [tall(thing.tags) for thing in wanted]
+    heights = [_tall(thing.tags, reading) for thing in wanted]
     known = [h.metres is not None or t.kind.height is not None for t, h in zip(wanted, heights, strict=True)]
     left.update(f"{t.kind.name} without a height" for t, held in zip(wanted, known, strict=True) if not held)
     kept = [(t, h) for t, h, held in zip(wanted, heights, known, strict=True) if held]
     if not kept:
         counts = ", ".join(f"{count} {kind}" for kind, count in left.items()) or "0 without"
-        raise FileError(f"{path}: expected a building with an outline and a height, found none ({counts})")
+        hint = _numbers(wanted)
+        raise FileError(f"{path}: expected a building with an outline and a height, found none ({counts}){hint}")
     lines, how = _placed([part for thing, _ in kept for part in thing.parts], stated, reading, path)
     parts = iter(lines)
     shapes = [[next(parts) for _ in thing.parts] for thing, _ in kept]
     unit = how.vertical_unit
     if unit != 1.0:
-        kept = [(thing, tall(thing.tags, unit)) for thing, _ in kept]
+        kept = [(thing, _tall(thing.tags, reading, unit)) for thing, _ in kept]
     height = np.array([h.metres if h.metres is not None else t.kind.height for t, h in kept], np.float64)
     floors, rises, remarks = _floors([thing for thing, _ in kept])
     base, told = grounds(np.array([s[0].mean(axis=0) for s in shapes]), height, floors, unit)
@@ -126,6 +145,28 @@ def _floors(
     rises = np.array([0.0 if z is None else z[1] - z[0] for z in said])
     count = sum(z is not None for z in said)
     return tags, rises, (f"{count} shapes stand on their third coordinate, the lowest of each",)
+
+
+def _tall(tags: Mapping[str, str], reading: Reading, unit: float = 1.0) -> Tall:
+    """How tall a thing is, by the properties that the user names, else by those that are known."""
+    name, _, own = (reading.height or "").partition(":")
+    heights = (name,) if name else HEIGHTS
+    return tall(tags, unit_of(own) if own else unit, heights, (reading.levels,) if reading.levels else LEVELS)
+
+
+def _numbers(things: Sequence[Tagged]) -> str:
+    """Numeric properties that may be heights, with their ranges, and how to name one; empty where there are none."""
+    found: dict[str, list[float]] = {}
+    for thing in things:
+        for name, text in thing.tags.items():
+            if any(part in name.lower() for part in _LIKE_HEIGHTS) and (read := length(text)) is not None:
+                found.setdefault(name, []).append(read[0])
+    if not found:
+        return ""
+    told = ", ".join(
+        f"{name} ({min(values):g} to {max(values):g})" for name, values in list(found.items())[:_MOST_TOLD]
+    )
+    return f"; if one of these is the height, name it with its unit, as --height {next(iter(found))}:m: {told}"
 
 
 def _placed(lines: list[Places], stated: Stated, reading: Reading, path: Path) -> tuple[list[Places], Reference]:

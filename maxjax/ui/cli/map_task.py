@@ -189,7 +189,19 @@ def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
 def _in_city(scene: Scene, request: Request) -> MapTask:
     if request.ground is not None:
         raise ValueError("--ground: a simulated city has its own ground (z = 0); leave the option out")
-    for name in ("spacing", "bounds", "below", "unknown", "unit", "vertical_unit", "band", "drop_class", "only"):
+    for name in (
+        "spacing",
+        "bounds",
+        "below",
+        "unknown",
+        "unit",
+        "vertical_unit",
+        "band",
+        "drop_class",
+        "only",
+        "height",
+        "levels",
+    ):
         if getattr(request, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
     earth, ends = request.earth(request.crs, None), request.places
