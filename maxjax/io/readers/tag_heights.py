@@ -77,7 +77,7 @@ def tall(
             guessed = True
     if tip > 0:
         return Tall(tip, guessed)
-    count, odd = _count(next((text for key in levels if (text := tags.get(key))), ""))
+    count, odd = _count(next((tags[key] for key in levels if tags.get(key)), ""))
     if count is None:
         return Tall(None, guessed)
     roof = length(tags.get("roof:height", ""), unit=unit)
