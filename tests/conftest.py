@@ -90,6 +90,8 @@ NIGHTLY = {
     "experiments/test_fault_matrix.py::test_a_stuck_planner": "sim/test_faults.py flies with planners that fail",
     "planning/test_planning_execution.py::test_a_way": "its tests of with_longer_ascents count the attempts",
     "planning/test_narrow_streets": "planning/test_corridor.py compares costs with those of the whole map",
+    "sim/swarm/test_fleet_flight.py::test_a_fleet_keeps": "sim/movers/test_slow_movers.py passes movers, alone",
+    "sim/swarm/test_fleet_flight.py::test_on_the_host": "sim/test_flight.py flies on the host as in a batch, alone",
     "sim/trials/test_execution.py::test_real_flights": "sim/test_flight.py flies, test_execution.py batches",
     "sim/trials/test_shards.py::test_four_processes": "the rest of test_shards.py shares and merges in one process",
     "sim/trials/test_shards.py::test_the_processes_of_a_job": "the rest of test_shards.py shares and merges",
