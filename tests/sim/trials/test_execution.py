@@ -145,7 +145,7 @@ def test_on_a_cpu_each_flight_is_watched_by_itself(monkeypatch: pytest.MonkeyPat
     config = windy(2.0)
     found = module._fly_split((geoms, *points, keys), config, jax.devices()[:1])
     expected = jax.vmap(fake_fly, in_axes=(0, 0, 0, 0, None))(geoms, *points, keys, config)
-    assert set(found) == {field.name for field in dataclasses.fields(FlightLog)} - {"flags", "unseen"}
+    assert set(found) == {field.name for field in dataclasses.fields(FlightLog)} - {"parts"}
     for name, values in found.items():
         np.testing.assert_allclose(values, getattr(expected, name), rtol=1e-5)
     assert [world.disturbances for world in watched] == [config.disturbances] * 3

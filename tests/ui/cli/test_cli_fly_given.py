@@ -87,7 +87,7 @@ def test_a_wind_that_carries_it_away_ends_with_1(town: str, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([*ENDS[:4]], "--start and --goal: expected both or neither"),
+        ([*ENDS[:4]], "--start and --goal: expected both or none"),
         ([*ENDS, "--trials", 3], "--trials: goes with trials"),
         ([*ENDS, "--dead-sector", 30], "--dead-sector: goes with trials"),
         ([*ENDS, "--speed", 0], "FlightLimits.speed: expected a positive"),
