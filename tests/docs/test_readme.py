@@ -97,10 +97,12 @@ def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest
 def test_the_figures_of_flights_are_those_of_the_result_files() -> None:
     folder = ROOT / "experiments" / "results"
     documents = [
-        json.loads((folder / f"closed_loop_{name}.json").read_text(encoding="utf-8")) for name in ("many", "disturbed")
+        json.loads((folder / f"closed_loop_{name}.json").read_text(encoding="utf-8"))
+        for name in ("many", "disturbed", "disturbed_suburb")
     ]
     assert all(trials(document).startswith("fresh trials") for document in documents)
-    calm, windy = (document["rows"] for document in documents)
+    calm, downtown, suburb = (document["rows"] for document in documents)
+    windy = downtown + suburb
     assert sum(row["contacts"] for row in calm + windy) == 0
     for rows in (calm, windy):
         assert sum(row["arrived"] for row in rows) == sum(row["trials"] for row in rows)
@@ -109,9 +111,26 @@ def test_the_figures_of_flights_are_those_of_the_result_files() -> None:
         f"All of {sum(row['trials'] for row in calm):,} fresh trials, of a seed drawn from the commit after the code, "
         f"arrived, nearest to a wall {nearest} m in the mean of their maps and "
         f"{min(row['clearance_least_m'] for row in calm):.1f} m at worst; so did all of "
-        f"{sum(row['trials'] for row in windy):,} downtown in wind,"
+        f"{sum(row['trials'] for row in windy):,} in wind,"
     )
     assert said in " ".join(TEXT.split())
+
+
+def test_the_figures_of_flights_among_movers_are_those_of_the_result_files() -> None:
+    folder = ROOT / "experiments" / "results"
+    documents = [
+        json.loads((folder / f"moving_cities_fresh{name}.json").read_text(encoding="utf-8")) for name in ("", "_slow")
+    ]
+    assert all(trials(document).startswith("fresh trials") for document in documents)
+    rows = [row for document in documents for row in document["rows"] if row["movers"]]
+    assert sum(row["unflagged_at_contact"] for row in rows) == 0
+    flights, contacts, arrived = (sum(row[name] for row in rows) for name in ("flights", "contacts", "arrived"))
+    assert {(row["movers"], row["speed"]) for row in rows} == {(n, v) for n in (10, 30) for v in (2.0, 5.0, 8.0)}
+    said = (
+        f"In {flights:,} fresh flights downtown, among 10 and 30 drones at 2, 5 and 8 m/s by own LiDAR, {contacts} "
+        f"touched a mover, and of each some flag was up at that moment; {arrived:,} arrived"
+    )
+    assert said in " ".join((ROOT / "docs" / "moving.md").read_text(encoding="utf-8").split())
 
 
 def test_the_first_hour_is_as_short_as_it_is_said_to_be() -> None:
