@@ -79,6 +79,15 @@ def test_only_what_the_way_leads_over_is_left_out(path: list[list[float]], fence
     assert any("leads over or under it" in one for one in remarks) != fenced
 
 
+def test_a_return_from_the_middle_of_a_leg_is_judged_as_from_its_ends() -> None:
+    """The way home crosses the area from the middle of a leg, and from neither of its ends."""
+    air = Airspace(areas=(Area("pond", (square(1.0) + np.array([0.0, 20.0]),)),))
+    path = np.array([[0.0, 40.0, 10.0], [60.0, 40.0, 10.0], [41.0, 0.0, 10.0], [-39.0, 0.0, 10.0]])
+    assert any("return to launch crosses" in remark for remark in fences_of(air, path, EARTH)[1])
+    short = path[:3]
+    assert not any("return to launch crosses" in remark for remark in fences_of(air, short, EARTH)[1])
+
+
 def test_a_return_across_a_fence_is_named() -> None:
     air = Airspace(areas=(Area("school", (square(5.0),)),))
     path = np.array([[-20.0, 0.0, 10.0], [-20.0, 20.0, 10.0], [20.0, 20.0, 10.0], [20.0, 0.0, 10.0]])
