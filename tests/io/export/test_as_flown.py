@@ -247,6 +247,11 @@ def test_courses_are_those_of_the_geodesic() -> None:
     wanted[0], wanted[4] = wanted[1], wanted[3]
     np.testing.assert_allclose(found, [wanted[0], *wanted], atol=0.01)
     assert courses_of(places[:2]) == [0.0, 0.0]
+    # A way of more than a millimetre has a course.
+    metre = 1.0 / 111_320.0
+    east = np.array([[0.0, 8.0, 10.0], [0.0, 8.0 + 1.2e-3 * metre, 10.0], [0.0, 8.0 + 2.0e-3 * metre, 10.0]])
+    np.testing.assert_allclose(courses_of(east), [90.0, 90.0, 90.0], atol=0.1)
+    assert courses_of(east[1:]) == [0.0, 0.0]
 
 
 def test_waypoint_lists_carry_the_course(tmp_path: Path) -> None:
