@@ -101,6 +101,19 @@ def test_what_is_underground_does_not_stand_and_is_counted(tmp_path: Path, tags:
     assert load_geojson(shapes).dropped == {reason: 1}
 
 
+@pytest.mark.parametrize("no", ["no", "F", "false", "0", ""])
+def test_a_file_that_says_no_of_tunnels_and_bridges_has_none(tmp_path: Path, no: str) -> None:
+    """As extracts in other formats write it: a house stands, and a road is not a bridge."""
+    house = {"building": "yes", "height": 9, "tunnel": no, "bridge": no, "is_underground": no}
+    road = (block(60, 0), {"highway": "primary", "height": 4, "bridge": no})
+    found = load_geojson(features(tmp_path, (block(0, 0), house), road))
+    assert [round(b.top - b.base, 6) for b in found.buildings] == [9.0, 4.0]
+    assert found.read == {"buildings": 2}
+    town = Town()
+    town.way([(-20, 0), (20, 0)], closed=False, highway="primary", bridge=no)
+    assert load_osm(town.save(tmp_path)).read == {"buildings": 2}
+
+
 def test_what_was_deleted_is_gone(tmp_path: Path) -> None:
     """By an editor, or in a history; a deleted node may have no place."""
     town = Town()

@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from maxjax.io.readers.tag_heights import length, tall
 
 _NOTHING = ("no", "none", "proposed", "construction_site", "demolished", "razed", "underground")
+# No, as OpenStreetMap and files made of it write it.
+_NO = ("", "no", "none", "n", "f", "false", "0", "null", "nan")
 _LAYER = 12.0  # from deck to deck of bridges [m]
 _LANE, _BESIDE_LANES = 3.5, 3.0  # widths [m]
 # Keys by which what lies flat is counted.
@@ -130,7 +132,7 @@ def kind_of(tags: Mapping[str, str]) -> Kind | None:
     """The kind of standing object with these tags; None if it is none."""
     if any(tags.get(key, "no") not in _NOTHING for key in ("building", "building:part")):
         return BUILDING
-    if tags.get("bridge", "no") not in (*_NOTHING, "boardwalk", "low_water_crossing"):
+    if tags.get("bridge", "no").lower() not in (*_NO, *_NOTHING, "boardwalk", "low_water_crossing"):
         return _bridge(tags)
     for key, values in _KINDS.items():
         value = tags.get(key, "no")
@@ -155,8 +157,8 @@ def _bridge(tags: Mapping[str, str]) -> Kind:
 
 def is_underground(tags: Mapping[str, str]) -> bool:
     """Whether a thing lies below the ground, or below water."""
-    below = tags.get("location") in ("underground", "underwater") or tags.get("tunnel", "no") != "no"
-    return below or _layer(tags) < 0 or tags.get("is_underground", "no").lower() in ("true", "yes", "1")
+    below = tags.get("location") in ("underground", "underwater") or _layer(tags) < 0
+    return below or any(tags.get(key, "no").lower() not in _NO for key in ("tunnel", "is_underground"))
 
 
 def flat_name(tags: Mapping[str, str]) -> str:

@@ -32,20 +32,8 @@ _DEGREES = "EPSG:4326"
 _SMOOTHER, _STEP = 0.5, 5.0  # share, and metres between neighbours
 # Parts of names of properties that may be heights, and how many of them are told.
 _LIKE_HEIGHTS = (
-    "height",
-    "hgt",
-    "hoehe",
-    "hohe",
-    "altura",
-    "haut",
-    "elev",
-    "_ht",
-    "ht_",
-    "roof",
-    "stor",
-    "floor",
-    "level",
-)
+    "height", "hgt", "hoehe", "hohe", "altura", "haut", "elev", "_ht", "ht_", "roof", "stor", "floor", "level",
+)  # fmt: skip
 _MOST_TOLD = 8
 _STEEP = 20.0  # [m]; ground that steps by more, and by more than the way between neighbours, is said
 
