@@ -14,20 +14,19 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.files import FileError
+from maxjax.io.airspace.zone import Polygon, UnclearError
 from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.rings import chain
 
 _SEAM = 180.0  # [degrees]
 _ON = 1e-9  # of the seam [degrees]; a tenth of a millimetre
 
-Polygon = list[Ring]
 _Point = tuple[float, float]
 _Edge = tuple[_Point, _Point]
 
 
-def check_span(ring: Ring, here: str) -> None:
-    """Raise a `FileError` for an edge that leads around more than half the Earth, but for all of it.
+def check_span(ring: Ring) -> None:
+    """Raise an `UnclearError` for an edge that leads around more than half the Earth, but for all of it.
 
     It is either a way across 180 degrees that is not split there, or means what nobody draws.
     """
@@ -35,8 +34,8 @@ def check_span(ring: Ring, here: str) -> None:
     if ((wide > _SEAM) & (wide < 2.0 * _SEAM)).any():
         k = int(np.argmax((wide > _SEAM) & (wide < 2.0 * _SEAM)))
         a, b = float(ring[k, 0]), float(ring[(k + 1) % len(ring), 0])
-        raise FileError(
-            f"{here}: expected edges across 180 degrees to be split there (RFC 7946), found one from longitude {a:g} "
+        raise UnclearError(
+            f"expected edges across 180 degrees to be split there (RFC 7946), found one from longitude {a:g} "
             f"to {b:g}; split it, or write {b + 2.0 * math.copysign(_SEAM, a):g} for {b:g}"
         )
 

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from maxjax.core.files import FileError
+from maxjax.io.airspace.zone import UnclearError
 from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.rings import surrounds
 from maxjax.io.geo.triangles import spread
@@ -18,8 +18,8 @@ from maxjax.io.geo.triangles import spread
 _MOST_PAIRS = 10**8
 
 
-def check_outline(rings: list[Ring], here: str) -> None:
-    """Raise a `FileError` where edges of some rings cross each other, or a hole lies outside the outline.
+def check_outline(rings: list[Ring]) -> None:
+    """Raise an `UnclearError` where edges of some rings cross each other, or a hole lies outside the outline.
 
     Rings may touch: that leaves no doubt what is inside.
     """
@@ -29,7 +29,7 @@ def check_outline(rings: list[Ring], here: str) -> None:
     first = np.arange(1, len(edges) + 1)
     last = np.searchsorted(west, east, side="right") - 1
     if np.maximum(last - first + 1, 0).sum() > _MOST_PAIRS:
-        raise FileError(f"{here}: expected a simpler outline, found {len(edges)} edges that overlap; simplify it")
+        raise UnclearError(f"expected a simpler outline, found {len(edges)} edges that overlap; simplify it")
     for one, other in spread(first, last):
         p, q = edges[one, 0], edges[other, 0]
         d, e = edges[one, 1] - p, edges[other, 1] - q
@@ -40,19 +40,19 @@ def check_outline(rings: list[Ring], here: str) -> None:
         if crossing.any():
             k = int(np.argmax(crossing))
             x, y = (p[k] + along[k] / turn[k] * d[k]).tolist()
-            raise FileError(
-                f"{here}: expected an outline that does not cross itself, found one that does at {x:.6f}, {y:.6f}"
+            raise UnclearError(
+                f"expected an outline that does not cross itself, found one that does at {x:.6f}, {y:.6f}"
             )
     left = _MOST_PAIRS // len(rings[0])
     for hole in rings[1:]:
         for point in (*hole, *(0.5 * (hole + np.roll(hole, -1, axis=0)))):
             if left == 0:
-                raise FileError(f"{here}: expected a simpler outline, found {len(edges)} edges with holes; simplify it")
+                raise UnclearError(f"expected a simpler outline, found {len(edges)} edges with holes; simplify it")
             left -= 1
             if surrounds(rings[0], point):
                 break
         else:
-            raise FileError(f"{here}: expected holes inside of the outline, found one outside")
+            raise UnclearError("expected holes inside of the outline, found one outside")
 
 
 def _cross(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:

@@ -354,9 +354,10 @@ def test_a_file_is_read_in_the_words_of_ed_318_and_of_qgroundcontrol(tmp_path: P
     assert (field.floor, field.ceiling, first.floor, second.ceiling) == (5.0, 50.0, -math.inf, math.inf)
     for ring, given in zip(school.rings, (outline, hole), strict=True):
         np.testing.assert_allclose(ring, given, atol=1e-3)
-    elsewhere, unlimited = airspace.remarks
+    elsewhere, unlimited, free = airspace.remarks
     assert elsewhere.endswith(": 1")
     assert "'m'" in unlimited
+    assert "1 zones that restrict nothing (NO_RESTRICTION)" in free
 
 
 def test_an_area_far_larger_than_the_map_closes_all_of_it(tmp_path: Path) -> None:

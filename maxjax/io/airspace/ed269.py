@@ -1,0 +1,86 @@
+"""Zones of ED-269 (EUROCAE), the JSON before ED-318: each feature has volumes, of a polygon or a circle each.
+
+    {"features": [{"name": "school", "restriction": "PROHIBITED", "geometry": [{"uomDimensions": "M",
+     "lowerLimit": 0, "lowerVerticalReference": "AGL", "upperLimit": 120, "upperVerticalReference": "AGL",
+     "horizontalProjection": {"type": "Circle", "center": [4.3, 52.0], "radius": 250}}]}]}
+
+Radii are metres: some files have feet where the limits are in feet, and a metre is the longer of the two.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from maxjax.core.files import brief
+from maxjax.io.airspace.circles import circle_around
+from maxjax.io.airspace.coordinates import Coordinates
+from maxjax.io.airspace.ed318 import FREE, features_of
+from maxjax.io.airspace.zone import (
+    MALFORMED,
+    Limit,
+    Published,
+    UnclearError,
+    Zone,
+    ZoneFile,
+    limit_of,
+    number_of,
+    quoted,
+    unclear,
+    zone_of,
+)
+
+_COORDINATES = Coordinates(closed=False, split=False)
+
+
+def is_ed269(file: ZoneFile) -> bool:
+    """Whether a file is JSON whose features have lists of volumes."""
+    if not isinstance(file.document, dict) or not isinstance(file.document.get("features"), list):
+        return False
+    volumes = (f.get("geometry") for f in file.document["features"] if isinstance(f, dict))
+    return any(isinstance(volume, list) for volume in volumes)
+
+
+def read_ed269(file: ZoneFile) -> Published:
+    """Zones of ED-269."""
+    zones, left_out = list[Zone](), Counter[str]()
+    for number, feature in enumerate(features_of(file)):
+        try:
+            if str(feature.get("restriction", "")).upper() == FREE:
+                left_out[f"zones that restrict nothing ({FREE})"] += 1
+                continue
+            name = quoted(feature.get("name"), feature.get("identifier"), number)
+            volumes = feature.get("geometry")
+            if not isinstance(volumes, list) or not volumes:
+                zones.append(unclear(name, UnclearError("expected a geometry of volumes, found none")))
+                continue
+            times = feature.get("applicability") or []
+            timed = not all(str(one.get("permanent", "")).upper() == "YES" for one in times)
+            zones += [_zone(name, volume, timed) for volume in volumes]
+        except MALFORMED as error:
+            zones.append(unclear(quoted(number), error))
+    return Published(tuple(zones), left_out)
+
+
+def _zone(name: str, volume: dict[str, Any], timed: bool) -> Zone:
+    """The zone of one volume."""
+    shape = volume["horizontalProjection"]
+    kind = shape.get("type")
+
+    def limits() -> tuple[Limit | None, Limit | None]:
+        unit = volume.get("uomDimensions")
+        low, high = (
+            limit_of(volume.get(f"{end}Limit"), unit, volume.get(f"{end}VerticalReference"), end)
+            for end in ("lower", "upper")
+        )
+        return low, high
+
+    if kind == "Circle":
+        centre, radius = shape.get("center"), shape.get("radius")
+        return zone_of(
+            name, lambda: [circle_around(_COORDINATES.place(centre), number_of(radius))], limits, timed=timed
+        )
+    if kind != "Polygon":
+        return unclear(name, UnclearError(f"expected a Polygon or a Circle, found {brief(repr(kind))}"))
+    rings = [shape.get("coordinates")]
+    return zone_of(name, lambda: _COORDINATES.polygons(rings), limits, lambda: _COORDINATES.reach(rings), timed=timed)
