@@ -66,6 +66,7 @@ def _items(file: ZoneFile) -> list[tuple[dict[str, Any], Any]]:
     items: Any = given.get("items") if isinstance(given, dict) else given
     if is_geojson(file):
         features = given.get("features", [given])
+        features = features if isinstance(features, list) else []
         items = [{**_dict(_dict(one).get("properties")), "geometry": _dict(one).get("geometry")} for one in features]
     return [(_dict(one), _dict(one).get("geometry")) for one in items] if isinstance(items, list) else []
 
