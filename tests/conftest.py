@@ -28,6 +28,11 @@ os.environ.setdefault("MAXJAX_CACHE", "off")
 # user runs it. An XLA that does not know a flag ends the process, hence the version.
 if version("jaxlib").startswith("0.10."):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
+# The runner has a process a core: threads of XLA and OpenBLAS that look for work beside it cost a fifth of the processor.
+os.environ.setdefault("NPROC", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Where in the source a value was made is written into programs for profilers alone.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 # What XLA reads back from there it announces at length, on the same machine too.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
