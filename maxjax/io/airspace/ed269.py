@@ -45,6 +45,7 @@ def read_ed269(file: ZoneFile) -> Published:
     """Zones of ED-269."""
     zones, left_out = list[Zone](), Counter[str]()
     for number, feature in enumerate(features_of(file)):
+        name = quoted(number)
         try:
             if str(feature.get("restriction", "")).upper() == FREE:
                 left_out[f"zones that restrict nothing ({FREE})"] += 1
@@ -58,7 +59,7 @@ def read_ed269(file: ZoneFile) -> Published:
             timed = not all(str(one.get("permanent", "")).upper() == "YES" for one in times)
             zones += [_zone(name, volume, timed) for volume in volumes]
         except MALFORMED as error:
-            zones.append(unclear(quoted(number), error))
+            zones.append(unclear(name, error))
     return Published(tuple(zones), left_out)
 
 

@@ -59,6 +59,7 @@ def read_ed318(file: ZoneFile) -> Published:
     coordinates = Coordinates(crs=geojson_crs(file.document, file.path))
     zones, left_out = list[Zone](), Counter[str]()
     for number, feature in enumerate(features_of(file)):
+        name = quoted(number)
         try:
             values = feature.get("properties") or {}
             if str(values.get("type", "")).upper() == FREE:
@@ -77,7 +78,7 @@ def read_ed318(file: ZoneFile) -> Published:
                 else:
                     zones.append(_zone(name, part, layer, values, coordinates))
         except MALFORMED as error:
-            zones.append(unclear(quoted(number), error))
+            zones.append(unclear(name, error))
     return Published(tuple(zones), left_out)
 
 
@@ -145,4 +146,5 @@ def _radius(part: dict[str, Any], values: dict[str, Any]) -> Any:
         return values.get("radius")
     if not str(extent.get("subType", "circle")).lower().startswith("circle"):
         raise UnclearError(f"expected an extent of subType Circle, found {brief(repr(extent.get('subType')))}")
-    return extent.get("radius", "")
+    radius = extent.get("radius")
+    return "" if radius is None else radius

@@ -42,6 +42,7 @@ def read_facility_map(file: ZoneFile) -> Published:
     coordinates = Coordinates(crs=geojson_crs(file.document, file.path))
     zones = list[Zone]()
     for number, feature in enumerate(features_of(file)):
+        name = quoted(number)
         try:
             values = feature.get("properties") or {}
             airport = (values.get(f"APT1_{key}") for key in ("NAME", "ICAO", "FAAID"))
@@ -49,7 +50,7 @@ def read_facility_map(file: ZoneFile) -> Published:
             for part, _ in parts_of(feature.get("geometry"), None):
                 zones.append(_cell(name, values, part, coordinates))
         except MALFORMED as error:
-            zones.append(unclear(quoted(number), error))
+            zones.append(unclear(name, error))
     return Published(tuple(zones))
 
 

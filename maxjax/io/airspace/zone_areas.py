@@ -31,7 +31,7 @@ _ROOM = 0.1  # around the map [degrees]; some 10 km
 _LONGEST = 0.01  # edge [degrees], so that a straight line in degrees is one in metres to a few centimetres
 _NORTHERNMOST = 89.5  # [degrees]; nearer to a pole, straight lines in degrees are none
 _TOLD = 8  # names in a remark
-_FLAT = 1e-12  # of the square around an outline
+_THIN = 1e-9  # [degrees]; an outline of that width in the mean has no area
 
 Box = Float[np.ndarray, "2 2"]
 
@@ -177,7 +177,7 @@ def _is_flat(ring: Ring) -> bool:
     """Whether an outline has no area."""
     x, y = (ring - ring.mean(axis=0)).T
     area = 0.5 * abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()))
-    return area <= _FLAT * float(np.ptp(x) ** 2 + np.ptp(y) ** 2)
+    return area <= _THIN * float(np.ptp(x) + np.ptp(y))
 
 
 def _swapped(polygons: list[Polygon], box: Box) -> bool:

@@ -3,7 +3,7 @@
     AGL     value above the ground beneath
     AMSL    z of the map (`z_above_sea_level`)
     WGS84   height above sea level = value − undulation, which is −107 to 86 m everywhere on Earth
-    STD     height above sea level = 0.8 value − 1300 m to 1.2 value + 700 m: the air pressure at sea level is 870 to
+    STD     height above sea level = 0.8 value − 1600 m to 1.2 value + 700 m: the air pressure at sea level is 870 to
             1085 hPa, and the air at most a fifth colder or warmer than the standard atmosphere's
 
 Where a range stands for a limit, a zone to keep out of takes all of it, and one to keep in none.
@@ -49,7 +49,7 @@ def above_sea_level(limit: Limit) -> tuple[float, float]:
         return value - _UNDULATION[1], value - _UNDULATION[0]
     if limit.reference == "STD":
         scaled = (0.8 * value, 1.2 * value)
-        return min(scaled) - 1300.0, max(scaled) + 700.0
+        return min(scaled) - 1600.0, max(scaled) + 700.0
     return value, value
 
 
@@ -57,7 +57,7 @@ def remarks_on(zones: list[Zone], source: str) -> list[str]:
     """Sentences on limits for which a range stands."""
     ranges = {
         "WGS84": "above the ellipsoid (WGS84): sea level is taken as -107 to 86 m above it, as closes more",
-        "STD": "flight levels: they are taken as 0.8 H - 1300 m to 1.2 H + 700 m above sea level, as closes more",
+        "STD": "flight levels: they are taken as 0.8 H - 1600 m to 1.2 H + 700 m above sea level, as closes more",
     }
     remarks = []
     for reference, what in ranges.items():

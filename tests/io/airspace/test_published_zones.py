@@ -97,8 +97,8 @@ CASES: dict[str, tuple[Callable[[samples.Ring], bytes], float, float]] = {
         12.0,
     ),
     "openaip flight levels": (
-        lambda ring: samples.encoded([samples.openaip_item(ring, (55, 6, 2), (195, 6, 2))]),
-        0.8 * 55 * 30.48 - 1330.0,
+        lambda ring: samples.encoded([samples.openaip_item(ring, (67, 6, 2), (195, 6, 2))]),
+        0.8 * 67 * 30.48 - 1630.0,
         math.inf,
     ),
     "openaip of geojson": (
