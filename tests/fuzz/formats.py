@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import io
+import json
 import math
 import tempfile
 from collections.abc import Callable
@@ -24,7 +25,8 @@ from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.view_command import request_shown
 from maxjax.ui.page.incoming import fault_of
 from maxjax.ui.request_files import read_mission
-from tests.fuzz import map_files
+from tests.fuzz import map_files, zone_samples
+from tests.fuzz.mutations import altered, mutated
 
 TREE = {"kernel": np.arange(12, dtype=np.float32).reshape(3, 4), "step": np.int32(7)}
 MISSION = """map = "downtown:0"
@@ -54,10 +56,12 @@ class Format:
     Attributes:
         valid: an input that is taken.
         outcome: "taken" or "refused" of an input, written into a folder where it is read from one; else it raises.
+        damage: makes an input of a valid one.
     """
 
     valid: Callable[[], bytes]
     outcome: Callable[[bytes, Path], str]
+    damage: Callable[[bytes, np.random.Generator], bytes] = mutated
 
 
 def _of_map(name: str, content: bytes, folder: Path) -> str:
@@ -186,13 +190,26 @@ def _message(content: bytes, folder: Path) -> str:
     return "taken"
 
 
+def _damaged_zones(content: bytes, rng: np.random.Generator) -> bytes:
+    """Every other file of JSON stays one: most of what is changed within it is read."""
+    if content[:1] in b"{[" and rng.random() < 0.5:
+        return json.dumps(altered(json.loads(content), rng)).encode()
+    return mutated(content, rng)
+
+
 def share(name: str, inputs: int) -> int:
     """How many of so many inputs of all formats are of this one: fewer where each takes longer."""
     return math.ceil(inputs / len(FORMATS) / SLOW.get(name, 1))
 
 
-SLOW = {"scene.xml": 10, "a.zip": 4}  # formats that take so many times as long as others
+SLOW = {
+    "scene.xml": 10,
+    "a.zip": 4,
+    **dict.fromkeys(zone_samples.SAMPLES, 3),
+}  # formats that take so many times as long as others
 FORMATS = {name: Format(valid, functools.partial(_of_map, name)) for name, valid in map_files.SAMPLES.items()}
+for _name in zone_samples.SAMPLES:
+    FORMATS[_name] = dataclasses.replace(FORMATS[_name], damage=_damaged_zones)
 FORMATS |= {
     "mission.toml": Format(MISSION.encode, _mission),
     CONFIG: Format(_config, functools.partial(_ledger, CONFIG)),

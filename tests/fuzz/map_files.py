@@ -17,10 +17,14 @@ from maxjax.core.files import FileError
 from maxjax.io import read_map
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.io.kinds.contents import facts
+from tests.fuzz import zone_samples
 
 # Where areas are looked at.
 AIR = Grid((60, 60, 20), 4.0, (-118.0, -118.0, 2.0))
 GROUND = np.broadcast_to(np.arange(20) < 1, AIR.shape)
+# Where zones of many formats are, in fewer voxels.
+COARSE = Grid((12, 12, 4), 20.0, (-110.0, -110.0, 10.0))
+COARSE_GROUND = np.broadcast_to(np.arange(4) < 1, COARSE.shape)
 BOX = [[x, y, z] for x in (0.0, 9.0) for y in (0.0, 8.0) for z in (0.0, 7.0)]
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 
@@ -194,16 +198,18 @@ SAMPLES: dict[str, Callable[[], bytes]] = {
     ),
     "scene.xml": lambda: SCENE.encode(),
     "a.zip": packed,
-}
+} | zone_samples.SAMPLES
 
 
 def coordinates(path: Path) -> np.ndarray:
     """Of what a file holds."""
-    if path.name != "areas.geojson":
+    if path.name not in ("areas.geojson", *zone_samples.SAMPLES):
         return np.asarray(facts(read_map(path)).extent)
     here = TangentPlane(52.0005, 4.3005)
-    airspace = load_airspace(path, here, AIR)
-    assert airspace.closed(GROUND, AIR).shape == AIR.shape
+    grid, ground = (AIR, GROUND) if path.name == "areas.geojson" else (COARSE, COARSE_GROUND)
+    airspace = load_airspace(path, here, grid)
+    assert airspace.closed(ground, grid).shape == grid.shape
+    assert all(len(remark) < 1500 and "\n" not in remark for remark in airspace.remarks)
     return np.concatenate([ring for area in airspace.areas for ring in area.rings])
 
 

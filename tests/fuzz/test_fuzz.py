@@ -16,7 +16,6 @@ pytest.importorskip("viser", reason="messages need the extra view: pip install '
 from benchmarks import tables
 from tests.fuzz import __main__ as at_length
 from tests.fuzz.formats import FORMATS, share
-from tests.fuzz.mutations import mutated
 
 
 @pytest.mark.large
@@ -28,7 +27,7 @@ def test_mutated_inputs_are_refused_or_finite(tmp_path: Path, name: str, inputs:
     assert tried.outcome(whole, tmp_path) == "taken"
     rng = np.random.default_rng(0)
     count = share(name, inputs)
-    found = [tried.outcome(mutated(whole, rng), tmp_path) for _ in range(count)]
+    found = [tried.outcome(tried.damage(whole, rng), tmp_path) for _ in range(count)]
     assert found.count("refused") > 0.02 * count
 
 

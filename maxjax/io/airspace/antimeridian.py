@@ -46,6 +46,8 @@ def join_at_seam(polygons: list[Polygon]) -> list[Polygon]:
     Args:
         polygons: outlines and holes each, longitude and latitude [degrees], last point not repeated.
     """
+    if len(polygons) < 2:
+        return polygons
     parts = [_turned(polygon) for polygon in polygons]
     levels = sorted({point[1] for part in parts for ring in part for point in ring.tolist() if point[0] == _SEAM})
     edges = [[edge for ring in part for edge in _split(ring, levels)] for part in parts]

@@ -67,21 +67,31 @@ def _zone(name: str, volume: dict[str, Any], timed: bool) -> Zone:
     """The zone of one volume."""
     shape = volume["horizontalProjection"]
     kind = shape.get("type")
-
-    def limits() -> tuple[Limit | None, Limit | None]:
-        unit = volume.get("uomDimensions")
-        low, high = (
-            limit_of(volume.get(f"{end}Limit"), unit, volume.get(f"{end}VerticalReference"), end)
-            for end in ("lower", "upper")
-        )
-        return low, high
-
     if kind == "Circle":
         centre, radius = shape.get("center"), shape.get("radius")
         return zone_of(
-            name, lambda: [circle_around(_COORDINATES.place(centre), number_of(radius))], limits, timed=timed
+            name,
+            lambda: [circle_around(_COORDINATES.place(centre), number_of(radius))],
+            lambda: _limits(volume),
+            timed=timed,
         )
     if kind != "Polygon":
         return unclear(name, UnclearError(f"expected a Polygon or a Circle, found {brief(repr(kind))}"))
     rings = [shape.get("coordinates")]
-    return zone_of(name, lambda: _COORDINATES.polygons(rings), limits, lambda: _COORDINATES.reach(rings), timed=timed)
+    return zone_of(
+        name,
+        lambda: _COORDINATES.polygons(rings),
+        lambda: _limits(volume),
+        lambda: _COORDINATES.reach(rings),
+        timed=timed,
+    )
+
+
+def _limits(volume: dict[str, Any]) -> tuple[Limit | None, Limit | None]:
+    """The lower and the upper limit of a volume."""
+    unit = volume.get("uomDimensions")
+    low, high = (
+        limit_of(volume.get(f"{end}Limit"), unit, volume.get(f"{end}VerticalReference"), end)
+        for end in ("lower", "upper")
+    )
+    return low, high

@@ -118,25 +118,32 @@ def _zone(
     """The zone of one geometry of a feature."""
     kept = values.get("inclusion", False)
     timed = bool(values.get("limitedApplicability"))
-
-    def limits() -> tuple[Limit | None, Limit | None]:
-        unit = layer.get("uom")
-        low, high = (limit_of(layer.get(end), unit, layer.get(f"{end}Reference"), end) for end in ("lower", "upper"))
-        return low, high
-
     if part["type"] == "Point":
         centre, radius = part["coordinates"], _radius(part, values)
         return zone_of(
             name,
             lambda: [circle_around(coordinates.place(centre), number_of(radius), keep_in=kept)],
-            limits,
+            lambda: _limits(layer),
             keep_in=kept,
             timed=timed,
         )
     rings = polygons_in(part)
     return zone_of(
-        name, lambda: coordinates.polygons(rings), limits, lambda: coordinates.reach(rings), keep_in=kept, timed=timed
+        name,
+        lambda: coordinates.polygons(rings),
+        lambda: _limits(layer),
+        lambda: coordinates.reach(rings),
+        keep_in=kept,
+        timed=timed,
     )
+
+
+def _limits(layer: dict[str, Any]) -> tuple[Limit | None, Limit | None]:
+    """The lower and the upper limit of a layer."""
+    low, high = (
+        limit_of(layer.get(end), layer.get("uom"), layer.get(f"{end}Reference"), end) for end in ("lower", "upper")
+    )
+    return low, high
 
 
 def _radius(part: dict[str, Any], values: dict[str, Any]) -> Any:

@@ -57,11 +57,12 @@ def read_facility_map(file: ZoneFile) -> Published:
 def _cell(name: str, values: dict[str, Any], part: dict[str, Any], coordinates: Coordinates) -> Zone:
     """The part of a cell above its ceiling."""
     rings = polygons_in(part)
+    return zone_of(name, lambda: coordinates.polygons(rings), lambda: _limits(values), lambda: coordinates.reach(rings))
 
-    def limits() -> tuple[Limit | None, None]:
-        lower = limit_of(values.get(_CEILING), values.get("UNIT") or "ft", "AGL", _CEILING)
-        if lower is None:
-            raise UnclearError(f"expected a {_CEILING} in feet, found none")
-        return lower, None
 
-    return zone_of(name, lambda: coordinates.polygons(rings), limits, lambda: coordinates.reach(rings))
+def _limits(values: dict[str, Any]) -> tuple[Limit, None]:
+    """What is closed begins at the ceiling, and does not end."""
+    lower = limit_of(values.get(_CEILING), values.get("UNIT") or "ft", "AGL", _CEILING)
+    if lower is None:
+        raise UnclearError(f"expected a {_CEILING} in feet, found none")
+    return lower, None
