@@ -26,6 +26,7 @@ from maxjax.io.readers.mitsuba import is_scene, load_mitsuba
 from maxjax.io.readers.moving_ai import load_3dmap
 from maxjax.io.readers.npz import load_npz
 from maxjax.io.readers.obj import load_obj
+from maxjax.io.readers.obstacle_file import is_obstacle_csv, load_obstacles
 from maxjax.io.readers.octomap import load_octomap
 from maxjax.io.readers.osm import load_osm
 from maxjax.io.readers.pcd import load_pcd
@@ -48,6 +49,10 @@ def _load_xml(path: Path, reading: Reading) -> Contents:
     return load_mitsuba(path, reading) if is_scene(path) else load_osm(path, reading)
 
 
+def _load_csv(path: Path, reading: Reading) -> Contents:
+    return load_obstacles(path, reading) if is_obstacle_csv(path) else load_boxes(path, reading)
+
+
 READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".npz": load_npz,
     ".ply": load_ply,
@@ -66,7 +71,8 @@ READERS: dict[str, Callable[[Path, Reading], Contents]] = {
     ".tif": load_geotiff,
     ".tiff": load_geotiff,
     ".3dmap": load_3dmap,
-    ".csv": load_boxes,
+    ".csv": _load_csv,
+    ".dat": load_obstacles,
     ".zip": load_zip,
 }
 

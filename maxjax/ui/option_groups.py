@@ -89,7 +89,8 @@ class RouteOptions:
         margin: Distance where obstacles cost nothing [m].
         price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
             none: its length.
-        airspace: GeoJSON file of areas to keep out of, or to keep in, with floors and ceilings (docs/airspace.md).
+        airspace: File of areas to keep out of, or to keep in: ED-318, GeoJSON, ED-269, KML, KMZ, openAIP, a UAS
+            Facility Map, or the geofence of a .plan (docs/airspace.md).
         floor: Least height above ground [m].
         ceiling: Greatest height above ground [m].
         ceiling_above_start: Greatest height above the start [m].

@@ -168,6 +168,20 @@ def packed() -> bytes:
     return buffer.getvalue()
 
 
+def obstacles() -> bytes:
+    """Two lines of the FAA's file."""
+    head = "OAS#      V CO ST CITY             LATITUDE     LONGITUDE     OBSTACLE"
+    place = "27-000127 O US MN MINNEAPOLIS      44 58 30.00N 093 15 36.00W TOWER              1 00256 00456 D 2 B N"
+    return lines(
+        head, f"{place} 2015AGL00210OE C 2017153 ", f"{place} 2015AGL00210OE A 2017153 ".replace("30.00N", "33.60N")
+    )
+
+
+OBSTACLES = lines(
+    "OAS,VERIFIED,COUNTRY,STATE,CITY,LATDEC,LONDEC,DMSLAT,DMSLON,TYPE,QUANTITY,AGL,AMSL,LIGHTING,ACCURACY,ACTION",
+    "27-1,O,US,MN,MINNEAPOLIS,44.975,-93.26,,,TOWER,1,256,456,D,2B,C",
+    "27-2,O,US,MN,MINNEAPOLIS,44.976,-93.26,,,WINDMILL,1,99,320,D,4D,A",
+)
 PCD = lines("VERSION .7", "FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "COUNT 1 1 1", "WIDTH 8", "HEIGHT 1", "POINTS 8")
 SAMPLES: dict[str, Callable[[], bytes]] = {
     "binary.ply": lambda: ply("<"),
@@ -196,6 +210,8 @@ SAMPLES: dict[str, Callable[[], bytes]] = {
     "colliders.csv": lambda: lines(
         "lat0 37.79, lon0 -122.39", "posX,posY,posZ,halfSizeX,halfSizeY,halfSizeZ", "-10,20,5,2,4,5", "30,0,10,1,1,10"
     ),
+    "obstacles.dat": obstacles,
+    "obstacles.csv": lambda: OBSTACLES,
     "scene.xml": lambda: SCENE.encode(),
     "a.zip": packed,
 } | zone_samples.SAMPLES

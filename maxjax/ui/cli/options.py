@@ -43,7 +43,7 @@ class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
 
     Attributes:
         map: A file (.npz, .ply, .pcd, .las, .laz, .obj, .stl, .glb, .json, .osm, .geojson, .bt, .ot, .tif, .3dmap,
-            .csv), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+            .csv, .dat), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
         via: A place to fly through on the way [m]; several in order, each with its own --via.
