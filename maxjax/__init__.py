@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from maxjax.io.export.autopilot import Autopilot
     from maxjax.io.export.export import export
     from maxjax.io.geo.earth import Projected, TangentPlane
+    from maxjax.io.geo.vertical_zero import VerticalZero
     from maxjax.io.load import LoadedMap, load_map
     from maxjax.io.reading import Reading
     from maxjax.nn.model import load_model
@@ -77,6 +78,7 @@ __all__ = [
     "Tracking",
     "Trajectory",
     "Verification",
+    "VerticalZero",
     "VoxelMap",
     "Waypoint",
     "conductivity",
@@ -127,6 +129,7 @@ _MODULES = {
     "maxjax.io.export.autopilot": ("Autopilot",),
     "maxjax.io.export.export": ("export",),
     "maxjax.io.geo.earth": ("Projected", "TangentPlane"),
+    "maxjax.io.geo.vertical_zero": ("VerticalZero",),
     "maxjax.io.load": ("LoadedMap", "load_map"),
     "maxjax.io.reading": ("Reading",),
     "maxjax.nn.model": ("load_model",),

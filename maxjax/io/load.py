@@ -17,7 +17,9 @@ from jaxtyping import Bool
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.io.geo.earth import Degrees, Earth, Projected
+from maxjax.io.geo.accuracy import accuracy_of
+from maxjax.io.geo.earth import Earth, earth_of
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.kinds.bare_ground import terrain_of
 from maxjax.io.kinds.contents import Contents, Facts, facts, voxels
 from maxjax.io.kinds.coverage import closing_unknown, within_data
@@ -26,8 +28,10 @@ from maxjax.io.places import Frame, check_in_map, point_at
 from maxjax.io.reader import read_map
 from maxjax.io.reading import PLAIN, Reading
 from maxjax.io.window import Window
+from maxjax.planning.problem.distances import Distances
 
 _TOUCH = 1e-9  # [m]
+_SAME = 0.5  # [m]; what systems of heights differ by
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,6 +42,7 @@ class MapFile:
         source: its name.
         crs: coordinate reference system, as EPSG:28992; None where neither the file nor the caller names one.
         origin: longitude and latitude of (0, 0) [degrees], where the file is in degrees.
+        earth: where it lies on Earth, and what its heights count from; None where neither says where.
         read: what it holds, by kind.
         dropped: what of it is not used, by reason.
         remarks: sentences on what a user should know.
@@ -49,6 +54,7 @@ class MapFile:
     source: str
     crs: str | None
     origin: tuple[float, float] | None
+    earth: Earth | None
     read: Mapping[str, int]
     dropped: Mapping[str, int]
     remarks: tuple[str, ...]
@@ -72,15 +78,8 @@ class LoadedMap(VoxelMap):
 
     @property
     def earth(self) -> Earth | None:
-        """Where the map lies on Earth, with its heights above sea level as the file has them; None where it is unknown.
-
-        Raises:
-            ImportError: if pyproj is missing, where the map has a reference system.
-            ValueError: if pyproj does not know the system, or it has no metres.
-        """
-        if self.file.origin is not None:
-            return Degrees(*self.file.origin)
-        return None if self.file.crs is None else Projected(self.file.crs)
+        """Where the map lies on Earth, and what its heights count from; None where it is unknown."""
+        return self.file.earth
 
     @property
     def terrain(self) -> Terrain:
@@ -92,10 +91,11 @@ class LoadedMap(VoxelMap):
 
         Args:
             place: the three.
-            frame: `agl`, above ground, or `amsl`, above sea level, which is z where the file does not say otherwise.
+            frame: `agl`, above ground, or `amsl`, above sea level.
 
         Raises:
-            ValueError: if the place is none, the map has no ground there, or lies nowhere on Earth.
+            ValueError: if the place is none, the map has no ground there, or lies nowhere on Earth; for a height above
+                sea level where the map's zero is not known.
             ImportError: if pyproj is missing, where the map has a reference system.
         """
         earth = self.earth
@@ -153,6 +153,7 @@ def map_of(
         found = VoxelMap.on(grid, found.occupied, flat)
     within = within_data(contents, grid)
     found, unknown = closing_unknown(found, within, contents, reading.unknown)
+    earth, place = earth_in(known, reading)
     dropped = dict(known.dropped)
     if counts.get("outside"):
         dropped["outside of the window"] = counts["outside"]
@@ -160,14 +161,36 @@ def map_of(
         source=contents.source,
         crs=known.crs,
         origin=known.origin,
+        earth=earth,
         read=known.read,
         dropped=dropped,
-        remarks=(*known.remarks, *unknown, *([sentence] if sentence else [])),
+        remarks=(*known.remarks, *place, *unknown, *([sentence] if sentence else [])),
         counts=counts,
         within=within,
         terrain=terrain_of(contents, grid) if window.ground is None else Terrain.flat(window.ground, grid),
     )
     return LoadedMap(found.occupied, found.ground, None, grid, file)
+
+
+def earth_in(known: Facts, reading: Reading) -> tuple[Earth | None, list[str]]:
+    """Where a file's map lies, a user's word before the file's, and remarks on what is not plain."""
+    zero, remarks = known.zero, list[str]()
+    if reading.height_of_zero is not None:
+        zero, stated = VerticalZero(reading.height_of_zero), known.zero.above_sea
+        if stated is not None and abs(stated - reading.height_of_zero) >= _SAME:
+            taken = f"{reading.height_of_zero:g} m is taken, as asked"
+            remarks.append(f"by the file z = 0 lies {stated:g} m above sea level; {taken}")
+    elif zero.above_sea is None and zero.datum is not None:
+        remarks.append(
+            f"heights count from {zero.datum}, not from sea level; --height-of-zero H states where z = 0 lies"
+        )
+    elif zero.ellipsoidal:
+        remarks.append(f"heights count from {zero.datum}: z = 0 lies {zero.above_sea:.2f} m above sea level")
+    earth = earth_of(known.crs, known.origin, zero, reading.accuracy)
+    if earth is not None:
+        true = accuracy_of(earth, known.extent.mean(axis=0))
+        remarks += [] if true.metres <= Distances().radius else [f"on Earth, {true}"]
+    return earth, remarks
 
 
 def map_with(

@@ -3,7 +3,7 @@
 map         x, y, z of the map [m]
 local-agl   x, y of the map, height above the ground beneath [m]
 agl         latitude, longitude [degrees], height above the ground beneath [m]
-amsl        latitude, longitude [degrees], height above sea level [m], or above what the map's heights are counted from
+amsl        latitude, longitude [degrees], height above sea level [m], of a map whose zero is known
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from maxjax.core.grid import Point3
 from maxjax.core.terrain import Terrain
-from maxjax.io.geo.earth import Earth
+from maxjax.io.geo.earth import Earth, on_own_zero
 
 # What a point's three numbers are.
 Frame = Literal["map", "local-agl", "agl", "amsl"]
@@ -35,7 +35,8 @@ def point_at(place: Point3, frame: Frame, earth: Earth | None, terrain: Terrain 
         terrain: of the map, for heights above ground.
 
     Raises:
-        ValueError: for a place that is none, or heights above ground where the map has none beneath.
+        ValueError: for a place that is none, heights above ground where the map has none beneath, or heights above sea
+            level where the map's zero is not known.
     """
     if frame == "map":
         return place
@@ -51,8 +52,10 @@ def point_at(place: Point3, frame: Frame, earth: Earth | None, terrain: Terrain 
     if earth is None:
         raise ValueError(f"{frame}: expected a map that lies somewhere on Earth; give x and y, and heights local-agl")
     if frame == "amsl" or terrain is None:
+        earth.zero.height("amsl")
         return _local(earth, place)
-    level = earth.height
+    earth = on_own_zero(earth)
+    level = earth.zero.number
     for _ in range(_ROUNDS):
         x, y, _z = _local(earth, (latitude, longitude, level))
         given = f"agl: expected a place above the map's ground, given latitude {latitude:g}, longitude {longitude:g},"
@@ -86,7 +89,8 @@ def check_in_map(place: Point3, frame: Frame, earth: Earth | None, extent: Float
     if frame == "local-agl" or earth is None:
         x, y, _ = point_at((place[0], place[1], float(extent[0, 2])), "map" if frame == "local-agl" else frame, earth)
     else:
-        x, y, _ = point_at((place[0], place[1], earth.height), "amsl", earth)
+        near = on_own_zero(earth)
+        x, y, _ = point_at((place[0], place[1], near.zero.number), "amsl", near)
     if (np.maximum(extent[0, :2] - (x, y), np.subtract((x, y), extent[1, :2])) <= _FARTHEST).all():
         return x, y, float(extent[0, 2])
     if frame == "local-agl" or earth is None:

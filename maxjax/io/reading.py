@@ -6,7 +6,9 @@ import dataclasses
 from typing import Literal
 
 from maxjax.core.grid import Point3
+from maxjax.io.geo.earth import check_accuracy
 from maxjax.io.geo.reference_system import reference_system, unit_of
+from maxjax.io.geo.vertical_zero import VerticalZero
 
 Below = Literal["closed", "open"]
 Unknown = Literal["occupied", "free"]
@@ -32,6 +34,8 @@ class Reading:
         height: property of OpenStreetMap or GeoJSON that holds heights, with their unit as in roof_ht:ft. None: the
             first of `tag_heights.HEIGHTS` that a shape has.
         levels: property that holds numbers of levels. None: the first of `tag_heights.LEVELS`.
+        accuracy: how true the file's places are on Earth [m]. None: as PROJ knows it of their system.
+        height_of_zero: height above sea level of z = 0 in the map [m]. None: as the file states it, if it does.
 
     Raises:
         ValueError: for points without three coordinates, or a system, a unit, a band or a class that is none.
@@ -49,6 +53,8 @@ class Reading:
     only: tuple[str, ...] = ()
     height: str | None = None
     levels: str | None = None
+    accuracy: float | None = None
+    height_of_zero: float | None = None
 
     def __post_init__(self) -> None:
         center = None if self.center is None else tuple(float(x) for x in self.center)
@@ -66,6 +72,8 @@ class Reading:
         _, _, of_height = (self.height or "").partition(":")
         if of_height:
             unit_of(of_height)
+        VerticalZero(self.height_of_zero)
+        check_accuracy(self.accuracy)
         if self.band is not None and self.band < 1:
             raise ValueError(f"band: expected a number from 1 on, given {self.band}")
         wrong = [number for number in self.drop_classes if not 0 <= number <= 255]

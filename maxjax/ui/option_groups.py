@@ -56,6 +56,8 @@ class ReadOptions:
         height: Property of GeoJSON or OpenStreetMap that holds heights, with their unit as in roof_ht:ft; by default
             the first known one that a shape has (docs/maps.md).
         levels: Property that holds numbers of levels.
+        accuracy: How true the map's places are on Earth [m]; by default as PROJ knows it of their system.
+        height_of_zero: Height above sea level of z = 0 in the map [m]; by default as the file states it, if it does.
     """
 
     spacing: OptionalMetres = None
@@ -72,6 +74,8 @@ class ReadOptions:
     only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
     height: Annotated[str | None, optional(metavar="PROPERTY")] = None
     levels: Annotated[str | None, optional(metavar="PROPERTY")] = None
+    accuracy: OptionalMetres = None
+    height_of_zero: OptionalHeight = None
 
 
 @dataclasses.dataclass(frozen=True)

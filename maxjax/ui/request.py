@@ -11,7 +11,7 @@ from typing import Any
 
 from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.io.geo.earth import Earth, TangentPlane
 from maxjax.io.geo.reference_system import reference_system
 from maxjax.io.reading import Reading
 from maxjax.planning.mission import Waypoint
@@ -119,21 +119,23 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
         left_out = (*_OUTPUTS, "waypoints", "partial", "beside")
         return {name: value for name, value in vars(self).items() if name not in left_out}
 
-    def earth(self, crs: str | None, origin: tuple[float, float] | None) -> Earth | None:
-        """Where the map lies on Earth: at the place that is asked for, else where its file has it; None: unknown.
+    def earth(self, named: Earth | None) -> Earth | None:
+        """Where the map lies on Earth: where its file has it, else at the place that is asked for; None: unknown.
 
         Args:
-            crs: reference system of the file, read as asked.
-            origin: longitude and latitude of its (0, 0) [deg], of a file in degrees.
+            named: where the file says that it lies.
 
         Raises:
-            ValueError: if the place is none.
+            ValueError: if the place is none, or the file says where it lies itself.
         """
-        if self.place is not None:
-            return TangentPlane(*self.place)
-        if origin is not None:
-            return Degrees(*origin)
-        return None if crs is None else Projected(crs)
+        if self.place is None:
+            return named
+        if named is not None:
+            raise ValueError(
+                "--place: expected a map that does not say where it lies, and this one does; leave it out "
+                "(--height-of-zero H states the height of its z = 0 above sea level)"
+            )
+        return TangentPlane(*self.place)
 
     def check(self) -> None:
         """Find out before a map is read whether what is told about it can be used.
@@ -144,7 +146,11 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
         """
         if self.place is not None and self.crs is not None:
             raise ValueError("--crs: expected one of --place and --crs, given both; leave one out")
-        self.earth(None, None)
+        if self.place is not None and self.height_of_zero is not None:
+            raise ValueError(
+                "--height-of-zero: expected one height of z = 0, given another by --place LAT LON H; leave it out"
+            )
+        self.earth(None)
         if self.crs is not None:
             reference_system(self.crs)
         Airspace(self.floor, self.ceiling, self.ceiling_above_start)
@@ -163,6 +169,8 @@ def reading_of(options: ReadOptions) -> Reading:
         only=options.only,
         height=options.height,
         levels=options.levels,
+        accuracy=options.accuracy,
+        height_of_zero=options.height_of_zero,
     )
 
 

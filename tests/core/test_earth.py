@@ -9,6 +9,7 @@ import pyproj
 import pytest
 
 from maxjax.io.geo.earth import Degrees, Projected, TangentPlane, project
+from maxjax.io.geo.vertical_zero import VerticalZero
 
 PLACES = [(52.07, 4.3, 10.0), (0.0, 0.0, 0.0), (-33.9, 151.2, 80.0), (89.9, -120.0, 0.0), (45.4, -179.9999, 2000.0)]
 
@@ -48,7 +49,7 @@ def test_there_and_back(place: tuple[float, float, float]) -> None:
 
 def test_a_projected_map_is_that_of_pyproj() -> None:
     given = np.array([[84888.0, 447501.0, 6.0], [155000.0, 463000.0, 0.0]])
-    found = Projected("EPSG:28992", height=2.0).geodetic(given)
+    found = Projected("EPSG:28992", VerticalZero(2.0)).geodetic(given)
     to_map = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:28992")
     np.testing.assert_allclose(np.column_stack(to_map.transform(*found[:, :2].T)), given[:, :2], atol=1e-3)
     np.testing.assert_array_equal(found[:, 2], given[:, 2] + 2.0)
@@ -57,16 +58,18 @@ def test_a_projected_map_is_that_of_pyproj() -> None:
 def test_a_map_in_degrees_goes_back_to_them() -> None:
     origin, given = np.array([12.33, 45.44]), np.array([[12.3412, 45.4371], [12.3, 45.5]])
     metres = project(given, origin)
-    found = Degrees(*origin, height=1.0).geodetic(np.column_stack([metres, [5.0, 6.0]]))
+    found = Degrees(*origin, VerticalZero(1.0)).geodetic(np.column_stack([metres, [5.0, 6.0]]))
     np.testing.assert_allclose(found, np.column_stack([given[:, ::-1], [6.0, 7.0]]), rtol=0, atol=1e-12)
 
 
 def test_a_projected_map_is_in_metres_whatever_the_unit_of_its_system() -> None:
     foot = 1200 / 3937
-    there = Projected("EPSG:2263").geodetic(np.array([[988_000.0 * foot, 198_000.0 * foot, 5.0]]))
+    there = Projected("EPSG:2263", VerticalZero(0.0)).geodetic(np.array([[988_000.0 * foot, 198_000.0 * foot, 5.0]]))
     longitude, latitude = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:4326", always_xy=True).transform(988e3, 198e3)
     np.testing.assert_allclose(there, [[latitude, longitude, 5.0]], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(Projected("EPSG:2263").local(there), [[988e3 * foot, 198e3 * foot, 5.0]], atol=1e-4)
+    np.testing.assert_allclose(
+        Projected("EPSG:2263", VerticalZero(0.0)).local(there), [[988e3 * foot, 198e3 * foot, 5.0]], atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:5703", "EPSG:0", "nonsense"])

@@ -221,7 +221,7 @@ def coordinates(path: Path) -> np.ndarray:
     """Of what a file holds."""
     if path.name not in ("areas.geojson", *zone_samples.SAMPLES):
         return np.asarray(facts(read_map(path)).extent)
-    here = TangentPlane(52.0005, 4.3005)
+    here = TangentPlane(52.0005, 4.3005, 0.0)
     grid, ground = (AIR, GROUND) if path.name == "areas.geojson" else (COARSE, COARSE_GROUND)
     airspace = load_airspace(path, here, grid)
     assert airspace.closed(ground, grid).shape == grid.shape

@@ -13,15 +13,22 @@ import maxjax
 from maxjax.core.terrain import Terrain
 from maxjax.io import Window, map_of, read_map
 from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.load import map_with
 from maxjax.io.places import check_in_map, point_at
 
 SAMPLE = Path(__file__).parents[2] / "docs" / "samples" / "quarter.geojson"
 PLANE = TangentPlane(52.0, 4.3, 7.0)
+SEVEN = VerticalZero(7.0)
 
 
 def earths() -> list[Earth]:
-    return [PLANE, Degrees(8.0, 47.0, 7.0), Degrees(179.999, -17.0), Projected("EPSG:32632", 7.0)]
+    return [
+        PLANE,
+        Degrees(8.0, 47.0, SEVEN),
+        Degrees(179.999, -17.0, VerticalZero(0.0)),
+        Projected("EPSG:32632", SEVEN),
+    ]
 
 
 def test_local_undoes_geodetic() -> None:
@@ -35,7 +42,7 @@ def test_local_undoes_geodetic() -> None:
 def test_projected_places_are_those_of_pyproj() -> None:
     places = np.array([[52.1044, 4.2726, 20.0], [52.0, 4.4, 0.0]])
     theirs = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:28992").transform(*places[:, :2].T)
-    found = Projected("EPSG:28992", height=2.0).local(places)
+    found = Projected("EPSG:28992", VerticalZero(2.0)).local(places)
     np.testing.assert_allclose(found, np.column_stack([*theirs, places[:, 2] - 2.0]), rtol=0, atol=1e-4)
 
 
@@ -98,7 +105,7 @@ def test_heights_above_sea_level_are_those_of_the_map() -> None:
         middle = [5e5, 5e6, 0.0] if isinstance(earth, Projected) else [0.0, 0.0, 0.0]
         point = np.array(middle) + np.array([30.0, -20.0, 12.0])
         latitude, longitude, height = earth.geodetic(point[None])[0].tolist()
-        assert height == pytest.approx(12.0 + earth.height, abs=1e-3)
+        assert height == pytest.approx(12.0 + earth.zero.number, abs=1e-3)
         np.testing.assert_allclose(point_at((latitude, longitude, height), "amsl", earth), point, atol=1e-4)
 
 
@@ -113,13 +120,13 @@ def test_places_outside_a_map_are_refused_and_swapped_ones_named() -> None:
 
 
 def test_a_map_around_places_is_that_around_their_points() -> None:
-    contents, window = read_map(SAMPLE), Window(ground=0.0)
+    contents, window, reading = read_map(SAMPLE), Window(ground=0.0), maxjax.Reading(height_of_zero=0.0)
     points = [(-75.0, 22.0, 5.0), (55.0, -20.0, 61.0)]
-    elsewhere = map_of(contents, Window(ends=points, ground=0.0))
+    elsewhere = map_of(contents, Window(ends=points, ground=0.0), reading)
     assert elsewhere.earth is not None
     places = [tuple(place) for place in elsewhere.earth.geodetic(np.array(points)).tolist()]
     for frame in ("agl", "amsl"):
-        found, ends = map_with(contents, window, places, frame, elsewhere.earth)  # type: ignore[arg-type]
+        found, ends = map_with(contents, window, places, frame, elsewhere.earth, reading)  # type: ignore[arg-type]
         np.testing.assert_allclose(ends, points, atol=1e-6)
         assert found.grid == elsewhere.grid
         np.testing.assert_array_equal(found.occupied, elsewhere.occupied)

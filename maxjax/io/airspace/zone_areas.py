@@ -25,7 +25,8 @@ from maxjax.io.airspace.outlines import check_outline, cut_to, insert_points
 from maxjax.io.airspace.zone import MALFORMED, Polygon, Published, Zone, sentence_of
 from maxjax.io.airspace.zone_heights import heights_in, remarks_on
 from maxjax.io.geo.columns import Ring
-from maxjax.io.geo.earth import Earth
+from maxjax.io.geo.earth import Earth, on_own_zero
+from maxjax.io.geo.vertical_zero import UnknownZeroError
 
 _ROOM = 0.1  # around the map [degrees]; some 10 km
 _LONGEST = 0.01  # edge [degrees], so that a straight line in degrees is one in metres to a few centimetres
@@ -61,6 +62,7 @@ def areas_in(published: Published, earth: Earth, grid: Grid, file: Path) -> tupl
 
     Raises:
         FileError: if no zone is clear, none lies in the map, or none of those to keep in does.
+        UnknownZeroError: as `heights_in`.
     """
     box = _box(earth, grid, file)
     if not published.zones:
@@ -82,6 +84,8 @@ def _place(zone: Zone, earth: Earth, grid: Grid, box: Box, found: _Placed) -> No
         polygons = join_at_seam(list(zone.polygons))
         flat = any(_is_flat(polygon[0]) for polygon in polygons)
         areas, outside = _areas(held, polygons, earth, box)
+    except UnknownZeroError:
+        raise
     except MALFORMED as error:
         fault = "; ".join(filter(None, (fault, sentence_of(error))))
         held = dataclasses.replace(zone, lower=None, upper=None)
@@ -106,9 +110,10 @@ def _areas(zone: Zone, polygons: list[Polygon], earth: Earth, box: Box) -> tuple
 
     Raises:
         ValueError: for an outline that is not clear, and lies near the map.
+        UnknownZeroError: as `heights_in`.
     """
-    heights = heights_in(zone, earth)
     near = [_near(polygon, box) for polygon in polygons]
+    heights = heights_in(zone, earth) if any(near) else {}
     areas = [
         Area(zone.name, tuple(_in_map(ring, earth) for ring in rings), zone.keep_in, **heights)
         for rings in near
@@ -195,7 +200,8 @@ def _in_map(ring: Ring, earth: Earth) -> Ring:
     """An outline in the map [m]; longitudes may lie beyond 180 degrees."""
     east, north = ring.T
     east = east - 360.0 * np.round(east / 360.0)
-    found: Ring = earth.local(np.column_stack([north, east, np.full(len(ring), earth.height)]))[:, :2]
+    flat = on_own_zero(earth)
+    found: Ring = flat.local(np.column_stack([north, east, np.full(len(ring), flat.zero.number)]))[:, :2]
     return found
 
 

@@ -1,7 +1,7 @@
 """Limits of a zone as heights of an area in the map.
 
     AGL     value above the ground beneath
-    AMSL    z of the map (`z_above_sea_level`)
+    AMSL    height above sea level, which asks for the map's zero (`io.geo.vertical_zero`)
     WGS84   height above sea level = value − undulation, which is −107 to 86 m everywhere on Earth
     STD     height above sea level = 0.8 value − 1600 m to 1.2 value + 700 m: the air pressure at sea level is 870 to
             1085 hPa, and the air at most a fifth colder or warmer than the standard atmosphere's
@@ -20,13 +20,12 @@ from maxjax.io.geo.earth import Earth
 _UNDULATION = (-107.0, 86.0)  # of the geoid above the ellipsoid [m]
 
 
-def z_above_sea_level(height: float, earth: Earth) -> float:
-    """The z of the map at a height above sea level [m]."""
-    return height - earth.height
-
-
 def heights_in(zone: Zone, earth: Earth) -> dict[str, Any]:
-    """Floor and ceiling of an `Area`, by name; none where the zone has no limit."""
+    """Floor and ceiling of an `Area`, by name; none where the zone has no limit.
+
+    Raises:
+        UnknownZeroError: for a limit above sea level in a map whose zero is not known.
+    """
     found: dict[str, Any] = {}
     for ours, limit in (("floor", zone.lower), ("ceiling", zone.upper)):
         if limit is None:
@@ -38,7 +37,8 @@ def heights_in(zone: Zone, earth: Earth) -> dict[str, Any]:
             found[ours] = -math.inf if ours == "floor" and limit.value <= 0 else limit.metres
         else:
             low, high = above_sea_level(limit)
-            found[ours] = z_above_sea_level(low if (ours == "floor") != zone.keep_in else high, earth)
+            zero = earth.zero.height(f"the {ours} of {zone.name}, {limit}")
+            found[ours] = (low if (ours == "floor") != zone.keep_in else high) - zero
     return found
 
 

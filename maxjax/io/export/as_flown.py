@@ -8,6 +8,10 @@ set-points, joined by straight lines, keep it but for the sag of these below the
 nothing but the ground. Waypoints are left within the radius of the autopilots that are to fly them
 (`io.export.corners`): so do the corners that these cut.
 
+Of a file with latitudes, each leg has to keep as much more as the places of its map may be off (`io.geo.accuracy`), and
+an end that stands nearer than that its own distance: buildings and lines move together, but the vehicle flies to where
+its receiver says that it is.
+
 Numbers in files are rounded. Where that alone, at most a millimetre, makes a line touch something, what was meant is
 judged in its place.
 """
@@ -34,6 +38,7 @@ from maxjax.trajectories.trajectory import Trajectory
 from maxjax.verification.verdicts import Verification
 from maxjax.verification.verifier import verify
 
+_SPREAD = 2.0  # of a distance to keep, around ends that stand nearer
 AWAY = 0.05  # from what was planned, at most [m]
 _ROUNDED = 1e-3  # [m]
 _FINE = 0.005  # between samples of what was meant [s]
@@ -74,6 +79,17 @@ class _Piece:
     radius: float
     exemptions: tuple[float, float]
     sag: float = 0.0
+
+
+def keeping_more(mission: Mission, metres: float) -> Mission:
+    """The mission with as much more to keep [m] on all of its legs, but around ends that stand nearer."""
+    if metres == 0.0:
+        return mission
+    legs = []
+    for leg in mission.legs:
+        start, goal = (max(reach, _SPREAD * (leg.radius + metres)) for reach in leg.exemptions)
+        legs.append(dataclasses.replace(leg, radius=leg.radius + metres, exemptions=(start, goal)))
+    return dataclasses.replace(mission, legs=tuple(legs))
 
 
 def judge_lines(

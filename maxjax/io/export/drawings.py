@@ -1,9 +1,10 @@
-"""Paths as lines on Earth: GeoJSON (RFC 7946) and KML 2.2, longitude first, heights above sea level or the ellipsoid.
+"""Paths as lines on Earth: GeoJSON (RFC 7946) and KML 2.2, longitude first, heights above sea level.
 
 A mission has a line for each leg, and a point for each waypoint between them. A line across 180 degrees is cut there in
 two, as RFC 7946 asks, so that it does not lead around the Earth.
 
-Whichever of the two the map's heights count from, they are written as they are; KML reads them as above sea level.
+Each file says what its heights count from. GeoJSON may hold heights above the ellipsoid; KML reads its own as above
+sea level.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _KML = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2">
   <Document>
     <name>{name}</name>
+    <description>{said}</description>
 {placemarks}
   </Document>
 </kml>
@@ -69,8 +71,8 @@ class Drawing:
         return found
 
 
-def geojson_text(drawings: Sequence[Drawing]) -> str:
-    """The text of a GeoJSON file."""
+def geojson_text(drawings: Sequence[Drawing], said: str) -> str:
+    """The text of a GeoJSON file; `said` of its coordinates."""
     features = []
     for one in drawings:
         lines = [
@@ -82,13 +84,13 @@ def geojson_text(drawings: Sequence[Drawing]) -> str:
             geometry = {"type": "Point", "coordinates": lines[0][0]}
         elif len(lines) == 1:
             geometry = {"type": "LineString", "coordinates": lines[0]}
-        properties = {"name": one.name, **one.properties}
+        properties = {"name": one.name, **one.properties, "coordinates": said}
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
 
 
-def kml_text(drawings: Sequence[Drawing], name: str) -> str:
-    """The text of a KML file."""
+def kml_text(drawings: Sequence[Drawing], name: str, said: str) -> str:
+    """The text of a KML file; `said` of its coordinates."""
     placemarks = []
     for one in drawings:
         kind = "LineString" if len(one.places) > 1 else "Point"
@@ -105,4 +107,4 @@ def kml_text(drawings: Sequence[Drawing], name: str) -> str:
         if len(shapes) > 1:
             geometry = f"      <MultiGeometry>\n{geometry}\n      </MultiGeometry>"
         placemarks.append(_PLACEMARK.format(name=escape(one.name, quote=False), geometry=geometry))
-    return _KML.format(name=escape(name, quote=False), placemarks="\n".join(placemarks))
+    return _KML.format(name=escape(name, quote=False), said=escape(said, quote=False), placemarks="\n".join(placemarks))

@@ -19,10 +19,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines
+from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines, keeping_more
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.items import Feet
@@ -30,7 +32,8 @@ from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
 from maxjax.io.export.waypoint_file import Made, WaypointFile
-from maxjax.io.geo.earth import Earth
+from maxjax.io.geo.accuracy import Accuracy, accuracy_of
+from maxjax.io.geo.earth import Earth, on_own_zero
 from maxjax.io.load import LoadedMap
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
@@ -115,14 +118,18 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     file = Path(file)
     timed = flight if isinstance(flight, Trajectory) else None
     plan = flight.plan if isinstance(flight, Trajectory) else flight
-    place = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
-    check_export(file, on_earth=place is not None, in_time=timed is not None)
+    earth = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
+    check_export(file, on_earth=earth is not None, in_time=timed is not None)
+    place = None if earth is None else placed_for(file, earth)
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
     if ground is not None and not math.isfinite(ground):
         raise ValueError(f"ground: expected a height in metres, given {ground}")
     standings, near = _standings(mission, place, ground), tuple(map(str, mission.near))
+    true = Accuracy() if place is None or ending not in ON_EARTH else _accuracy(file, place, mission)
+    asked = keeping_more(mission, true.metres)
+    near += (str(true),) if true.metres else ()
     if ending == ".rosbag" and timed is not None:
         found: list[AsFlown] = []
         motion = timed.sampled(_EVERY)
@@ -131,17 +138,20 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     in_time, autopilots = timed is not None and ending in IN_TIME, BOTH if autopilot is None else (autopilot,)
     made: Made | None = None
     if timed is not None and in_time:
-        text = _in_time(file, timed, _origin(file, mission, ground, place))
-    elif place is None:
+        text = _in_time(file, timed, _origin(file, mission, ground, earth))
+    elif earth is None or place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
     elif ending in _FROM_HOME:
         feet = _feet(file, mission, ground, takeoff_and_landing)
-        made = WaypointFile(file, mission, place, _speed(flight), feet, airspace, autopilots, standings).made()
+        made = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near).made()
         text = made.text
     else:
-        drawings = _drawings(mission, place, _speed(flight))
-        text = kml_text(drawings, file.stem) if ending == ".kml" else geojson_text(drawings)
-    flown = _judged(file, text, mission, timed if in_time else None, standings, autopilots if made else ())
+        drawings, said = _drawings(mission, place, _speed(flight)), f"heights {earth.zero}{true.clause}"
+        text = kml_text(drawings, file.stem, said) if ending == ".kml" else geojson_text(drawings, said)
+    try:
+        flown = _judged(file, text, asked, timed if in_time else None, standings, autopilots if made else ())
+    except ValueError as error:
+        raise ValueError(f"{error}{_more_to_keep(mission, true)}") from error
     atomic_write(file, text)
     if made is None:
         return dataclasses.replace(flown, remarks=near)
@@ -152,6 +162,38 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         return_height=made.return_height,
         autopilots=made.autopilots,
     )
+
+
+def placed_for(file: Path, earth: Earth) -> Earth:
+    """Where a map lies, with the heights that a file needs.
+
+    Files with latitudes need heights above sea level; GeoJSON also takes those above the ellipsoid (RFC 7946), and
+    set-points only need differences.
+
+    Raises:
+        ValueError: where the file needs heights above sea level and the map's zero is not known.
+    """
+    ending = file.suffix.lower()
+    if ending in ON_EARTH and not (ending == ".geojson" and earth.zero.ellipsoidal):
+        earth.zero.height(f"{file}: heights of {ending}")
+    return on_own_zero(earth)
+
+
+def _accuracy(file: Path, earth: Earth, mission: Mission) -> Accuracy:
+    """How true a map is where a mission flies; raises a `ValueError` where that is not known."""
+    true = accuracy_of(earth, np.asarray(mission.path[0], np.float64))
+    if not true.known:
+        raise ValueError(
+            f"{file}: expected a map whose places are true on Earth, and {true}; state it, as --accuracy 2"
+        )
+    return true
+
+
+def _more_to_keep(mission: Mission, true: Accuracy) -> str:
+    """What a refusal says of a distance that is more than the radius."""
+    if not true.metres:
+        return ""
+    return f" ({mission.radius:g} m are to be kept, and {true.metres:g} m more: {true}; --accuracy states another)"
 
 
 def _speed(flight: Plan | Mission | Trajectory) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.core.grid import Point3
-from maxjax.io.geo.earth import Earth, TangentPlane
+from maxjax.io.geo.earth import Earth, TangentPlane, on_own_zero
 from maxjax.trajectories.trajectory import Motion
 
 _COLUMNS = "t,x,y,z,vx,vy,vz,ax,ay,az,yaw"
@@ -48,16 +48,18 @@ class LocalOrigin:
                 f"# origin: x {x:.6f}, y {y:.6f}, z {z:.6f} m of the map, {stands}; no place on Earth is known: "
                 "the map's y axis is taken for true north\n"
             )
-        north, east, up = self.earth.geodetic(np.array([self.point]))[0].tolist()
-        return f"# origin: latitude {north:.10f}, longitude {east:.10f}, height {up:.6f} m, {stands}; x is true north\n"
+        north, east, up = on_own_zero(self.earth).geodetic(np.array([self.point]))[0].tolist()
+        height = f"height {up:.6f} m {self.earth.zero}"
+        return f"# origin: latitude {north:.10f}, longitude {east:.10f}, {height}, {stands}; x is true north\n"
 
     def enu(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
         """Metres east, north and above the origin, of points of the map."""
         if self.earth is None:
             aside: Float64[np.ndarray, "n 3"] = points - np.array(self.point)
             return aside
-        north, east, up = self.earth.geodetic(np.array([self.point]))[0].tolist()
-        places = self.earth.geodetic(points)
+        earth = on_own_zero(self.earth)
+        north, east, up = earth.geodetic(np.array([self.point]))[0].tolist()
+        places = earth.geodetic(points)
         found: Float64[np.ndarray, "n 3"] = TangentPlane(north, east, up).local(places)
         found[:, 2] = places[:, 2] - up
         return found

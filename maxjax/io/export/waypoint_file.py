@@ -44,6 +44,7 @@ class WaypointFile:
         airspace: whose areas become a geofence, where the format has one.
         autopilots: that are to fly it, each by itself.
         standings: where the vehicle may stand.
+        remarks: sentences on the mission and on the place, first of its own.
     """
 
     file: Path
@@ -54,6 +55,7 @@ class WaypointFile:
     airspace: Airspace | None
     autopilots: tuple[Autopilot, ...]
     standings: tuple[Standing, ...]
+    remarks: tuple[str, ...] = ()
 
     def made(self) -> Made:
         """The text, with as many stops as it needs."""
@@ -86,7 +88,7 @@ class WaypointFile:
         autopilots = tuple(autopilot.returning(height) for autopilot in self.autopilots)
         items = items_of(self.mission, self.earth, self.speed, self.feet, stops)
         remarks = [
-            *map(str, self.mission.near),
+            *self.remarks,
             *self._stop_remarks(stops, needed),
             *self._return_remarks(back, height),
         ]

@@ -15,6 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float64
 
+from maxjax.io.geo.vertical_zero import VerticalZero
+
 Kind = Literal["projected", "geographic", "local"]
 
 _LONGEST = 100_000  # characters of a name: WKT
@@ -22,6 +24,10 @@ _ONE_CODE = re.compile(r"(?:[^,+?]*[:/])?EPSG[:/]+(?:[\d.]*[:/]+)?(\d{3,6})", re
 _CLOSE = 0.5  # units; two systems are one where they agree to this
 _AROUND = np.array([[-1, 0], [1, 0], [0, -1], [0, 1], [-0.6, -0.8], [0.6, 0.8], [-0.6, 0.8], [0.6, -0.8]])
 _STEP = 50.0  # [m]; half the length that the scale of a projection is taken over
+# Systems of heights above sea level that PROJ knows the grids of, the finer first.
+_GEOIDS = (("EPSG:9518", "EGM2008"), ("EPSG:9707", "EGM96"))
+# Parts of names of heights that count from a water level which is not the mean of the sea.
+_NO_SEA_LEVEL = ("tide", "low water", "high water", "chart")
 # Metres of the units that people name.
 UNITS: Mapping[str, float] = {
     "m": 1.0,
@@ -46,6 +52,8 @@ class ReferenceSystem:
         unit: metres of a unit along the plane; of a geographic system 1.
         vertical_unit: metres of a unit of height; None where it has no heights.
         area: west, south, east and north of where it is used [degrees]; None where it is not known.
+        vertical: what its heights count from, in words; None where it has none.
+        solid: WKT of the system with heights above its ellipsoid, where its heights are so; else None.
     """
 
     name: str
@@ -54,6 +62,8 @@ class ReferenceSystem:
     unit: float
     vertical_unit: float | None
     area: tuple[float, float, float, float] | None
+    vertical: str | None = None
+    solid: str | None = None
 
     def geodetic(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Longitudes and latitudes [degrees], WGS84, of coordinates in the system's own units; infinite where none."""
@@ -64,6 +74,22 @@ class ReferenceSystem:
         """The inverse of `geodetic`."""
         x, y = _to_degrees(self.name).transform(degrees[:, 0], degrees[:, 1], direction="INVERSE")
         return np.column_stack([x, y])
+
+    def zero(self, place: Float64[np.ndarray, " 2"]) -> VerticalZero:
+        """What its heights count from at a place in the system's own units; heights above an ellipsoid by a geoid."""
+        if self.vertical is None:
+            return VerticalZero()
+        if self.solid is None:
+            sea = not any(word in self.vertical.lower() for word in _NO_SEA_LEVEL)
+            return VerticalZero(0.0 if sea else None, self.vertical)
+        for geoid, name in _GEOIDS:
+            try:
+                _, _, height = _to_geoid(self.solid, geoid).transform(*place.tolist(), 0.0)
+            except RuntimeError:  # of PROJ, which lacks the grid
+                continue
+            if np.isfinite(height):
+                return VerticalZero(float(height), f"{self.vertical}, brought to {name}", ellipsoidal=True)
+        return VerticalZero(None, self.vertical, ellipsoidal=True)
 
     def scale(self, place: Float64[np.ndarray, " 2"]) -> float:
         """Metres on the map for a metre on Earth at a place in the system's own units: the farthest from 1 of four.
@@ -94,7 +120,8 @@ def reference_system(text: str) -> ReferenceSystem:
         whole = pyproj.CRS.from_user_input(text.strip())
     except (pyproj.exceptions.CRSError, ValueError) as error:
         raise ValueError(f"crs: expected the name of a reference system, given {_short(text)}") from error
-    flat, vertical = _parts(whole)
+    flat, heights = _parts(whole)
+    vertical = None if heights is None else heights.unit
     kind = _kind(flat, text)
     directions = [axis.direction.lower() for axis in flat.axis_info[:2]]
     if sorted(directions) != ["east", "north"]:
@@ -113,7 +140,10 @@ def reference_system(text: str) -> ReferenceSystem:
         raise ValueError(f"crs: expected a reference system that leads to degrees, given {_short(text)}") from error
     area = known.area_of_use
     bounds = None if area is None else (area.west, area.south, area.east, area.north)
-    return ReferenceSystem(name, whole.name, kind, unit, vertical, bounds)
+    if heights is None:
+        return ReferenceSystem(name, whole.name, kind, unit, None, bounds)
+    solid = flat.to_3d().to_wkt() if heights.ellipsoidal else None
+    return ReferenceSystem(name, whole.name, kind, unit, vertical, bounds, heights.name, solid)
 
 
 def unit_of(text: str) -> float:
@@ -146,20 +176,32 @@ def unit_in_words(metres: float) -> str:
     return names.get(round(metres, 9), f"units of {metres:.9g} m")
 
 
-def _parts(whole: Any) -> tuple[Any, float | None]:
-    """The horizontal system of a system, and metres of a unit of its heights."""
+@dataclasses.dataclass(frozen=True)
+class _Heights:
+    """The heights of a system: what they count from, metres of their unit, whether that is an ellipsoid."""
+
+    name: str
+    unit: float
+    ellipsoidal: bool
+
+
+def _parts(whole: Any) -> tuple[Any, _Heights | None]:
+    """The horizontal system of a system, and its heights; None where it has none."""
     if whole.is_bound:
         return _parts(whole.source_crs)
     if whole.sub_crs_list:
         flat, _ = _parts(whole.sub_crs_list[0])
-        heights = [axis for part in whole.sub_crs_list[1:] for axis in part.axis_info]
+        parts = [(part.name, axis) for part in whole.sub_crs_list[1:] for axis in part.axis_info]
     else:
-        flat, heights = whole, whole.axis_info[2:]
-    if not heights:
+        flat, parts = whole, [(None, axis) for axis in whole.axis_info[2:]]
+    if not parts:
         return flat, None
-    if heights[0].direction.lower() != "up":
-        raise ValueError(f"crs: expected heights that count upwards, given {heights[0].direction} ({whole.name})")
-    return flat, float(heights[0].unit_conversion_factor or 1.0)
+    name, axis = parts[0]
+    if axis.direction.lower() != "up":
+        raise ValueError(f"crs: expected heights that count upwards, given {axis.direction} ({whole.name})")
+    ellipsoidal = name is None or "ellipsoid" in name.lower()
+    said = f"the ellipsoid {flat.ellipsoid.name}" if ellipsoidal and flat.ellipsoid else str(name)
+    return flat, _Heights(said, float(axis.unit_conversion_factor or 1.0), ellipsoidal)
 
 
 def _kind(flat: Any, text: str) -> Kind:
@@ -210,6 +252,14 @@ def _to_degrees(name: str) -> Any:
     import pyproj
 
     return pyproj.Transformer.from_crs(name, "EPSG:4326", always_xy=True)
+
+
+@functools.lru_cache(maxsize=64)
+def _to_geoid(solid: str, geoid: str) -> Any:
+    """Coordinates with heights above an ellipsoid to heights above a geoid; raises where PROJ lacks its grid."""
+    import pyproj
+
+    return pyproj.Transformer.from_crs(solid, geoid, always_xy=True, allow_ballpark=False)
 
 
 @functools.cache

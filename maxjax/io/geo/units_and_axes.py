@@ -21,6 +21,7 @@ from jaxtyping import Float64
 from maxjax.core.files import FileError
 from maxjax.io.geo.earth import project
 from maxjax.io.geo.reference_system import ReferenceSystem, reference_system, unit_in_words, unit_of
+from maxjax.io.geo.vertical_zero import UNSTATED, VerticalZero
 from maxjax.io.reading import Reading
 
 _TRUE = 0.005  # a plane's scale may be so far from 1
@@ -62,6 +63,7 @@ class Reference:
         unit, vertical_unit: metres of a unit of the file.
         remarks: sentences on what a user should know.
         system: None where none is known.
+        zero: what heights count from.
     """
 
     crs: str | None = None
@@ -70,6 +72,7 @@ class Reference:
     vertical_unit: float = 1.0
     remarks: tuple[str, ...] = ()
     system: ReferenceSystem | None = None
+    zero: VerticalZero = UNSTATED
 
     def plane(self, places: Places) -> Places:
         """Places of the file as metres east and north."""
@@ -130,18 +133,19 @@ def reference(stated: Stated, reading: Reading, extent: Float64[np.ndarray, "2 2
         return Reference(None, None, unit, vertical, tuple(remarks), system)
     middle = extent.mean(axis=0) * (unit / system.unit)
     remarks += _located(system, middle, path)
+    zero = system.zero(middle)
     places = [middle, *(extent * (unit / system.unit))]
     scales = [np.inf] if system.kind == "geographic" else [system.scale(place) for place in places]
     scale = max(scales, key=lambda k: abs(k - 1.0))
     if all(abs(k - 1.0) <= _TRUE for k in scales):
-        return Reference(system.name, None, unit, vertical, tuple(remarks), system)
+        return Reference(system.name, None, unit, vertical, tuple(remarks), system, zero)
     origin = _origin(system, extent * (unit / system.unit), path)
     if system.kind == "projected":
         remarks.append(
             f"a metre of {_title(system)} is {1.0 / scale:.3g} m here; the map is in true metres about longitude "
             f"{origin[0]:.6f}, latitude {origin[1]:.6f}"
         )
-    return Reference(system.name, origin, unit, vertical, tuple(remarks), system)
+    return Reference(system.name, origin, unit, vertical, tuple(remarks), system, zero)
 
 
 def on_its_axes(how: Reference, path: Path) -> Reference:

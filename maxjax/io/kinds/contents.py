@@ -15,6 +15,7 @@ from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.geo.units_and_axes import Reference
+from maxjax.io.geo.vertical_zero import UNSTATED, VerticalZero
 from maxjax.io.kinds.airborne import ground_mask, solidify
 from maxjax.io.kinds.boxes import Boxes, fill_boxes
 from maxjax.io.kinds.footprints import Footprints
@@ -46,6 +47,7 @@ class Facts:
         lattice: centre of a voxel of that spacing [m].
         crs: coordinate reference system, as EPSG:28992; None where the file names none.
         origin: longitude and latitude [degrees] of (0, 0); None where coordinates are the file's.
+        zero: what heights count from.
     """
 
     extent: Float[np.ndarray, "2 3"]
@@ -56,6 +58,7 @@ class Facts:
     lattice: Point3 = (0.0, 0.0, 0.0)
     crs: str | None = None
     origin: tuple[float, float] | None = None
+    zero: VerticalZero = UNSTATED
 
 
 def facts(contents: Contents) -> Facts:
@@ -98,7 +101,8 @@ def facts(contents: Contents) -> Facts:
 
 def _referred(known: Facts, how: Reference) -> Facts:
     """The same with a reference system and what it says."""
-    return dataclasses.replace(known, crs=how.crs, origin=how.origin, remarks=(*how.remarks, *known.remarks))
+    remarks = (*how.remarks, *known.remarks)
+    return dataclasses.replace(known, crs=how.crs, origin=how.origin, zero=how.zero, remarks=remarks)
 
 
 def _of_points(cloud: PointCloud) -> Facts:

@@ -19,6 +19,7 @@ from maxjax.io.geo.units_and_axes import Stated
 from maxjax.io.reading import Reading
 
 _OWN = 32767
+_ELLIPSOIDS = range(5001, 5036)  # among vertical systems of GeoTIFF
 _WKT = 2112
 _MOST_RECORDS, _LONGEST = 256, 100_000
 _FIRST_RECORD = 235  # where a header of LAS 1.4 says where the records behind the points begin, and how many there are
@@ -100,6 +101,10 @@ def _unit(code: int | None, doubles: list[float], own: int | None, given: bool, 
 
 def _with_heights(flat: int, vertical: int | None) -> str:
     """The name of a system with its heights, where these are a system too."""
+    if vertical in _ELLIPSOIDS:
+        import pyproj
+
+        return str(pyproj.CRS.from_epsg(flat).to_3d().to_wkt())
     if vertical:
         try:
             reference_system(both := f"EPSG:{flat}+{vertical}")

@@ -23,6 +23,7 @@ from maxjax.core.files import FileError
 from maxjax.io.geo.degrees import side_by_side
 from maxjax.io.geo.reference_system import unit_of
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
+from maxjax.io.geo.vertical_zero import UNSTATED, VerticalZero
 from maxjax.io.kinds.footprints import Footprint, Footprints, check_footprints, swept
 from maxjax.io.readers.standing import Kind, width_of
 from maxjax.io.readers.tag_heights import HEIGHTS, LEVELS, Tall, length, metres, tall
@@ -113,7 +114,7 @@ def solids_of(
         path.name,
         read=read,
         dropped=dict(left),
-        reference=how,
+        reference=dataclasses.replace(how, zero=_zero([thing for thing, _ in kept], how, by_corners=bool(remarks))),
         remarks=(*remarks, *told, *_said(kept)),
     )
     return check_footprints(found, path)
@@ -133,6 +134,17 @@ def _floors(
     rises = np.array([0.0 if z is None else z[1] - z[0] for z in said])
     count = sum(z is not None for z in said)
     return tags, rises, (f"{count} shapes stand on their third coordinate, the lowest of each",)
+
+
+def _zero(things: Sequence[Tagged], how: Reference, *, by_corners: bool) -> VerticalZero:
+    """What floors count from: `ele` from sea level by definition, third coordinates from what the file's heights do.
+
+    Without either, floors lie at 0, wherever that is.
+    """
+    if by_corners:
+        return how.zero
+    said = any(metres(thing.tags.get(key, "")) is not None for thing in things for key in ("ele", "elevation"))
+    return VerticalZero(0.0, "ele of the file") if said else UNSTATED
 
 
 def _tall(tags: Mapping[str, str], reading: Reading, unit: float = 1.0) -> Tall:

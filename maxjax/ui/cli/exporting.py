@@ -9,7 +9,7 @@ from pathlib import Path
 from maxjax.api import trajectory
 from maxjax.io.export.as_flown import AsFlown
 from maxjax.io.export.autopilot import Autopilot
-from maxjax.io.export.export import ON_EARTH, check_export, counts_from_home, export, write_parameters
+from maxjax.io.export.export import ON_EARTH, check_export, counts_from_home, export, placed_for, write_parameters
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
@@ -41,6 +41,9 @@ def check_place(request: Request, given: MapTask) -> None:
             f"{needed[0]}: expected a place on Earth for {needed[0].suffix}, which the map does not name: "
             "give --place LAT LON H, or --crs"
         )
+    for file in needed:
+        if given.earth is not None:
+            placed_for(file, given.earth)
     counted = [file for file in request.export if counts_from_home(file)]
     if counted and math.isnan(given.terrain.at(*given.task.starts[0, :2].tolist())):
         raise ValueError(

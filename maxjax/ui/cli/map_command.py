@@ -12,6 +12,7 @@ import numpy as np
 
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.io import LoadedMap, Window, map_of, read_map
+from maxjax.io.geo.accuracy import accuracy_of
 from maxjax.io.kinds.contents import facts
 from maxjax.ui.cli import report
 from maxjax.ui.cli.options import MapOptions
@@ -55,6 +56,7 @@ def _document(found: LoadedMap, extent: np.ndarray) -> dict[str, Any]:
         "source": file.source,
         "crs": file.crs,
         "origin": file.origin,
+        **_on_earth(found),
         "extent": extent.tolist(),
         "read": file.read,
         "dropped": file.dropped,
@@ -65,9 +67,25 @@ def _document(found: LoadedMap, extent: np.ndarray) -> dict[str, Any]:
     }
 
 
+def _on_earth(found: LoadedMap) -> dict[str, Any]:
+    """What a map's heights count from, and how true its places are; nothing where it lies nowhere."""
+    earth = found.earth
+    if earth is None:
+        return {}
+    middle = 0.5 * (np.array(found.grid.lower) + np.array(found.grid.upper))
+    true = accuracy_of(earth, middle)
+    return {"height_of_zero": earth.zero.above_sea, "heights": str(earth.zero), "accuracy": true.clause[2:]}
+
+
 def _rows(found: LoadedMap, extent: np.ndarray) -> dict[str, str]:
     grid, file = found.grid, found.file
     rows = {"reference system": file.crs or "not named; give --crs"}
+    if file.earth is not None:
+        place = _on_earth(found)
+        rows["heights"] = place["heights"]
+        if place["height_of_zero"]:
+            rows["z = 0"] = f"{place['height_of_zero']:.2f} m above sea level"
+        rows |= {"on Earth": place["accuracy"]} if place["accuracy"] else {}
     if file.origin is not None:
         rows["(0, 0) is at"] = f"longitude {file.origin[0]:.6f}, latitude {file.origin[1]:.6f}"
     for axis, low, high in zip("xyz", *extent.tolist(), strict=True):

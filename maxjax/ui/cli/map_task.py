@@ -21,9 +21,11 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.io import Contents, Window, map_of, read_map
 from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.io.airspace.zone_files import load_airspace
-from maxjax.io.geo.earth import Earth
+from maxjax.io.geo.earth import Earth, earth_of
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.kinds.contents import facts
 from maxjax.io.kinds.point_cloud import FARTHEST
+from maxjax.io.load import earth_in as named_place
 from maxjax.io.load import map_with
 from maxjax.io.places import point_at
 from maxjax.io.reading import PLAIN, Reading
@@ -177,8 +179,7 @@ def _in_file(source: Contents, request: Request) -> MapTask:
 
 def earth_in(source: Contents, request: Request) -> Earth | None:
     """Where a file's map lies on Earth, as a request or the file say it; raises as `Request.earth`."""
-    known = facts(source)
-    return request.earth(known.crs, known.origin)
+    return request.earth(named_place(facts(source), reading_of(request))[0])
 
 
 def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
@@ -204,7 +205,8 @@ def _in_city(scene: Scene, request: Request) -> MapTask:
     ):
         if getattr(request, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
-    earth, ends = request.earth(request.crs, None), request.places
+    earth = request.earth(earth_of(request.crs, None, VerticalZero(request.height_of_zero), request.accuracy))
+    ends = request.places
     if request.frame != "map":
         if earth is None and request.frame != "local-agl":
             raise ValueError(f"--frame {request.frame}: a simulated city lies nowhere on Earth; {_PLACE}")

@@ -162,10 +162,14 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
 
 
 def places_of(plan: Plan | Mission, earth: Earth | None) -> dict[str, Any]:
-    """Latitude, longitude [degrees] and height [m] of each point of a path, as `path_geodetic`, where known."""
+    """Latitude, longitude [degrees] and height above sea level [m] of each point of a path, where known.
+
+    Where the map lies is `path_geodetic`, its heights NaN where they are not known; what they are is `heights`.
+    """
     if earth is None:
         return {}
-    return {"path_geodetic": np.round(earth.geodetic(np.asarray(plan.path, np.float64)), _DIGITS).tolist()}
+    places = np.round(earth.geodetic(np.asarray(plan.path, np.float64)), _DIGITS).tolist()
+    return {"path_geodetic": places, "heights": str(earth.zero)}
 
 
 def plain(value: Any) -> Any:

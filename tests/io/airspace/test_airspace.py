@@ -17,6 +17,7 @@ from maxjax.core.status import Closure
 from maxjax.core.terrain import Terrain
 from maxjax.io.airspace.airspace import Reasons
 from maxjax.io.geo.earth import Degrees, Projected, TangentPlane
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.ui.methods import planner_named
 
 shapely = pytest.importorskip("shapely", reason="needs shapely (extra dev)")
@@ -463,7 +464,7 @@ def test_an_area_that_is_cut_at_180_degrees_is_one(tmp_path: Path, keep_in: bool
     if kind == "degrees":
         earth = Degrees(longitude, -17.0)
     if kind == "projected":
-        earth = Projected("EPSG:3832")
+        earth = Projected("EPSG:3832", VerticalZero(0.0))
         x, y, _ = earth.local(place.geodetic(np.zeros((1, 3))))[0].tolist()
         scale = 1.0457  # of Mercator at 17 degrees south
         grid = maxjax.Grid(GRID.shape, 2.0, (x - 13.0, y + 53.0, 3.0))

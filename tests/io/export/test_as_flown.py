@@ -22,6 +22,7 @@ from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.items import courses_of
 from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.verification.verifier import verify
@@ -159,7 +160,7 @@ def test_legs_keep_their_own_radius(tmp_path: Path) -> None:
     occupied = np.zeros((40, 12, 12), bool)
     occupied[20, 4, :] = True
     where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
-    earth = TangentPlane(-30.0, 60.0)
+    earth = TangentPlane(-30.0, 60.0, 0.0)
     path = np.array([[5.0, 8.0, 5.5], [15.0, 8.0, 5.5], [35.0, 8.0, 5.5]])
     legs = (planned(where, path[:2], 4.0), planned(where, path[1:], 2.0))
     places = tuple(maxjax.Waypoint((x, y, z)) for x, y, z in path.tolist())
@@ -181,7 +182,7 @@ def empty(earth: Earth, low: tuple[float, float, float]) -> maxjax.VoxelMap:
 
 
 def test_ned_is_true_north_about_an_origin_that_the_file_names(tmp_path: Path) -> None:
-    earth = Projected("EPSG:32632")
+    earth = Projected("EPSG:32632", VerticalZero(0.0))
     ((x, y, _),) = earth.local(np.array([[60.0, 11.9, 0.0]])).tolist()
     where = empty(earth, (x - 20.0, y - 20.0, 0.0))
     path = np.array([[x, y, 12.0], [x + 200.0, y, 12.0]])
@@ -217,7 +218,7 @@ def test_ned_is_true_north_about_an_origin_that_the_file_names(tmp_path: Path) -
 def test_ned_stays_level_where_the_plane_leaves_the_earth(tmp_path: Path) -> None:
     """5 km away the plane at home is 2 m below a height that is kept."""
     where = maxjax.VoxelMap.of(np.zeros((110, 4, 6), bool), spacing=50.0, origin=(25.0, 25.0, 25.0))
-    earth = Degrees(5.0, 50.0)
+    earth = Degrees(5.0, 50.0, VerticalZero(0.0))
     flight = maxjax.trajectory(planned(where, np.array([[20.0, 50.0, 120.0], [5020.0, 50.0, 120.0]])))
     assert maxjax.export(tmp_path / "a_ned.csv", flight, earth=earth, ground=0.0).aside < 0.01
     table = np.loadtxt(tmp_path / "a_ned.csv", delimiter=",", skiprows=1)
@@ -226,7 +227,7 @@ def test_ned_stays_level_where_the_plane_leaves_the_earth(tmp_path: Path) -> Non
 
 
 def test_ned_without_a_place_on_earth_says_so(tmp_path: Path) -> None:
-    where = empty(TangentPlane(0.0, 0.0), (0.0, 0.0, 0.0))
+    where = empty(TangentPlane(0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     flight = maxjax.trajectory(planned(where, np.array([[20.0, 20.0, 12.0], [100.0, 20.0, 12.0]])))
     maxjax.export(tmp_path / "a_ned.csv", flight, ground=2.0)
     said = (tmp_path / "a_ned.csv").read_text().splitlines()[1]
@@ -309,7 +310,7 @@ def test_takeoff_and_landing_stand_upright(tmp_path: Path) -> None:
 
 def test_lines_across_180_degrees_are_cut_in_two(tmp_path: Path) -> None:
     for longitude in (179.9995, -179.9995):
-        earth = TangentPlane(-17.0, longitude)
+        earth = TangentPlane(-17.0, longitude, 0.0)
         where = empty(earth, (-130.0, -20.0, 0.0))
         plan = planned(where, np.array([[-100.0, 0.0, 10.0], [-50.0, 3.0, 12.0], [100.0, 10.0, 14.0]]))
         for name in ("a.geojson", "a.kml", "a.plan", "a.waypoints"):
@@ -338,20 +339,22 @@ def test_a_line_may_cross_180_degrees_there_and_back() -> None:
         [180.0, 179.8],
     ]
     assert drawing.pieces[1][0].tolist() == pytest.approx([10.0, -180.0, 6.0])
-    assert geojson_text([drawing]).count("MultiLineString") == 1
-    assert kml_text([drawing], "a").count("<LineString>") == 3
+    assert geojson_text([drawing], "heights above sea level").count("MultiLineString") == 1
+    assert kml_text([drawing], "a", "heights above sea level").count("<LineString>") == 3
 
 
 def test_a_format_that_counts_from_unknown_ground_asks(tmp_path: Path) -> None:
-    where = empty(TangentPlane(0.0, 0.0), (0.0, 0.0, 0.0))
+    where = empty(TangentPlane(0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     plan = planned(where, np.array([[20.0, 20.0, 12.0], [100.0, 20.0, 12.0]]))
     for name in ("a.plan", "a.waypoints"):
         with pytest.raises(ValueError, match="expected a map with ground below the start"):
-            maxjax.export(tmp_path / name, plan, earth=TangentPlane(0.0, 0.0))
+            maxjax.export(tmp_path / name, plan, earth=TangentPlane(0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="expected a map with ground below the start"):
-        maxjax.export(tmp_path / "a_ned.csv", maxjax.trajectory(plan), earth=TangentPlane(0.0, 0.0))
+        maxjax.export(tmp_path / "a_ned.csv", maxjax.trajectory(plan), earth=TangentPlane(0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="ground below the goal"):
-        maxjax.export(tmp_path / "a.plan", plan, earth=TangentPlane(0.0, 0.0), ground=0.0, takeoff_and_landing=True)
+        maxjax.export(
+            tmp_path / "a.plan", plan, earth=TangentPlane(0.0, 0.0, 0.0), ground=0.0, takeoff_and_landing=True
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -395,7 +398,7 @@ def test_take_off_and_landing_keep_the_radius(tmp_path: Path, end: int) -> None:
     occupied[(6, 36)[end], 4:8, 3:5] = True
     where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, -0.5), ground=ground)
     path = np.array([[5.5, 6.0, 8.0], [35.5, 6.0, 8.0]])
-    earth = TangentPlane(-30.0, 60.0)
+    earth = TangentPlane(-30.0, 60.0, 0.0)
     export = functools.partial(maxjax.export, tmp_path / "a.plan", earth=earth, ground=0.0, takeoff_and_landing=True)
     what = ("take-off", "landing")[end]
     with pytest.raises(ValueError, match=rf"on {what} its least clearance is 0\.50 m.*where 1 m are to be kept"):

@@ -190,7 +190,10 @@ def test_waypoints_that_are_equal_or_outside_have_statuses(town: Path, capsys: p
         ("what is this", "expected a mission as TOML: Expected '=' after a key"),
         ("a = " + "[" * 3000, "expected a mission as TOML: "),
         ("\x00", "expected a mission as TOML: "),
-        ('speeed = 3\nmap = "town.npz"', "speeed: expected one of airspace, autopilot, band, below, bounds, "),
+        (
+            'speeed = 3\nmap = "town.npz"',
+            "speeed: expected one of accuracy, airspace, autopilot, band, ",
+        ),
         ('speed = "fast"\nmap = "town.npz"', "speed: expected a finite number, given 'fast'"),
         ("speed = nan", "speed: expected a finite number, given nan"),
         ("radius = true", "radius: expected a finite number, given True"),

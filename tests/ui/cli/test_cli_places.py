@@ -188,9 +188,30 @@ def test_a_map_without_a_place_or_ground_says_what_is_missing(tmp_path: Path, pl
     assert len(found["path_geodetic"]) == len(found["path"])
 
 
+def test_a_map_that_says_where_it_lies_takes_no_other_place(plans: Plans) -> None:
+    for options, sentence in (
+        (["--place", "45", "7", "450"], "--place: expected a map that does not say where it lies, and this one does"),
+        (["--place", "45", "7", "450", "--height-of-zero", "450"], "--height-of-zero: expected one height of z = 0"),
+        (["--height-of-zero", "nan"], "height: expected metres for z = 0"),
+        (["--accuracy", "-1"], "accuracy: expected a distance of at least 0 m"),
+    ):
+        code, _, message = plans(*ENDS, *options)
+        assert code == 2
+        assert sentence in message
+
+
+def test_the_height_of_zero_moves_what_counts_from_sea_level(tmp_path: Path, plans: Plans) -> None:
+    file = areas(tmp_path, [(-90, -60), (90, -60), (90, 60), (-90, 60)], lower=480, lowerReference="AMSL")
+    code, found, _ = plans(*ENDS, "--airspace", file, "--height-of-zero", 450)
+    assert (code, found["heights"]) == (0, "above sea level (as stated)")
+    assert max(place[2] for place in found["path_geodetic"]) < 480.0
+    code, found, _ = plans(*ENDS, "--airspace", file, "--height-of-zero", 478)
+    assert (code, found["status"]) == (1, "START_IN_CLOSED_AREA")
+
+
 def test_the_hague_by_its_own_coordinates_and_by_latitudes(data: Path, plans: Plans) -> None:
     city = data / "the_hague" / "DenHaag_01.city.json"
-    crs = ["--crs", "EPSG:28992"]
+    crs = ["--crs", "EPSG:7415"]  # with its heights above NAP
     code, here, _ = plans("--start", 78420.3, 457800.4, 30, "--goal", 78800.6, 458080.3, 30, *crs, map=city)
     assert code == 0
     (a, b, _), *_, (c, d, _) = here["path_geodetic"]
