@@ -15,7 +15,7 @@ from typing import Any
 from maxjax.core.files import brief
 from maxjax.io.airspace.circles import circle_around
 from maxjax.io.airspace.coordinates import Coordinates
-from maxjax.io.airspace.ed318 import FREE, features_of
+from maxjax.io.airspace.ed318 import FREE
 from maxjax.io.airspace.zone import (
     MALFORMED,
     Limit,
@@ -34,17 +34,14 @@ _COORDINATES = Coordinates(closed=False, split=False)
 
 
 def is_ed269(file: ZoneFile) -> bool:
-    """Whether a file is JSON whose features have lists of volumes."""
-    if not isinstance(file.document, dict) or not isinstance(file.document.get("features"), list):
-        return False
-    volumes = (f.get("geometry") for f in file.document["features"] if isinstance(f, dict))
-    return any(isinstance(volume, list) for volume in volumes)
+    """Whether a file is JSON of zones with lists of volumes."""
+    return any(isinstance(zone, dict) and isinstance(zone.get("geometry"), list) for zone in _zones_in(file))
 
 
 def read_ed269(file: ZoneFile) -> Published:
     """Zones of ED-269."""
     zones, left_out = list[Zone](), Counter[str]()
-    for number, feature in enumerate(features_of(file)):
+    for number, feature in enumerate(_zones_in(file)):
         name = quoted(number)
         try:
             if str(feature.get("restriction", "")).upper() == FREE:
@@ -56,11 +53,20 @@ def read_ed269(file: ZoneFile) -> Published:
                 zones.append(unclear(name, UnclearError("expected a geometry of volumes, found none")))
                 continue
             times = feature.get("applicability") or []
+            times = [times] if isinstance(times, dict) else times
             timed = not all(str(one.get("permanent", "")).upper() == "YES" for one in times)
             zones += [_zone(name, volume, timed) for volume in volumes]
         except MALFORMED as error:
             zones.append(unclear(name, error))
     return Published(tuple(zones), left_out)
+
+
+def _zones_in(file: ZoneFile) -> list[Any]:
+    """The zones of a file: its features, or a list of some other name or of none."""
+    given = file.document
+    if isinstance(given, dict):
+        given = next((given[key] for key in ("features", "UASZoneList") if key in given), [given])
+    return given if isinstance(given, list) else []
 
 
 def _zone(name: str, volume: dict[str, Any], timed: bool) -> Zone:

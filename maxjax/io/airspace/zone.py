@@ -17,7 +17,7 @@ from maxjax.io.geo.columns import Ring
 
 Polygon = list[Ring]
 
-HIGHEST = 1e5  # [m], and of any unit
+HIGHEST = 1e7  # of any unit; some files write 999999 for none
 _METRES = {"m": 1.0, "ft": 0.3048, "FL": 30.48}
 _UNITS = {"m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m"}
 _UNITS |= {"ft": "ft", "feet": "ft", "foot": "ft", "f": "ft", "fl": "FL"}

@@ -134,10 +134,10 @@ def _check_any(published: Published, found: _Placed, box: Box, file: Path) -> No
         what = "an area to keep in" if kept else "an area"
         unclear = sum(zone.keep_in for zone, _ in found.faults)
         also = f" and {unclear} that are not clear ({found.faults[0][1]})" if unclear else ""
-        swapped = ": swapped, it lies in the map" if found.swapped else ""
+        swapped = "swapped, it lies in the map: " if found.swapped else ""
         raise FileError(
             f"{file}: expected {what} in the map, {where}, found {found.outside} outside{also}; "
-            f"expected longitude first, then latitude in GeoJSON{swapped}"
+            f"{swapped}longitude comes first in GeoJSON"
         )
 
 

@@ -196,6 +196,16 @@ def test_two_layers_are_two_zones_under_one_name(tmp_path: Path) -> None:
     assert airspace.remarks == ("times are not read: areas of a.json that name some hold always: 'school'",)
 
 
+def test_lists_of_zones_of_ed269_are_read_whatever_their_name(tmp_path: Path) -> None:
+    shape = {"type": "Polygon", "coordinates": [RING]}
+    zone = samples.ed269_feature(samples.ed269_volume(shape, (5, "AGL", 999999, "AMSL", "M")))
+    zone |= {"applicability": {"permanent": "YES", "schedule": [{"day": "MON"}]}}
+    for document in ({"features": [zone]}, {"formatVersion": "1.0.0", "UASZoneList": [zone]}, [zone], zone):
+        found, airspace = closed(tmp_path, "a.json", samples.encoded(document))
+        np.testing.assert_array_equal(found, expected(SHAPE, 5.0, math.inf))
+        assert airspace.remarks == ()
+
+
 def test_a_zone_with_a_hole_is_open_in_it(tmp_path: Path) -> None:
     hole = box(20.3, 14.3, 25.9, 20.9)
     shape = SHAPE.difference(shapely.box(20.3, 14.3, 25.9, 20.9))
