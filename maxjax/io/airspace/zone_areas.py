@@ -72,7 +72,7 @@ def areas_in(published: Published, earth: Earth, grid: Grid, file: Path) -> tupl
     for zone in published.zones:
         _place(zone, earth, grid, box, found)
     _check_any(published, found, box, file)
-    return tuple(found.areas), tuple(_remarks(published, found, file.name))
+    return tuple(found.areas), tuple(_remarks(published, found, earth, file.name))
 
 
 def _place(zone: Zone, earth: Earth, grid: Grid, box: Box, found: _Placed) -> None:
@@ -141,7 +141,7 @@ def _check_any(published: Published, found: _Placed, box: Box, file: Path) -> No
         )
 
 
-def _remarks(published: Published, found: _Placed, source: str) -> list[str]:
+def _remarks(published: Published, found: _Placed, earth: Earth, source: str) -> list[str]:
     """Sentences on zones that are left out, or hold otherwise than their file may say."""
     remarks = [f"areas of {source} that lie outside the map are left out: {found.outside}"] if found.outside else []
     if found.swapped:
@@ -163,7 +163,7 @@ def _remarks(published: Published, found: _Placed, source: str) -> list[str]:
         remarks.append(f"{zone.name} of {source} {does}: {fault}")
     if len(found.faults) > _TOLD:
         remarks.append(f"areas of {source} that are not clear, and are not named: {len(found.faults) - _TOLD}")
-    return [*remarks, *remarks_on(found.near, source), *published.remarks]
+    return [*remarks, *remarks_on(found.near, earth, source), *published.remarks]
 
 
 def _names(names: list[str]) -> str:

@@ -2,7 +2,8 @@
 
     AGL     value above the ground beneath
     AMSL    height above sea level, which asks for the map's zero (`io.geo.vertical_zero`)
-    WGS84   height above sea level = value − undulation, which is −107 to 86 m everywhere on Earth
+    WGS84   z, where the map's zero lies on the ellipsoid; else height above sea level = value − undulation, which is
+            −107 to 86 m everywhere on Earth
     STD     height above sea level = 0.8 value − 1600 m to 1.2 value + 700 m: the air pressure at sea level is 870 to
             1085 hPa, and the air at most a fifth colder or warmer than the standard atmosphere's
 
@@ -35,6 +36,8 @@ def heights_in(zone: Zone, earth: Earth) -> dict[str, Any]:
         if above_ground:
             # The ground itself has no height to keep.
             found[ours] = -math.inf if ours == "floor" and limit.value <= 0 else limit.metres
+        elif limit.reference == "WGS84" and earth.zero.ellipsoidal:
+            found[ours] = limit.metres
         else:
             low, high = above_sea_level(limit)
             zero = earth.zero.height(f"the {ours} of {zone.name}, {limit}")
@@ -53,13 +56,15 @@ def above_sea_level(limit: Limit) -> tuple[float, float]:
     return value, value
 
 
-def remarks_on(zones: list[Zone], source: str) -> list[str]:
+def remarks_on(zones: list[Zone], earth: Earth, source: str) -> list[str]:
     """Sentences on limits for which a range stands."""
     ranges = {
         "WGS84": "above the ellipsoid (WGS84): sea level is taken as -107 to 86 m above it, as closes more",
         "STD": "flight levels: they are taken as 0.8 H - 1600 m to 1.2 H + 700 m above sea level, as closes more",
     }
     remarks = []
+    if earth.zero.ellipsoidal:
+        del ranges["WGS84"]
     for reference, what in ranges.items():
         count = sum(any(limit and limit.reference == reference for limit in (z.lower, z.upper)) for z in zones)
         if count:

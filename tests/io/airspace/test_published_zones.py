@@ -16,7 +16,7 @@ from maxjax import Airspace, Status, load_airspace
 from maxjax.core.status import Closure
 from maxjax.core.terrain import Terrain
 from maxjax.io.airspace.zone_files import FORMATS, ZoneFormat, read_zones
-from maxjax.io.geo.earth import TangentPlane
+from maxjax.io.geo.earth import Degrees, TangentPlane
 from tests.fuzz import zone_samples as samples
 
 shapely = pytest.importorskip("shapely", reason="needs shapely (extra dev)")
@@ -194,6 +194,27 @@ def test_two_layers_are_two_zones_under_one_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, expected(SHAPE, 9.0, math.inf) | expected(inner, NO, 9.0))
     assert [area.name for area in airspace.areas] == ["'school'"] * 2
     assert airspace.remarks == ("times are not read: areas of a.json that name some hold always: 'school'",)
+
+
+def test_a_limit_above_the_ellipsoid_is_a_number_where_heights_count_from_it(tmp_path: Path) -> None:
+    ring = [[4.3, 52.0], [4.301, 52.0], [4.301, 52.001], [4.3, 52.0]]
+    (tmp_path / "a.json").write_bytes(plain(ring, (6, "WGS84", 14, "WGS84", "m")))
+    for known in (None, -43.0):
+        zero = maxjax.VerticalZero(known, "the ellipsoid", ellipsoidal=True)
+        airspace = load_airspace(tmp_path / "a.json", Degrees(4.3, 52.0, zero), AIR)
+        (area,) = airspace.areas
+        assert (area.floor, area.ceiling) == (6.0, 14.0)
+        assert (area.floor_above_ground, area.ceiling_above_ground) == (False, False)
+        assert airspace.remarks == ()
+
+
+def test_a_second_limit_of_openaip_leaves_a_zone_none(tmp_path: Path) -> None:
+    """It counts where it closes less or more, which depends on the ground."""
+    second = {"value": 20, "unit": 0, "referenceDatum": 0}
+    for more, low, high in (({"lowerLimitMin": second}, NO, 12.0), ({"upperLimitMax": second}, 6.0, math.inf)):
+        item = samples.openaip_item(RING, (36, 0, 1), (42, 0, 1), **more)
+        found, _ = closed(tmp_path, "a.json", samples.encoded([item]))
+        np.testing.assert_array_equal(found, expected(SHAPE, low, high))
 
 
 def test_lists_of_zones_of_ed269_are_read_whatever_their_name(tmp_path: Path) -> None:
