@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError, brief, open_regular
+from maxjax.io.geo.own_axes import check_plane
 from maxjax.io.kinds.contents import Contents, facts
-from maxjax.io.kinds.point_cloud import FARTHEST
+from maxjax.io.kinds.mesh import Mesh
+from maxjax.io.kinds.point_cloud import FARTHEST, PointCloud
 from maxjax.io.readers.box_list import load_boxes
 from maxjax.io.readers.cityjson import load_cityjson
 from maxjax.io.readers.geojson import load_geojson
@@ -107,6 +109,8 @@ def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents
         with np.errstate(all="ignore"):
             contents = reader(path, reading)
             extent = facts(contents).extent
+            if contents.reference.system is None:
+                check_plane(extent, reading, path, shaped=isinstance(contents, Mesh | PointCloud))
     except Exception as error:  # see the module
         if isinstance(error, FileError):
             raise FileError(brief(error)) from error.__cause__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Literal
 
 from maxjax.core.grid import Point3
@@ -10,8 +11,12 @@ from maxjax.io.geo.earth import check_accuracy
 from maxjax.io.geo.reference_system import reference_system, unit_of
 from maxjax.io.geo.vertical_zero import VerticalZero
 
+GEOCENTRIC = "EPSG:4978"  # which only points and meshes may have (`io.geo.own_axes`)
+
 Below = Literal["closed", "open"]
 Unknown = Literal["occupied", "free"]
+Inside = Literal["solid", "free"]
+Up = Literal["z", "y", "-y"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +29,8 @@ class Reading:
         below: `closed`: what points hide from the air is solid down to the ground; `open`: only buildings are. None:
             closed where the file has classes, as .las and .laz.
         unknown: what space is that a file tells nothing of: an OctoMap, a surface model, a survey. None: occupied.
-        crs: reference system of the file's coordinates, as EPSG:28992. None: the one that the file names.
+        crs: reference system of the file's coordinates, as EPSG:28992; of points and meshes also EPSG:4978. None: the
+            one that the file names.
         unit: of its coordinates, as ft, us-ft or a number of metres. None: that of the file or of its system.
         vertical_unit: of its heights. None: that of the file or of its system.
         band: of a raster, counted from 1. None: the only one.
@@ -34,6 +40,9 @@ class Reading:
         height: property of OpenStreetMap or GeoJSON that holds heights, with their unit as in roof_ht:ft. None: the
             first of `tag_heights.HEIGHTS` that a shape has.
         levels: property that holds numbers of levels. None: the first of `tag_heights.LEVELS`.
+        up: axis of meshes and points that is up. None: that of the format: y of .glb, z of all others.
+        offset: added to coordinates of meshes and points, in their unit, after they are upright. None: nothing.
+        inside: what a closed mesh encloses: solid, as a building, or free, as a room. None: solid.
         accuracy: how true the file's places are on Earth [m]. None: as PROJ knows it of their system.
         height_of_zero: height above sea level of z = 0 in the map [m]. None: as the file states it, if it does.
 
@@ -53,6 +62,9 @@ class Reading:
     only: tuple[str, ...] = ()
     height: str | None = None
     levels: str | None = None
+    up: Up | None = None
+    offset: Point3 | None = None
+    inside: Inside | None = None
     accuracy: float | None = None
     height_of_zero: float | None = None
 
@@ -64,7 +76,9 @@ class Reading:
             raise ValueError(f"center, ends: expected three coordinates each [m], given {given}")
         object.__setattr__(self, "center", center)
         object.__setattr__(self, "ends", ends)
-        if self.crs is not None:
+        if self.offset is not None and not all(map(math.isfinite, self.offset)):
+            raise ValueError(f"offset: expected three finite numbers, given {self.offset}")
+        if self.crs is not None and self.crs.strip().upper() != GEOCENTRIC:
             reference_system(self.crs)
         for unit in (self.unit, self.vertical_unit):
             if unit is not None:

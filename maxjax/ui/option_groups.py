@@ -56,6 +56,9 @@ class ReadOptions:
         height: Property of GeoJSON or OpenStreetMap that holds heights, with their unit as in roof_ht:ft; by default
             the first known one that a shape has (docs/maps.md).
         levels: Property that holds numbers of levels.
+        up: Axis of a mesh or of points that is up; by default y of .glb, z of all others.
+        offset: Added to the coordinates of a mesh or of points [their unit], as from a file of its offset.
+        inside: What a closed mesh encloses, solid as a building or free as a room; by default solid.
         accuracy: How true the map's places are on Earth [m]; by default as PROJ knows it of their system.
         height_of_zero: Height above sea level of z = 0 in the map [m]; by default as the file states it, if it does.
     """
@@ -74,6 +77,9 @@ class ReadOptions:
     only: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KIND")] = ()
     height: Annotated[str | None, optional(metavar="PROPERTY")] = None
     levels: Annotated[str | None, optional(metavar="PROPERTY")] = None
+    up: Annotated[Literal["z", "y", "-y"] | None, optional(metavar="{z,y,-y}")] = None
+    offset: OptionalXyz = None
+    inside: Annotated[Literal["solid", "free"] | None, optional(metavar="{solid,free}")] = None
     accuracy: OptionalMetres = None
     height_of_zero: OptionalHeight = None
 

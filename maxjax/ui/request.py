@@ -12,7 +12,6 @@ from typing import Any
 from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.geo.earth import Earth, TangentPlane
-from maxjax.io.geo.reference_system import reference_system
 from maxjax.io.reading import Reading
 from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.distances import Distances
@@ -151,8 +150,6 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
                 "--height-of-zero: expected one height of z = 0, given another by --place LAT LON H; leave it out"
             )
         self.earth(None)
-        if self.crs is not None:
-            reference_system(self.crs)
         Airspace(self.floor, self.ceiling, self.ceiling_above_start)
 
 
@@ -169,6 +166,9 @@ def reading_of(options: ReadOptions) -> Reading:
         only=options.only,
         height=options.height,
         levels=options.levels,
+        up=options.up,
+        offset=options.offset,
+        inside=options.inside,
         accuracy=options.accuracy,
         height_of_zero=options.height_of_zero,
     )

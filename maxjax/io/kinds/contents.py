@@ -147,16 +147,16 @@ def voxels(contents: Contents, grid: Grid, reading: Reading = PLAIN) -> tuple[Vo
     """
     if isinstance(contents, PointCloud):
         return _points(contents, grid, reading.below)
+    if isinstance(contents, Mesh):
+        return VoxelMap.on(grid, *contents.voxels(grid, hollow=reading.inside == "free")), {}
     return _solids(contents, grid, reading.unknown), {}
 
 
 def _solids(contents: Contents, grid: Grid, unknown: Unknown | None) -> VoxelMap:
-    """All but points."""
+    """All but points and meshes."""
     match contents:
         case StoredVoxels():
             return _cut(contents, grid)
-        case Mesh():
-            return VoxelMap.on(grid, *contents.voxels(grid))
         case Footprints():
             solid, ground = prism_voxels(contents, grid)
             return VoxelMap.on(grid, solid | ground, ground)

@@ -16,6 +16,7 @@ from jaxtyping import Float, Int64
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
+from maxjax.io.geo.own_axes import placed
 from maxjax.io.geo.triangles import Triangles, Volume, voxels_enclosed, voxels_touched
 from maxjax.io.geo.units_and_axes import UNREFERENCED, Reference, Stated, reference
 from maxjax.io.kinds.airborne import NONE, from_nearest
@@ -66,11 +67,16 @@ class Mesh:
             )
         return tuple(said)
 
-    def voxels(self, grid: Grid) -> tuple[Volume, Volume]:
-        """Voxels that a face or a loose vertex touches, with those inside closed bodies; and those of the ground."""
+    def voxels(self, grid: Grid, *, hollow: bool = False) -> tuple[Volume, Volume]:
+        """Voxels that a face or a loose vertex touches, with those inside closed bodies; and those of the ground.
+
+        Args:
+            grid: of the map.
+            hollow: whether closed bodies are free inside, as rooms are.
+        """
         found, loose = self.bodies, np.repeat(self.points[:, None], 3, axis=1)
         open_below = np.isin(found.body, found.cap_of)
-        closed = (found.body != OPEN) & ~open_below
+        closed = (found.body != OPEN) & ~open_below & (not hollow)
         solid: Volume = voxels_enclosed(self.triangles[closed], found.body[closed], grid)
         ground = self._ground(grid)
         if open_below.any():
@@ -94,7 +100,11 @@ class Mesh:
 
 
 def mesh_of(
-    vertices: Float[np.ndarray, "n 3"], faces: Int64[np.ndarray, "t 3"], path: Path, reading: Reading = PLAIN
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int64[np.ndarray, "t 3"],
+    path: Path,
+    reading: Reading = PLAIN,
+    up: str = "z",
 ) -> Mesh:
     """A mesh of what a file holds.
 
@@ -103,6 +113,7 @@ def mesh_of(
         faces: three indices of vertices each.
         path: for messages.
         reading: of its coordinates.
+        up: the axis that the format has up.
 
     Raises:
         FileError: for no face at all, too many, an index without a vertex, or a coordinate that is not finite; as
@@ -118,6 +129,7 @@ def mesh_of(
     if not np.isfinite(vertices).all():
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
+    vertices, reading = placed(vertices, reading, path, up)
     how = reference(Stated(), reading, np.array([vertices.min(axis=0), vertices.max(axis=0)])[:, :2], path)
     corners, index = weld(how.metres(vertices))
     faces = index[faces]

@@ -25,7 +25,6 @@ from maxjax.io.reading import PLAIN, Reading
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "MSFT_texture_", "KHR_xmp")
-_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def load_glb(path: Path, reading: Reading = PLAIN) -> Mesh:
@@ -59,10 +58,10 @@ def load_glb(path: Path, reading: Reading = PLAIN) -> Mesh:
             if count > MAX_FACES:
                 raise FileError(f"{path}: expected at most {MAX_FACES} triangles, found more; crop or thin it")
             faces.append(found + total - len(points))
-            vertices.append((points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]) @ _UPRIGHT.T)
+            vertices.append(points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
     if not faces:
         raise FileError(f"{path}: expected a mesh, found none in its scene")
-    return mesh_of(np.concatenate(vertices), np.concatenate(faces), path, reading)
+    return mesh_of(np.concatenate(vertices), np.concatenate(faces), path, reading, "y")
 
 
 def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:

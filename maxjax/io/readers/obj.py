@@ -5,7 +5,7 @@
     l a b …         a line, an obstacle along its whole length
 
 Texture coordinates, normals, groups and materials are ignored; free-form curves and surfaces are refused. The format
-has neither units nor an up axis: metres and z up are assumed.
+has neither units nor an up axis: metres and z up, unless the user says otherwise.
 """
 
 from __future__ import annotations

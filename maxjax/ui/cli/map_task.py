@@ -202,6 +202,9 @@ def _in_city(scene: Scene, request: Request) -> MapTask:
         "only",
         "height",
         "levels",
+        "up",
+        "offset",
+        "inside",
     ):
         if getattr(request, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
