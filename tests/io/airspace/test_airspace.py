@@ -489,6 +489,16 @@ def test_an_area_around_the_earth_has_no_edge_at_180_degrees(tmp_path: Path, lon
         assert (found.closed(NOTHING, GRID) == (Closure.OPEN if keep_in else Closure.AREA)).all()
 
 
+def test_an_area_around_the_earth_has_none_where_one_corner_alone_lies_across(tmp_path: Path) -> None:
+    """Of a map in the north, whose north-western corner lies farther west than its south-western one."""
+    grid = maxjax.Grid((20, 20, 4), 100.0, (-950.0, -950.0, 50.0))
+    corner = np.array([[*grid.lower[:2], 0.0]])
+    west = -180.0 + 5e-6 - float(TangentPlane(70.0, 0.0, 0.0).geodetic(corner)[0, 1])
+    world = [[[-180.0, -90.0], [180.0, -90.0], [180.0, 90.0], [-180.0, 90.0], [-180.0, -90.0]]]
+    found = load_airspace(written(tmp_path, feature(world, inclusion=True)), TangentPlane(70.0, west, 0.0), grid)
+    assert (found.closed(np.zeros(grid.shape, bool), grid) == Closure.OPEN).all()
+
+
 def test_coordinates_of_a_reference_system_are_taken_as_such(tmp_path: Path) -> None:
     delft, grid = maxjax.Projected("EPSG:28992"), maxjax.Grid((8, 8, 4), 2.0, (85000.0, 447000.0, 0.0))
     ring = square(85008.0, 447008.0, 4.0)
