@@ -28,8 +28,9 @@ os.environ.setdefault("MAXJAX_CACHE", "off")
 # user runs it. An XLA that does not know a flag ends the process, hence the version.
 if version("jaxlib").startswith("0.10."):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
-# The runner has a process a core: threads of XLA and OpenBLAS that look for work beside it cost a fifth of the processor.
-os.environ.setdefault("NPROC", "1")
+# The runner has a process a core: more threads of XLA and OpenBLAS look for work in vain, on many cores in most of the
+# time. With one thread of XLA a program would wait for ever for planners on the host, which call programs.
+os.environ.setdefault("NPROC", "2")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Where in the source a value was made is written into programs for profilers alone.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
@@ -92,21 +93,38 @@ LARGE = (
 
 # Left out by `make test`: each takes more than a quarter of a minute, and a smaller test keeps its promise by day.
 NIGHTLY = {
+    "experiments/test_differentiable.py::test_the_gradient_by_the_gate": "that of the bearings is differenced",
+    "experiments/test_differentiable.py::test_the_jacobian_of_the_probes": "that of the bearings is differenced",
+    "experiments/test_differentiable.py::test_the_sensitivity": "that of the bearings is differenced",
     "experiments/test_fault_matrix.py::test_a_stuck_planner": "sim/test_faults.py flies with planners that fail",
-    "planning/test_planning_execution.py::test_a_way": "its tests of with_longer_ascents count the attempts",
+    "nn/test_training.py::test_two_devices": "solvers/test_sharding.py uses several",
+    "nn/test_weights.py::test_a_few_sweeps": "nn/test_model.py certifies by sweeps on a small grid",
+    "nn/test_weights.py::test_alone": "nn/test_model.py certifies what a smoothed prediction leaves",
+    "planning/test_mission.py::test_legs_of_one_goal": "planning/test_fleet.py shares a field",
     "planning/test_narrow_streets": "planning/test_corridor.py compares costs with those of the whole map",
+    "planning/test_planning_execution.py::test_a_way": "its tests of with_longer_ascents count the attempts",
     "sim/swarm/test_fleet_flight.py::test_a_fleet_keeps": "sim/movers/test_slow_movers.py passes movers, alone",
     "sim/swarm/test_fleet_flight.py::test_on_the_host": "sim/test_flight.py flies on the host as in a batch, alone",
     "sim/trials/test_execution.py::test_real_flights": "sim/test_flight.py flies, test_execution.py batches",
     "sim/trials/test_shards.py::test_four_processes": "the rest of test_shards.py shares and merges in one process",
     "sim/trials/test_shards.py::test_the_processes_of_a_job": "the rest of test_shards.py shares and merges",
     "sim/trials/test_trial_movers.py::test_outcomes": "test_execution.py keeps books, test_bad_movers.py flies",
+    "sim/trials/test_trials.py::test_a_trial_alone": "in test_execution.py a trial depends on no other",
+    "solvers/test_newton.py::test_a_batch": "solvers/test_potential.py compares a vmap over scenes with a loop",
+    "solvers/test_newton.py::test_a_folded_snake": "its serpentine of five thousand voxels is certified by day",
+    "test_public_calls.py::test_a_strangers_planner_is_flown": "sim/test_extensions.py flies by a planner of its own",
+    "test_public_calls.py::test_routes_under_vmap": "planning/test_windowed_route.py compares such batches",
+    "test_replanner.py::test_as_one_program": "planning/test_pipeline.py: one program answers as the stages do",
+    "test_typed.py": "`make lint` checks the same types; test_package.py that they are installed",
+    "test_x64.py": "solvers/test_potential.py solves in float64",
     "ui/cli/test_cli.py::test_delft": "io/test_load.py reads Delft, ui/cli/test_cli.py plans in other maps",
     "ui/cli/test_cli.py::test_training": "nn/test_training.py trains and goes on",
     "ui/cli/test_cli_fly.py::test_one_trial_is_filmed": "ui/figures/test_film.py draws films",
     "ui/cli/test_cli_interrupted.py::test_during_a_flight": "sim/trials/test_execution.py interrupts a campaign",
     "ui/cli/test_cli_mission.py::test_three_waypoints": "the rest of test_cli_mission.py flies missions around areas",
     "ui/cli/test_cli_places.py::test_the_hague": "the rest of test_cli_places.py plans between latitudes",
+    "ui/figures/test_film.py::test_a_film_that_is_too_large": "its film moves at ten frames a second by day",
+    "ui/page/test_browser.py::test_flights_play": "test_moving.py holds what the page is sent",
 }
 
 COMPILED = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])

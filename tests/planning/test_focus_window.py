@@ -247,7 +247,10 @@ def random_case(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[
 
 
 @pytest.mark.large
-@pytest.mark.parametrize(("shape", "cases"), [(GRID.shape, 80), ((3, 60, 40), 30), ((40, 36, 7), 30)])
+@pytest.mark.parametrize(("shape", "cases"), [
+    pytest.param(GRID.shape, 80, marks=pytest.mark.nightly), ((3, 60, 40), 30),
+    pytest.param((40, 36, 7), 30, marks=pytest.mark.nightly),
+])  # fmt: skip
 def test_statuses_and_costs_are_those_of_the_whole_map(
     small_windows: None, shape: tuple[int, int, int], cases: int
 ) -> None:

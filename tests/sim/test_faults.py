@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maxjax import AStar
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.sim.faults.effects import Faults, account
@@ -19,12 +20,11 @@ from maxjax.sim.loop.flight_state import estimated_position
 from maxjax.sim.loop.follow import advance_time
 from maxjax.sim.sensors.lidar import Lidar, Scan, scan
 from maxjax.sim.vehicle.disturbances import Disturbances
-from maxjax.ui.methods import planner_named
 from tests.scenes import wall_and_tower
 
 LIDAR = Lidar(rays=4096, channels=64)
 CONFIG = FlightConfig(
-    planner=planner_named("field"),
+    planner=AStar(),  # it compiles nothing
     shape=(45, 45, 17),
     lidar=LIDAR,
     plans=40,
@@ -148,20 +148,22 @@ def test_what_is_remembered_at_first_is_hovering_at_the_start() -> None:
 
 @pytest.fixture(scope="module")
 def flown() -> dict[str, Flight]:
-    """Nothing that may fail; what may but does not within the flight; a planner that stops answering after 4 s."""
+    """Nothing fails; what may fail does not within the flight; a planner that stops answering after 4 s."""
     worlds = {
-        "sound": world(),
+        "sound": world(Faults.of({}, onset=0.0)),
         "later": world(Faults.of(dict.fromkeys(Target, Mode.OFF), onset=1e3)),
         "silent": world(Faults.of({Target.PLANNER: Mode.OFF}, onset=4.0)),
         "slow": world(Faults.of({Target.PLANNER: Mode.SLOW}, onset=2.0)),
         "blind": world(Faults.of({Target.LIDAR: Mode.OFF, Target.POSE: Mode.OFF}, onset=4.0)),
     }
-    return {name: list(watch(one, CONFIG if one.extensions else dataclasses.replace(CONFIG, stages=None)))[-1]
-            for name, one in worlds.items()}  # fmt: skip
+    return {name: list(watch(one, CONFIG))[-1] for name, one in worlds.items()}
 
 
-def test_before_its_time_a_fault_changes_next_to_nothing(flown: dict[str, Flight]) -> None:
-    sound, later = flown["sound"].log, flown["later"].log
+@pytest.mark.parametrize("built", [True, pytest.param(False, marks=pytest.mark.nightly)], ids=["with faults", "as is"])
+def test_before_its_time_a_fault_changes_next_to_nothing(flown: dict[str, Flight], built: bool) -> None:
+    """Beside a flight in which none is set, and by night beside one that is built without any."""
+    later = flown["later"].log
+    sound = (flown["sound"] if built else list(watch(world(), dataclasses.replace(CONFIG, stages=None)))[-1]).log
     assert sound.status == later.status == Status.OK
     # But for what dead reckoning errs by.
     apart = np.linalg.norm(np.asarray(sound.position - later.position), axis=1)

@@ -123,7 +123,7 @@ def refined(seed: int, edge: int) -> Scene:
     return conducting(blocked, goal), goal
 
 
-@pytest.mark.parametrize(("seed", "edge"), [(0, 101), (1, 65)])
+@pytest.mark.parametrize(("seed", "edge"), [pytest.param(0, 101, marks=pytest.mark.nightly), (1, 65)])
 def test_cycles_do_not_grow_with_size(seed: int, edge: int) -> None:
     cycles = []
     for n in (33, edge):
@@ -237,7 +237,7 @@ def test_a_folded_snake_through_the_whole_grid_is_certified(pitch: int) -> None:
     check_certified(potential, sigma, goal)
 
 
-@pytest.mark.parametrize("shape", [(7, 6, 5), (24, 17, 20)])
+@pytest.mark.parametrize("shape", [(7, 6, 5), pytest.param((24, 17, 20), marks=pytest.mark.nightly)])
 def test_accelerators_find_the_same_field(shape: tuple[int, int, int]) -> None:
     sigma, goal = (jnp.asarray(given) for given in scene(3, shape, doors=False))
     here = solve_potential(sigma, goal)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import itertools
 from collections.abc import Callable
@@ -263,6 +264,7 @@ def test_the_derivative_in_the_price_equals_finite_differences() -> None:
         toward = jnp.asarray(rng.normal(size=sigma.shape))
         weight = jnp.asarray(rng.normal(size=sigma.shape) * (sigma > 0))
 
+        @jax.jit
         def loss(price: jax.Array) -> jax.Array:
             found = solve_potential(jnp.asarray(sigma, jnp.float64), jnp.asarray(goal), price, screening_length=2.0)
             return jnp.sum(weight * jnp.where(jnp.isfinite(found.log_phi), found.log_phi, 0))
@@ -281,10 +283,15 @@ def test_where_nothing_else_certifies_the_floods_distance_does() -> None:
     assert found.status == Status.OK
     check_certificate(found, sigma, goal)
     rng = np.random.default_rng(7)
+
+    @jax.jit
+    def flooded(free: jax.Array, goal: jax.Array) -> jax.Array:
+        joined, steps = geodesic(free, goal)
+        return distance_potential(steps, joined, jnp.asarray(1.5))
+
     for blocked in (rng.random((12, 13, 14)) < 0.6 for _ in range(20)):
         goal = np.argwhere(~blocked)[0]
-        joined, steps = geodesic(jnp.asarray(~blocked), jnp.asarray(goal, jnp.int32))
-        u = distance_potential(steps, joined, jnp.asarray(1.5))
+        u = flooded(jnp.asarray(~blocked), jnp.asarray(goal, jnp.int32))
         assert stuck_voxels(np.asarray(u), component_of(~blocked, tuple(goal)), goal) == 0
 
 
@@ -382,17 +389,24 @@ def central(function: Callable[[float], float], step: float) -> float:
     return (8 * near - far) / (12 * step)
 
 
+@functools.cache
+def slopes_of(solver: Solver) -> tuple[jax.Array, jax.Array]:
+    """Of each loss, by σ and by the screening length: one program."""
+
+    def losses(sigma: jax.Array, length: jax.Array) -> jax.Array:
+        phi = solve_potential(sigma, jnp.asarray(GOAL), screening_length=length, solver=solver).phi  # type: ignore[arg-type]
+        return jnp.stack([loss(phi) for loss in LOSSES.values()])
+
+    slopes: tuple[jax.Array, jax.Array] = jax.jit(jax.jacrev(losses, (0, 1)))(jnp.asarray(SIGMA), jnp.asarray(LENGTH))
+    return slopes
+
+
 @pytest.mark.parametrize("solver", [Screened(), PaperSetting()], ids=type)
 @pytest.mark.parametrize("name", list(LOSSES))
 def test_gradient_equals_central_differences(name: str, solver: Solver) -> None:
     loss = LOSSES[name]
     with jax.enable_x64(True):
-
-        def objective(sigma: jax.Array, length: jax.Array) -> jax.Array:
-            return loss(solve_potential(sigma, jnp.asarray(GOAL), screening_length=length, solver=solver).phi)  # type: ignore[arg-type]
-
-        by_sigma, by_length = jax.jit(jax.grad(objective, argnums=(0, 1)))(jnp.asarray(SIGMA), jnp.asarray(LENGTH))
-        by_sigma = np.asarray(by_sigma)
+        by_sigma, by_length = (np.asarray(slope)[list(LOSSES).index(name)] for slope in slopes_of(solver))
         rng = np.random.default_rng(12)
         for _ in range(3):
             direction = SIGMA * rng.normal(size=SMALL)
@@ -423,11 +437,12 @@ def test_forward_reverse_and_second_derivatives_agree() -> None:
         sigma = jnp.asarray(SIGMA)
         _, forward = jax.jit(lambda s, d: jax.jvp(objective, (s,), (d,)))(sigma, direction)
         assert forward == pytest.approx(float((slope(sigma) * direction).sum()), rel=1e-9)
-        _, curvature = jax.jit(lambda s, d: jax.jvp(slope, (s,), (d,)))(sigma, direction)
+        curved = jax.jit(lambda s, d: jax.jvp(slope, (s,), (d,)))
+        _, curvature = curved(sigma, direction)
         expected = central(lambda h: float((slope(sigma + h * direction) * other).sum()), 1e-3)
         assert float((curvature * other).sum()) == pytest.approx(expected, rel=1e-5)
         # The Hessian is symmetric.
-        _, crossed = jax.jit(lambda s, d: jax.jvp(slope, (s,), (d,)))(sigma, other)
+        _, crossed = curved(sigma, other)
         assert float((curvature * other).sum()) == pytest.approx(float((crossed * direction).sum()), rel=1e-8)
 
 

@@ -85,7 +85,11 @@ def slopes_by_elimination(scene: Conductor) -> tuple[float, np.ndarray, np.ndarr
     return float(np.log(phi[scene.start])), by_price, by_sigma
 
 
-@pytest.mark.parametrize("name", list(SCENES))
+# One near scene and one long way by day.
+BY_NIGHT = [pytest.param(name, marks=pytest.mark.nightly) for name in ("70 voxels", "300 voxels", "city")]
+
+
+@pytest.mark.parametrize("name", ["35 voxels", "corridor", *BY_NIGHT])
 def test_derivatives_of_log_phi_are_those_of_float64_at_any_distance(name: str) -> None:
     scene = SCENES[name]
     expected, *slopes = slopes_by_elimination(scene)

@@ -14,13 +14,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from _pytest.mark import ParameterSet
 from jax.tree_util import keystr, tree_flatten_with_path
 
 from maxjax.core.status import Status
 from maxjax.planning.problem.distances import Distances
 from maxjax.sim.loop.flight import Flight, FlightConfig, World, watch
+from maxjax.sim.loop.follow import follow
+from maxjax.sim.loop.sensing import fuse, sense
 from maxjax.sim.movers.among import AHEAD, Among, Flag, Flags, Sightings
-from maxjax.sim.movers.avoidance import Avoidance
+from maxjax.sim.movers.avoidance import Avoidance, straight_way
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.moments import moments_of
@@ -34,8 +37,7 @@ from maxjax.sim.worlds.movers import Movers, through
 from maxjax.ui.methods import planner_named
 from tests.sim.movers.scenes import box
 
-# What they compile for two minutes, eleven flights run in seconds.
-pytestmark = [pytest.mark.large, pytest.mark.full_speed]
+pytestmark = pytest.mark.large
 
 COUNT, SLOTS, RADIUS = 8, 6, 0.5
 LIDAR = Lidar(channels=32, rays=4096, elevation_min=-30.0, elevation_max=30.0)
@@ -85,6 +87,7 @@ CONFIG = FlightConfig(
     plans=30,
     distances=Distances(1.0, 4.0),
     extensions=(HOW,),
+    stages=(sense, fuse, straight_way, follow),
 )
 Way = Callable[[np.ndarray], np.ndarray]
 """Places (t, 3) at times (t,)."""
@@ -197,7 +200,17 @@ NAN = {
 """Where NaN says that there is nothing."""
 
 
-@pytest.mark.parametrize("name", CASES)
+# Flown by day; the others by night.
+DAY = ("in the vehicle", "more than slots", "false returns")
+
+
+def cases(*left_out: str) -> list[ParameterSet]:
+    return [
+        pytest.param(name, marks=() if name in DAY else pytest.mark.nightly) for name in CASES if name not in left_out
+    ]
+
+
+@pytest.mark.parametrize("name", cases())
 def test_nothing_is_nan(name: str) -> None:
     flights = flown(name)
     assert set().union(*map(nan_in, flights)) <= set(NAN)
@@ -211,7 +224,7 @@ def test_nothing_is_nan(name: str) -> None:
         assert np.isfinite(flight.scan.points[flight.scan.hit]).all()
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name != "in the vehicle"])
+@pytest.mark.parametrize("name", cases("in the vehicle"))
 def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> None:
     log = flown(name)[-1].log
     status = Status(int(log.status))
@@ -224,10 +237,10 @@ def test_the_vehicle_moves_on_or_a_flag_was_up_before_the_contact(name: str) -> 
 @pytest.mark.parametrize(
     ("name", "flag"),
     [
-        ("around the vehicle", Flag.TRAPPED),
+        pytest.param("around the vehicle", Flag.TRAPPED, marks=pytest.mark.nightly),
         ("more than slots", Flag.CROWDED),
         ("false returns", Flag.CROWDED),
-        ("turns at borders", Flag.BOUND),
+        pytest.param("turns at borders", Flag.BOUND, marks=pytest.mark.nightly),
     ],
 )
 def test_what_does_not_hold_is_flagged(name: str, flag: Flag) -> None:
@@ -235,6 +248,7 @@ def test_what_does_not_hold_is_flagged(name: str, flag: Flag) -> None:
     assert float(flags.seconds[flag]) > 0.0
 
 
+@pytest.mark.nightly  # by day errors of the position are those of sim/movers/test_flight_limits.py
 def test_an_error_of_the_estimated_position_is_no_error_of_following() -> None:
     flags = flown("wind and drift")[-1].log.part(Flags)
     assert (

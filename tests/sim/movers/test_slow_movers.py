@@ -50,7 +50,7 @@ FAST = dataclasses.replace(
     HOW, perception=TrueTracks(slots=3, place=0.2, velocity=1.0), bounds=dataclasses.replace(BOUNDS, speed=10.0)
 )
 LOOKING = dataclasses.replace(CONFIG, planner=AStar(), extensions=(FAST,))
-BLIND = dataclasses.replace(LOOKING, extensions=(), stages=None)
+BLIND = dataclasses.replace(LOOKING, extensions=(), stages=(straight_way, follow))
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from maxjax.sim.movers.avoidance import Avoidance, straight_way
 from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.sensors.lidar import Lidar
-from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm, swarm_take_off, watch_swarm
+from maxjax.sim.swarm.swarm_flight import SwarmLog, fly_swarm, log_of, swarm_take_off, watch_swarm
 from maxjax.sim.swarm.together import Together
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import SPHERE, Geoms, ground_plane
@@ -71,17 +71,24 @@ def swaps(wide: float = 0.0) -> World:
 
 @functools.cache
 def flown() -> SwarmLog:
-    """Two fleets in a batch; the second one flies two metres further."""
+    """A fleet on the host."""
+    *_, last = watch_swarm(swaps(), CONFIG, TOGETHER)
+    return log_of(last)
+
+
+@functools.cache
+def flown_in_a_batch() -> SwarmLog:
+    """Two fleets; the second one flies two metres further."""
     both = jax.tree.map(lambda *x: jnp.stack(x), swaps(), swaps(wide=2.0))
     return jax.jit(jax.vmap(functools.partial(fly_swarm, config=CONFIG, together=TOGETHER)))(both)
 
 
-def test_all_arrive_and_nobody_touches_anybody() -> None:
-    log = flown()
+def check_swaps(log: SwarmLog) -> None:
+    """All arrive, and nobody touches anybody."""
     assert (np.asarray(log.flights.status) == Status.OK).all()
     assert (np.asarray(log.touched) == -1).all()
     position = np.asarray(log.flights.position, float)
-    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    apart = np.linalg.norm(position[..., :, None, :, :] - position[..., None, :, :, :], axis=-1)
     least = np.nanmin(apart + np.where(np.eye(COUNT, dtype=bool), np.inf, 0.0)[..., None]) - 2.0 * CONFIG.radius
     # The least over physics steps is below that over logged samples, and not by more than they go in between.
     assert least - 2.0 * 0.1 * SMALL.speed <= np.asarray(log.gap).min() <= least + 1e-3
@@ -92,11 +99,15 @@ def test_all_arrive_and_nobody_touches_anybody() -> None:
     assert (np.asarray(log.swaps) >= 5).all()
 
 
+def test_all_arrive_and_nobody_touches_anybody() -> None:
+    check_swaps(flown())
+
+
 def test_on_the_host_a_fleet_flies_as_in_a_batch() -> None:
-    *_, last = watch_swarm(swaps(), CONFIG, TOGETHER)
-    flights = flown().flights
-    np.testing.assert_array_equal(last.log.status, flights.status[0])
-    np.testing.assert_allclose(last.log.position, flights.position[0], atol=1e-2)
+    check_swaps(flown_in_a_batch())
+    alone, flights = flown().flights, flown_in_a_batch().flights
+    np.testing.assert_array_equal(alone.status, flights.status[0])
+    np.testing.assert_allclose(alone.position, flights.position[0], atol=1e-2)
     assert not np.allclose(flights.duration[0], flights.duration[1])
 
 

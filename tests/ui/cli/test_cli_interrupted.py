@@ -94,7 +94,9 @@ def test_during_imports(module: str) -> None:
     assert_ended_by(ended)
 
 
-@pytest.mark.parametrize("wait", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize(
+    "wait", [pytest.param(0.5, marks=pytest.mark.nightly), 2.0, pytest.param(4.0, marks=pytest.mark.nightly)]
+)
 def test_during_the_compilation_of_a_plan(town: Path, tmp_path: Path, wait: float) -> None:
     out = tmp_path / "out"
     ends = ["--start", 10, 20, 10, "--goal", 70, 20, 10]
