@@ -38,11 +38,21 @@ def world(*faults: Faults) -> World:
     return World(wall_and_tower(), START, GOAL, jax.random.key(5), Disturbances(), extensions=faults)
 
 
+@jax.jit
+def taken_off(one: World) -> Flight:
+    return take_off(one, CONFIG)
+
+
+@jax.jit
+def delivered(one: World, flight: Flight, number: int) -> Flight:
+    return one.extensions[0].deliver_scan(one, flight, CONFIG, jnp.int32(number))
+
+
 def ready(target: Target, mode: Mode) -> tuple[Faults, World, Flight]:
     """A fault from the beginning, its world, and a flight that moves."""
     fault = Faults.of({target: mode}, onset=0.0)
     one = world(fault)
-    flight = take_off(one, CONFIG)
+    flight = taken_off(one)
     vehicle = dataclasses.replace(flight.vehicle, velocity=jnp.array([4.0, 0.0, 0.0]))
     return fault, one, dataclasses.replace(flight, vehicle=vehicle)
 
@@ -54,8 +64,8 @@ def honest() -> Scan:
 
 @functools.cache
 def scans(mode: Mode) -> tuple[Scan, Failing]:
-    fault, one, flight = ready(Target.LIDAR, mode)
-    after = fault.deliver_scan(one, dataclasses.replace(flight, scan=honest()), CONFIG, jnp.int32(1))
+    _, one, flight = ready(Target.LIDAR, mode)
+    after = delivered(one, dataclasses.replace(flight, scan=honest()), 1)
     return after.scan, after.part(Failing)
 
 
@@ -83,27 +93,32 @@ def test_of_no_scan_and_of_ranges_without_surfaces_nothing_is_used(mode: Mode) -
 
 
 def test_a_scan_that_repeats_the_one_before_is_used_once() -> None:
-    fault, one, flight = ready(Target.LIDAR, Mode.STUCK)
-    first = fault.deliver_scan(one, dataclasses.replace(flight, scan=honest()), CONFIG, jnp.int32(0))
+    _, one, flight = ready(Target.LIDAR, Mode.STUCK)
+    first = delivered(one, dataclasses.replace(flight, scan=honest()), 0)
     other = scan(wall_and_tower(), LIDAR, START + 1.0, jnp.eye(3), jax.random.key(2))
-    second = fault.deliver_scan(one, dataclasses.replace(first, scan=other), CONFIG, jnp.int32(1))
+    second = delivered(one, dataclasses.replace(first, scan=other), 1)
     assert np.array_equal(first.scan.hit, honest().hit)
     assert not np.any(second.scan.hit)
     assert np.array_equal(second.part(Failing).ranges, first.part(Failing).ranges)
 
 
+@jax.jit
+def advanced(one: World, flight: Flight) -> tuple[Flight, jax.Array]:
+    flight = one.extensions[0].advance(one, flight, CONFIG)
+    return flight, estimated_position(one, flight, CONFIG)
+
+
 @pytest.mark.parametrize(("mode", "off"), [(Mode.OFF, 0.01), (Mode.GARBAGE, 0.01), (Mode.STUCK, 1.1), (Mode.LATE, 1.1)])
 def test_a_position_is_never_further_off_than_a_believable_jump(mode: Mode, off: float) -> None:
     """For two seconds at 4 m/s: dead reckoning errs by a hundredth of the way, what is believed by a metre at most."""
-    fault, one, flight = ready(Target.POSE, mode)
+    _, one, flight = ready(Target.POSE, mode)
     assert CONFIG.vehicle.timestep == 0.01
-    advance = jax.jit(lambda flight: fault.advance(one, flight, CONFIG))
     for k in range(200):
         vehicle = dataclasses.replace(flight.vehicle, position=START + jnp.array([0.04 * (k + 1), 0.0, 0.0]))
         log = dataclasses.replace(flight.log, duration=jnp.float32(0.01 * k))
         flight = dataclasses.replace(flight, vehicle=vehicle, log=log)
-        flight = advance(flight)
-        error = jnp.linalg.norm(estimated_position(one, flight, CONFIG) - vehicle.position)
+        flight, estimated = advanced(one, flight)
+        error = np.linalg.norm(estimated - vehicle.position)
         assert float(error) <= off + 0.01 * 0.04 * (k + 1)
 
 
@@ -118,21 +133,24 @@ def test_commands_reach_late_motors_five_steps_later_and_weak_ones_in_part() -> 
         assert np.allclose(told[5:] if mode == Mode.LATE else told, expected, rtol=1e-6)
 
 
+@jax.jit
+def times(one: World, flight: Flight) -> jax.Array:
+    """Of the reference, step by step."""
+    step = CONFIG.vehicle.timestep
+
+    def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
+        told = one.extensions[0].clock(one, flight, CONFIG, flight.reference_time)
+        now = advance_time(flight.reference_time, told, step)
+        log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
+        return dataclasses.replace(flight, reference_time=now, log=log), now
+
+    return jax.lax.scan(tick, flight, None, round(CONFIG.period / step))[1]
+
+
 @pytest.mark.parametrize("mode", [mode for mode in Mode if (Target.CLOCK, mode) not in MEANINGLESS])
 def test_whatever_the_clock_says_set_points_do_not_jump_nor_go_back(mode: Mode) -> None:
-    fault = Faults.of({Target.CLOCK: mode}, onset=0.0)
-    one, step = world(fault), CONFIG.vehicle.timestep
-
-    @jax.jit
-    def times(flight: Flight) -> jax.Array:
-        def tick(flight: Flight, _: None) -> tuple[Flight, jax.Array]:
-            now = advance_time(flight.reference_time, fault.clock(one, flight, CONFIG, flight.reference_time), step)
-            log = dataclasses.replace(flight.log, duration=flight.log.duration + step)
-            return dataclasses.replace(flight, reference_time=now, log=log), now
-
-        return jax.lax.scan(tick, flight, None, round(CONFIG.period / step))[1]
-
-    taken = np.diff(np.asarray(times(take_off(one, CONFIG))), prepend=0.0)
+    one, step = world(Faults.of({Target.CLOCK: mode}, onset=0.0)), CONFIG.vehicle.timestep
+    taken = np.diff(np.asarray(times(one, taken_off(one))), prepend=0.0)
     assert taken.min() >= 0.0
     assert taken.max() <= 1.5 * step + 1e-6
     # Clocks that go at all, however badly, let the vehicle fly.

@@ -134,7 +134,8 @@ def test_a_fleet_keeps_away_from_movers_too() -> None:
 
 def test_who_starts_too_near_to_another_does_not_start() -> None:
     start = np.array([[0.0, 0.0, 20.0], [0.5, 0.0, 20.0], [20.0, 0.0, 20.0], [30.0, 0.0, 20.0]])
-    flights = swarm_take_off(worlds(start, start + np.array([0.0, 12.0, 0.0])), CONFIG, TOGETHER)
+    fleet = worlds(start, start + np.array([0.0, 12.0, 0.0]))
+    flights = jax.jit(lambda fleet: swarm_take_off(fleet, CONFIG, TOGETHER))(fleet)
     occupied, ok = int(Status.START_OCCUPIED), int(Status.OK)
     assert np.asarray(flights.log.status).tolist() == [occupied, occupied, ok, ok]
     assert np.asarray(flights.done).tolist() == [True, True, False, False]

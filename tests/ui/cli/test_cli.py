@@ -41,6 +41,8 @@ from tests.scenes import SHAPE, wall_with_gap
 from tests.ui.cli.terminal import Terminal
 
 START, GOAL = (6.0, 16.0, 10.0), (40.0, 14.0, 12.0)
+# It compiles nothing: for tests of files and messages.
+ASTAR = ("--method", "astar")
 
 
 def town(*, sealed: bool = False) -> np.ndarray:
@@ -137,7 +139,7 @@ def test_national_coordinates_are_kept_to_the_millimetre(terminal: Terminal, tmp
     for number, corner in enumerate([np.zeros(3), np.array([84_900.125, 447_501.123, 0.0])]):
         out = tmp_path / str(number)
         archive = voxel_file(tmp_path, tower, corner)
-        code, _, err = terminal("plan", archive, *between(start + corner, goal + corner), "--out", out)
+        code, _, err = terminal("plan", archive, *between(start + corner, goal + corner), *ASTAR, "--out", out)
         assert code == 0, err
         content = json.loads((out / "plan.json").read_text())
         assert content["configuration"]["grid"]["origin"] == corner.tolist()
