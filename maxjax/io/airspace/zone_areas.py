@@ -82,8 +82,8 @@ def _place(zone: Zone, earth: Earth, grid: Grid, box: Box, found: _Placed) -> No
     areas, outside, flat = list[Area](), 0, False
     try:
         polygons = join_at_seam(list(zone.polygons))
-        flat = any(_is_flat(polygon[0]) for polygon in polygons)
         areas, outside = _areas(held, polygons, earth, box)
+        flat = bool(areas) and any(_is_flat(polygon[0]) for polygon in polygons)
     except UnknownZeroError:
         raise
     except MALFORMED as error:
@@ -102,7 +102,7 @@ def _place(zone: Zone, earth: Earth, grid: Grid, box: Box, found: _Placed) -> No
     found.outside += outside
     found.areas += areas
     found.near += [zone] if areas else []
-    found.flat += [zone.name] if areas and flat else []
+    found.flat += [zone.name] if flat else []
 
 
 def _areas(zone: Zone, polygons: list[Polygon], earth: Earth, box: Box) -> tuple[list[Area], int]:
