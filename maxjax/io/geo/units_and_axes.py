@@ -25,7 +25,7 @@ from maxjax.io.geo.vertical_zero import UNSTATED, VerticalZero
 from maxjax.io.reading import Reading
 
 _TRUE = 0.005  # a plane's scale may be so far from 1
-_WIDEST = 1.0  # [degrees]; some 100 km, where a plane is off by hundreds of metres already
+_WIDEST = 1.001  # [degrees], a tile of SRTM; some 100 km, where a plane is off by hundreds of metres already
 _NORTHERNMOST = 85.0  # [degrees]; farther on, a degree of longitude is hardly a length
 _BESIDE = 1.0  # [degrees] outside of the area of a system
 
@@ -231,7 +231,7 @@ def _origin(system: ReferenceSystem, extent: Float64[np.ndarray, "2 2"], path: P
     if not (wide <= _WIDEST and np.abs(corners[:, 1]).max() <= _NORTHERNMOST):
         low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
         raise FileError(
-            f"{path}: expected coordinates within {_WIDEST:g} degree of each other and {_NORTHERNMOST:g} degrees of "
+            f"{path}: expected coordinates within {_WIDEST:.3g} degree of each other and {_NORTHERNMOST:g} degrees of "
             f"the equator ({_title(system)}), found longitudes and latitudes from {low} to {high}; crop it"
         )
     longitude, latitude = corners[2].tolist()

@@ -3,7 +3,7 @@
     occupied = { voxels of a column up to the highest cell that its square shares an area with }
 
 Columns without a height are unknown. The model does not tell buildings from the ground. Files of them are read in
-`io.readers.geotiff`.
+`io.readers.raster`.
 """
 
 from __future__ import annotations

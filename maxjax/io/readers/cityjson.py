@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, Int
 
-from maxjax.core.files import FileError, parse_json, read_text
+from maxjax.core.files import FileError
 from maxjax.io.geo.polygons import convex, covering, fan_of, newell
 from maxjax.io.geo.triangles import Triangles
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
@@ -32,6 +32,7 @@ from maxjax.io.kinds.bodies import runs
 from maxjax.io.kinds.footprints import Fill, Footprint, Footprints, Shells, check_footprints
 from maxjax.io.kinds.point_cloud import FARTHEST
 from maxjax.io.readers.cityjson_geometry import Face, Shell, Store, Vertices, is_closed, level
+from maxjax.io.readers.json_lines import read_document
 from maxjax.io.reading import PLAIN, Reading
 
 VERSIONS = ("0.8", "0.9", "1.0", "1.1", "2.0")
@@ -76,7 +77,7 @@ def load_cityjson(path: Path, reading: Reading = PLAIN) -> Footprints:
 
 
 def _parse(path: Path) -> Mapping[str, Any]:
-    document = parse_json(read_text(path), path)
+    document = read_document(path)
     kind = document.get("type") if isinstance(document, dict) else type(document).__name__
     if kind != "CityJSON":
         raise FileError(f"{path}: expected an object of type CityJSON, found {kind!r}")

@@ -1,6 +1,7 @@
 """GeoJSON: polygons, lines and points with heights among their properties (`tagged`), and whatever else stands.
 
-Coordinates are longitude and latitude (RFC 7946); a file of the older form may name another system as its `crs`.
+Coordinates are longitude and latitude (RFC 7946); a file of the older form may name another system as its `crs`. The
+features may stand on lines of their own (`json_lines`).
 Heights are those of OpenStreetMap's tags (`tag_heights`), plain numbers in the unit of heights that is stated; floors
 are `ele`, else third coordinates where a file has any: the lowest, and what is on it reaches as far above the highest.
 Each polygon of several is its own, with its holes: where they overlap, both are solid.
@@ -9,17 +10,18 @@ Each polygon of several is its own, with its holes: where they overlap, both are
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from maxjax.core.files import FileError, parse_json, read_text
+from maxjax.core.files import FileError
 from maxjax.io.geo.earth import geojson_system
 from maxjax.io.geo.units_and_axes import Stated
 from maxjax.io.kinds.footprints import Footprints, around
+from maxjax.io.readers.json_lines import read_document
 from maxjax.io.readers.standing import ANYTHING, BUILDING, is_underground, kind_of
 from maxjax.io.readers.tag_heights import with_other_tags
 from maxjax.io.readers.tagged import Tagged, solids_of
@@ -35,7 +37,7 @@ def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
         FileError: if the file is missing, too large, not GeoJSON, malformed, or holds nothing with a height; as
             `reference`.
     """
-    document = parse_json(read_text(path), path)
+    document = read_document(path)
     kind = document.get("type") if isinstance(document, dict) else type(document).__name__
     if kind not in ("FeatureCollection", "Feature"):
         raise FileError(f"{path}: expected a FeatureCollection of GeoJSON, found {kind!r}")
@@ -48,10 +50,24 @@ def load_geojson(path: Path, reading: Reading = PLAIN) -> Footprints:
 
 
 def _read(document: dict[str, Any], reading: Reading, path: Path) -> Footprints:
-    system = geojson_system(document) or "EPSG:4326"
+    features = document.get("features", [document])
+    return solids_of_features(features, geojson_system(document) or "EPSG:4326", reading, path)
+
+
+def solids_of_features(
+    features: Sequence[dict[str, Any]], system: str | None, reading: Reading, path: Path
+) -> Footprints:
+    """Features as GeoJSON has them as solids; raises as `solids_of`.
+
+    Args:
+        features: properties and a geometry each.
+        system: of their coordinates; None: not known.
+        reading: what the user says.
+        path: for messages.
+    """
     found: list[Tagged] = []
     dropped: Counter[str] = Counter()
-    for number, feature in enumerate(document.get("features", [document])):
+    for number, feature in enumerate(features):
         values = feature.get("properties") or {}
         tags = with_other_tags({k: str(value) for k, value in values.items() if isinstance(value, str | int | float)})
         name = str(feature.get("id") or values.get("name") or number)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
 from maxjax.io.kinds.mesh import MAX_FACES, Mesh, merge_meshes
-from maxjax.io.readers.glb import load_glb
+from maxjax.io.readers.gltf import load_gltf
 from maxjax.io.readers.mitsuba import is_scene, load_mitsuba
 from maxjax.io.readers.obj import load_obj
 from maxjax.io.readers.ply import load_ply
@@ -26,7 +26,7 @@ MESHES: Mapping[str, Callable[[Path, Reading], object]] = {
     ".ply": load_ply,
     ".obj": load_obj,
     ".stl": load_stl,
-    ".glb": load_glb,
+    ".glb": load_gltf,
 }
 _MOST_FILES = 20_000
 

@@ -1,23 +1,26 @@
-"""Meshes in binary glTF 2.0 files (.glb).
+"""Meshes in glTF 2.0 files: binary (.glb), and text with its buffers in it or beside it (.gltf).
 
     x_map = x,   y_map = −z,   z_map = y          glTF's y axis is up
     p_world = M(root) … M(node) p                 down the tree of nodes, M = T · R · S or a matrix
 
-Of every primitive of the scene the positions are read; materials and images are never opened. All must lie in the file
-itself: other files, compressed or sparse accessors, skins and instancing are refused, as they would leave walls out.
+Of every primitive of the scene the positions are read; materials and images are never opened. A buffer is in the file
+itself, or a file of the same folder; compressed or sparse accessors, skins and instancing are refused, as they would
+leave walls out.
 """
 
 from __future__ import annotations
 
+import base64
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float, Int64
 
-from maxjax.core.files import MAX_TEXT_BYTES, FileError, parse_json, read_bytes
+from maxjax.core.files import MAX_TEXT_BYTES, FileError, parse_json, read_bytes, read_text
 from maxjax.io.kinds.mesh import MAX_FACES, Mesh, mesh_of
 from maxjax.io.kinds.point_cloud import MAX_POINTS
 from maxjax.io.reading import PLAIN, Reading
@@ -27,13 +30,14 @@ _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "MSFT_texture_", "KHR_xmp")
 
 
-def load_glb(path: Path, reading: Reading = PLAIN) -> Mesh:
-    """The primitives of a .glb file's scene, z up.
+def load_gltf(path: Path, reading: Reading = PLAIN) -> Mesh:
+    """The primitives of a glTF file's scene, z up.
 
     Raises:
         FileError: if the file cannot be read, is truncated, or needs what is not supported.
     """
-    document, binary = _chunks(path)
+    document, binary = _chunks(path) if path.suffix.lower() == ".glb" else (_document(read_text(path), path), None)
+    buffers = _buffers(document, binary, path)
     for name in document.get("extensionsRequired", []):
         if not str(name).startswith(_HARMLESS):
             raise FileError(f"{path}: needs the extension {name}, which is not supported; export it without")
@@ -44,13 +48,13 @@ def load_glb(path: Path, reading: Reading = PLAIN) -> Mesh:
         for primitive in document["meshes"][mesh]["primitives"]:
             if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
                 raise FileError(f"{path}: holds compressed meshes; export it without Draco")
-            points = _accessor(document, binary, primitive["attributes"]["POSITION"], "VEC3", path)
+            points = _accessor(document, buffers, primitive["attributes"]["POSITION"], "VEC3", path)
             total += len(points)
             if total > MAX_POINTS:
                 raise FileError(f"{path}: expected at most {MAX_POINTS} vertices, found more; crop or thin it")
             index = np.arange(len(points))
             if "indices" in primitive:
-                index = _accessor(document, binary, primitive["indices"], "SCALAR", path)[:, 0].astype(np.int64)
+                index = _accessor(document, buffers, primitive["indices"], "SCALAR", path)[:, 0].astype(np.int64)
             found = _corners(index, int(primitive.get("mode", 4)), path)
             if len(found) and (found.min() < 0 or found.max() >= len(points)):
                 raise FileError(f"{path}: a face names vertex {found.max()}, expected 0 to {len(points) - 1}; damaged")
@@ -82,12 +86,36 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
         at += 8 + size
     if (size := len(found.get(_JSON, b""))) > MAX_TEXT_BYTES:
         raise FileError(f"{path}: its JSON has {size} bytes, expected at most {MAX_TEXT_BYTES}; crop it")
-    document = parse_json(found.get(_JSON, b""), path)
+    return _document(found.get(_JSON, b""), path), found.get(_BINARY, b"")
+
+
+def _document(content: bytes, path: Path) -> dict[str, Any]:
+    document = parse_json(content, path)
     if not isinstance(document, dict):
-        raise FileError(f"{path}: expected a JSON object in its first chunk, found {type(document).__name__}")
-    if any("uri" in buffer for buffer in document.get("buffers", [])):
-        raise FileError(f"{path}: refers to another file; export it as one .glb")
-    return document, found.get(_BINARY, b"")
+        raise FileError(f"{path}: expected a JSON object, found {type(document).__name__}")
+    return document
+
+
+def _buffers(document: dict[str, Any], binary: bytes | None, path: Path) -> list[bytes]:
+    """The bytes of each buffer: of the binary chunk, of its own text, or of a file of the same folder."""
+    found: list[bytes] = []
+    for number, buffer in enumerate(document.get("buffers", [])):
+        uri = buffer.get("uri")
+        if uri is None:
+            if binary is None or number:
+                raise FileError(f"{path}: buffer {number} has neither bytes nor a file; damaged")
+            found.append(binary)
+        elif str(uri).startswith("data:"):
+            head, _, text = str(uri).partition(",")
+            if not head.endswith(";base64"):
+                raise FileError(f"{path}: buffer {number}: expected base64, found {head[:60]!r}")
+            found.append(base64.b64decode(text, validate=True))
+        else:
+            name = unquote(str(uri))
+            if Path(name).name != name:
+                raise FileError(f"{path}: buffer {number}: expected a file of the same folder, found {name[:60]!r}")
+            found.append(read_bytes(path.with_name(name)))
+    return found
 
 
 def _placed(document: dict[str, Any], path: Path) -> Iterator[tuple[Float[np.ndarray, "4 4"], int]]:
@@ -130,16 +158,17 @@ def _matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
     return matrix
 
 
-def _accessor(document: dict[str, Any], binary: bytes, number: int, kind: str, path: Path) -> np.ndarray:
+def _accessor(document: dict[str, Any], buffers: list[bytes], number: int, kind: str, path: Path) -> np.ndarray:
     """Rows of an accessor, checked against the bytes that are there."""
     accessor = document["accessors"][number]
     if "sparse" in accessor or "bufferView" not in accessor:
         raise FileError(f"{path}: accessor {number} is sparse or without data, which is not supported")
     view = document["bufferViews"][accessor["bufferView"]]
-    if accessor["type"] != kind or "EXT_meshopt_compression" in view.get("extensions", {}) or view.get("buffer", 0):
+    if accessor["type"] != kind or "EXT_meshopt_compression" in view.get("extensions", {}):
         raise FileError(f"{path}: accessor {number}: expected plain {kind} in the file, found {accessor['type']}")
     if accessor.get("normalized"):
         raise FileError(f"{path}: accessor {number} is normalised, which is not supported; export floats")
+    binary = buffers[int(view.get("buffer", 0))]
     code, width = np.dtype(_TYPES[accessor["componentType"]]), 3 if kind == "VEC3" else 1
     count, begin = int(accessor["count"]), int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
     stride = int(view.get("byteStride", 0)) or code.itemsize * width

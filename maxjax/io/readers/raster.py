@@ -1,4 +1,4 @@
-"""Surface models of GeoTIFF files (extra `geotiff`: rasterio).
+"""Surface models: GeoTIFF, grids of Esri (.asc) and tiles of SRTM (.hgt), by rasterio (extra `geotiff`).
 
     height = scale · stored + offset        [the band's unit, else that of the system's heights]
 
@@ -22,7 +22,9 @@ from maxjax.io.kinds.point_cloud import FARTHEST
 from maxjax.io.reading import PLAIN, Reading
 
 MAX_CELLS = 2**27
-_MISSING = "reading GeoTIFF needs the extra geotiff: pip install 'maxjax[geotiff]'"
+_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".asc": "AAIGrid", ".hgt": "SRTMHGT"}
+_SRTM = "EPSG:4326+5773"
+_MISSING = "reading rasters needs the extra geotiff: pip install 'maxjax[geotiff]'"
 _HIGHEST = 10_000.0  # [m]; beyond any height on Earth
 _TALLEST = 900.0  # [m]; no building is taller
 _PIT = 60.0  # [m]; how far what files often write for "no height" has to lie from all that is beside it
@@ -35,13 +37,14 @@ _NAMES = {
 }  # fmt: skip
 
 
-def load_geotiff(path: Path, reading: Reading = PLAIN) -> Heights:
-    """One band of a GeoTIFF.
+def load_raster(path: Path, reading: Reading = PLAIN) -> Heights:
+    """One band of a raster; a tile of SRTM is in degrees, and in metres above the geoid EGM96.
 
     Raises:
         FileError: if the extra is missing, or the file is unreadable, too large or turned, holds colours or several
             bands of which none is chosen, or no height, or heights in a unit that nothing states; as `reference`.
     """
+    driver = _DRIVERS[path.suffix.lower()]
     try:
         import rasterio
     except ImportError as error:
@@ -51,7 +54,7 @@ def load_geotiff(path: Path, reading: Reading = PLAIN) -> Heights:
         with (
             warnings.catch_warnings(action="ignore"),
             rasterio.Env(GTIFF_REPORT_COMPD_CS=True),
-            rasterio.open(path, driver="GTiff") as file,
+            rasterio.open(path, driver=driver) as file,
         ):
             if file.width * file.height > MAX_CELLS:
                 raise FileError(
@@ -59,13 +62,14 @@ def load_geotiff(path: Path, reading: Reading = PLAIN) -> Heights:
                 )
             place, number = file.transform, _band(file, reading, path)
             system = None if file.crs is None else file.crs.to_wkt()
+            system = _SRTM if driver == "SRTMHGT" else system
             unit = _unit(file.units[number - 1], reading, path)
             band = file.read(number, masked=True).astype(np.float64)
             scale, offset = file.scales[number - 1], file.offsets[number - 1]
     except FileError:
         raise
     except Exception as error:
-        raise FileError(f"{path}: expected an intact GeoTIFF: {error}") from error
+        raise FileError(f"{path}: expected an intact raster ({driver}): {error}") from error
     numbers = [place.a, place.b, place.c, place.d, place.e, place.f]
     if place.b or place.d or not place.a > 0 > place.e or not np.abs(numbers).max() <= FARTHEST:
         raise FileError(

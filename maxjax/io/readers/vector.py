@@ -1,0 +1,70 @@
+"""Vector files of geographic information systems, by pyogrio, which holds GDAL (extra `gis`), read as GeoJSON is.
+
+GeoPackage, Shapefile, FlatGeobuf, GML, KML, and GeoParquet where GDAL has it. Each layer with shapes is read in the
+reference system that it names; several layers have to name one.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maxjax.core.files import FileError, brief
+from maxjax.io.kinds.footprints import Footprints
+from maxjax.io.readers.geojson import solids_of_features
+from maxjax.io.reading import PLAIN, Reading
+
+SUFFIXES = (".gpkg", ".shp", ".fgb", ".gml", ".parquet", ".kml")
+_MISSING = "reading {} needs the extra gis: pip install 'maxjax[gis]'"
+MAX_FEATURES = 5_000_000
+_AT_ONCE = 50_000
+
+
+def load_vector(path: Path, reading: Reading = PLAIN) -> Footprints:
+    """Standing objects of a vector file: shapes with heights among their properties.
+
+    Raises:
+        FileError: if the extra is missing, GDAL does not know the file, it is damaged or too large, its layers have
+            several reference systems, or it holds nothing with a height; as `reference`.
+    """
+    try:
+        import pyogrio
+        import shapely
+    except ImportError as error:
+        raise FileError(f"{path}: {_MISSING.format(path.suffix)}") from error
+    features: list[dict[str, Any]] = []
+    systems: dict[str | None, str] = {}
+    try:
+        for layer, kind in pyogrio.list_layers(path).tolist():
+            if kind is None:
+                continue  # a table without shapes
+            about = pyogrio.read_info(path, layer=layer)
+            if len(features) + max(about["features"], 0) > MAX_FEATURES:
+                raise FileError(f"{path}: holds more than {MAX_FEATURES} shapes; crop it to what is flown over")
+            systems[about["crs"]] = layer
+            meta, _, shapes, fields = pyogrio.raw.read(path, layer=layer)
+            named = [str(name) for name in meta["fields"]]
+            columns = [_plain(column) for column in fields]
+            for begin in range(0, len(shapes), _AT_ONCE):
+                part = slice(begin, begin + _AT_ONCE)
+                texts = shapely.to_geojson(shapely.from_wkb(shapes[part]))
+                for text, *values in zip(texts, *(column[part] for column in columns), strict=True):
+                    properties = {name: value for name, value in zip(named, values, strict=True) if value is not None}
+                    features.append({"properties": properties, "geometry": None if text is None else json.loads(text)})
+    except FileError:
+        raise
+    except Exception as error:  # of libraries that say so in many classes
+        raise FileError(f"{path}: expected an intact {path.suffix} file: {brief(error)}") from error
+    if len(systems) > 1:
+        raise FileError(f"{path}: expected one reference system, found those of {', '.join(systems.values())}")
+    if not features:
+        raise FileError(f"{path}: expected shapes, found none")
+    return solids_of_features(features, next(iter(systems)), reading, path)
+
+
+def _plain(column: np.ndarray) -> list[Any]:
+    """Values of a property; None where a feature has none."""
+    return [None if value is None or value != value else value for value in column.tolist()]
