@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 
 import jax
@@ -148,13 +147,12 @@ def test_what_has_stopped_is_held_by_its_set_when_it_starts_again(
 def test_what_was_taken_for_a_mover_but_never_moved_is_a_wall_again() -> None:
     """A thing that appears from nowhere, 8 m away, and stays: at first a mover, then none, and no track."""
     stays = spheres(np.array([[8.0, 0.0, 4.0]]), np.zeros((1, 3)))
-    sight = dataclasses.replace(SIGHT, rest=0.5, misses=4)
-    seeing, states = initial_perception(sight), []
-    for k in range(30):
+    seeing, states = initial_perception(SIGHT), []
+    for k in range(45):
         now = jnp.float32(0.1 * (k + 1))
         moving = Moving(stays, now) if k >= 6 else None
         result = fast_scan(CITY, LIDAR, pose(0, 0.0), jax.random.key(k), moving)
-        seeing = fast_look(seeing, result, *pose(0, 0.0), now, sight)
+        seeing = fast_look(seeing, result, *pose(0, 0.0), now, SIGHT)
         states.append((len(confirmed(seeing)), int(seeing.moving.sum()), bool(seeing.rests.any())))
     assert max(count for count, _, _ in states) == 1
     assert max(count for _, count, _ in states) > 5
