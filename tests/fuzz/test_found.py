@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("viser", reason="messages need the extra view: pip install 'maxjax[view]'")
 
+from maxjax import load_airspace
+from maxjax.io.geo.earth import TangentPlane
 from maxjax.sim.trials.ledger import CONFIG, TIMES, Ledger
 from tests.fuzz.formats import FORMATS
+from tests.fuzz.map_files import AIR
 
 LONG = 500 * b"9"
 
@@ -30,13 +34,22 @@ LONG = 500 * b"9"
         ("positions.npz", b"trial.npy", b"tr2al.npy"),
         ("weights.npz", b"\x0a\x00\x14\x00header", b"\xff\x02\x14\x00header"),
         ("a.geojson", b"12.5", b"1e999"),
-        ("areas.geojson", b'"lower": 5', b'"lower": ' + 2 * LONG),
     ],
 )
 def test_it_is_refused_in_a_sentence(tmp_path: Path, name: str, old: bytes, new: bytes) -> None:
     whole = FORMATS[name].valid()
     assert old in whole
     assert FORMATS[name].outcome(whole.replace(old, new), tmp_path) == "refused"
+
+
+def test_an_endless_number_in_one_zone_closes_it_and_is_cut_in_the_remark(tmp_path: Path) -> None:
+    """The other zone of the file is clear."""
+    whole = FORMATS["areas.geojson"].valid()
+    assert FORMATS["areas.geojson"].outcome(whole.replace(b'"lower": 5', b'"lower": ' + 2 * LONG), tmp_path) == "taken"
+    airspace = load_airspace(tmp_path / "areas.geojson", TangentPlane(52.0005, 4.3005), AIR)
+    assert [(area.floor, area.ceiling) for area in airspace.areas] == [(-math.inf, math.inf)] * 3
+    assert "expected lower as a height" in airspace.remarks[-1]
+    assert max(map(len, airspace.remarks)) < 1000
 
 
 @pytest.mark.parametrize("name", ["mission.toml", "plan.json"])
