@@ -117,8 +117,7 @@ def load_map(
     """Read a map file of any known format as voxels: a `VoxelMap` with its place on Earth and what the file says.
 
     Args:
-        path: .npz, .ply, .pcd, .las, .laz (points or voxels); .ply, .obj, .stl, .glb (meshes); CityJSON, OSM XML,
-            GeoJSON (buildings); .bt, .ot (OctoMap), .tif (surface models), .3dmap (Moving AI), .csv (boxes).
+        path: of a format of docs/maps.md: points, meshes, voxels, buildings, surface models; also packed by gzip.
         spacing: edge of a voxel [m]; None: the file's own, else 2 m.
         bounds: lowest and highest corner of the window, (2, 3) or six numbers [m]; None: map and ends, with room.
         ground: height of flat ground [m], in place of the map's own.

@@ -205,6 +205,9 @@ def share(name: str, inputs: int) -> int:
 SLOW = {
     "scene.xml": 10,
     "a.zip": 4,
+    **dict.fromkeys(("a.xyz", "a.gltf", "a.fgb", "a.e57"), 4),
+    **dict.fromkeys(("a.asc", "a.osm.pbf"), 8),
+    "a.gpkg": 30,
     **dict.fromkeys(zone_samples.SAMPLES, 3),
 }  # formats that take so many times as long as others
 FORMATS = {name: Format(valid, functools.partial(_of_map, name)) for name, valid in map_files.SAMPLES.items()}

@@ -17,7 +17,7 @@ from maxjax.core.files import FileError
 from maxjax.io import read_map
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.io.kinds.contents import facts
-from tests.fuzz import zone_samples
+from tests.fuzz import container_samples, zone_samples
 
 # Where areas are looked at.
 AIR = Grid((60, 60, 20), 4.0, (-118.0, -118.0, 2.0))
@@ -214,7 +214,8 @@ SAMPLES: dict[str, Callable[[], bytes]] = {
     "obstacles.csv": lambda: OBSTACLES,
     "scene.xml": lambda: SCENE.encode(),
     "a.zip": packed,
-} | zone_samples.SAMPLES
+}
+SAMPLES |= container_samples.SAMPLES | zone_samples.SAMPLES
 
 
 def coordinates(path: Path) -> np.ndarray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import warnings
 from io import BytesIO
 from pathlib import Path
 
@@ -43,17 +44,18 @@ def load_text_points(path: Path, reading: Reading = PLAIN) -> PointCloud:
     skipped, columns, claimed = _head(content, path)
     between = next((mark for mark in (";", ",") if mark.encode() in _line(content, skipped)), None)
     try:
-        table = np.loadtxt(
-            BytesIO(content),
-            np.float64,
-            comments=["#", "//"],
-            delimiter=between,
-            skiprows=skipped,
-            usecols=columns,
-            ndmin=2,
-            max_rows=MAX_POINTS + 1,
-            encoding="latin1",
-        )
+        with warnings.catch_warnings(action="ignore"):  # about a file without points, which is refused
+            table = np.loadtxt(
+                BytesIO(content),
+                np.float64,
+                comments=["#", "//"],
+                delimiter=between,
+                skiprows=skipped,
+                usecols=columns,
+                ndmin=2,
+                max_rows=MAX_POINTS + 1,
+                encoding="latin1",
+            )
     except ValueError as error:
         raise FileError(f"{path}: expected lines of numbers x y z: {brief(error)}") from error
     if len(table) > MAX_POINTS:

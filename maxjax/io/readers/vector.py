@@ -7,6 +7,8 @@ reference system that it names; several layers have to name one.
 from __future__ import annotations
 
 import json
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,28 +34,22 @@ def load_vector(path: Path, reading: Reading = PLAIN) -> Footprints:
     """
     try:
         import pyogrio
-        import shapely
+        import shapely  # noqa: F401 (needed below)
     except ImportError as error:
         raise FileError(f"{path}: {_MISSING.format(path.suffix)}") from error
     features: list[dict[str, Any]] = []
     systems: dict[str | None, str] = {}
     try:
-        for layer, kind in pyogrio.list_layers(path).tolist():
-            if kind is None:
-                continue  # a table without shapes
-            about = pyogrio.read_info(path, layer=layer)
-            if len(features) + max(about["features"], 0) > MAX_FEATURES:
-                raise FileError(f"{path}: holds more than {MAX_FEATURES} shapes; crop it to what is flown over")
-            systems[about["crs"]] = layer
-            meta, _, shapes, fields = pyogrio.raw.read(path, layer=layer)
-            named = [str(name) for name in meta["fields"]]
-            columns = [_plain(column) for column in fields]
-            for begin in range(0, len(shapes), _AT_ONCE):
-                part = slice(begin, begin + _AT_ONCE)
-                texts = shapely.to_geojson(shapely.from_wkb(shapes[part]))
-                for text, *values in zip(texts, *(column[part] for column in columns), strict=True):
-                    properties = {name: value for name, value in zip(named, values, strict=True) if value is not None}
-                    features.append({"properties": properties, "geometry": None if text is None else json.loads(text)})
+        with warnings.catch_warnings(action="ignore"):  # of GDAL, about what is refused here or does not matter
+            for layer, kind in pyogrio.list_layers(path).tolist():
+                if kind is None:
+                    continue  # a table without shapes
+                about = pyogrio.read_info(path, layer=layer)
+                if len(features) + max(about["features"], 0) > MAX_FEATURES:
+                    raise FileError(f"{path}: holds more than {MAX_FEATURES} shapes; crop it to what is flown over")
+                systems[about["crs"]] = layer
+                meta, _, shapes, fields = pyogrio.raw.read(path, layer=layer)
+                features += _features([str(name) for name in meta["fields"]], fields, shapes)
     except FileError:
         raise
     except Exception as error:  # of libraries that say so in many classes
@@ -63,6 +59,19 @@ def load_vector(path: Path, reading: Reading = PLAIN) -> Footprints:
     if not features:
         raise FileError(f"{path}: expected shapes, found none")
     return solids_of_features(features, next(iter(systems)), reading, path)
+
+
+def _features(names: list[str], fields: Sequence[np.ndarray], shapes: np.ndarray) -> Iterator[dict[str, Any]]:
+    """Features as GeoJSON has them, of columns of properties and of shapes in well-known binary."""
+    import shapely
+
+    columns = [_plain(column) for column in fields]
+    for begin in range(0, len(shapes), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        texts = shapely.to_geojson(shapely.from_wkb(shapes[part]))
+        for text, *values in zip(texts, *(column[part] for column in columns), strict=True):
+            properties = {name: value for name, value in zip(names, values, strict=True) if value is not None}
+            yield {"properties": properties, "geometry": None if text is None else json.loads(text)}
 
 
 def _plain(column: np.ndarray) -> list[Any]:

@@ -42,8 +42,8 @@ class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
     is as large as it is and the ends need.
 
     Attributes:
-        map: A file (.npz, .ply, .pcd, .las, .laz, .obj, .stl, .glb, .json, .osm, .geojson, .bt, .ot, .tif, .3dmap,
-            .csv, .dat), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
+        map: A file (.npz, .ply, .pcd, .las, .e57, .xyz, .obj, .stl, .glb, .json, .osm, .geojson, .gpkg, .bt, .tif,
+            .csv, .dat, and more: docs/maps.md), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
         goal: End of the path [m].
         via: A place to fly through on the way [m]; several in order, each with its own --via.
