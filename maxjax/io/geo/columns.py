@@ -39,8 +39,11 @@ def columns_of(
         ValueError: for outlines that overlap so often that there are more than 50 million pairs.
     """
     lower, shape = np.array(grid.lower)[:2], grid.shape[:2]
-    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
-    of_edge = np.repeat(owner, [len(edge) for edge in edges]).astype(np.int64)
+    low, high = lower - grid.spacing, np.array(grid.upper)[:2] + grid.spacing
+    meets = [bool((ring.max(axis=0) >= low).all() and (ring.min(axis=0) <= high).all()) for ring in rings]
+    near = np.flatnonzero(meets)
+    edges = [np.stack([rings[k], np.concatenate([rings[k][1:], rings[k][:1]])], axis=1) for k in near]
+    of_edge = np.repeat(owner[near], [len(edge) for edge in edges]).astype(np.int64)
     ends = (np.concatenate([np.zeros((0, 2, 2)), *edges]) - lower) / grid.spacing
     return _collected(_touched(ends, of_edge, shape)), _collected(_inner(ends, of_edge, shape))
 

@@ -7,6 +7,7 @@ a shell            `inside` is solid where it closes; else all `below` its faces
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Hashable, Mapping, Sequence
 from enum import IntEnum
@@ -107,7 +108,7 @@ class Footprints:
     reference: Reference = UNREFERENCED
     remarks: tuple[str, ...] = ()
 
-    @property
+    @functools.cached_property
     def solids(self) -> Float64[np.ndarray, "n 3"]:
         """Corners of everything but the terrain [m]."""
         prisms = [np.column_stack([ring, np.full(len(ring), b.top)]) for b in self.buildings for ring in b.rings]

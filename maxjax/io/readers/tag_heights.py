@@ -100,7 +100,7 @@ def length(text: str, most: float = _TALLEST, unit: float = 1.0) -> tuple[float,
         most: that fits [m].
         unit: metres of a number that names none.
     """
-    if len(text) > _LONGEST:
+    if not text or len(text) > _LONGEST:
         return None
     found: list[float] = []
     text = _HALF.sub(r"\1.5", text)
