@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from maxjax.solvers.screened import Screened
     from maxjax.trajectories.limits import FlightLimits
     from maxjax.trajectories.trajectory import Trajectory
+    from maxjax.ui.request_files import load_mission
     from maxjax.verification.verdicts import Verification
     from maxjax.verification.verifier import verify
 
@@ -87,6 +88,7 @@ __all__ = [
     "fly",
     "load_airspace",
     "load_map",
+    "load_mission",
     "load_model",
     "plan",
     "plan_batch",
@@ -148,6 +150,7 @@ _MODULES = {
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
     "maxjax.solvers.screened": ("Screened",),
     "maxjax.trajectories.limits": ("FlightLimits",),
+    "maxjax.ui.request_files": ("load_mission",),
     "maxjax.trajectories.trajectory": ("Trajectory",),
     "maxjax.verification.verdicts": ("Verification",),
     "maxjax.verification.verifier": ("verify",),

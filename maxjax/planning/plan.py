@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int32, Int64
@@ -83,6 +83,26 @@ class Plan:
     method: str
     map: VoxelMap = dataclasses.field(repr=False)
     stats: PlanStats
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the map as texts, numbers and lists, as `plan.json` holds it; lengths to the micrometre."""
+        return {
+            "status": self.status.name,
+            "path": np.round(self.path, 6).tolist(),
+            "length": self.length,
+            "clearance": self.clearance,
+            "cruise_clearance": self.cruise_clearance,
+            "clearance_at": np.round(self.clearance_at, 6).tolist(),
+            "radius": self.radius,
+            "exemptions": list(self.exemptions),
+            "cost": self.cost,
+            "ratio": self.stats.ratio,
+            "certified": self.certified,
+            "potential": self.stats.potential,
+            "margin": self.margin,
+            "timings": dict(self.timings),
+            "method": self.method,
+        }
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

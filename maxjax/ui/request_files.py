@@ -63,13 +63,14 @@ _OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
 _FOUND = ("grid", "returns")
 
 
-def read_mission(file: Path) -> Request:
-    """The request of a mission's TOML file.
+def load_mission(file: str | os.PathLike[str]) -> Request:
+    """The request of a mission's TOML file: its map, its waypoints, and every option that it names.
 
     Raises:
         ValueError: if it is not such a file, with what was expected and what was given.
         OSError: if it cannot be read.
     """
+    file = Path(file)
     content = _toml(file)
     try:
         given: dict[str, Any] = {key: value_of(key, value) for key, value in content.items() if key != "waypoint"}

@@ -25,7 +25,7 @@ from maxjax.nn.model import load_model
 from maxjax.sim.trials.ledger import CONFIG, POSITIONS, ROWS, Ledger
 from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.view_command import request_shown
-from maxjax.ui.request_files import read_mission
+from maxjax.ui.request_files import load_mission
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of POSIX")
 
@@ -33,7 +33,7 @@ GRID = Grid((8, 8, 8), 2.0, (0.0, 0.0, 0.0))
 
 
 def mission(path: Path) -> object:
-    return read_mission(path)
+    return load_mission(path)
 
 
 def airspace(path: Path) -> object:

@@ -24,7 +24,7 @@ from maxjax.sim.trials.outcomes import summarise
 from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.view_command import request_shown
 from maxjax.ui.page.incoming import fault_of
-from maxjax.ui.request_files import read_mission
+from maxjax.ui.request_files import load_mission
 from tests.fuzz import map_files, zone_samples
 from tests.fuzz.mutations import altered, mutated
 
@@ -102,7 +102,7 @@ def _check_finite(value: Any) -> None:
 
 def _mission(content: bytes, folder: Path) -> str:
     (folder / "a.toml").write_bytes(content)
-    return _read(lambda: [dataclasses.astuple(one) for one in read_mission(folder / "a.toml").waypoints])
+    return _read(lambda: [dataclasses.astuple(one) for one in load_mission(folder / "a.toml").waypoints])
 
 
 def _ledger(name: str, content: bytes, folder: Path) -> str:

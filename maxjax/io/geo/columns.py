@@ -41,7 +41,7 @@ def columns_of(
     lower, shape = np.array(grid.lower)[:2], grid.shape[:2]
     low, high = lower - grid.spacing, np.array(grid.upper)[:2] + grid.spacing
     meets = [bool((ring.max(axis=0) >= low).all() and (ring.min(axis=0) <= high).all()) for ring in rings]
-    near = np.flatnonzero(meets)
+    near = [k for k, met in enumerate(meets) if met]
     edges = [np.stack([rings[k], np.concatenate([rings[k][1:], rings[k][:1]])], axis=1) for k in near]
     of_edge = np.repeat(owner[near], [len(edge) for edge in edges]).astype(np.int64)
     ends = (np.concatenate([np.zeros((0, 2, 2)), *edges]) - lower) / grid.spacing

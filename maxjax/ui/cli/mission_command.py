@@ -25,7 +25,7 @@ from maxjax.ui.cli.options import MissionOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
 from maxjax.ui.request import Request
-from maxjax.ui.request_files import options_as_keys, read_mission
+from maxjax.ui.request_files import load_mission, options_as_keys
 
 # Statuses of a leg for its goal, and of the next one, which starts there.
 _ENDS = {
@@ -44,7 +44,7 @@ def run_mission(options: MissionOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    asked = read_mission(options.file)
+    asked = load_mission(options.file)
     flags = ("takeoff_and_landing", "params", "keep_radius")
     given = {name: getattr(options, name) or getattr(asked, name) for name in (*flags, "autopilot")}
     outputs = {name: getattr(options, name) for name in ("out", "json", "export", "partial")}

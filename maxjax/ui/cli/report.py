@@ -135,24 +135,13 @@ def document(plan: Plan, given: MapTask, message: str, configuration: Mapping[st
     """Content of plan.json: the fields of `Plan`, and what is needed to run it again; lengths to the micrometre."""
     grid = given.task.grid
     where = {"shape": grid.shape, "spacing": grid.spacing, "origin": grid.origin}
+    told = plan.to_dict()
     content = {
-        "status": plan.status.name,
+        "status": told.pop("status"),
         "message": message,
-        "path": np.round(plan.path, 6).tolist(),
+        "path": told.pop("path"),
         **places_of(plan, given.earth),
-        "length": plan.length,
-        "clearance": plan.clearance,
-        "cruise_clearance": plan.cruise_clearance,
-        "clearance_at": np.round(plan.clearance_at, 6).tolist(),
-        "radius": plan.radius,
-        "exemptions": list(plan.exemptions),
-        "cost": plan.cost,
-        "ratio": plan.stats.ratio,
-        "certified": plan.certified,
-        "potential": plan.stats.potential,
-        "margin": plan.margin,
-        "timings": plan.timings,
-        "method": plan.method,
+        **told,
         "configuration": {**configuration, "grid": where, "returns": given.returns},
         "versions": versions(),
         "device": device(),

@@ -31,7 +31,7 @@ from maxjax.ui.cli.plan_command import plan_in
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
 from maxjax.ui.request import Request
-from maxjax.ui.request_files import options_as_keys, read_mission
+from maxjax.ui.request_files import load_mission, options_as_keys
 
 Flight = tuple[Trajectory, Tracking]
 
@@ -85,7 +85,7 @@ def fly_mission(options: FlyOptions) -> int:
     """
     refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
-    request = read_mission(Path(options.map))
+    request = load_mission(Path(options.map))
     with options_as_keys(Path(options.map)):
         found, limits = mission.plan_request(request), request.limits
     if found.status != Status.OK:

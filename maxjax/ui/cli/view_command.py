@@ -24,7 +24,7 @@ from maxjax.ui.page.answer import answer, describe_answer
 from maxjax.ui.page.page_map import City, first_ends
 from maxjax.ui.page.server import need_viser
 from maxjax.ui.request import Request, reading_of
-from maxjax.ui.request_files import read_mission, read_plan
+from maxjax.ui.request_files import load_mission, read_plan
 
 # Of the middle of a simulated city's grid, so that it holds roofs and little underground [m].
 _MIDDLE = (0.0, 0.0, 40.0)
@@ -85,7 +85,7 @@ def request_shown(options: ViewOptions) -> Request:
     """
     path, own, shown = Path(options.map), Request.of(options), None
     if path.suffix.lower() == ".toml":
-        shown = read_mission(path)
+        shown = load_mission(path)
     elif path.suffix.lower() == ".json" and path.is_file():
         shown = read_plan(path)
     if shown is None:
