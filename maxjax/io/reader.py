@@ -108,6 +108,33 @@ READERS: dict[str, Callable[[Path, Reading], Contents]] = {
 }
 
 
+_MESHES = "export it as .glb or .obj"
+# Formats that are not read, what they are, and what to do.
+_FOREIGN = {
+    **dict.fromkeys((".ifc", ".rvt", ".skp", ".dwg", ".dxf"), ("a model of building design", _MESHES)),
+    **dict.fromkeys(
+        (".fbx", ".dae", ".blend", ".3ds", ".usd", ".usda", ".usdc", ".usdz", ".wrl"), ("a scene", _MESHES)
+    ),
+    **dict.fromkeys(
+        (".b3dm", ".i3dm", ".pnts", ".cmpt"), ("a tile of 3D Tiles", "convert its content to .glb or .laz")
+    ),
+    **dict.fromkeys((".bag", ".db3", ".mcap"), ("a recording of ROS", "export its clouds as .pcd or .ply")),
+    **dict.fromkeys((".kmz", ".gpx"), ("a drawing", "unpack or convert it to .kml; zones are given to --airspace")),
+    **dict.fromkeys((".dem", ".img", ".vrt", ".asc.zip"), ("a raster", "gdal_translate FILE heights.tif")),
+    **dict.fromkeys((".gdb", ".mdb", ".tab", ".mif"), ("a vector data set", "ogr2ogr city.gpkg FILE")),
+    **dict.fromkeys((".7z", ".rar", ".tar", ".tgz", ".bz2", ".xz"), ("an archive", "unpack it first")),
+}
+
+
+def _advice(path: Path) -> str:
+    """What is wrong with a suffix that no reader has, and what to do."""
+    suffix = path.suffix.lower()
+    if suffix in _FOREIGN:
+        what, how = _FOREIGN[suffix]
+        return f"{suffix} is {what}, which is not read: {how}"
+    return f"expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}"
+
+
 @contextlib.contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
     """The content of a gzip file, under its name without .gz; never more than a map may have."""
@@ -143,7 +170,7 @@ def read_map(path: str | os.PathLike[str], reading: Reading = PLAIN) -> Contents
         folder = path.is_dir()
         reader = load_folder if folder else READERS.get(path.suffix.lower())
         if reader is None:
-            raise FileError(f"{path}: expected a suffix among {', '.join(READERS)}, found {path.suffix or 'none'}")
+            raise FileError(f"{path}: {_advice(path)}")
         size = path.stat().st_size
         regular = folder or path.is_file()
     except FileError:

@@ -176,3 +176,19 @@ def test_a_packed_file_takes_no_more_than_a_map_may(tmp_path: Path, monkeypatch:
     (tmp_path / "a.xyz.gz").write_bytes(gzip.compress(b"0 0 0\n" * 2000))
     with pytest.raises(ValueError, match="unpacks to more than 10000 bytes"):
         read_map(tmp_path / "a.xyz.gz")
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("a.ifc", r"\.ifc is a model of building design, which is not read: export it as \.glb or \.obj"),
+        ("a.mcap", r"\.mcap is a recording of ROS, which is not read: export its clouds"),
+        ("a.tar", "an archive, which is not read: unpack it first"),
+        ("a.what", r"expected a suffix among .*, found \.what"),
+        ("a", r"expected a suffix among .*, found none"),
+    ],
+)
+def test_a_format_that_is_not_read_is_named_with_what_to_do(tmp_path: Path, name: str, sentence: str) -> None:
+    (tmp_path / name).write_bytes(b"something")
+    with pytest.raises(ValueError, match=sentence):
+        read_map(tmp_path / name)

@@ -15,11 +15,16 @@ import pytest
 
 import maxjax
 from maxjax.io.geo.earth import Degrees, Projected, TangentPlane
+from maxjax.io.geo.reference_system import reference_system
 from maxjax.io.geo.vertical_zero import UnknownZeroError, VerticalZero
+from maxjax.io.kinds.contents import facts
+from maxjax.io.reader import read_map
+from maxjax.io.readers.las_reference import read_records
 from tests.io.export.test_as_flown import planned
 from tests.io.test_looked_past import block, features
 
 UNKNOWN = "heights above sea level are known"
+EGM96 = "EGM96 height"
 _KML = "{http://www.opengis.net/kml/2.2}"
 
 
@@ -148,8 +153,6 @@ def test_systems_with_heights_say_what_they_count_from(system: str, zero: Vertic
     if "+" not in system:
         assert Projected(system).zero == zero
     else:
-        from maxjax.io.geo.reference_system import reference_system
-
         assert reference_system(system).zero(np.zeros(2)) == zero
 
 
@@ -200,6 +203,26 @@ def test_heights_above_the_ellipsoid_are_said_to_be_so(tmp_path: Path, crs: str)
     line = json.loads((tmp_path / "a.geojson").read_text())["features"][0]
     assert line["geometry"]["coordinates"][0][2] == pytest.approx(95.0, abs=1e-3)
     assert line["properties"]["coordinates"].startswith("heights above the ellipsoid WGS 84")
+
+
+def test_a_survey_in_three_dimensions_counts_from_its_ellipsoid(tmp_path: Path) -> None:
+    """By WKT, and by the keys of GeoTIFF, where 5030 stands for heights above WGS84."""
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [0.01] * 3
+    header.add_crs(pyproj.CRS("EPSG:32633").to_3d())
+    points = laspy.LasData(header)
+    points.x, points.y, points.z = np.array([[6e5, 6e5 + 20], [5.3e6, 5.3e6 + 30], [150.0, 160.0]])
+    points.write(tmp_path / "a.las")
+    known = facts(read_map(tmp_path / "a.las"))
+    assert (known.zero.above_sea, known.zero.ellipsoidal) == (None, True)
+    keys = [laspy.vlrs.known.GeoKeyEntryStruct(id=k, count=1, value_offset=v) for k, v in ((1024, 1), (3072, 32633))]
+    for vertical, zero in ((5030, VerticalZero(None, "the ellipsoid WGS 84", True)), (5773, VerticalZero(0.0, EGM96))):
+        record = laspy.vlrs.known.GeoKeyDirectoryVlr()
+        record.geo_keys = [*keys, laspy.vlrs.known.GeoKeyEntryStruct(id=4096, count=1, value_offset=vertical)]
+        record.geo_keys_header.number_of_keys = 3
+        stated = read_records([record], "", maxjax.Reading(), tmp_path)
+        assert reference_system(stated.system or "").zero(np.array([6e5, 5.3e6])) == zero
 
 
 _WITH_A_GEOID = """
