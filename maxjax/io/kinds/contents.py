@@ -28,6 +28,7 @@ from maxjax.io.reading import PLAIN, Below, Reading, Unknown
 Contents = PointCloud | StoredVoxels | Mesh | Footprints | Boxes | Heights
 Volume = Bool[np.ndarray, "nx ny nz"]
 
+_ADDRESSES = "address "  # shapes that are counted, and stand nowhere
 _CHUNK = 2**20  # points at a time
 
 
@@ -127,8 +128,9 @@ def _of_footprints(found: Footprints) -> Facts:
     remarks = list(found.remarks)
     if not len(found.terrain):
         remarks.append("the ground is taken from the floors of the buildings")
-    if found.dropped:
-        left = ", ".join(f"{count} {kind}" for kind, count in found.dropped.items())
+    standing = {kind: count for kind, count in found.dropped.items() if not kind.startswith(_ADDRESSES)}
+    if standing:
+        left = ", ".join(f"{count} {kind}" for kind, count in standing.items())
         remarks.append(f"left out, though they may stand: {left}")
     return _referred(Facts(extent, found.read, found.dropped, tuple(remarks)), found.reference)
 
