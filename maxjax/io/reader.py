@@ -26,7 +26,7 @@ from maxjax.io.readers.box_list import load_boxes
 from maxjax.io.readers.cityjson import load_cityjson
 from maxjax.io.readers.e57 import load_e57
 from maxjax.io.readers.geojson import load_geojson
-from maxjax.io.readers.gltf import load_gltf
+from maxjax.io.readers.gltf_mesh import load_gltf
 from maxjax.io.readers.las import load_las
 from maxjax.io.readers.mesh_folder import load_folder, load_zip
 from maxjax.io.readers.mitsuba import is_scene, load_mitsuba

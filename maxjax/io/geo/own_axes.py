@@ -33,7 +33,7 @@ _TALLEST = 2000.0  # [m]
 _FLAT, _HIGH = 5.0, 20.0  # of a scene on its side: how much wider and taller than deep, and how tall at least [m]
 
 
-def placed(
+def bring_upright(
     points: Shaped[np.ndarray, "n 3"], reading: Reading, path: Path, up: str = "z"
 ) -> tuple[Shaped[np.ndarray, "n 3"], Reading]:
     """Coordinates of a file with z up, moved by the user's offset, and how to read them then.

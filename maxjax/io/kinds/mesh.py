@@ -16,7 +16,7 @@ from jaxtyping import Float, Int64
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid
-from maxjax.io.geo.own_axes import placed
+from maxjax.io.geo.own_axes import bring_upright
 from maxjax.io.geo.triangles import Triangles, Volume, voxels_enclosed, voxels_touched
 from maxjax.io.geo.units_and_axes import UNREFERENCED, Reference, Stated, reference
 from maxjax.io.kinds.airborne import NONE, from_nearest
@@ -129,7 +129,7 @@ def mesh_of(
     if not np.isfinite(vertices).all():
         wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FileError(f"{path}: vertex {wrong} is {vertices[wrong]}, expected finite coordinates; damaged")
-    vertices, reading = placed(vertices, reading, path, up)
+    vertices, reading = bring_upright(vertices, reading, path, up)
     how = reference(Stated(), reading, np.array([vertices.min(axis=0), vertices.max(axis=0)])[:, :2], path)
     corners, index = weld(how.metres(vertices))
     faces = index[faces]

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Float64, Shaped, UInt8
 
 from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
-from maxjax.io.geo.own_axes import placed
+from maxjax.io.geo.own_axes import bring_upright
 from maxjax.io.geo.units_and_axes import METRES, UNREFERENCED, Reference, Stated, cube_of_metres, on_its_axes, reference
 from maxjax.io.reading import PLAIN, Reading
 
@@ -123,7 +123,7 @@ def local_cloud(
     count = len(points)
     if count == 0:
         raise FileError(f"{path}: holds no point, expected at least one")
-    points, reading = placed(points, reading, path)
+    points, reading = bring_upright(points, reading, path)
     how = reference(stated, reading, _extent(points), path)
     if how.origin is not None:
         place = np.where(np.abs(points) <= FARTHEST, points, np.nan).astype(np.float64)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
 from maxjax.io.kinds.mesh import MAX_FACES, Mesh, merge_meshes
-from maxjax.io.readers.gltf import load_gltf
+from maxjax.io.readers.gltf_mesh import load_gltf
 from maxjax.io.readers.mitsuba import is_scene, load_mitsuba
 from maxjax.io.readers.obj import load_obj
 from maxjax.io.readers.ply import load_ply
