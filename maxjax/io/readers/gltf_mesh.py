@@ -99,7 +99,8 @@ def _document(content: bytes, path: Path) -> dict[str, Any]:
 def _buffers(document: dict[str, Any], binary: bytes | None, path: Path) -> list[bytes]:
     """The bytes of each buffer: of the binary chunk, of its own text, or of a file of the same folder."""
     found: list[bytes] = []
-    for number, buffer in enumerate(document.get("buffers", [])):
+    # A binary chunk is the first buffer, even where nothing names it.
+    for number, buffer in enumerate(document.get("buffers") or [{}] * (binary is not None)):
         uri = buffer.get("uri")
         if uri is None:
             if binary is None or number:
