@@ -19,7 +19,7 @@ ifneq ($(PINS),)
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 else
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,geotiff,docs,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,e57,geotiff,gis,docs,dev]'
 	@# Some peers come as source only: without a compiler they are left out, and the tests that need them say so.
 	$(BIN)/python -m pip install --quiet --editable '.[bench]' || echo 'bench: peers left out, see above'
 endif

@@ -8,7 +8,7 @@ from importlib.metadata import Distribution, PackageNotFoundError, distribution,
 
 from packaging.requirements import Requirement
 
-USERS = ("viz", "las", "geotiff", "ros", "view")
+USERS = ("viz", "las", "e57", "geotiff", "gis", "ros", "view")
 """Extras of users; the others are for benchmarks, tests and documentation."""
 
 PERMISSIVE = re.compile(
