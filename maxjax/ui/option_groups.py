@@ -128,8 +128,8 @@ class ExportOptions:
     Attributes:
         out: Folder for plan.json, path.csv and plan.png; of a mission for mission.json, path.csv and mission.png.
         json: Print the content of plan.json or mission.json, and nothing else, on stdout.
-        export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .geojson,
-            .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
+        export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .kmz
+            (DJI's WPML), _litchi.csv, .geojson, .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
         takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing.
         autopilot: Whom .plan and .waypoints are for, px4 or arducopter, with parameters as arducopter:WPNAV_RADIUS=50;
             by default they are judged for both.

@@ -124,7 +124,8 @@ def judge_lines(
             clearance = float(np.fmin(clearance, found.clearance))
             if not found.ok:
                 wrong = f"on {what} {_complaint(found, mission.legs[leg].radius)}"
-                hint = f"{what} is straight, to or from the ground: choose another end, or leave both out"
+                out = "" if lines.holds is None else ", or leave both out"
+                hint = f"{what} is straight, to or from the ground: choose another end{out}"
     if not wrong and lines.holds is not None:
         for autopilot in autopilots:
             corners, least = cut_corners(waypoints_of(lines), mission, autopilot)
@@ -262,7 +263,7 @@ def _aside(lines: Lines, mission: Mission, trajectory: Trajectory | None) -> flo
         return float(np.linalg.norm(trajectory.at(lines.times).position - lines.parts[0], axis=1).max())
     read, meant = _moving(np.concatenate(lines.parts)), _moving(mission.path)
     if min(len(read), len(meant)) < 2:
-        return float(np.linalg.norm(read[0] - meant[0]))
+        return float(np.linalg.norm(read[:, None] - meant[None], axis=2).max())
     return float(max(project(read, meant)[0].max(), project(meant, read)[0].max()))
 
 

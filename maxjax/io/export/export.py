@@ -4,6 +4,8 @@ Each is read back as what it is to fly, and judged against the map, before it ta
 
 .plan         QGroundControl's mission       needs a place on Earth
 .waypoints    "QGC WPL 110"                  needs a place on Earth
+.kmz          DJI's WPML                     needs a place on Earth
+_litchi.csv   Litchi's waypoints             needs a place on Earth
 .geojson      lines, RFC 7946                needs a place on Earth
 .kml          lines, KML 2.2                 needs a place on Earth
 .csv          set-points, ENU                needs a trajectory
@@ -27,10 +29,12 @@ from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines, keeping_more
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
+from maxjax.io.export.endings import FROM_HOME, IN_TIME, ON_EARTH, STOPPING, ending_of, is_ned
 from maxjax.io.export.items import Feet
 from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
+from maxjax.io.export.stops import LIMITS, spaced
 from maxjax.io.export.waypoint_file import Made, WaypointFile
 from maxjax.io.geo.accuracy import Accuracy, accuracy_of
 from maxjax.io.geo.earth import Earth, on_own_zero
@@ -39,9 +43,6 @@ from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
 
-ON_EARTH = (".plan", ".waypoints", ".geojson", ".kml")
-_FROM_HOME = (".plan", ".waypoints")
-IN_TIME = (".csv", ".tum", ".rosbag")
 _EVERY = 0.05  # between set-points and poses [s]
 _SPEED = 5.0  # of a mission whose plan has no trajectory [m/s]; PX4's MPC_XY_CRUISE
 
@@ -58,7 +59,7 @@ def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
         ValueError: if the ending names no format, or its format needs a place on Earth or times that are missing.
         ImportError: where a package is missing that the format needs.
     """
-    ending = file.suffix.lower()
+    ending = ending_of(file)
     if ending not in ON_EARTH + IN_TIME:
         known = ", ".join((*ON_EARTH, *IN_TIME))
         raise ValueError(f"{file}: expected a name that ends in one of {known}, given {ending or 'no ending'!r}")
@@ -87,22 +88,23 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
     home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
     waypoints that are hovered at, or whose corner an autopilot would cut too near to something; and the speed of each
-    leg, or that of the trajectory's limits. `.geojson` and `.kml` have a line for each leg. Set-points and poses are
-    0.05 s apart, in the map's coordinates, ENU; where the name ends in `_ned.csv` in NED, true north, from the ground
-    below the start.
+    leg, or that of the trajectory's limits. `.kmz` (DJI) and `_litchi.csv` hold the same for aircraft that stop at each
+    point. `.geojson` and `.kml` have a line for each leg. Set-points and poses are 0.05 s apart, in the map's
+    coordinates, ENU; where the name ends in `_ned.csv` in NED, true north, from the ground below the start.
 
     Before it takes its place, what is written is read back, put on the map's own ground and judged against the map
     (`io.export.as_flown`); a file that would lead elsewhere is not written.
 
     Args:
-        file: to write or to replace; `.plan`, `.waypoints`, `.geojson`, `.kml`, `.csv`, `.tum` or `.rosbag`.
+        file: to write or to replace; `.plan`, `.waypoints`, `.kmz`, `_litchi.csv`, `.geojson`, `.kml`, `.csv`, `.tum`
+            or `.rosbag`.
         flight: what to write; formats with times need a trajectory.
         earth: where the map lies, for formats with latitudes: `maxjax.TangentPlane`, `maxjax.Projected`, or
             `io.geo.earth.Degrees`. None: where its file says.
         ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
         airspace: whose areas become the geofence of a `.plan`.
         takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
-            ends with a landing, upright from the goal.
+            ends with a landing, upright from the goal; a `.kmz` always begins with one.
         autopilot: that a `.plan` or a `.waypoints` file is for: `maxjax.Autopilot.px4()` or `.arducopter()`, with
             parameters of its own or without. None: it is judged for both, each with its defaults.
 
@@ -123,12 +125,12 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     place = None if earth is None else placed_for(file, earth)
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
-    mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), file.suffix.lower()
+    mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), ending_of(file)
     if ground is not None and not math.isfinite(ground):
         raise ValueError(f"ground: expected a height in metres, given {ground}")
     standings, near = _standings(mission, place, ground), tuple(map(str, mission.near))
     true = Accuracy() if place is None or ending not in ON_EARTH else _accuracy(file, place, mission)
-    asked = keeping_more(mission, true.metres)
+    asked = _asked(file, mission, true)
     near += (str(true),) if true.metres else ()
     if ending == ".rosbag" and timed is not None:
         found: list[AsFlown] = []
@@ -137,11 +139,12 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         return dataclasses.replace(found[0], remarks=near)
     in_time, autopilots = timed is not None and ending in IN_TIME, BOTH if autopilot is None else (autopilot,)
     made: Made | None = None
+    text: str | bytes
     if timed is not None and in_time:
         text = _in_time(file, timed, _origin(file, mission, ground, earth))
     elif earth is None or place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
-    elif ending in _FROM_HOME:
+    elif ending in FROM_HOME:
         feet = _feet(file, mission, ground, takeoff_and_landing)
         made = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near).made()
         text = made.text
@@ -173,7 +176,7 @@ def placed_for(file: Path, earth: Earth) -> Earth:
     Raises:
         ValueError: where the file needs heights above sea level and the map's zero is not known.
     """
-    ending = file.suffix.lower()
+    ending = ending_of(file)
     if ending in ON_EARTH and not (ending == ".geojson" and earth.zero.ellipsoidal):
         earth.zero.height(f"{file}: heights of {ending}")
     return on_own_zero(earth)
@@ -187,6 +190,12 @@ def _accuracy(file: Path, earth: Earth, mission: Mission) -> Accuracy:
             f"{file}: expected a map whose places are true on Earth, and {true}; state it, as --accuracy 2"
         )
     return true
+
+
+def _asked(file: Path, mission: Mission, true: Accuracy) -> Mission:
+    """The mission that a file is to hold, with what it has to keep there."""
+    more, ending = keeping_more(mission, true.metres), ending_of(file)
+    return spaced(file, more, LIMITS[ending]) if ending in STOPPING else more
 
 
 def _more_to_keep(mission: Mission, true: Accuracy) -> str:
@@ -234,7 +243,7 @@ def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> t
 
 def _judged(
     file: Path,
-    text: str,
+    text: str | bytes,
     mission: Mission,
     trajectory: Trajectory | None,
     standings: Sequence[Standing],
@@ -252,8 +261,8 @@ def _judged(
 
 def counts_from_home(file: Path) -> bool:
     """Whether heights in a file count from the ground at home."""
-    ending = file.suffix.lower()
-    return ending in _FROM_HOME or (ending == ".csv" and file.stem.lower().endswith("_ned"))
+    ending = ending_of(file)
+    return ending in FROM_HOME or is_ned(file)
 
 
 def _home(file: Path, mission: Mission, ground: float | None) -> float:
@@ -282,7 +291,7 @@ def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | N
 
 def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:
     motion = trajectory.sampled(_EVERY)
-    if file.suffix.lower() == ".tum":
+    if ending_of(file) == ".tum":
         return tum_text(motion)
     return setpoint_text(motion, origin)
 

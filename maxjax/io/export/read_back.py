@@ -2,6 +2,7 @@
 
     heights above home     z = terrain under home + the height      whatever height the file says that home has
     heights above sea      z = that of the place on Earth
+    heights of `.kmz` and `_litchi.csv`, which name no home: above the ground below their first waypoint
     set-points             of a `_ned` file above where it has its origin, which stands on the terrain as home does
 
 A vehicle is armed on the ground, wherever a file says that the ground is. Nothing here uses what writes the files.
@@ -21,6 +22,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.core.terrain import Terrain
+from maxjax.io.export.endings import ending_of, is_ned
+from maxjax.io.export.read_stops import ReadStops, read_kmz, read_litchi
 from maxjax.io.geo.earth import Earth, TangentPlane
 
 _TAKE_OFF, _LAND, _WAYPOINT, _RELATIVE = 22, 21, 16, 3  # MAVLink's numbers
@@ -75,6 +78,17 @@ class Standing:
         foot = np.array([[x, y, self.level(x, y, z)]])
         return self.placed(places + np.array([0.0, 0.0, self.place.geodetic(foot)[0, 2]]))
 
+    def foot(self, latitude: float, longitude: float) -> Points:
+        """Latitude, longitude [degrees] and height [m] of the ground at a place; raises a ValueError without any."""
+        height = 0.0
+        for _ in range(2):  # a plane's place depends on the height
+            ((x, y, _),) = self.placed(np.array([[latitude, longitude, height]])).tolist()
+            ground = self.level(x, y, math.inf)
+            if math.isinf(ground):
+                raise ValueError("expected ground below the waypoint, to count heights from")
+            height = float(self.place.geodetic(np.array([[x, y, ground]]))[0, 2])
+        return np.array([[latitude, longitude, height]])
+
 
 @dataclasses.dataclass(frozen=True)
 class Lines:
@@ -96,15 +110,19 @@ class Lines:
     accepted: Float64[np.ndarray, " n"] | None = None
 
 
-def lines_in(file: Path, text: str, standing: Standing) -> Lines:
+def lines_in(file: Path, text: str | bytes, standing: Standing) -> Lines:
     """The lines of an exported file's text; a bag's are read by `lines_in_bag`.
 
     Args:
         file: whose name says the format.
-        text: its content.
+        text: its content; bytes of a `.kmz`.
         standing: where the vehicle is armed.
     """
-    ending = file.suffix.lower()
+    ending = ending_of(file)
+    if isinstance(text, bytes):
+        return _stops(read_kmz(text), standing)
+    if ending == "_litchi.csv":
+        return _stops(read_litchi(text), standing)
     if ending == ".plan":
         return _plan(text, standing)
     if ending == ".waypoints":
@@ -116,7 +134,7 @@ def lines_in(file: Path, text: str, standing: Standing) -> Lines:
     if ending == ".tum":
         table = np.array([[float(word) for word in row.split()] for row in text.splitlines()])
         return Lines((table[:, 1:4],), table[:, 0])
-    return _setpoints(text, standing, ned=file.stem.lower().endswith("_ned"))
+    return _setpoints(text, standing, ned=is_ned(file))
 
 
 def lines_in_bag(folder: Path) -> Lines:
@@ -165,6 +183,19 @@ def _items(home: Points, items: list[tuple[int, int, list[float]]], standing: St
         holds=np.array(said).reshape(-1, 2)[:, 0],
         accepted=np.array(said).reshape(-1, 2)[:, 1],
     )
+
+
+def _stops(found: ReadStops, standing: Standing) -> Lines:
+    """Lines of a vehicle that stops at each waypoint, and is armed on the ground below the first one."""
+    foot = standing.foot(*found.places[0, :2].tolist())
+    line = standing.placed(found.places + np.array([0.0, 0.0, foot[0, 2]]))
+    rise = descent = None
+    if found.take_off is not None:
+        top = foot + np.array([0.0, 0.0, max(found.take_off, found.places[0, 2])])
+        rise = np.concatenate([standing.placed(np.concatenate([foot, top])), line[:1]])
+    if found.lands:
+        descent = np.concatenate([line[-1:], standing.placed(standing.foot(*found.places[-1, :2].tolist()))])
+    return Lines((line,), rise=rise, descent=descent)
 
 
 def _geojson(text: str, standing: Standing) -> Lines:

@@ -4,6 +4,8 @@
 
 Inserted points would not do: an autopilot passes over those within its radius. A hold does, since it comes to rest for
 one. What a file relies on, and the height of a return to launch that is clear, are stated in it and beside it.
+
+`.kmz` and `_litchi.csv` are for aircraft that stop at each waypoint (`io.export.stops`).
 """
 
 from __future__ import annotations
@@ -19,12 +21,16 @@ from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.as_flown import upright, waypoints_of
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.corners import cut_corners
+from maxjax.io.export.endings import STOPPING, ending_of
 from maxjax.io.export.fences import fences_of
 from maxjax.io.export.items import Feet, Items, items_of
+from maxjax.io.export.litchi import litchi_text
 from maxjax.io.export.qgroundcontrol import plan_text
 from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.export.return_height import ReturnHeight, return_height
+from maxjax.io.export.stops import LIMITS, StopFlight, speed_remarks, stop_points
 from maxjax.io.export.waypoint_list import waypoint_text
+from maxjax.io.export.wpml import kmz_content, return_height_of
 from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Mission
 
@@ -60,6 +66,8 @@ class WaypointFile:
     def made(self) -> Made:
         """The text, with as many stops as it needs."""
         back = return_height(self.mission)
+        if ending_of(self.file) in STOPPING:
+            return dataclasses.replace(self, autopilots=())._stopping(back)
         hold = max(autopilot.rests_after for autopilot in self.autopilots)
         stops = {} if self.feet.landing is None else dict.fromkeys((0, len(self.mission.path) - 1), hold)
         needed = dict[int, float]()
@@ -71,7 +79,20 @@ class WaypointFile:
             needed |= {k: found[k] for k in found.keys() - stops.keys()}
             stops |= dict.fromkeys(found, hold)
 
-    def _too_near(self, text: str) -> dict[int, float]:
+    def _stopping(self, back: ReturnHeight) -> Made:
+        """The content for aircraft that stop at each waypoint."""
+        ending, height = ending_of(self.file), self._above_home(back.height)
+        limits, lands = LIMITS[ending], self.feet.landing is not None
+        points = stop_points(self.file, self.mission, self.earth, self.feet.home, self.speed, limits)
+        flight = StopFlight(points, height, lands)
+        remarks = [*self.remarks, *speed_remarks(self.mission, self.speed, limits)]
+        if self.airspace is not None and self.airspace.areas:
+            remarks.append(f"the {len(self.airspace.areas)} areas of the airspace are not in it: it has no geofence")
+        remarks += _kmz_remarks(flight) if ending == ".kmz" else _litchi_remarks(flight)
+        content = kmz_content(flight) if ending == ".kmz" else litchi_text(flight)
+        return Made(content, (*remarks, *self._return_remarks(back, height)), (), height, ())
+
+    def _too_near(self, text: str | bytes) -> dict[int, float]:
         """Least clearance at the corners that lead too near to something, by number, for any autopilot and standing."""
         found = dict[int, float]()
         for standing in self.standings:
@@ -165,18 +186,42 @@ class Made:
     """A file of waypoints.
 
     Attributes:
-        text: of the file.
+        text: of the file; bytes of a `.kmz`.
         remarks: sentences on what it does not hold, and on what it relies.
         stops: numbers of the path's points that are stopped at for their corners.
         return_height: above home, from which on a return to launch is clear [m].
         autopilots: with the parameters that it relies on.
     """
 
-    text: str
+    text: str | bytes
     remarks: tuple[str, ...]
     stops: tuple[int, ...]
     return_height: float
     autopilots: tuple[Autopilot, ...]
+
+
+_FROM_THERE = "its heights count from where the aircraft takes off: take off on the ground below the start"
+
+
+def _kmz_remarks(flight: StopFlight) -> list[str]:
+    end = "lands below it" if flight.lands else "hovers there until the pilot takes over"
+    return [
+        _FROM_THERE,
+        f"the aircraft stops at each of its {len(flight.points)} waypoints; after the last one it {end}",
+        f"without a signal of its remote control it flies on; a return leads {return_height_of(flight):g} m above home",
+        "it names no aircraft and no camera: choose them where it is imported",
+    ]
+
+
+def _litchi_remarks(flight: StopFlight) -> list[str]:
+    found = [
+        _FROM_THERE,
+        "it does not hold what Litchi sets for all of a mission: set Path Mode to Straight Lines, so that the aircraft "
+        "stops at each waypoint and cuts no corner, and choose the finish action and the heading mode there",
+    ]
+    if flight.lands:
+        found.append("it holds no take-off and no landing")
+    return found
 
 
 def _relies(autopilot: Autopilot) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 from maxjax.api import trajectory
 from maxjax.io.export.as_flown import AsFlown
 from maxjax.io.export.autopilot import Autopilot
-from maxjax.io.export.export import ON_EARTH, check_export, counts_from_home, export, placed_for, write_parameters
+from maxjax.io.export.endings import ON_EARTH, ending_of
+from maxjax.io.export.export import check_export, counts_from_home, export, placed_for, write_parameters
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
@@ -35,10 +36,10 @@ def check_exports(request: Request) -> None:
 
 def check_place(request: Request, given: MapTask) -> None:
     """Raise a ValueError where a file to write needs a place on Earth or the ground at home, and nothing says it."""
-    needed = [file for file in request.export if file.suffix.lower() in ON_EARTH]
+    needed = [file for file in request.export if ending_of(file) in ON_EARTH]
     if needed and given.earth is None:
         raise ValueError(
-            f"{needed[0]}: expected a place on Earth for {needed[0].suffix}, which the map does not name: "
+            f"{needed[0]}: expected a place on Earth for {ending_of(needed[0])}, which the map does not name: "
             "give --place LAT LON H, or --crs"
         )
     for file in needed:

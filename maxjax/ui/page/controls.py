@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from maxjax.core.grid import Point3
-from maxjax.io.export.export import IN_TIME, ON_EARTH
+from maxjax.io.export.endings import IN_TIME, ON_EARTH
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE

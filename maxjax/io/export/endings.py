@@ -1,0 +1,25 @@
+"""Formats by the endings of names: what each of them needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+STOPPING = (".kmz", "_litchi.csv")
+"""Waypoints for programs whose vehicles stop at each of them."""
+FROM_HOME = (".plan", ".waypoints", *STOPPING)
+"""Waypoints at heights above the ground at home."""
+ON_EARTH = (*FROM_HOME, ".geojson", ".kml")
+"""Latitudes and longitudes, which need a place on Earth."""
+IN_TIME = (".csv", ".tum", ".rosbag")
+"""Times, which need a trajectory."""
+
+
+def ending_of(file: Path) -> str:
+    """What says the format of a file, in small letters: `_litchi.csv`, else what follows the last dot of its name."""
+    name = file.name.lower()
+    return "_litchi.csv" if name.endswith("_litchi.csv") else file.suffix.lower()
+
+
+def is_ned(file: Path) -> bool:
+    """Whether a file holds set-points in NED."""
+    return file.name.lower().endswith("_ned.csv")
