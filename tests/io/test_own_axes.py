@@ -72,6 +72,13 @@ def test_what_is_no_plane_in_metres_is_refused_with_what_settles_it(
         read_map(path)
 
 
+def test_earth_centred_coordinates_of_glb_are_refused_as_well(tmp_path: Path) -> None:
+    mesh = block()
+    path = written(moved(mesh, earth_centred(mesh.vertices)), tmp_path / "a.glb")
+    with pytest.raises(ValueError, match="Earth-centred coordinates"):
+        read_map(path)
+
+
 def extent(path: Path, **how: object) -> np.ndarray:
     return np.array(maxjax.io.kinds.contents.facts(read_map(path, maxjax.Reading(**how))).extent)  # type: ignore[arg-type]
 
