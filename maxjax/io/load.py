@@ -24,7 +24,7 @@ from maxjax.io.kinds.bare_ground import terrain_of
 from maxjax.io.kinds.contents import Contents, Facts, facts, voxels
 from maxjax.io.kinds.coverage import closing_unknown, within_data
 from maxjax.io.kinds.point_cloud import StoredVoxels
-from maxjax.io.places import Frame, check_in_map, point_at
+from maxjax.io.places import Frame, check_in_map, point_at, points_at
 from maxjax.io.reader import read_map
 from maxjax.io.reading import PLAIN, Reading
 from maxjax.io.window import Window
@@ -205,7 +205,7 @@ def map_with(
     Args:
         contents, window, reading: as in `map_of`; the window's own ends are ignored.
         places: latitudes, longitudes [degrees] and heights [m], or x, y and heights [m].
-        frame: what they are, `agl`, `amsl` or `local-agl`.
+        frame: what they are, `agl`, `home`, `amsl` or `local-agl`.
         earth: where the map lies; None for `local-agl`.
 
     Raises:
@@ -215,11 +215,11 @@ def map_with(
     around = [check_in_map(place, frame, earth, known.extent) for place in places]
     points = [(x, y, z + place[2]) for (x, y, z), place in zip(around, places, strict=True)]
     if frame == "amsl":
-        points = [point_at(place, frame, earth) for place in places]
+        points = points_at(places, frame, earth)
     while True:
         window = dataclasses.replace(window, ends=points)
         found = map_of(contents, window, reading)
-        points = [point_at(place, frame, earth, found.terrain) for place in places]
+        points = points_at(places, frame, earth, found.terrain)
         # Heights above ground are known once there is ground; they may ask for another window, of the same voxels.
         if _grid(contents, known, dataclasses.replace(window, ends=points))[0] == found.grid:
             return found, points

@@ -3,12 +3,14 @@
 map         x, y, z of the map [m]
 local-agl   x, y of the map, height above the ground beneath [m]
 agl         latitude, longitude [degrees], height above the ground beneath [m]
+home        latitude, longitude [degrees], height above the ground beneath the first of several places [m]
 amsl        latitude, longitude [degrees], height above sea level [m], of a map whose zero is known
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -19,10 +21,22 @@ from maxjax.core.terrain import Terrain
 from maxjax.io.geo.earth import Earth, on_own_zero
 
 # What a point's three numbers are.
-Frame = Literal["map", "local-agl", "agl", "amsl"]
+Frame = Literal["map", "local-agl", "agl", "home", "amsl"]
 
 _FARTHEST = 1000.0  # from what the map holds [m]
 _ROUNDS = 2  # the place that lies below a point moves with its height, by 2 cm for 100 m and 1 km
+
+
+def points_at(
+    places: Sequence[Point3], frame: Frame, earth: Earth | None, terrain: Terrain | None = None
+) -> list[Point3]:
+    """Points of the map [m], the first of them above home; as `point_at`."""
+    if frame != "home" or not places or earth is None:
+        return [point_at(place, frame, earth, terrain) for place in places]
+    first = point_at(places[0], "agl", earth, terrain)
+    earth = on_own_zero(earth)
+    level = float(earth.geodetic(np.array([first]))[0, 2]) - places[0][2]
+    return [first, *(point_at((n, e, level + up), "amsl", earth) for n, e, up in places[1:])]
 
 
 def point_at(place: Point3, frame: Frame, earth: Earth | None, terrain: Terrain | None = None) -> Point3:

@@ -91,8 +91,8 @@ class RouteOptions:
     Attributes:
         map: A map.
         frame: What start, goal and places on the way are. map: x, y, z of the map; local-agl: x, y of the map and
-            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; amsl: latitude,
-            longitude and height above sea level.
+            height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; home: latitude,
+            longitude and height above the ground beneath the start; amsl: those and height above sea level.
         method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
             improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
         radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
@@ -109,7 +109,7 @@ class RouteOptions:
 
     map: MapArgument
     _: dataclasses.KW_ONLY
-    frame: Literal["map", "local-agl", "agl", "amsl"] = "map"
+    frame: Literal["map", "local-agl", "agl", "home", "amsl"] = "map"
     method: PlannerName = "field"
     radius: Metres = 1.0
     margin: Metres = 8.0

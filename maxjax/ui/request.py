@@ -32,6 +32,7 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
         speed: greatest on the way [m/s]; a waypoint's own is that of the leg that leads to it.
         partial: whether the legs before the first that fails are written.
         beside: whether A* plans the same, to compare.
+        notes: sentences on the files that it was made of.
     """
 
     waypoints: tuple[Waypoint, ...] = ()
@@ -39,6 +40,7 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
     speed: float = PX4.speed
     partial: bool = False
     beside: bool = False
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, options: Any) -> Request:
@@ -115,7 +117,7 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
     @property
     def configuration(self) -> dict[str, Any]:
         """What is needed to ask the same again but the stops, by the names of options; for JSON."""
-        left_out = (*_OUTPUTS, "waypoints", "partial", "beside")
+        left_out = (*_OUTPUTS, "waypoints", "partial", "beside", "notes")
         return {name: value for name, value in vars(self).items() if name not in left_out}
 
     def earth(self, named: Earth | None) -> Earth | None:

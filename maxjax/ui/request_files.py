@@ -12,6 +12,7 @@
     hover = 5.0                    # to rest there [s]
     speed = 4.0                    # of the leg that leads here; likewise radius and margin
 
+`waypoint = "way.plan"` in place of the tables takes the waypoints of a file of QGroundControl (`ui.plan_waypoints`).
 Paths in it are relative to the file. All is checked before anything is planned; what a file says that is no option is
 refused, so that nothing is planned by other rules than the file has.
 """
@@ -33,6 +34,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from maxjax.core.files import read_bytes, read_text
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.option_groups import Point3
+from maxjax.ui.plan_waypoints import plan_keys
 from maxjax.ui.request import Request
 
 _MOST_BYTES = 2**20
@@ -44,7 +46,7 @@ _MOST_DOTS = 64
 _CITY = re.compile(r"\w+:\d+")
 
 # What a file cannot say: stops stand in tables of their own, and where an answer goes is said by whoever asks.
-_OTHERS = ("waypoints", "out", "json", "export", "partial", "beside")
+_OTHERS = ("waypoints", "out", "json", "export", "partial", "beside", "notes")
 
 
 def _without_none(hint: Any) -> Any:
@@ -76,7 +78,7 @@ def load_mission(file: str | os.PathLike[str]) -> Request:
         given: dict[str, Any] = {key: value_of(key, value) for key, value in content.items() if key != "waypoint"}
         if "map" not in given:
             raise ValueError("expected a map, as map = 'town.geojson', given none")
-        waypoints = waypoints_of(content.get("waypoint"))
+        given |= _waypoint_keys(file, content.get("waypoint"), given)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
     beside = file.parent / given["map"]
@@ -84,7 +86,14 @@ def load_mission(file: str | os.PathLike[str]) -> Request:
         given["map"] = str(beside)
     if "airspace" in given:
         given["airspace"] = file.parent / given["airspace"]
-    return Request(**given, waypoints=waypoints)
+    return Request(**given)
+
+
+def _waypoint_keys(file: Path, said: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that the waypoints of a mission's file are: its tables, or a `.plan` of QGroundControl."""
+    if isinstance(said, str):
+        return plan_keys(file.parent / said, given)
+    return {"waypoints": waypoints_of(said)}
 
 
 def read_plan(file: Path) -> Request | None:

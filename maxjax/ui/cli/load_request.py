@@ -19,8 +19,15 @@ def load_request(request: Request) -> MapTask:
     request.check()
     with progress(f"Reading {request.map}"):
         given = task_in(load_source(request.map, reading_of(request)), request)
+    tell_notes(request)
     tell_remarks(request.map, given)
     return given
+
+
+def tell_notes(request: Request) -> None:
+    """Say on stderr what a user should know of the files that a request was made of."""
+    for note in request.notes:
+        complain(f"Note: {note}.")
 
 
 def tell_remarks(file: str, given: MapTask) -> None:

@@ -27,7 +27,7 @@ from maxjax.io.kinds.contents import facts
 from maxjax.io.kinds.point_cloud import FARTHEST
 from maxjax.io.load import earth_in as named_place
 from maxjax.io.load import map_with
-from maxjax.io.places import point_at
+from maxjax.io.places import points_at
 from maxjax.io.reading import PLAIN, Reading
 from maxjax.io.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.planning.problem.place_format import PlaceFormat
@@ -214,7 +214,7 @@ def _in_city(scene: Scene, request: Request) -> MapTask:
         if earth is None and request.frame != "local-agl":
             raise ValueError(f"--frame {request.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
-        ends = tuple(point_at(place, request.frame, earth, flat) for place in ends)
+        ends = tuple(points_at(ends, request.frame, earth, flat))
     grid = Grid.centered(_middle(ends, request.center))
     return dataclasses.replace(_task(scene.voxels(grid), request, ends, earth), terrain=Terrain.flat(0.0, grid))
 

@@ -14,7 +14,7 @@ from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import Scene
 from maxjax.ui.cli import report, viewing_flights
-from maxjax.ui.cli.load_request import tell_remarks
+from maxjax.ui.cli.load_request import tell_notes, tell_remarks
 from maxjax.ui.cli.map_task import MapTask, airspace_of, earth_in, load_source, task_in
 from maxjax.ui.cli.options import ViewOptions
 from maxjax.ui.cli.page import wait, write_page
@@ -106,6 +106,7 @@ def open_request(request: Request) -> tuple[City, Request, Earth | None]:
     source = load_source(request.map, reading_of(request))
     bare = not request.waypoints
     given = _small_enough(_without_ends(source, request) if bare else task_in(source, request))
+    tell_notes(request)
     tell_remarks(request.map, given)
     city = _city_of(given, source, request)
     stops = tuple(map(Waypoint, first_ends(city))) if bare else request.through(given.stops).waypoints
