@@ -24,6 +24,7 @@ from maxjax.planning.mission import Waypoint
 _WAYPOINT, _LOITER, _LAND, _TAKE_OFF, _SPEED = 16, 19, 21, 22, 178  # MAVLink's numbers
 _FRAMES = {0: "amsl", 5: "amsl", 3: "home", 6: "home", 10: "agl", 11: "agl"}
 _OVER_GROUND = (0.0, 1.0)  # of kinds of speed: others are those of climbs and descents
+_MOST = 1e12  # of any number: whole ones of JSON may be too large to be one
 _SAME = 1e-8  # between places [degrees] and heights [m]
 
 
@@ -137,7 +138,7 @@ def _add(found: list[Waypoint], waypoint: Waypoint) -> None:
 def _numbers(file: Path, given: Any, count: int, name: str) -> tuple[float, ...]:
     """So many numbers at least; what a parameter leaves to the vehicle is 0."""
     values = [0.0 if value is None else value for value in given] if isinstance(given, list) else []
-    if len(values) < count or not all(isinstance(value, int | float) and math.isfinite(value) for value in values):
+    if len(values) < count or not all(isinstance(value, int | float) and abs(value) < _MOST for value in values):
         raise FileError(f"{file}: {name}: expected {count} numbers, given {str(given)[:60]}")
     return tuple(map(float, values))
 

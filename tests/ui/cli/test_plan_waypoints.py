@@ -111,6 +111,7 @@ def test_heights_count_from_the_ground_at_home() -> None:
         ([place(47.0, 8.0, 20.0), item(22)], "expected a take-off first"),
         ([{"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 1]}], "params: expected 7 numbers"),
         ([{"type": "SimpleItem", "command": 16, "frame": 3, "params": ["a"] * 7}], "params: expected 7 numbers"),
+        ([place(47.0, 8.0, 10**400)], "params: expected 7 numbers"),
         ([{"type": "Else"}], "expected items of the type SimpleItem or ComplexItem"),
         ([7], "expected items of the type SimpleItem or ComplexItem"),
     ],
