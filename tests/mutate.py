@@ -3,8 +3,8 @@
     python -m tests.mutate --record                # two CPU cores: an hour; goes on where it was interrupted
     python -m tests.mutate --rooms sets flags      # some rooms alone
 
-`mutations.tsv` lists lines of verifier, certificate, windows, reachable sets, flags, exports, airspace, replanner and
-page, each with what it is broken to: a comparison, a sign, a bound, a unit. Each is put into a copy of the tree, in
+`mutations.tsv` lists lines of verifier, certificate, windows, reachable sets, flags, exports, airspace, places,
+replanner and page, each with what it is broken to: a comparison, a sign, a bound, a unit. Each is put into a copy of the tree, in
 which the tests of its room then run until the first one fails. A mutation that none of them notices has survived.
 
 Expected: a few survive, each for a reason that stands in `SURVIVORS`: it changes nothing that anybody could see.
@@ -46,6 +46,7 @@ TESTS = {
     "flags": tuple(f"sim/movers/test_{name}.py" for name in ("flags", "choice", "tracking", "slow_movers")),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),
     "airspace": ("io/airspace", "planning/test_occupied_end.py", "io/export/test_exports.py"),
+    "places": tuple(f"io/test_{name}.py" for name in ("own_axes", "vertical_zero", "accuracy")),
     "replanner": ("test_replanner.py",),
     "page": ("ui/page/test_border.py", "ui/page/test_page.py", "ui/page"),
 }
