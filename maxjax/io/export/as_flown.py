@@ -81,7 +81,7 @@ class _Piece:
     sag: float = 0.0
 
 
-def keeping_more(mission: Mission, metres: float) -> Mission:
+def add_to_keep(mission: Mission, metres: float) -> Mission:
     """The mission with as much more to keep [m] on all of its legs, but around ends that stand nearer."""
     if metres == 0.0:
         return mission

@@ -26,7 +26,7 @@ import numpy as np
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines, keeping_more
+from maxjax.io.export.as_flown import AWAY, AsFlown, add_to_keep, judge_lines
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.endings import FROM_HOME, IN_TIME, ON_EARTH, STOPPING, ending_of, is_ned
@@ -122,7 +122,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     plan = flight.plan if isinstance(flight, Trajectory) else flight
     earth = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
     check_export(file, on_earth=earth is not None, in_time=timed is not None)
-    place = None if earth is None else placed_for(file, earth)
+    place = None if earth is None else place_for(file, earth)
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), ending_of(file)
@@ -167,7 +167,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     )
 
 
-def placed_for(file: Path, earth: Earth) -> Earth:
+def place_for(file: Path, earth: Earth) -> Earth:
     """Where a map lies, with the heights that a file needs.
 
     Files with latitudes need heights above sea level; GeoJSON also takes those above the ellipsoid (RFC 7946), and
@@ -194,7 +194,7 @@ def _accuracy(file: Path, earth: Earth, mission: Mission) -> Accuracy:
 
 def _asked(file: Path, mission: Mission, true: Accuracy) -> Mission:
     """The mission that a file is to hold, with what it has to keep there."""
-    more, ending = keeping_more(mission, true.metres), ending_of(file)
+    more, ending = add_to_keep(mission, true.metres), ending_of(file)
     return spaced(file, more, LIMITS[ending]) if ending in STOPPING else more
 
 

@@ -10,7 +10,7 @@ from maxjax.api import trajectory
 from maxjax.io.export.as_flown import AsFlown
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.endings import ON_EARTH, ending_of
-from maxjax.io.export.export import check_export, counts_from_home, export, placed_for, write_parameters
+from maxjax.io.export.export import check_export, counts_from_home, export, place_for, write_parameters
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory
@@ -44,7 +44,7 @@ def check_place(request: Request, given: MapTask) -> None:
         )
     for file in needed:
         if given.earth is not None:
-            placed_for(file, given.earth)
+            place_for(file, given.earth)
     counted = [file for file in request.export if counts_from_home(file)]
     if counted and math.isnan(given.terrain.at(*given.task.starts[0, :2].tolist())):
         raise ValueError(

@@ -191,9 +191,8 @@ def test_ned_is_true_north_about_an_origin_that_the_file_names(tmp_path: Path) -
         maxjax.export(tmp_path / name, flight, earth=earth, ground=3.0)
     table = np.loadtxt(tmp_path / "a_ned.csv", delimiter=",", skiprows=1)
     said = (tmp_path / "a_ned.csv").read_text().splitlines()[1]
-    assert said.startswith(
-        "# origin: latitude 60.0000000000, longitude 11.9000000000, height 3.000000 m, on the ground"
-    )
+    place = "# origin: latitude 60.0000000000, longitude 11.9000000000, height 3.000000 m above sea level (as stated)"
+    assert said.startswith(f"{place}, on the ground")
     azimuth, _, distance = pyproj.Geod(ellps="WGS84").inv(
         11.9, 60.0, *pyproj.Transformer.from_crs(32632, 4326, always_xy=True).transform(x + 200.0, y)
     )
