@@ -4,8 +4,8 @@
     python -m tests.mutate --rooms sets flags      # some rooms alone
 
 `mutations.tsv` lists lines of verifier, certificate, windows, reachable sets, flags, exports, airspace, places,
-replanner and page, each with what it is broken to: a comparison, a sign, a bound, a unit. Each is put into a copy of the
-tree, in which the tests of its room then run until the first one fails. A mutation that none of them notices has
+replanner and page, each with what it is broken to: a comparison, a sign, a bound, a unit. Each is put into a copy of
+the tree, in which the tests of its room then run until the first one fails. A mutation that none of them notices has
 survived.
 
 Expected: a few survive, each for a reason that stands in `SURVIVORS`: it changes nothing that anybody could see.
