@@ -23,7 +23,7 @@ from jaxtyping import Float64
 
 from maxjax.core.terrain import Terrain
 from maxjax.io.export.endings import ending_of, is_ned
-from maxjax.io.export.read_stops import ReadStops, read_kmz, read_litchi
+from maxjax.io.export.read_stops import ReadStops, read_wpml, read_litchi
 from maxjax.io.geo.earth import Earth, TangentPlane
 
 _TAKE_OFF, _LAND, _WAYPOINT, _RELATIVE = 22, 21, 16, 3  # MAVLink's numbers
@@ -120,7 +120,7 @@ def lines_in(file: Path, text: str | bytes, standing: Standing) -> Lines:
     """
     ending = ending_of(file)
     if isinstance(text, bytes):
-        return _stops(read_kmz(text), standing)
+        return _stops(read_wpml(text), standing)
     if ending == "_litchi.csv":
         return _stops(read_litchi(text), standing)
     if ending == ".plan":

@@ -36,7 +36,7 @@ class ReadStops:
     lands: bool = False
 
 
-def read_kmz(content: bytes) -> ReadStops:
+def read_wpml(content: bytes) -> ReadStops:
     """The waypoints of a `.kmz` file; raises a ValueError where its two files differ or it cuts a corner."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         waylines, template = (
