@@ -25,7 +25,7 @@ from maxjax.io.airspace.zone import (
     ZoneFile,
     limit_of,
     number_of,
-    quoted,
+    quote,
     unclear,
     zone_of,
 )
@@ -42,12 +42,12 @@ def read_ed269(file: ZoneFile) -> Published:
     """Zones of ED-269."""
     zones, left_out = list[Zone](), Counter[str]()
     for number, feature in enumerate(_zones_in(file)):
-        name = quoted(number)
+        name = quote(number)
         try:
             if str(feature.get("restriction", "")).upper() == FREE:
                 left_out[f"zones that restrict nothing ({FREE})"] += 1
                 continue
-            name = quoted(feature.get("name"), feature.get("identifier"), number)
+            name = quote(feature.get("name"), feature.get("identifier"), number)
             volumes = feature.get("geometry")
             if not isinstance(volumes, list) or not volumes:
                 zones.append(unclear(name, UnclearError("expected a geometry of volumes, found none")))

@@ -26,7 +26,7 @@ from maxjax.io.airspace.zone import (
     ZoneFile,
     limit_of,
     number_of,
-    quoted,
+    quote,
     unclear,
     zone_of,
 )
@@ -59,13 +59,13 @@ def read_ed318(file: ZoneFile) -> Published:
     coordinates = Coordinates(crs=geojson_crs(file.document, file.path))
     zones, left_out = list[Zone](), Counter[str]()
     for number, feature in enumerate(features_of(file)):
-        name = quoted(number)
+        name = quote(number)
         try:
             values = feature.get("properties") or {}
             if str(values.get("type", "")).upper() == FREE:
                 left_out[f"zones that restrict nothing ({FREE})"] += 1
                 continue
-            name = quoted(values.get("name"), values.get("identifier"), feature.get("id"), number)
+            name = quote(values.get("name"), values.get("identifier"), feature.get("id"), number)
             kept = values.get("inclusion", False)
             if not isinstance(kept, bool):
                 zones.append(

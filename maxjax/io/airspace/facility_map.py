@@ -19,7 +19,7 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     limit_of,
-    quoted,
+    quote,
     unclear,
     zone_of,
 )
@@ -42,11 +42,11 @@ def read_facility_map(file: ZoneFile) -> Published:
     coordinates = Coordinates(crs=geojson_crs(file.document, file.path))
     zones = list[Zone]()
     for number, feature in enumerate(features_of(file)):
-        name = quoted(number)
+        name = quote(number)
         try:
             values = feature.get("properties") or {}
             airport = (values.get(f"APT1_{key}") for key in ("NAME", "ICAO", "FAAID"))
-            name = quoted(f"cell {values.get('OBJECTID', number)} {next(filter(None, airport), '')}".strip())
+            name = quote(f"cell {values.get('OBJECTID', number)} {next(filter(None, airport), '')}".strip())
             for part, _ in parts_of(feature.get("geometry"), None):
                 zones.append(_cell(name, values, part, coordinates))
         except MALFORMED as error:

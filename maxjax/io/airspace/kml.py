@@ -29,7 +29,7 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     limit_of,
-    quoted,
+    quote,
     unclear,
     zone_of,
 )
@@ -97,7 +97,7 @@ def read_kml(file: ZoneFile) -> Published:
     root = _parsed(file)
     zones, left_out = list[Zone](), Counter[str]()
     for number, mark in enumerate(_all(root, "Placemark")):
-        name = quoted(_text(mark, "name"), mark.get("id"), number)
+        name = quote(_text(mark, "name"), mark.get("id"), number)
         for shape in _shapes(mark):
             if shape.tag in _AREAS:
                 zones.append(_zone(name, shape))

@@ -26,7 +26,7 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     limit_of,
-    quoted,
+    quote,
     unclear,
     zone_of,
 )
@@ -51,7 +51,7 @@ def read_openaip(file: ZoneFile) -> Published:
         if isinstance(kind, int) and kind in _INFORMATION:
             left_out[f"regions of information ({_INFORMATION[kind]})"] += 1
             continue
-        name = quoted(values.get("name"), values.get("_id"), number)
+        name = quote(values.get("name"), values.get("_id"), number)
         try:
             for part, _ in parts_of(geometry, None):
                 zones.append(_zone(name, values, part))

@@ -206,7 +206,7 @@ def check_order(lower: Limit | None, upper: Limit | None) -> None:
         raise UnclearError(f"expected a ceiling above its floor of {lower}, given {upper}; swap them, or mend one")
 
 
-def quoted(*names: Any) -> str:
+def quote(*names: Any) -> str:
     """The first of some names that there is, in quotes; of ED-318 it may be a list in several languages."""
     for name in names:
         if isinstance(name, list):

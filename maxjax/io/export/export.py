@@ -34,7 +34,7 @@ from maxjax.io.export.items import Feet
 from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
-from maxjax.io.export.stops import LIMITS, spaced
+from maxjax.io.export.stops import LIMITS, space_out
 from maxjax.io.export.waypoint_file import Made, WaypointFile
 from maxjax.io.geo.accuracy import Accuracy, accuracy_of
 from maxjax.io.geo.earth import Earth, on_own_zero
@@ -195,7 +195,7 @@ def _accuracy(file: Path, earth: Earth, mission: Mission) -> Accuracy:
 def _asked(file: Path, mission: Mission, true: Accuracy) -> Mission:
     """The mission that a file is to hold, with what it has to keep there."""
     more, ending = add_to_keep(mission, true.metres), ending_of(file)
-    return spaced(file, more, LIMITS[ending]) if ending in STOPPING else more
+    return space_out(file, more, LIMITS[ending]) if ending in STOPPING else more
 
 
 def _more_to_keep(mission: Mission, true: Accuracy) -> str:

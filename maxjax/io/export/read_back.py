@@ -23,7 +23,7 @@ from jaxtyping import Float64
 
 from maxjax.core.terrain import Terrain
 from maxjax.io.export.endings import ending_of, is_ned
-from maxjax.io.export.read_stops import ReadStops, read_wpml, read_litchi
+from maxjax.io.export.read_stops import ReadStops, read_litchi, read_wpml
 from maxjax.io.geo.earth import Earth, TangentPlane
 
 _TAKE_OFF, _LAND, _WAYPOINT, _RELATIVE = 22, 21, 16, 3  # MAVLink's numbers

@@ -86,7 +86,7 @@ class StopFlight:
     lands: bool
 
 
-def spaced(file: Path, mission: Mission, limits: StopLimits) -> Mission:
+def space_out(file: Path, mission: Mission, limits: StopLimits) -> Mission:
     """The mission without points of its path that stand too near to others, where the line stays the same.
 
     Raises:
