@@ -330,7 +330,7 @@ def test_missing_empty_foreign_and_huge_files(tmp_path: Path) -> None:
         (tmp_path / f"text.{suffix}").write_text("this is not a map\n" * 40)
     cases = {"absent.ply": "cannot be read", "folder.ply": "expected meshes", "huge.ply": "expected at most"}
     cases |= {
-        "map.fbx": "expected a suffix among .npz, .ply, .pcd",
+        "map.what": "expected a suffix among .npz, .ply, .pcd",
         "map": "found none",
         "a\0.ply": "cannot be read",
     }

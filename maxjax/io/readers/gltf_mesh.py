@@ -159,8 +159,10 @@ def _matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
     return matrix
 
 
-def _accessor(document: dict[str, Any], buffers: list[bytes], number: int, kind: str, path: Path) -> np.ndarray:
+def _accessor(document: dict[str, Any], buffers: list[bytes], number: Any, kind: str, path: Path) -> np.ndarray:
     """Rows of an accessor, checked against the bytes that are there."""
+    if not isinstance(number, int) or not 0 <= number < len(document["accessors"]):
+        raise FileError(f"{path}: expected accessors up to {len(document['accessors']) - 1}, found {number!r}; damaged")
     accessor = document["accessors"][number]
     if "sparse" in accessor or "bufferView" not in accessor:
         raise FileError(f"{path}: accessor {number} is sparse or without data, which is not supported")
