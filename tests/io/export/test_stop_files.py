@@ -23,28 +23,12 @@ from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.geo.earth import Earth, Projected, TangentPlane
 from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.planning.mission import Mission
-from maxjax.planning.plan import Plan
-from maxjax.verification.verifier import verify
-from tests.planners import bare_plan
+from tests.io.export.test_as_flown import planned
 
 NAMES = ("a.kmz", "a_litchi.csv")
 KML, WPML = "{http://www.opengis.net/kml/2.2}", "{http://www.dji.com/wpmz/1.0.6}"
 STOPS = "toPointAndStopWithDiscontinuityCurvature"
 GROUND = 1.5
-
-
-def planned(where: maxjax.VoxelMap, path: np.ndarray, radius: float = 1.0) -> Plan:
-    """A plan of a path that was verified."""
-    found = verify(path, where, radius=radius)
-    assert found.ok
-    return bare_plan(
-        where,
-        path,
-        maxjax.Distances(radius, radius),
-        length=found.length,
-        clearance=found.clearance,
-        clearance_at=found.clearance_at,
-    )
 
 
 def empty(x: float = 0.0, y: float = 0.0) -> maxjax.VoxelMap:
