@@ -150,6 +150,12 @@ def open_regular(path: str | os.PathLike[str], most: int = MAX_FILE_BYTES) -> It
             raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def check_regular(path: Path) -> None:
+    """Refuse what a library that opens a file by its name would wait for; raises as `open_regular`."""
+    with open_regular(path):
+        pass
+
+
 @contextlib.contextmanager
 def open_to_append(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A file open for appending, unbuffered; made if it is missing.

@@ -152,7 +152,7 @@ def map_of(
         found = VoxelMap.on(grid, found.occupied, flat)
     within = within_data(contents, grid)
     found, unknown = closing_unknown(found, within, contents, reading.unknown)
-    earth, place = earth_in(known, reading)
+    earth, place = locate(known, reading)
     dropped = dict(known.dropped)
     if counts.get("outside"):
         dropped["outside of the window"] = counts["outside"]
@@ -171,7 +171,7 @@ def map_of(
     return LoadedMap(found.occupied, found.ground, None, grid, file)
 
 
-def earth_in(known: Facts, reading: Reading) -> tuple[Earth | None, list[str]]:
+def locate(known: Facts, reading: Reading) -> tuple[Earth | None, list[str]]:
     """Where a file's map lies, a user's word before the file's, and remarks on what is not plain."""
     zero, remarks = known.zero, list[str]()
     if reading.height_of_zero is not None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from maxjax.core.files import FileError, brief, open_regular
+from maxjax.core.files import FileError, brief, check_regular
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.readers.osm_elements import Element, Elements, check_plain, solids_in
 from maxjax.io.reading import PLAIN, Reading
@@ -26,8 +26,7 @@ def load_pbf(path: Path, reading: Reading = PLAIN) -> Footprints:
             or a unit is given.
     """
     check_plain(reading, path)
-    with open_regular(path):
-        pass  # refuses what is no file, which a library would wait for
+    check_regular(path)
     try:
         import osmium
     except ImportError as error:

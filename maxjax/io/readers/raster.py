@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from maxjax.core.files import FileError, open_regular
+from maxjax.core.files import FileError, check_regular
 from maxjax.io.geo.reference_system import UNITS
 from maxjax.io.geo.units_and_axes import Reference, Stated, reference
 from maxjax.io.kinds.heights import Heights
@@ -45,8 +45,7 @@ def load_raster(path: Path, reading: Reading = PLAIN) -> Heights:
             bands of which none is chosen, or no height, or heights in a unit that nothing states; as `reference`.
     """
     driver = _DRIVERS[path.suffix.lower()]
-    with open_regular(path):
-        pass  # refuses what is no file, which a library would wait for
+    check_regular(path)
     try:
         import rasterio
     except ImportError as error:

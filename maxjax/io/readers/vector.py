@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from maxjax.core.files import FileError, brief, open_regular
+from maxjax.core.files import FileError, brief, check_regular
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.readers.geojson import solids_of_features
 from maxjax.io.reading import PLAIN, Reading
@@ -32,8 +32,7 @@ def load_vector(path: Path, reading: Reading = PLAIN) -> Footprints:
         FileError: if the extra is missing, GDAL does not know the file, it is damaged or too large, its layers have
             several reference systems, or it holds nothing with a height; as `reference`.
     """
-    with open_regular(path):
-        pass  # refuses what is no file, which a library would wait for
+    check_regular(path)
     try:
         import pyogrio
         import shapely  # noqa: F401 (needed below)

@@ -25,8 +25,7 @@ from maxjax.io.geo.earth import Earth, earth_of
 from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.kinds.contents import facts
 from maxjax.io.kinds.point_cloud import FARTHEST
-from maxjax.io.load import earth_in as named_place
-from maxjax.io.load import map_with
+from maxjax.io.load import locate, map_with
 from maxjax.io.places import points_at
 from maxjax.io.reading import PLAIN, Reading
 from maxjax.io.window import MOST_VOXELS as MOST_FOCUSED
@@ -179,7 +178,7 @@ def _in_file(source: Contents, request: Request) -> MapTask:
 
 def earth_in(source: Contents, request: Request) -> Earth | None:
     """Where a file's map lies on Earth, as a request or the file say it; raises as `Request.earth`."""
-    return request.earth(named_place(facts(source), reading_of(request))[0])
+    return request.earth(locate(facts(source), reading_of(request))[0])
 
 
 def city_task(scene: Scene, start: Point3, goal: Point3) -> Task:
