@@ -13,7 +13,6 @@ from collections import Counter
 from typing import Any
 
 from maxjax.core.files import brief
-from maxjax.io.airspace.circles import circle_around
 from maxjax.io.airspace.coordinates import Coordinates
 from maxjax.io.airspace.ed318 import FREE
 from maxjax.io.airspace.zone import (
@@ -24,11 +23,10 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     limit_of,
-    number_of,
     quote,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_circle, zone_of_rings
 
 _COORDINATES = Coordinates(closed=False, split=False)
 
@@ -74,23 +72,11 @@ def _zone(name: str, volume: dict[str, Any], timed: bool) -> Zone:
     shape = volume["horizontalProjection"]
     kind = shape.get("type")
     if kind == "Circle":
-        centre, radius = shape.get("center"), shape.get("radius")
-        return zone_of(
-            name,
-            lambda: [circle_around(_COORDINATES.place(centre), number_of(radius))],
-            lambda: _limits(volume),
-            timed=timed,
-        )
+        circle = shape.get("center"), shape.get("radius")
+        return zone_of_circle(name, _COORDINATES, circle, lambda: _limits(volume), timed=timed)
     if kind != "Polygon":
         return unclear(name, UnclearError(f"expected a Polygon or a Circle, found {brief(repr(kind))}"))
-    rings = [shape.get("coordinates")]
-    return zone_of(
-        name,
-        lambda: _COORDINATES.polygons(rings),
-        lambda: _limits(volume),
-        lambda: _COORDINATES.reach(rings),
-        timed=timed,
-    )
+    return zone_of_rings(name, _COORDINATES, [shape.get("coordinates")], lambda: _limits(volume), timed=timed)
 
 
 def _limits(volume: dict[str, Any]) -> tuple[Limit | None, Limit | None]:

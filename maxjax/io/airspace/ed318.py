@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from maxjax.core.files import brief
-from maxjax.io.airspace.circles import circle_around
 from maxjax.io.airspace.coordinates import Coordinates
 from maxjax.io.airspace.zone import (
     MALFORMED,
@@ -25,11 +24,10 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     limit_of,
-    number_of,
     quote,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_circle, zone_of_rings
 from maxjax.io.geo.earth import geojson_crs
 
 FREE = "NO_RESTRICTION"
@@ -119,23 +117,10 @@ def _zone(
     kept = values.get("inclusion", False)
     timed = bool(values.get("limitedApplicability"))
     if part["type"] == "Point":
-        centre, radius = part["coordinates"], _radius(part, values)
-        return zone_of(
-            name,
-            lambda: [circle_around(coordinates.place(centre), number_of(radius), keep_in=kept)],
-            lambda: _limits(layer),
-            keep_in=kept,
-            timed=timed,
-        )
+        circle = part["coordinates"], _radius(part, values)
+        return zone_of_circle(name, coordinates, circle, lambda: _limits(layer), keep_in=kept, timed=timed)
     rings = polygons_in(part)
-    return zone_of(
-        name,
-        lambda: coordinates.polygons(rings),
-        lambda: _limits(layer),
-        lambda: coordinates.reach(rings),
-        keep_in=kept,
-        timed=timed,
-    )
+    return zone_of_rings(name, coordinates, rings, lambda: _limits(layer), keep_in=kept, timed=timed)
 
 
 def _limits(layer: dict[str, Any]) -> tuple[Limit | None, Limit | None]:

@@ -21,8 +21,8 @@ from maxjax.io.airspace.zone import (
     limit_of,
     quote,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_rings
 from maxjax.io.geo.earth import geojson_crs
 
 _CEILING = "CEILING"
@@ -56,8 +56,7 @@ def read_facility_map(file: ZoneFile) -> Published:
 
 def _cell(name: str, values: dict[str, Any], part: dict[str, Any], coordinates: Coordinates) -> Zone:
     """The part of a cell above its ceiling."""
-    rings = polygons_in(part)
-    return zone_of(name, lambda: coordinates.polygons(rings), lambda: _limits(values), lambda: coordinates.reach(rings))
+    return zone_of_rings(name, coordinates, polygons_in(part), lambda: _limits(values))
 
 
 def _limits(values: dict[str, Any]) -> tuple[Limit, None]:

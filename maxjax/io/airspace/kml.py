@@ -31,8 +31,8 @@ from maxjax.io.airspace.zone import (
     limit_of,
     quote,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_rings
 
 _COORDINATES = Coordinates(closed=False, split=False)
 _MOST_BYTES = 2**26  # of KML in an archive
@@ -119,12 +119,7 @@ def _zone(name: str, shape: Element) -> Zone:
         lines = [_points(_text(ring, "coordinates") or "") for ring in rings]
     except MALFORMED as error:
         return unclear(name, error)
-    return zone_of(
-        name,
-        lambda: _COORDINATES.polygons([lines]),
-        lambda: (None, _upper(shape, lines)),
-        lambda: _COORDINATES.reach(lines),
-    )
+    return zone_of_rings(name, _COORDINATES, [lines], lambda: (None, _upper(shape, lines)))
 
 
 def _upper(shape: Element, lines: list[list[list[str]]]) -> Limit | None:

@@ -28,8 +28,8 @@ from maxjax.io.airspace.zone import (
     limit_of,
     quote,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_rings
 
 _UNITS = {0: "m", 1: "ft", 6: "FL"}
 _DATUMS = {0: "AGL", 1: "AMSL", 2: "STD"}
@@ -78,12 +78,11 @@ def _dict(given: Any) -> dict[str, Any]:
 
 def _zone(name: str, values: dict[str, Any], part: dict[str, Any]) -> Zone:
     """The zone of one geometry of an item."""
-    rings = polygons_in(part)
-    return zone_of(
+    return zone_of_rings(
         name,
-        lambda: _COORDINATES.polygons(rings),
+        _COORDINATES,
+        polygons_in(part),
         lambda: (_limit(values, "lower", "Min"), _limit(values, "upper", "Max")),
-        lambda: _COORDINATES.reach(rings),
         timed=bool(values.get("hoursOfOperation") or values.get("byNotam") or values.get("onRequest")),
     )
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 from maxjax.core.files import brief
-from maxjax.io.airspace.circles import circle_around
 from maxjax.io.airspace.coordinates import Coordinates
 from maxjax.io.airspace.zone import (
     MALFORMED,
@@ -20,10 +19,9 @@ from maxjax.io.airspace.zone import (
     Zone,
     ZoneFile,
     no_limits,
-    number_of,
     unclear,
-    zone_of,
 )
+from maxjax.io.airspace.zone_shapes import zone_of_circle, zone_of_rings
 
 _COORDINATES = Coordinates(latitude_first=True, closed=False, split=False)
 
@@ -58,26 +56,15 @@ def read_plan_fence(file: ZoneFile) -> Published:
 def _polygon(name: str, given: Any) -> Zone:
     try:
         points = [[given["polygon"]]]
-        return zone_of(
-            name,
-            lambda: _COORDINATES.polygons(points),
-            no_limits,
-            lambda: _COORDINATES.reach(points),
-            keep_in=_inclusion(given),
-        )
+        return zone_of_rings(name, _COORDINATES, points, no_limits, keep_in=_inclusion(given))
     except MALFORMED as error:
         return unclear(name, error)
 
 
 def _circle(name: str, given: Any) -> Zone:
     try:
-        kept, centre, radius = _inclusion(given), given["circle"]["center"], given["circle"]["radius"]
-        return zone_of(
-            name,
-            lambda: [circle_around(_COORDINATES.place(centre), number_of(radius), keep_in=kept)],
-            no_limits,
-            keep_in=kept,
-        )
+        kept, circle = _inclusion(given), (given["circle"]["center"], given["circle"]["radius"])
+        return zone_of_circle(name, _COORDINATES, circle, no_limits, keep_in=kept)
     except MALFORMED as error:
         return unclear(name, error)
 
