@@ -78,7 +78,7 @@ class Reading:
         object.__setattr__(self, "ends", ends)
         if self.offset is not None and not all(map(math.isfinite, self.offset)):
             raise ValueError(f"offset: expected three finite numbers, given {self.offset}")
-        if self.crs is not None and self.crs.strip().upper() != GEOCENTRIC:
+        if self.crs is not None and not self.is_geocentric:
             reference_system(self.crs)
         for unit in (self.unit, self.vertical_unit):
             if unit is not None:
@@ -93,6 +93,11 @@ class Reading:
         wrong = [number for number in self.drop_classes if not 0 <= number <= 255]
         if wrong:
             raise ValueError(f"drop_classes: expected numbers from 0 to 255, given {wrong[0]}")
+
+    @property
+    def is_geocentric(self) -> bool:
+        """Whether coordinates are Earth-centred (EPSG:4978)."""
+        return self.crs is not None and self.crs.strip().upper() == GEOCENTRIC
 
 
 PLAIN = Reading()

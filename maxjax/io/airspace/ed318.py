@@ -23,6 +23,7 @@ from maxjax.io.airspace.zone import (
     UnclearError,
     Zone,
     ZoneFile,
+    inclusion_of,
     limit_of,
     quote,
     unclear,
@@ -64,12 +65,7 @@ def read_ed318(file: ZoneFile) -> Published:
                 left_out[f"zones that restrict nothing ({FREE})"] += 1
                 continue
             name = quote(values.get("name"), values.get("identifier"), feature.get("id"), number)
-            kept = values.get("inclusion", False)
-            if not isinstance(kept, bool):
-                zones.append(
-                    unclear(name, UnclearError(f"expected inclusion true or false, found {brief(repr(kept))}"))
-                )
-                continue
+            inclusion_of(values.get("inclusion", False))
             for part, layer in parts_of(feature.get("geometry"), values):
                 if part["type"] in _THIN or (part["type"] == "Point" and _radius(part, values) is None):
                     left_out[f"{part['type']} features, which have no area"] += 1

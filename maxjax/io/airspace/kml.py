@@ -13,7 +13,6 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-import zlib
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from maxjax.io.airspace.zone import (
     unclear,
 )
 from maxjax.io.airspace.zone_shapes import zone_of_rings
+from maxjax.io.archives import DAMAGED_ZIP
 
 _COORDINATES = Coordinates(closed=False, split=False)
 _MOST_BYTES = 2**26  # of KML in an archive
@@ -83,7 +83,7 @@ def read_kmz(file: ZoneFile) -> Published:
                 found = read_kml(ZoneFile(file.path, content, None))
                 zones += found.zones
                 left_out.update(found.left_out)
-    except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, NotImplementedError, EOFError) as error:
+    except DAMAGED_ZIP as error:
         raise FileError(f"{file.path}: expected an intact ZIP archive (KMZ): {brief(error)}") from error
     return Published(tuple(zones), left_out)
 

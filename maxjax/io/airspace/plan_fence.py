@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from maxjax.core.files import brief
 from maxjax.io.airspace.coordinates import Coordinates
 from maxjax.io.airspace.zone import (
     MALFORMED,
@@ -18,6 +17,7 @@ from maxjax.io.airspace.zone import (
     UnclearError,
     Zone,
     ZoneFile,
+    inclusion_of,
     no_limits,
     unclear,
 )
@@ -56,22 +56,14 @@ def read_plan_fence(file: ZoneFile) -> Published:
 def _polygon(name: str, given: Any) -> Zone:
     try:
         points = [[given["polygon"]]]
-        return zone_of_rings(name, _COORDINATES, points, no_limits, keep_in=_inclusion(given))
+        return zone_of_rings(name, _COORDINATES, points, no_limits, keep_in=inclusion_of(given.get("inclusion")))
     except MALFORMED as error:
         return unclear(name, error)
 
 
 def _circle(name: str, given: Any) -> Zone:
     try:
-        kept, circle = _inclusion(given), (given["circle"]["center"], given["circle"]["radius"])
+        kept, circle = inclusion_of(given.get("inclusion")), (given["circle"]["center"], given["circle"]["radius"])
         return zone_of_circle(name, _COORDINATES, circle, no_limits, keep_in=kept)
     except MALFORMED as error:
         return unclear(name, error)
-
-
-def _inclusion(given: Any) -> bool:
-    """Whether to stay inside; raises an `UnclearError` where the fence does not say it."""
-    kept = given.get("inclusion")
-    if not isinstance(kept, bool):
-        raise UnclearError(f"expected inclusion true or false, found {brief(repr(kept))}")
-    return kept

@@ -195,6 +195,13 @@ def number_of(value: Any) -> float:
         return math.nan
 
 
+def inclusion_of(given: Any) -> bool:
+    """Whether one has to stay inside a zone; raises an `UnclearError` where what a file says is neither yes nor no."""
+    if not isinstance(given, bool):
+        raise UnclearError(f"expected inclusion true or false, found {brief(repr(given))}")
+    return given
+
+
 def check_order(lower: Limit | None, upper: Limit | None) -> None:
     """Raise an `UnclearError` for limits that leave nothing between them, as far as that can be known."""
     if upper is None:

@@ -51,7 +51,7 @@ def bring_upright(
         points = points.astype(np.float64) @ _TURNS[up].T
     if reading.offset is not None:
         points = points.astype(np.float64) + np.array(reading.offset)
-    if reading.crs is None or reading.crs.strip().upper() != GEOCENTRIC:
+    if not reading.is_geocentric:
         return points, reading
     import pyproj
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from maxjax.core.files import MAX_FILE_BYTES, FileError
+from maxjax.io.archives import DAMAGED_ZIP
 from maxjax.io.kinds.mesh import MAX_FACES, Mesh, merge_meshes
 from maxjax.io.readers.gltf_mesh import load_gltf
 from maxjax.io.readers.mitsuba import is_scene, load_mitsuba
@@ -87,7 +88,7 @@ def load_zip(path: Path, reading: Reading = PLAIN) -> Mesh:
                 raise FileError(f"{path}: {str(error).replace(scratch, path.name)}") from error
     except FileError:
         raise
-    except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
+    except (*DAMAGED_ZIP, ValueError) as error:
         raise FileError(f"{path}: expected an intact ZIP archive: {error}") from error
     left = _others([m.filename for m in members if Path(m.filename).suffix.lower() not in (*MESHES, ".xml")])
     return dataclasses.replace(found, source=path.name, dropped={**found.dropped, **left})
