@@ -148,3 +148,13 @@ def test_no_plan_leads_through_an_obstacle_wherever_it_may_stand(tmp_path: Path)
                          distances=maxjax.Distances(margin=4.0))  # fmt: skip
     assert around.status == Status.OK
     assert np.hypot(around.path[:, 0], around.path[:, 1]).min() >= 5.0 + 50 * FOOT
+
+
+def test_heights_of_obstacles_count_from_sea_level(tmp_path: Path) -> None:
+    """A ground at 200 ft above the sea is z = 61 m of a map whose zero is the sea."""
+    city = maxjax.load_map(written(tmp_path, line(*FIRST)), bounds=(-50.0, -50.0, 50.0, 50.0, 50.0, 200.0))
+    assert city.earth is not None
+    assert city.earth.zero.above_sea == 0.0
+    found = read_map(written(tmp_path, line(*FIRST)))
+    assert isinstance(found, Footprints)
+    assert found.buildings[0].base == pytest.approx(200 * FOOT)

@@ -21,6 +21,7 @@ import numpy as np
 from maxjax.core.files import FileError, open_regular, read_text
 from maxjax.io.geo.degrees import side_by_side
 from maxjax.io.geo.units_and_axes import Stated, reference
+from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.kinds.footprints import Footprint, Footprints, check_footprints
 from maxjax.io.reading import PLAIN, Reading
 
@@ -111,6 +112,7 @@ def load_obstacles(path: Path, reading: Reading = PLAIN) -> Footprints:
     prisms = tuple(_prism(one, centre) for one, centre in zip(found, how.plane(places), strict=True))
     none = np.zeros((0, 3, 3))
     read = Counter(one.kind or "obstacles" for one in found)
+    how = dataclasses.replace(how, zero=VerticalZero(0.0, "AMSL of the file"))
     whole = Footprints(
         prisms, none, path.name, read=read, dropped=dropped, reference=how, remarks=tuple(_remarks(found))
     )
