@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -29,10 +29,9 @@ Count = Annotated[int | None, optional(metavar="N")]
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 _Unit = Annotated[str | None, optional(metavar="UNIT")]
 
-if TYPE_CHECKING:
-    PlannerName = str
-else:  # the choices of the registry; solver is another word for field
-    PlannerName = Literal[(*METHODS, *ALIASES)]
+# The registry, with solver as another word for field, or an import path.
+_METHOD = "{" + ",".join((*METHODS, *ALIASES)) + "}|MODULE:CLASS"
+PlannerName = Annotated[str, tyro.conf.arg(metavar=_METHOD)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -94,7 +93,8 @@ class RouteOptions:
             height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; home: latitude,
             longitude and height above the ground beneath the start; amsl: those and height above sea level.
         method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
-            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field).
+            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field). A
+            planner of your own: its import path (docs/own_planner.md).
         radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
         margin: Distance where obstacles cost nothing [m].
         price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;

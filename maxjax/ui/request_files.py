@@ -33,6 +33,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from maxjax.core.files import read_bytes, read_text
 from maxjax.planning.mission import Waypoint
+from maxjax.ui.methods import ALIASES, METHODS, is_import_path
 from maxjax.ui.option_groups import Point3
 from maxjax.ui.plan_waypoints import plan_keys
 from maxjax.ui.request import Request
@@ -188,6 +189,9 @@ def value_of(key: str, given: Any) -> Any:
         raise ValueError(f"{key}: expected one of {', '.join(sorted(KEYS))}, or [[waypoint]]")
     hint = KEYS[key]
     parts = get_args(hint)
+    if key == "method":
+        names = (*METHODS, *ALIASES)
+        return _checked(key, given, lambda name: name in names or is_import_path(name), "one of " + ", ".join(names))
     if get_origin(hint) is Literal:
         return _checked(key, given, lambda value: value in parts, "one of " + ", ".join(parts))
     if get_origin(hint) is tuple and parts[-1] is Ellipsis:

@@ -103,7 +103,9 @@ def add_controls(gui: GuiApi, city: City, request: Request, *, on_earth: bool, d
         parts["above"] = gui.add_slider("Above what is clicked [m]", 2.0, 60.0, 1.0, 10.0)
         parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(request.stops) < 3)
     with gui.add_folder("How"):
-        parts["method"] = gui.add_dropdown("Method", tuple(METHODS), initial_value=request.method)
+        parts["method"] = gui.add_dropdown(
+            "Method", tuple(dict.fromkeys((*METHODS, request.method))), initial_value=request.method
+        )
         for name, given in (("radius", request.radius), ("margin", request.margin)):
             parts[name] = gui.add_slider(f"{name.capitalize()} [m]", 0.0, max(_MOST, given), step, given)
         parts["keep"] = gui.add_checkbox("Keep an altitude band", request.altitudes != (None, None))
