@@ -7,16 +7,11 @@ The static plan, made once a second, says where the way leads; ten times a secon
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int32
 
-from maxjax.core.grid import Index3
-from maxjax.planning.windows.windowed_route import corner_around, cut_box
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Extension, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import (
@@ -32,17 +27,14 @@ from maxjax.sim.movers.among import (
     raise_flags,
 )
 from maxjax.sim.movers.choice import Around, Chooser, Commitment, Keeping, choose_motion
-from maxjax.sim.movers.hard_set import HardSet, hard_set
-from maxjax.sim.movers.local_value import Crowding, LocalValue, crowding, local_value
+from maxjax.sim.movers.hard_set import HardSet
+from maxjax.sim.movers.local_value import Crowding, LocalValue
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, later
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, reachable
+from maxjax.sim.movers.surroundings import Knowledge, obstacles_around, way_around
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.trajectories.online import Setpoint, profile, straight_course
 
-# Cost of a metre beside the static way, in metres of it.
-_ASIDE = 1.5
-# Time that it takes to confirm a mover [s]: two looks, and the time of a scan.
-_CONFIRMING = 0.3
 # Evidence that a map among movers loses by a scan that sees a voxel free: two scans clear what is gone.
 _FORGETS = 3
 
@@ -159,89 +151,29 @@ def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[A
 
 
 def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> tuple[HardSet, Bool[Array, ""]]:
-    """The map as far as motions lead, with what the last scan met; and whether that is new, and near.
-
-    The map learns of a scan once a second. Until then, and until it is confirmed as a mover, what was met is blocked.
-    """
-    how, rolling_map = config.extension(Avoidance), flight.rolling_map
-    furthest = how.choice.speed * how.choice.horizon
-    half = math.ceil(furthest / config.spacing) + 1
-    shape = (2 * half + 1,) * 3
-    corner = corner_around((place - mapping.origin(rolling_map)) / config.spacing, half)
-    blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
-    origin = mapping.origin(rolling_map) + config.spacing * corner
-    blocked, seen = cut_box(blocked, corner, shape, beyond=True), cut_box(mapping.seen(rolling_map), corner, shape)
-    if how.perception is None:  # each scan is fused at once
-        return hard_set(blocked, seen, origin, config.spacing), jnp.array(False)
-    met = _met(flight, config, origin, shape)
-    # Air that was free, with nothing beside it that the map knows.
-    beside = lax.reduce_window(blocked, False, lax.bitwise_or, (3, 3, 3), (1, 1, 1), "SAME")
-    centres = jnp.stack(jnp.meshgrid(*(jnp.arange(n) - n // 2 for n in shape), indexing="ij"), -1)
-    near = config.spacing * jnp.max(jnp.abs(centres), axis=-1) < how.keeping.radius + _CONFIRMING * how.bounds.speed
-    return hard_set(blocked | met, seen, origin, config.spacing), jnp.any(met & seen & ~beside & near)
-
-
-def _met(flight: Flight, config: FlightConfig, origin: Float[Array, "3"], shape: Index3) -> Bool[Array, "bx by bz"]:
-    """Voxels of a box in which the last scan met something, but movers."""
-    still = flight.scan.hit & ~flight.part(Among).seen.returns
-    points = jnp.where(still[:, None], flight.scan.points, jnp.inf)
-    index = jnp.floor((points - origin) / config.spacing + 0.5)
-    inside = jnp.all((index >= 0) & (index < np.asarray(shape)), axis=1)
-    voxel = jnp.where(inside[:, None], index, -1.0).astype(jnp.int32)
-    flat = (voxel[:, 0] * shape[1] + voxel[:, 1]) * shape[2] + voxel[:, 2]
-    size = math.prod(shape)
-    met = jnp.zeros(size, bool).at[jnp.where(inside, flat, size)].set(True, mode="drop")
-    return met.reshape(shape)
+    """`sim.movers.surroundings.obstacles_around` of a flight."""
+    return obstacles_around(knowledge_of(flight, config), place, config.extension(Avoidance))
 
 
 def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
-    """Cost-to-go around a place, dearer near those who move: where the window ends, along the static way."""
-    how, rolling_map = config.extension(Avoidance), flight.rolling_map
-    cells, size, spacing = how.crowd.shape, how.crowd.cell, how.crowd.cell * config.spacing
-    base = mapping.origin(rolling_map)
-    corner = jnp.floor((place - base) / config.spacing + 0.5).astype(jnp.int32)
-    corner -= jnp.asarray([size * (n // 2) + size // 2 for n in cells])
-    blocked = mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map)
-    blocked = cut_box(blocked, corner, (size * cells[0], size * cells[1], size * cells[2]), beyond=size == 1)
-    # A large cell is dear where some of it is blocked, and closed where most is.
-    share = jnp.mean(blocked.reshape(cells[0], size, cells[1], size, cells[2], size), axis=(1, 3, 5))
-    origin = base + config.spacing * (corner + 0.5 * (size - 1))
-    centres = origin + spacing * jnp.stack(jnp.meshgrid(*map(jnp.arange, cells), indexing="ij"), -1).reshape(-1, 3)
-    free = (share <= 0.5) & _within(centres, how).reshape(cells)
+    """`sim.movers.surroundings.way_around` of a flight."""
+    return way_around(knowledge_of(flight, config), place, tracks, config.extension(Avoidance))
 
-    every = max(round(spacing / 2 / config.sampling.spacing), 1)
-    course = jax.tree.map(lambda x: x[::every], flight.reference.course)
-    points, s = course.points, flight.reference.course.arclength[-1] - course.arclength
-    ends = jnp.min(s + _ASIDE * jnp.linalg.norm(centres[:, None] - points, axis=-1), axis=1).reshape(cells)
-    inner = jnp.zeros(cells, bool).at[1:-1, 1:-1, 1:-1].set(True)
-    # The end of the way: where it lies in the window, a way may end.
-    close = (jnp.linalg.norm(centres - flight.reference.course.points[-1], axis=1) < spacing).reshape(cells)
-    ends = jnp.where(inner & ~close, jnp.inf, ends)
-    price = crowding(centres, place, how.choice.speed, tracks, clearance_to_movers(tracks, how), how.crowd).reshape(
-        cells
+
+def knowledge_of(flight: Flight, config: FlightConfig) -> Knowledge:
+    """What a flight knows of what stands still, and its way; where nobody looks each scan is fused at once."""
+    rolling_map, course, returns = flight.rolling_map, flight.reference.course, None
+    if config.extension(Avoidance).perception is not None:
+        still = flight.scan.hit & ~flight.part(Among).seen.returns
+        returns = jnp.where(still[:, None], flight.scan.points, jnp.inf)
+    return Knowledge(
+        rolling_map=rolling_map,
+        blocked=mapping.occupied_voxels(rolling_map) | mapping.ground(rolling_map),
+        returns=returns,
+        way=course.points,
+        left=course.arclength[-1] - course.arclength,
+        spacing=config.sampling.spacing,
     )
-    # Beside a wall there is hardly room, and none at its corners.
-    beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
-    walls = how.crowd.wall * share + how.crowd.beside * beside
-    return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, how.crowd.sweeps)
-
-
-def clearance_to_movers(tracks: Tracks, how: Avoidance) -> Float[Array, " s"]:
-    """How far motions keep, over their horizon, from where each mover is likely to be [m]; from no confirmed one: 0."""
-    horizon = how.choice.horizon
-    least, greatest = reachable(tracks, jnp.array([horizon]), how.bounds)
-    likely = tracks.place + horizon * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
-    further = jnp.maximum(greatest[0] - tracks.half - likely, likely - least[0] - tracks.half)
-    distance = how.keeping.radius + jnp.maximum(jnp.max(further, axis=1), 0.0)
-    return jnp.where(tracks.used & tracks.confirmed, distance, 0.0)
-
-
-def _within(points: Float[Array, "n 3"], how: Avoidance) -> Bool[Array, " n"]:
-    """Whether points lie in the air that may be flown in."""
-    if how.within is None:
-        return jnp.ones(len(points), bool)
-    low, high = (jnp.asarray(x, points.dtype) for x in how.within)
-    return jnp.all((points >= low) & (points <= high), axis=1)
 
 
 def straight_way(world: World, flight: Flight, config: FlightConfig) -> Flight:
