@@ -108,7 +108,7 @@ def process_scan(
     known = jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(rotation))
     scan = dataclasses.replace(scan, distance=jnp.where(known, scan.distance, jnp.inf))
     position, rotation = jnp.where(known, position, 0.0), jnp.where(known, rotation, jnp.eye(3))
-    returned = scan.distance < jnp.inf
+    returned = (scan.distance > 0.0) & (scan.distance < jnp.inf)
     rays = directions(sight.lidar)
     own = jnp.where(returned, scan.distance, 0.0)[:, None] * rays
     points = position + rotate(rotation, own)

@@ -6,7 +6,8 @@
 A lost beam measures nothing: it may have met no surface, or dropped out. It counts as clear up to the lidar's range
 only in columns where other beams returned; over a city the lower ones always meet the ground. A column without returns
 carries no information and is clear nowhere: neither is an empty scan or a dead sector. A sensor that reports misses
-(`Lidar.reports_misses`) is clear where it reports them. Columns outside the field of view say nothing.
+(`Lidar.reports_misses`) is clear where it reports them. Columns outside the field of view say nothing. A beam of
+distance 0 met the vehicle that carries the sensor: it is clear nowhere, and no return of its column.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def informative(scan: Scan, lidar: Lidar) -> Bool[Array, " columns"]:
     viewed = within_width(lidar)
     if lidar.reports_misses:
         return jnp.asarray(viewed)
-    returns = jnp.sum(_returned(scan, lidar), axis=0)
+    returns = jnp.sum(_returned(scan, lidar) & (scan.distance > 0.0).reshape(lidar.channels, -1), axis=0)
     around: Array = returns + jnp.roll(returns, 1) + jnp.roll(returns, -1)
     return jnp.asarray(viewed) & (around >= _FEWEST_RETURNS)
 
