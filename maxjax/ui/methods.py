@@ -11,6 +11,7 @@ module:Class   one of one's own by its import path, or `module:value`
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import os
 import re
@@ -97,6 +98,7 @@ def planner_named(name: Any) -> Planner:
     return own_planner(method) if is_import_path(method.name) else method.planner()
 
 
+@functools.cache  # one value, as programs are compiled for a planner
 def own_planner(method: Method) -> Planner:
     """The planner that an import path leads to; a class is called without arguments.
 

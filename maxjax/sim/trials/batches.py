@@ -29,14 +29,14 @@ from maxjax.compile.threads import concurrently, interruptible
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
 from maxjax.sim.trials.batch_size import first_size, halve, round_up
 from maxjax.sim.trials.campaign import Campaign, outcome_of
+from maxjax.sim.trials.cities import Place, trials_in
+from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome, Table, on_host
 from maxjax.sim.trials.trial_movers import movers_key
-from maxjax.sim.trials.trials import draw_many
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers
-from maxjax.sim.worlds.populations import Population, place_movers, population
-from maxjax.sim.worlds.scenes import make_scene
+from maxjax.sim.worlds.populations import Population, place_movers
 from maxjax.sim.worlds.solid_distance import distance
 
 
@@ -164,8 +164,10 @@ def fly_batch(
             f"given {len(rows)} rows, size {size}"
         )
     filled = np.asarray([*rows, *[rows[-1]] * (size - len(rows))])
-    cities, places = np.unique(drawn["city"][filled], return_inverse=True)
-    each = [_city(campaign.map, int(city)) for city in cities]
+    # Trials of one simulated city share its solids; in a given one, each has those around its own way.
+    own = filled if isinstance(campaign.map, GivenCity) else drawn["city"][filled]
+    _, first, places = np.unique(own, return_index=True, return_inverse=True)
+    each = [place_of(campaign, drawn, int(row)).solids for row in filled[first]]
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
     movers = None if campaign.movers is None else _movers(campaign, campaign.movers, drawn, filled)
@@ -205,10 +207,8 @@ def _movers(campaign: Campaign, how: Population, drawn: Table, rows: Sequence[in
 
 def _movers_of(campaign: Campaign, how: Population, drawn: Table, row: int) -> Movers:
     """The movers of one trial."""
-    geoms = _city(campaign.map, int(drawn["city"][row]))
     key = movers_key(campaign.map, campaign.seed, campaign.trials[row])
-    start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
-    return population(geoms, start, goal, key, how=how)
+    return place_of(campaign, drawn, row).movers(how, key)
 
 
 # Geoms, start, goal and key of each flight.
@@ -275,14 +275,14 @@ def _one_by_one(
     return stacked
 
 
-@functools.lru_cache(maxsize=256)
-def _city(name: str, seed: int) -> Geoms:
-    return make_scene(name, seed).geoms
-
-
 def draw_trials(campaign: Campaign) -> Table:
     """The trials of a campaign, in order."""
-    return on_host(draw_many(campaign.map, campaign.seed, campaign.trials))
+    return on_host(trials_in(campaign.map, campaign.seed, campaign.trials))
+
+
+def place_of(campaign: Campaign, drawn: Table, row: int) -> Place:
+    """Where one trial is flown."""
+    return Place(campaign.map, int(drawn["city"][row]), drawn["start"][row], drawn["goal"][row])
 
 
 def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
@@ -290,5 +290,5 @@ def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
     key = jax.random.fold_in(campaign.key, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
     movers = None if campaign.movers is None else _movers_of(campaign, campaign.movers, drawn, row)
-    geoms = _city(campaign.map, int(drawn["city"][row]))
+    geoms = place_of(campaign, drawn, row).solids
     return World(geoms, start, goal, key, campaign.flight.disturbances, movers)

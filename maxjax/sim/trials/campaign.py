@@ -2,6 +2,8 @@
 
     campaign = (map, seed, trials, config)          outcome of trial i = f(map, seed, i, config)
 
+The map is a simulated one by name, or a given city (`sim.trials.cities`).
+
 The key of a trial's flight is folded from map, seed and index, so that its outcome depends on no other trial.
 """
 
@@ -28,6 +30,8 @@ from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.lidar_perception import LidarPerception
 from maxjax.sim.movers.reachable_sets import Bounds
 from maxjax.sim.movers.tracking_settings import TrackingSettings
+from maxjax.sim.trials.cities import Where, name_of, stream_of
+from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import INVALID_DRAW, Outcome, Table
 from maxjax.sim.vehicle.disturbances import Disturbances, scan_error
@@ -52,8 +56,8 @@ class Campaign:
     """A campaign: city, trials, and how to fly them.
 
     Attributes:
-        map: one of `MAPS`.
-        seed: of the first city.
+        map: one of `MAPS`, or a city of one's own.
+        seed: of the first city; in a given one of the draws alone.
         trials: their indices.
         config: how to fly, with the planner; its disturbances are numbers.
         movers: in every city, by a key of their own; None: there are none.
@@ -63,7 +67,7 @@ class Campaign:
         ValueError: for what cannot be flown.
     """
 
-    map: str
+    map: Where
     seed: int = 0
     trials: range = range(1)
     config: FlightConfig = dataclasses.field(kw_only=True)
@@ -71,8 +75,10 @@ class Campaign:
     command: Command | None = dataclasses.field(default=None, kw_only=True, compare=False)
 
     def __post_init__(self) -> None:
-        if self.map not in MAPS:
-            raise ValueError(f"map: expected one of {', '.join(MAPS)}, given {self.map!r}")
+        if not isinstance(self.map, GivenCity) and self.map not in MAPS:
+            raise ValueError(
+                f"map: expected one of {', '.join(MAPS)}, given {self.map!r}; a city of your own is given by its file"
+            )
         if len(self.trials) < 1 or self.trials.step != 1 or self.trials.start < 0:
             raise ValueError(f"trials: expected at least one, from 0 on, given {self.trials}")
         if not 0 <= self.seed < 2**31:
@@ -83,6 +89,11 @@ class Campaign:
                 raise ValueError(f"{name}: expected a number from 0 to {most:g}, given {value:g}")
         if not (math.isfinite(self.config.reactive) and self.config.reactive >= 0):
             raise ValueError(f"reactive: expected a number of at least 0, given {self.config.reactive:g}")
+
+    @property
+    def name(self) -> str:
+        """Name of the map, or of the file of a given city."""
+        return name_of(self.map)
 
     @property
     def strengths(self) -> dict[str, float]:
@@ -106,14 +117,16 @@ class Campaign:
     @property
     def key(self) -> PRNGKeyArray:
         """Key that the keys of all its flights are folded from."""
-        return named_key(jax.random.key(self.seed), f"flights {self.map}")
+        return named_key(jax.random.key(self.seed), f"flights {stream_of(self.map)}")
 
     def configuration(self) -> dict[str, Any]:
         """All that the outcomes depend on, as JSON holds it.
 
         What earlier versions did not know is left out where it is as it was then: their campaigns can be resumed.
         """
-        own = {"map": self.map, "seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
+        own: dict[str, Any] = {"map": self.name}
+        own |= {"city": dict(self.map.identity)} if isinstance(self.map, GivenCity) else {}
+        own |= {"seed": self.seed, "first": self.trials.start, "trials": len(self.trials)}
         config = self.flight
         # `moving` was a setting of its own, in the place of the extensions.
         names = {"extensions": "moving"}

@@ -1,11 +1,12 @@
-"""`maxjax fly`: trials of the closed loop in a simulated city, their table, and pictures of them.
+"""`maxjax fly`: trials of the closed loop in a simulated city or in a file's, their table, and pictures of them.
 
-With ends given it flies a trajectory in a given map: `ui.cli.track_command`.
+With ends given, and no movers, it flies a trajectory in a given map: `ui.cli.track_command`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import shlex
 import sys
 from collections.abc import Sequence
@@ -14,38 +15,47 @@ from typing import Any
 
 from maxjax.core.files import atomic_write
 from maxjax.core.provenance import device, versions
+from maxjax.core.status import Status
 from maxjax.sim.loop.flight import Flight, FlightConfig
 from maxjax.sim.trials.batches import fly_trials
 from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.cities import Where
+from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome, summarise
 from maxjax.sim.trials.processes import own_shard
 from maxjax.sim.trials.replay import replay
 from maxjax.sim.trials.shards import Shard, merge
 from maxjax.sim.vehicle.disturbances import Disturbances
+from maxjax.sim.worlds.layouts import MAPS
 from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli import fleet_command as fleets
 from maxjax.ui.cli import report
 from maxjax.ui.cli import track_command as tracking
+from maxjax.ui.cli.flown_map import is_file, where_of, words_of
 from maxjax.ui.cli.options import FlyOptions
 from maxjax.ui.cli.progress import progress, tally
-from maxjax.ui.methods import planner_named
+from maxjax.ui.cli.trial_rows import trial_rows
+from maxjax.ui.methods import is_import_path, planner_named
 
 
 def run_fly(options: FlyOptions) -> int:
-    """Fly, show and write. Returns 0, as failed trials are a result; with given ends, `track_command.fly_given`.
+    """Fly, show and write. Returns 0, as failed trials are a result; with given ends and no movers, `fly_given`.
 
-    Where shares are merged and trials are missing: 1.
+    Where shares are merged and trials are missing, or a flight between given ends does not arrive: 1.
 
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
     if options.map.lower().endswith(".toml"):
         return tracking.fly_mission(options)
-    if options.start is not None or options.goal is not None:
+    given = options.start is not None or options.goal is not None
+    if given and (options.movers is None or not is_file(options.map)):
         return tracking.fly_given(options)
-    tracking.refuse(options, tracking.GIVEN, "needs --start and --goal, and a map to fly in")
     if options.fleet is not None:
+        if is_file(options.map):
+            raise ValueError(f"--fleet: flies in {', '.join(MAPS)}, given the file {options.map}")
+        where_of(options)
         return fleets.fly_together(options.fleet, options, *flight_of(options))
     tracking.refuse(options, ("delay",), "needs --fleet")
     whole = _folder_of_shares(options)
@@ -58,11 +68,19 @@ def run_fly(options: FlyOptions) -> int:
     if whole is None:
         report.check_output(options.out)
         outcomes, flights = _fly(campaign, options, options.out)
-        return _tell(campaign, options, options.out, outcomes, flights)
+        code = _tell(campaign, options, options.out, outcomes, flights)
+        return _ended(outcomes[0]) if given else code
     if options.shard is not None:
         share, folder, outcomes = _fly_share(campaign, options, Shard.of(options.shard), whole)
         return _tell(share, options, folder, outcomes) if outcomes else 0
     return _merge(campaign, options, whole)
+
+
+def _ended(outcome: Outcome) -> int:
+    """Exit code of a flight between given ends; what became of one that did not arrive goes to stderr."""
+    if not outcome.arrived:
+        report.complain(f"{outcome.status}: {Status[outcome.status].advice}")
+    return 0 if outcome.arrived else 1
 
 
 def _folder_of_shares(options: FlyOptions) -> Path | None:
@@ -153,8 +171,8 @@ def _tell(
     if options.json:
         sys.stdout.write(report.dumps(content))
         return 0
-    title = f"{campaign.map}, seed {campaign.seed}, method {campaign.config.planner.name}"
-    report.show(report.table(title, {"": _rows(content, outcomes)}))
+    title = f"{campaign.name}, seed {campaign.seed}, method {campaign.config.planner.name}"
+    report.show(report.table(title, {"": trial_rows(content, outcomes)}))
     for failure in content["failures"]:
         print(f"trial {failure['index']}: {failure['status']}; again: {failure['command']}")
     if files:
@@ -162,11 +180,15 @@ def _tell(
     return 0
 
 
-def campaign_of(options: FlyOptions) -> Campaign:
+def campaign_of(options: FlyOptions, where: Where | None = None) -> Campaign:
     """The campaign that options describe.
 
+    Args:
+        options: of `fly`.
+        where: it is flown, if that is at hand; None: it is read.
+
     Raises:
-        ValueError: for what cannot be flown.
+        ValueError, OSError, ImportError: for what cannot be flown.
     """
     trials, trial, batch = options.trials, options.trial, options.batch
     if trials is not None and trial is not None:
@@ -180,7 +202,9 @@ def campaign_of(options: FlyOptions) -> Campaign:
     first, count = (trial, 1) if trial is not None else (0, trials or 1)
     config, movers = flight_of(options)
     trials_flown = range(first, first + count)
-    return Campaign(options.map, options.seed, trials_flown, config=config, movers=movers, command=command_of)
+    command = functools.partial(command_of, options=options)
+    where = where_of(options) if where is None else where
+    return Campaign(where, options.seed, trials_flown, config=config, movers=movers, command=command)
 
 
 def flight_of(options: FlyOptions) -> tuple[FlightConfig, Population | None]:
@@ -220,14 +244,24 @@ _OPTIONS = {
 NO_COMMAND = "# flown from Python: no command line flies it again, which cannot give its"
 
 
-def command_of(campaign: Campaign, trial: int) -> str:
-    """The command line that flies one trial of a campaign again, by itself; a remark where none does."""
-    if differing := _beyond_options(campaign):
+def command_of(campaign: Campaign, trial: int, options: FlyOptions | None = None) -> str:
+    """The command line that flies one trial of a campaign again, by itself; a remark where none does.
+
+    Args:
+        campaign: that it is of.
+        trial: its index.
+        options: that the campaign was asked for with; None: it was made in Python.
+    """
+    if differing := _beyond_options(campaign, options):
         return f"{NO_COMMAND} {', '.join(differing)}"
-    words = ["maxjax", "fly", campaign.map, "--seed", str(campaign.seed), "--trial", str(trial)]
+    where = campaign.map
+    words = ["maxjax", "fly", *([where] if isinstance(where, str) or options is None else words_of(options))]
+    words += ["--seed", str(campaign.seed)]
+    if isinstance(where, str) or where.ends is None:
+        words += ["--trial", str(trial)]
     config, strengths = campaign.config, campaign.strengths
     if config.planner.name != "field":
-        words += ["--method", config.planner.name]
+        words += ["--method", _method_of(campaign, options)]
     for name, option in _OPTIONS.items():
         if strengths[name]:
             words += [option, f"{strengths[name]:.12g}"]
@@ -238,11 +272,19 @@ def command_of(campaign: Campaign, trial: int) -> str:
     return shlex.join(words)
 
 
-def _beyond_options(campaign: Campaign) -> list[str]:
+def _method_of(campaign: Campaign, options: FlyOptions | None) -> str:
+    """What --method is for the planner of a campaign: its name, or the import path of one's own."""
+    own = options is not None and is_import_path(options.method)
+    return options.method if own and options is not None else campaign.config.planner.name
+
+
+def _beyond_options(campaign: Campaign, options: FlyOptions | None) -> list[str]:
     """Settings of a campaign's flights that no option of the command line gives."""
     config = campaign.config
+    if options is None and isinstance(campaign.map, GivenCity):
+        return ["map"]
     try:
-        planner = planner_named(config.planner.name)
+        planner = planner_named(_method_of(campaign, options))
     except ValueError:
         return ["planner"]
     told = FlightConfig(config.disturbances, planner=planner, snapshot=config.snapshot, reactive=config.reactive)
@@ -269,46 +311,6 @@ def _fly(campaign: Campaign, options: FlyOptions, out: Path | None) -> tuple[lis
 def _new(outcomes: Sequence[Outcome], before: Ledger) -> bool:
     """Whether outcomes are of this run, not read from the folder."""
     return any(outcome.trial not in before.outcomes for outcome in outcomes)
-
-
-def _rows(content: dict[str, Any], outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """The summary as the rows of a table."""
-
-    def spread(name: str, unit: str = "") -> str:
-        mean, std = content[name]["mean"], content[name]["std"]
-        return "" if mean is None else f"{mean:.1f} ± {std:.1f}{unit}"
-
-    rate, least = content["success_rate"], content["clearance"]["least"]
-    rows = {
-        "trials": str(content["trials"]),
-        "without a pair of ends": str(content["invalid_draws"] or ""),
-        "arrived": "" if rate is None else f"{content['successes']} of {content['flown']} ({100 * rate:.2f} %)",
-        "collisions": str(content["collisions"]),
-        "flown length": spread("flown_length", " m"),
-        "planning iterations": spread("planning_iterations"),
-        "plans without a path": str(content["failed_plans"]),
-        "least clearance": "" if least is None else f"{least:.2f} m",
-    }
-    if among := content.get("movers"):
-        causes = {cause: seconds for cause, seconds in among["flagged_seconds"].items() if seconds}
-        told = ", ".join(f"{cause} {seconds:.1f} s" for cause, seconds in causes.items())
-        at_once = among.get("contacts_without_a_flag_at_the_moment")
-        rows |= {
-            "contacts with movers": str(among["contacts"]),
-            "without a flag before": str(among["contacts_without_a_flag"]),
-            "no flag at the moment": "" if at_once is None else str(at_once),
-            "flagged time": "" if among["flagged_share"] is None else f"{100 * among['flagged_share']:.2f} %",
-            "flagged, by cause": told,
-            "movers without a way": str(among["hidden"] or ""),
-        }
-    if len(outcomes) == 1:
-        (one,) = outcomes
-        rows |= {
-            "status": one.status,
-            "straight line": "" if one.distance is None else f"{one.distance:.1f} m",
-            "duration": "" if one.duration is None else f"{one.duration:.1f} s",
-        }
-    return rows
 
 
 def _draw(campaign: Campaign, ledger: Ledger, flights: Sequence[Flight]) -> list[Path]:

@@ -9,15 +9,12 @@ from typing import Annotated
 import tyro
 
 from maxjax.ui.option_groups import (
-    Bounds,
     Count,
     ExportOptions,
     Flag,
     MapArgument,
     Metres,
     OptionalFolder,
-    OptionalHeight,
-    OptionalMetres,
     OptionalXyz,
     PlannerName,
     Point3,
@@ -109,22 +106,21 @@ class ScanOptions:
 
 
 @dataclasses.dataclass(frozen=True)
-class FlyOptions:
+class FlyOptions(ReadOptions):
     """Fly a plan's trajectory in simulation with the map given, or trials in closed loop.
 
     With --start and --goal, in any map that plan reads: plan, give times, and follow that with a simulated quadrotor
     that sees nothing; reported are tracking error and clearance. The exit code is 0 if it touched nothing.
 
-    Without, in a simulated city: sense, map, plan, follow, until the goal, contact, or no plan is left. Ends are 50 to
-    80 m apart, 3 to 15 m high; 50 trials share a city. Started again with the same --out, a campaign goes on.
+    Without, or with --movers, in closed loop: sense, map, plan, follow, until the goal, contact, or no plan is left; in
+    a simulated city, or in the solids of a file that plan reads. Ends are drawn unless given: 50 to 80 m apart, 3 to
+    15 m above ground, 10 m clear. 50 trials share a simulated city. Started again with the same --out, a campaign goes
+    on.
 
     Attributes:
-        map: A map as for plan, with --start and --goal; a mission's TOML file; else midtown, downtown or suburb.
-        start: Start of the flight [m].
+        map: A file as for plan; a mission's TOML file; or midtown, downtown or suburb.
+        start: Start of the flight, in the coordinates of the map [m].
         goal: End of the flight [m].
-        spacing: As for plan.
-        bounds: As for plan.
-        ground: As for plan.
         radius: As for plan.
         margin: As for plan.
         speed: Greatest speed of the trajectory [m/s].
@@ -158,9 +154,6 @@ class FlyOptions:
     map: MapArgument
     start: OptionalXyz = None
     goal: OptionalXyz = None
-    spacing: OptionalMetres = None
-    bounds: Bounds = None
-    ground: OptionalHeight = None
     radius: Metres = 1.0
     margin: Metres = 8.0
     speed: Speed = 12.0

@@ -30,13 +30,15 @@ from maxjax.ui.cli.options import FlyOptions
 from maxjax.ui.cli.plan_command import plan_in
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
+from maxjax.ui.option_groups import ReadOptions
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import load_mission, options_as_keys
 
 Flight = tuple[Trajectory, Tracking]
 
-# What only a flight with the map given takes, and what only trials do.
-GIVEN = ("start", "goal", "spacing", "bounds", "ground", "radius", "margin", "speed")
+# How a map is read, what only a trajectory takes, and what only trials do.
+READ = tuple(field.name for field in dataclasses.fields(ReadOptions))
+FOLLOWED = ("radius", "margin", "speed")
 _TRIALS = (
     "trials", "trial", "batch", "noise", "dropout", "dead_sector", "blackout", "drift", "latency", "snapshot",
     "reactive", "movers", "mover_speed", "mover_kind", "fleet", "delay", "shard", "merge", "distributed",
@@ -83,7 +85,7 @@ def fly_mission(options: FlyOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    refuse(options, (*GIVEN, *_TRIALS), "stands in a mission's file, or goes with trials")
+    refuse(options, ("start", "goal", *READ, *FOLLOWED, *_TRIALS), "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
     request = load_mission(Path(options.map))
     with options_as_keys(Path(options.map)):

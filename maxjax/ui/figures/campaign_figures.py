@@ -18,6 +18,8 @@ from maxjax.sim.mapping import rolling_map
 from maxjax.sim.movers.moments import moments_of
 from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.trials.campaign import Campaign
+from maxjax.sim.trials.cities import Place, Where, label_of_city
+from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.sim.trials.swarm_trials import SwarmTrial
@@ -26,6 +28,7 @@ from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers, solids_at
 from maxjax.sim.worlds.scenes import make_scene, occupancy
 from maxjax.sim.worlds.solid_distance import distance
+from maxjax.ui.figures.drawable import drawable
 from maxjax.ui.figures.film import Filmed, Look, film_flight
 from maxjax.ui.figures.flights import Flown, figure_flights
 from maxjax.ui.figures.movers_from_above import Moving, moving_of
@@ -48,8 +51,9 @@ def figure_campaign(campaign: Campaign, ledger: Ledger) -> Figure:
     city, positions = flown[0].city, ledger.positions()
     shown = [outcome for outcome in flown if outcome.city == city and outcome.trial in positions]
     lines = [Flown(one.trial, positions[one.trial], np.asarray(one.goal), one.arrived) for one in shown]
-    obstacle = _obstacle(make_scene(campaign.map, city).geoms)
-    return figure_flights(obstacle, _CITY, lines, title=_title(campaign, city), caption=_caption(flown, shown))
+    return figure_flights(
+        *_obstacle_in(campaign.map, city), lines, title=_title(campaign, city), caption=_caption(flown, shown)
+    )
 
 
 def figure_swarm(fleet: SwarmTrial, log: SwarmLog) -> Figure:
@@ -79,18 +83,18 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
         outcome: of the trial.
         flights: before its first planning period and after each, two at least.
     """
-    geoms = make_scene(campaign.map, outcome.city).geoms
+    place = Place(campaign.map, outcome.city, *(np.asarray(end, np.float32) for end in (outcome.start, outcome.goal)))
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
-    clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(geoms, where))
+    clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(place.solids, where))
     moving: list[Moving] = []
-    if (movers := movers_of(campaign.configuration(), outcome)) is not None:
+    if (movers := movers_of(campaign.configuration(), outcome, campaign.map)) is not None:
         times = np.minimum(LOG_PERIOD * np.arange(len(where)), outcome.duration or np.inf)
         clearance = np.minimum(clearance, _to_movers(movers, jnp.asarray(times), jnp.asarray(where)))
         moving = moving_of(movers, times, moments_of(flights))
     filmed = Filmed(looks, np.asarray(outcome.goal), clearance, campaign.config.radius, moving)
     title = f"{_title(campaign, outcome.city)}, trial {outcome.trial}: {outcome.status}"
-    return film_flight(filmed, _obstacle(geoms), _CITY, title=title)
+    return film_flight(filmed, *_obstacle_in(campaign.map, outcome.city), title=title)
 
 
 def _to_movers(movers: Movers, times: Float[Array, " n"], points: Float[Array, "n 3"]) -> Float[np.ndarray, " n"]:
@@ -101,6 +105,14 @@ def _to_movers(movers: Movers, times: Float[Array, " n"], points: Float[Array, "
 def _flown(ledger: Ledger) -> list[Outcome]:
     flown = (outcome for outcome in ledger.outcomes.values() if outcome.flown)
     return sorted(flown, key=lambda outcome: outcome.trial)
+
+
+def _obstacle_in(where: Where, city: int) -> tuple[Bool[np.ndarray, "nx ny nz"], Grid]:
+    """What stands in a city, by the metre or, of a given one, by its voxels."""
+    if isinstance(where, GivenCity):
+        shown = drawable(where.world.above_plane)[0]
+        return np.asarray(shown.occupied) & ~np.asarray(shown.ground), shown.grid
+    return _obstacle(make_scene(where, city).geoms), _CITY
 
 
 def _obstacle(geoms: Geoms) -> Bool[np.ndarray, "nx ny nz"]:
@@ -115,7 +127,7 @@ def _title(campaign: Campaign, city: int) -> str:
     strengths = [f"{name.replace('_', ' ')} {value:g}" for name, value in campaign.strengths.items() if value]
     if (how := campaign.movers) is not None:
         strengths.append(f"{how.count} {'movers' if how.kind == 'mixed' else how.kind} of {how.speed:g} m/s")
-    return ", ".join([f"{campaign.map}:{city}", *methods, *strengths])
+    return ", ".join([label_of_city(campaign.map, city), *methods, *strengths])
 
 
 def _caption(flown: Sequence[Outcome], shown: Sequence[Outcome]) -> str:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import Flight
+from maxjax.sim.trials.cities import Where
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.sim.trials.trial_movers import movers_of
@@ -47,7 +48,7 @@ class FlightPage:
 
     Args:
         server: with an empty scene.
-        name: of the map.
+        where: the trials were flown.
         ledger: outcomes and positions.
         again: flies a trial again.
         trial: to begin with.
@@ -55,9 +56,9 @@ class FlightPage:
     """
 
     def __init__(
-        self, server: ViserServer, name: str, ledger: Ledger, again: Again, trial: int, *, dark: bool = False
+        self, server: ViserServer, where: Where, ledger: Ledger, again: Again, trial: int, *, dark: bool = False
     ) -> None:
-        self._server, self._name, self._ledger, self._again = server, name, ledger, again
+        self._server, self._where, self._ledger, self._again = server, where, ledger, again
         self._lines: Mapping[int, Float[np.ndarray, "t 3"]] = ledger.positions()
         self._stage, self._shown = Stage(server.scene), dict[str, Scene]()
         self._flights: dict[int, Sequence[Flight]] = {}
@@ -111,7 +112,7 @@ class FlightPage:
         set_theme(self._server, dark=self.dark.value)
         with self._lock:
             if self.film is not None:
-                city = city_of(self._name, self._ledger.outcomes[self._trial].city)
+                city = city_of(self._where, self._ledger.outcomes[self._trial].city)
                 self._stage.show("/map/ground", ground_scene(city, dark=self.dark.value))
 
     def _filter(self) -> None:
@@ -143,8 +144,8 @@ class FlightPage:
                 self._stage.show("/", {})
                 self.status.content = trial_in_words(outcome)
                 return
-            city = city_of(self._name, outcome.city)
-            flights, movers = self._flights.get(trial, ()), movers_of(self._ledger.configuration, outcome)
+            city = city_of(self._where, outcome.city)
+            flights, movers = self._flights.get(trial, ()), movers_of(self._ledger.configuration, outcome, self._where)
             self._trial = trial
             self.film, self._shown = film_of(outcome, line, city, flights, movers), {}
             ends = city.frame.page(np.array([outcome.start, outcome.goal], np.float64))

@@ -21,11 +21,14 @@ from maxjax.sim.loop.flight_state import LOG_PERIOD
 from maxjax.sim.mapping import rolling_map
 from maxjax.sim.movers.among import Among
 from maxjax.sim.movers.moments import moments_of
+from maxjax.sim.trials.cities import Where
+from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.sim.worlds.movers import Movers
 from maxjax.sim.worlds.scenes import make_scene
 from maxjax.trajectories.online import setpoint_at
+from maxjax.ui.figures.drawable import drawable
 from maxjax.ui.page.camera import hiding, over_way
 from maxjax.ui.page.colors import FAILED, FLOWN, KNOWN, PLANNED, REFERENCE, RETURN
 from maxjax.ui.page.draw import THROUGH, city_scene, ends_scene, plain_line, together
@@ -57,9 +60,11 @@ def open_folder(folder: Path) -> tuple[str, Ledger]:
 
 
 @functools.lru_cache(maxsize=4)
-def city_of(name: str, seed: int) -> City:
-    """The true city of a trial; its ground is the plane z = 0."""
-    return City(f"{name}:{seed}", make_scene(name, seed).voxels(_GRID))
+def city_of(where: Where, seed: int) -> City:
+    """The true city of a trial; its ground is the plane z = 0, and what is higher of a given one's."""
+    if isinstance(where, GivenCity):
+        return City(where.name, drawable(where.world.above_plane)[0])
+    return City(f"{where}:{seed}", make_scene(where, seed).voxels(_GRID))
 
 
 def headline(outcome: Outcome) -> str:

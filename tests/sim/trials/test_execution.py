@@ -30,7 +30,7 @@ from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, watch
 from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.sensors.lidar import Lidar
-from maxjax.sim.trials import batch_size
+from maxjax.sim.trials import batch_size, cities
 from maxjax.sim.trials import batches as module
 from maxjax.sim.trials import campaign as campaign_module
 from maxjax.sim.trials import ledger as bookkeeping
@@ -104,8 +104,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_one_by_one", fake_part)
     monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "fly_all_closed_loop", fake_fly_all)
-    monkeypatch.setattr(module, "draw_many", fake_draw)
-    monkeypatch.setattr(module, "_city", lambda name, seed: ground_plane())
+    monkeypatch.setattr(cities, "draw_many", fake_draw)
+    monkeypatch.setattr(cities, "_city", lambda name, seed: ground_plane())
 
 
 def flown(campaign: Campaign, **options: Any) -> list[Outcome]:
@@ -517,7 +517,7 @@ def _real_flights(out: Path) -> None:
     world = jax.tree.map(lambda x: x[0], cases((-22.0, 3.0, 8.0)))
     watched = list(watch(World(*world, TINY.disturbances), TINY))
     module.fly_closed_loop, module.fly_all_closed_loop = fake_fly, fake_fly_all
-    module.draw_many, module._city = fake_draw, lambda name, seed: ground_plane()
+    cities.draw_many, cities._city = fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = fake_part
     campaign = Campaign("suburb", 0, range(9), config=CALM)
     two, one = (flown(campaign, batch=3, devices=devices) for devices in (jax.devices(), jax.devices()[:1]))
@@ -601,7 +601,7 @@ def _interrupted(folder: Path) -> None:
 
     module.fly_closed_loop = slow_fly
     module.fly_all_closed_loop = functools.partial(fake_fly_all, fly=slow_fly)
-    module.draw_many, module._city = fake_draw, lambda name, seed: ground_plane()
+    cities.draw_many, cities._city = fake_draw, lambda name, seed: ground_plane()
     module._one_by_one = module._fly_part
     try:
         for some in fly_trials(SLOW, batch=4, folder=folder):

@@ -26,7 +26,7 @@ from maxjax.sim.mapping.rolling_map import empty
 from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.sim.trials import batches as module
-from maxjax.sim.trials import replay
+from maxjax.sim.trials import cities, replay
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.trials import Trial
 from maxjax.sim.vehicle.disturbances import Disturbances
@@ -120,8 +120,8 @@ def fly(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> T
     monkeypatch.setattr(module, "_one_by_one", fake_part)
     monkeypatch.setattr(module, "fly_closed_loop", fake_fly)
     monkeypatch.setattr(module, "fly_all_closed_loop", fake_fly_all)
-    monkeypatch.setattr(module, "draw_many", fake_draw)
-    monkeypatch.setattr(module, "_city", lambda name, seed: house())
+    monkeypatch.setattr(cities, "draw_many", fake_draw)
+    monkeypatch.setattr(cities, "_city", lambda name, seed: house())
     monkeypatch.setattr(replay, "watch", fake_watch)
     monkeypatch.setattr(pictures, "make_scene", lambda name, seed: types.SimpleNamespace(geoms=house()))
     return Terminal(capfd, "fly")

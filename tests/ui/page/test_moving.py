@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from maxjax.core.rng_streams import named_key
 from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.movers.moments import Moment
 from maxjax.sim.trials import batches as execution
-from maxjax.sim.trials import trial_movers
+from maxjax.sim.trials import cities
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.trial_movers import movers_of
 from maxjax.sim.worlds.geoms import BOX, CAPSULE, SPHERE, Geoms, concatenate, ground_plane, rotation_z
@@ -39,8 +38,7 @@ def bodies() -> Movers:
 
 def test_movers_are_those_that_the_trial_was_flown_among(monkeypatch: pytest.MonkeyPatch) -> None:
     town = concatenate([ground_plane(), upright_boxes(jnp.array([[0.0, 0.0, 9.0, 9.0, 0.0, 30.0, 0.3]]))])
-    monkeypatch.setattr(execution, "_city", lambda name, seed: town)
-    monkeypatch.setattr(trial_movers, "make_scene", lambda name, seed: SimpleNamespace(geoms=town))
+    monkeypatch.setattr(cities, "_city", lambda name, seed: town)
     how = Population(2, 6.0, "cars")
     config = FlightConfig(planner=planner_named("field"))
     campaign = Campaign("suburb", 3, range(4, 6), config=config, movers=how)
