@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from maxjax.planning.problem.problem import Problem
     from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.loop.trajectory_flight import Tracking, fly
+    from maxjax.sim.movers.lookout import MoverSettings
+    from maxjax.sim.movers.traffic import SensorScan, Traffic
     from maxjax.solvers.cg import ConjugateGradients
     from maxjax.solvers.paper import PaperSetting
     from maxjax.solvers.potential import Potential, solve_potential
@@ -58,6 +60,7 @@ __all__ = [
     "Grid",
     "LoadedMap",
     "Mission",
+    "MoverSettings",
     "Network",
     "Occupancy",
     "PaperSetting",
@@ -74,9 +77,11 @@ __all__ = [
     "Replanner",
     "Route",
     "Screened",
+    "SensorScan",
     "Status",
     "TangentPlane",
     "Tracking",
+    "Traffic",
     "Trajectory",
     "Verification",
     "VerticalZero",
@@ -145,6 +150,8 @@ _MODULES = {
     "maxjax.planning.problem.problem": ("Problem",),
     "maxjax.replanner": ("Replanned", "Replanner"),
     "maxjax.sim.loop.trajectory_flight": ("Tracking", "fly"),
+    "maxjax.sim.movers.lookout": ("MoverSettings",),
+    "maxjax.sim.movers.traffic": ("SensorScan", "Traffic"),
     "maxjax.solvers.cg": ("ConjugateGradients",),
     "maxjax.solvers.paper": ("PaperSetting",),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),

@@ -6,6 +6,11 @@
 Shapes are fixed. Clouds are filled up to one number of points; windows of the map come from a list
 (`planning.windows.fixed_shapes`); the grid may lie elsewhere in each call, as it may follow the vehicle. Scans are not
 gathered: what is known from earlier ones is for the caller to say.
+
+Among movers (`MoverSettings`) they are, into a map that forgets, and ten times a second a motion is chosen:
+
+    scan → movers → motion                          each call
+         ↘ map → way                                once a second, at different calls
 """
 
 from __future__ import annotations
@@ -32,6 +37,9 @@ from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.remainder import remainder
 from maxjax.planning.run.verifying import verify_routes, with_closures
 from maxjax.planning.windows.fixed_shapes import FixedShapes
+from maxjax.sim.movers.lookout import MoverSettings
+from maxjax.sim.movers.onboard_watch import OnboardWatch
+from maxjax.sim.movers.traffic import SensorScan, Traffic
 from maxjax.verification.verifier import verify
 
 _LARGEST = 2**22
@@ -39,6 +47,8 @@ _LARGEST = 2**22
 
 # Of a deadline, kept for the verifier [s].
 _JUDGING = 0.005
+# Among movers, where nothing is left of the last plan, a new one is asked for so long after it [s].
+_AGAIN = 0.3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,7 +61,9 @@ class Replanned:
         age: how old the scan is that it was planned in [s]; 0 for a new one, NaN without a plan.
         seconds: what the call took.
         late: whether that was more than the deadline. A plan that is late was verified all the same.
-        map: what was known and this scan; given as `known` to the next call, scans are gathered.
+        map: what was known and this scan; given as `known` to the next call, scans are gathered. Among movers: what was
+            surveyed, and what scans have shown, without movers.
+        traffic: who moves, and the motion to fly; None: without `MoverSettings`.
     """
 
     plan: Plan | None
@@ -60,6 +72,7 @@ class Replanned:
     seconds: float
     late: bool
     map: VoxelMap = dataclasses.field(repr=False)
+    traffic: Traffic | None = None
 
 
 class Replanner:
@@ -70,6 +83,7 @@ class Replanner:
         planner: one that climbs a field.
         distances: to keep. A price of each voxel goes with the voxels, wherever the grid lies.
         points: that a program takes at a time. A cloud of more is taken in several turns; nothing of it is dropped.
+        movers: how to look for movers and to keep away from them; None: nothing is expected to move.
 
     Raises:
         ValueError: for a grid of more voxels, a planner that climbs no field, distances longer than the grid, or no
@@ -82,6 +96,7 @@ class Replanner:
         planner: FieldClimber = Field(),  # noqa: B008 (frozen)
         distances: Distances = Distances(),  # noqa: B008 (frozen)
         points: int = 32_768,
+        movers: MoverSettings | None = None,
     ) -> None:
         if math.prod(grid.shape) > _LARGEST:
             raise ValueError(f"grid: expected at most {_LARGEST} voxels, given {grid.shape}; take those around the way")
@@ -94,16 +109,21 @@ class Replanner:
         # The last new plan, when its call began [s], and the last map that a scan was seen in.
         self._last: tuple[Plan, float] | None = None
         self._seen: VoxelMap | None = None
+        self._watch = None if movers is None else OnboardWatch(grid, movers)
+        # Among movers, what was planned last: when [s, of scans], to which goal, and what came of it.
+        self._planned: tuple[float, Float64[np.ndarray, " 3"], Status] | None = None
 
     def warmup(self) -> None:
         """Compile all that `replan` runs, or read it from disk: minutes the first time on a machine, then seconds."""
         self._add_scan(np.full((1, 3), np.nan), self._known_map(None))
         self._shapes.warm_up()
+        if self._watch is not None:
+            self._watch.warm_up()
         self._warm = True
 
     def replan(
         self,
-        points: Real[Array | np.ndarray, "n 3"],
+        points: Real[Array | np.ndarray, "n 3"] | SensorScan,
         start: Real[Array | np.ndarray, " 3"] | Sequence[float],
         goal: Real[Array | np.ndarray, " 3"] | Sequence[float],
         deadline: float = 0.1,
@@ -116,17 +136,23 @@ class Replanner:
         map of the last scan that held one, too. What is left of a plan to another goal is led straight on to the one
         asked for, if that is less than a voxel away; else it is not handed out.
 
+        Among movers each call looks for them and chooses the motion to fly (`Replanned.traffic`). Once a second, at
+        different calls, the map is told of a scan, and a way is planned; `status` is that of the last planning. What is
+        left of a plan is not handed out either where who flies along it could not stop before what may hold a mover.
+
         Args:
-            points: returns in the world frame [m], as `maxjax.plan_scan` takes them.
+            points: returns in the world frame [m], as `maxjax.plan_scan` takes them. Among movers a `SensorScan`.
             start: where the vehicle is, or will be [m].
             goal: [m].
             deadline: when to answer, from the call on [s].
             known: what is known beside the scan, or where the grid lies now; of the grid's shape and spacing. None:
-                nothing, and where it was.
+                nothing, and where it was. Among movers what was surveyed, which stays whatever scans say, or where the
+                map lies now, a whole number of voxels from where it was; None: as in the call before.
 
         Raises:
-            ValueError: for points or positions that are none, a deadline that is no positive time, or a map or grid of
-                another shape or spacing.
+            ValueError: for points or positions that are none, a deadline that is no positive time, a map or grid of
+                another shape or spacing, or, among movers, points without pose and time, a grid a part of a voxel
+                aside, or what was handed out before as `known`.
             RuntimeError: before `warmup`.
         """
         began = time.perf_counter()
@@ -134,8 +160,10 @@ class Replanner:
             raise RuntimeError("Replanner: expected a call of warmup() before that of replan(), given none")
         if not deadline > 0:
             raise ValueError(f"deadline: expected a positive time [s], given {deadline}")
-        cloud = points_of("points", points, ("n", 3), least=0)
         ends = points_of("start", start, (3,)), points_of("goal", goal, (3,))
+        if self._watch is not None or isinstance(points, SensorScan):
+            return self._replan_among(points, ends, began, deadline, known)
+        cloud = points_of("points", points, ("n", 3), least=0)
         seen, kept = self._add_scan(cloud, self._known_map(known))
         task = Task.of(seen, ends[0][None], ends[1], self.distances)
         found = self._plan(task, began + deadline - _JUDGING) if kept else self._nothing(task)
@@ -146,6 +174,73 @@ class Replanner:
             self._last = found, began
         seconds = time.perf_counter() - began
         return Replanned(plan, found.status, age, seconds, seconds > deadline, seen)
+
+    # --- Among movers. ---
+
+    def _replan_among(
+        self,
+        scan: Real[Array | np.ndarray, "n 3"] | SensorScan,
+        ends: tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, " 3"]],
+        began: float,
+        deadline: float,
+        known: Grid | VoxelMap | None,
+    ) -> Replanned:
+        """Look for movers and choose a motion; tell the map of the scan, or plan, where that is due."""
+        watch = self._watch
+        if watch is None or not isinstance(scan, SensorScan):
+            raise ValueError(
+                "points: expected returns in the world frame of a Replanner without movers=, and a SensorScan of one "
+                f"with it, given {type(scan).__name__}; see MoverSettings"
+            )
+        self._survey(known, watch)
+        learns = watch.due(scan.time)
+        left, age = (None, math.nan) if learns else self._remainder(*ends, watch.map, 1, began)
+        if left is not None:
+            watch.follow_way(left.path)
+        looked = watch.look(scan, ends[0])
+        if learns and looked:
+            watch.learn()
+        if learns:
+            left, age = self._remainder(*ends, watch.map, 1, began)
+        plan = left
+        if looked and self._plan_due(scan.time, ends[1], learns, left is None):
+            found = self._plan(Task.of(watch.map, ends[0][None], ends[1], self.distances), began + deadline - _JUDGING)
+            self._planned = float(scan.time), ends[1], found.status
+            if found.status == Status.OK:
+                self._last, plan, age = (found, began), found, 0.0
+            watch.hold() if plan is None else watch.follow_way(plan.path)
+        return self._judged(plan, age, scan, began, deadline)
+
+    def _judged(self, plan: Plan | None, age: float, scan: SensorScan, began: float, deadline: float) -> Replanned:
+        """What is handed out, as far as movers leave it clear."""
+        watch = self._watch
+        assert watch is not None
+        assert watch.traffic is not None
+        clear = math.nan if plan is None else watch.clear_length(plan.path)
+        if age > 0.0 and not clear >= watch.stopping(scan):
+            plan, age, clear = None, math.nan, math.nan
+        status = Status.EMPTY_SCAN if self._planned is None else self._planned[2]
+        traffic = dataclasses.replace(watch.traffic, clear=clear)
+        seconds = time.perf_counter() - began
+        return Replanned(plan, status, age, seconds, seconds > deadline, watch.map, traffic)
+
+    def _survey(self, known: Grid | VoxelMap | None, watch: OnboardWatch) -> None:
+        """Take what was surveyed, or where the map lies."""
+        if known is None or known is watch.surveyed or known == watch.grid:
+            return
+        if known is watch.map:
+            raise ValueError(
+                "known: expected what was surveyed, given the map that was handed out; among movers scans are gathered "
+                "by the Replanner, which forgets them again: leave `known` out"
+            )
+        watch.place_map(self._known_map(known))
+
+    def _plan_due(self, now: float, goal: Float64[np.ndarray, " 3"], learns: bool, lost: bool) -> bool:
+        """Whether to plan at a time of scans [s]."""
+        assert self._watch is not None
+        if self._planned is None or not math.dist(self._planned[1], goal) < self.grid.spacing:
+            return True
+        return not learns and now - self._planned[0] > (_AGAIN if lost else self._watch.settings.period) - 1e-3
 
     def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
         """The map before a scan."""
@@ -192,7 +287,11 @@ class Replanner:
         now: float,
     ) -> tuple[Plan | None, float]:
         """The rest of the last plan, and its age."""
-        if self._last is None or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing:
+        if (
+            self._last is None
+            or not np.isfinite(start).all()
+            or math.dist(self._last[0].path[-1], goal) >= self.grid.spacing
+        ):
             return None, math.nan
         last, when = self._last
         left = remainder(last, start, goal, seen if kept or self._seen is None else self._seen)
