@@ -3,8 +3,8 @@
 Ends of trial i are the first pair, in a fixed order, of 4,096 that are drawn by a key of file, seed and i: a start that
 is uniform over all clear columns, and a goal that is uniform around it, such that
 
-- both stand in clear columns: all of such a column is 10 m or more, horizontally, from every column in which something
-  stands, and within what the file covers;
+- both stand in clear columns: within what the file covers, 10 m or more, horizontally, from every column in which
+  something stands, and 40 m or less from the nearest one;
 - both are 3 to 15 m above the ground of their column, and 50 to 80 m apart (straight line in 3D);
 - they are connected in the map dilated by 2 m, the ground by one voxel: both in its largest component of free voxels.
   Pairs that are not are rejected and counted, before any flight.
@@ -38,6 +38,7 @@ Ends = tuple[Point3, Point3]
 Vector = Float[np.ndarray, "3"]
 
 MOST_VOXELS = 2**24
+_BESIDE = 40.0  # of what stands: far out in the fields flights would meet nothing [m]
 _PAIRS = 4096  # drawn for a trial
 _TICKS = 64  # a metre
 _PIECE = 2**20  # of a file that is read at a time [B]
@@ -90,7 +91,7 @@ class GivenCity:
         found = cls.of(loaded, Path(path).name, digest_of(Path(path)), ends)
         if ends is None and not len(found.clear_columns):
             raise ValueError(
-                f"{path}: expected columns that stand {CLEARANCE:g} m clear of all that stands, for starts and goals, "
+                f"{path}: expected places {CLEARANCE:g} to {_BESIDE:g} m from what stands there, for starts and goals, "
                 "given none: is its floor told as ground (--ground Z)? Give --start and --goal to fly anyway"
             )
         return found
@@ -137,7 +138,7 @@ class GivenCity:
 
     @functools.cached_property
     def _clear(self) -> Columns:
-        return np.asarray(self.within & self.world.clear_columns(CLEARANCE))
+        return np.asarray(self.within & self.world.columns_beside(CLEARANCE, _BESIDE))
 
     @functools.cached_property
     def _air(self) -> Bool[np.ndarray, "nx ny nz"]:

@@ -28,7 +28,8 @@ Vector = Float[np.ndarray, "3"]
 
 REACH = 100.0
 """Around both ends of a flight, in which solids are: as far as a LiDAR sees [m]."""
-_STEP = 256  # of the number of boxes, so that cities of about one size share programs
+# Boxes at least; with more there are 2^k or 3 · 2^k, so that cities of about one size share programs.
+_LEAST = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class VoxelCity:
 
     def slots_for(self, start: Vector, goal: Vector) -> int:
         """Boxes around the ends of a flight, with padding."""
-        return _STEP * -(-len(self._around(start, goal)) // _STEP)
+        return _padded(len(self._around(start, goal)))
 
     def slots_within(self, apart: float) -> int:
         """Boxes around any ends in the map that are so far apart [m] at most, with padding; no fewer than there are."""
@@ -110,7 +111,7 @@ class VoxelCity:
         x0, x1, y0, y1 = sides
         for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
             np.add.at(changes, (x, y), sign)
-        return _STEP * -(-int(changes.cumsum(0).cumsum(1).max(initial=0)) // _STEP)
+        return _padded(int(changes.cumsum(0).cumsum(1).max(initial=0)))
 
     def _around(self, start: Vector, goal: Vector) -> Float[np.ndarray, "m 7"]:
         """The boxes that reach into the box around both ends, with as much room as a LiDAR sees."""
@@ -136,20 +137,26 @@ class VoxelCity:
         inside = 0 <= x < self.grid.shape[0] and 0 <= y < self.grid.shape[1]
         return float(self.ground_top[x, y]) if inside else 0.0
 
-    def clear_columns(self, clearance: float) -> Columns:
-        """Columns, all of which are so far [m], horizontally, from every column in which something stands.
+    def columns_beside(self, least: float, most: float) -> Columns:
+        """Columns that are so far, horizontally, from what stands in the map: all of each at least, its middle at most.
 
-        What stands is occupied, is no ground, and reaches above the ground of its column. Between two columns that are
-        i and j apart lie |i| - 1 and |j| - 1 columns.
+        What stands is occupied, is no ground, and reaches above the ground of its column. Where nothing does, all are.
+        Between two columns that are i and j apart lie |i| - 1 and |j| - 1 columns.
+
+        Args:
+            least, most: distances [m].
         """
         from scipy import ndimage  # a quarter of a second that most commands can do without
 
         occupied, ground = np.asarray(self.voxels.occupied), np.asarray(self.voxels.ground)
         above = np.arange(occupied.shape[2]) >= _tops(ground)[:, :, None]
-        stands = np.any(occupied & ~ground & above, axis=2)
-        reach = math.ceil(clearance / self.grid.spacing) + 1
+        stands = np.asarray((occupied & ~ground & above).any(axis=2))
+        if not stands.any():
+            return np.ones(stands.shape, bool)
+        reach = math.ceil(least / self.grid.spacing) + 1
         gap = self.grid.spacing * np.maximum(np.abs(np.arange(-reach, reach + 1)) - 1, 0)
-        return np.asarray(~ndimage.binary_dilation(stands, np.hypot(gap[:, None], gap) < clearance))
+        clear = ~ndimage.binary_dilation(stands, np.hypot(gap[:, None], gap) < least)
+        return np.asarray(clear & (self.grid.spacing * ndimage.distance_transform_edt(~stands) <= most))
 
     def open_air(self, dilation: float) -> Bool[np.ndarray, "nx ny nz"]:
         """The largest component of voxels that are free after dilation [m], of the ground by one voxel."""
@@ -158,6 +165,13 @@ class VoxelCity:
         free = ~np.asarray(dilate(self.voxels.occupied, dilation, self.grid, self.voxels.ground))
         parts, count = ndimage.label(free)
         return np.asarray(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])) if count else free
+
+
+def _padded(count: int) -> int:
+    slots = _LEAST
+    while slots < count:
+        slots = slots * 3 // 2 if slots.bit_count() == 1 else slots * 4 // 3
+    return slots
 
 
 def _tops(ground: Bool[np.ndarray, "nx ny nz"]) -> Int64[np.ndarray, "nx ny"]:
