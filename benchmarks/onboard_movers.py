@@ -32,8 +32,8 @@ from benchmarks.common.harness import RESULTS, Row, save
 from maxjax import Distances, Grid, MoverSettings, Replanned, Replanner, SensorScan
 from maxjax.compile.executable import stored
 from maxjax.core.grid import Index3, Point3
+from maxjax.sim.movers.lookout import ON_BOARD
 from maxjax.sim.movers.reachable_sets import Bounds
-from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Lidar, directions, scan
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.movers import Movers, Moving, solids_at
@@ -146,7 +146,7 @@ def main(config: Config) -> list[Row]:
     lidar = Lidar()
     bounds = Bounds(speed=1.1 * config.speed, acceleration=2.2)
     grid = Grid.centered(config.center, config.shape, config.spacing)
-    settings = MoverSettings(TrackingSettings(lidar, bounds))
+    settings = MoverSettings(dataclasses.replace(ON_BOARD, lidar=lidar, bounds=bounds))
     replanner = Replanner(grid, distances=Distances(config.radius, config.margin), movers=settings)
     began = time.perf_counter()
     replanner.warmup()

@@ -99,15 +99,17 @@ def local_value(
         sweeps: static.
     """
     origin, spacing = window
-    nx, ny, nz = free.shape
+    # With the axis of height in front: the last one is long then, and sweeps take a quarter of the time on a CPU.
+    free, price, start = (jnp.moveaxis(x, 2, 0) for x in (free, price, jnp.minimum(ends[0], _FAR)))
+    nz, nx, ny = free.shape
     wide = jnp.pad(jnp.where(free, price, _FAR), 1, constant_values=_FAR)
 
     def neighbours(values: Array) -> list[Array]:
-        return [values[1 + i : 1 + i + nx, 1 + j : 1 + j + ny, 1 + k : 1 + k + nz] for i, j, k in _AROUND]
+        return [values[1 + k : 1 + k + nz, 1 + i : 1 + i + nx, 1 + j : 1 + j + ny] for i, j, k in _AROUND]
 
     lengths = [0.5 * spacing * math.hypot(*offset) for offset in _AROUND]
     edges = [length * (price + beside) for length, beside in zip(lengths, neighbours(wide), strict=True)]
-    start = jnp.where(free, jnp.minimum(ends[0], _FAR), _FAR)
+    start = jnp.where(free, start, _FAR)
 
     def sweep(_: Array, value: Array) -> Array:
         around = neighbours(jnp.pad(value, 1, constant_values=_FAR))
@@ -116,7 +118,8 @@ def local_value(
             least = jnp.minimum(least, there + edge)
         return jnp.where(free, least, _FAR)
 
-    return LocalValue(lax.fori_loop(0, sweeps, sweep, start), origin, ends[1], spacing)
+    value = jnp.moveaxis(lax.fori_loop(0, sweeps, sweep, start), 0, 2)
+    return LocalValue(value, origin, ends[1], spacing)
 
 
 def crowding(

@@ -37,6 +37,10 @@ _TIMES = 12
 MapAndVoxels = tuple[mapping.RollingMap, Bool[Array, "nx ny nz"], Bool[Array, "nx ny nz"]]
 
 
+ON_BOARD = TrackingSettings(slots=16, detections=24, points=1024)
+"""Room for ten movers and a few more, for two cores."""
+
+
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class MoverSettings:
@@ -61,7 +65,7 @@ class MoverSettings:
             the radius.
     """
 
-    sight: TrackingSettings = TrackingSettings()  # noqa: RUF009 (frozen)
+    sight: TrackingSettings = ON_BOARD
     choice: MotionSet = MotionSet()  # noqa: RUF009 (frozen)
     keeping: Keeping = Keeping()  # noqa: RUF009 (frozen)
     crowd: Crowding = Crowding()  # noqa: RUF009 (frozen)
