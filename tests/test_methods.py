@@ -87,6 +87,7 @@ class Wavering:
 class Fluid(Straight):
     __hash__ = None
 high = Straight(level=5.0)
+usurper = Straight(name="field")
 """
 
 
@@ -127,6 +128,7 @@ def test_a_planner_of_ones_own_is_found_by_its_import_path(own: str) -> None:
         ("planners_of_my_own:OWN", "expected OWN in planners_of_my_own"),
         ("planners_of_my_own:jnp", "given a module without name, batched, route;"),
         ("planners_of_my_own:Wavering", "batched as True or False and route(problem) as a function, given batched ="),
+        ("planners_of_my_own:usurper", "expected a name of its own, given 'field', which is a planner of maxjax"),
         ("planners_of_my_own:Fluid", "expected a planner with a hash"),
     ],
 )

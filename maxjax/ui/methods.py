@@ -152,6 +152,11 @@ def _fitting(found: Any, where: str) -> Planner:
             f"{where}: expected name as text, batched as True or False and route(problem) as a function, given "
             f"{wrong[0]} = {getattr(found, wrong[0])!r}"
         )
+    if found.name in METHODS or found.name in ALIASES:
+        raise ValueError(
+            f"{where}: expected a name of its own, given {found.name!r}, which is a planner of maxjax; "
+            "tables and folders tell planners by their names"
+        )
     try:
         hash(found)
     except TypeError as error:

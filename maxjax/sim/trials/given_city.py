@@ -112,6 +112,17 @@ class GivenCity:
         return cls(name, identity, world, np.asarray(given.file.within), local, tuple(remarks))
 
     @property
+    def beyond(self) -> tuple[str, ...]:
+        """Remarks on given ends where the file tells nothing."""
+        last = np.array(self.within.shape) - 1
+        columns = (np.minimum(self.world.columns(np.array(end[:2])), last) for end in self.ends or ())
+        known = [bool(self.within[x, y]) for x, y in columns]
+        beyond = [name for name, inside in zip(("start", "goal"), known, strict=False) if not inside]
+        return (f"{' and '.join(beyond)}: beyond what the file covers; it is flown as if nothing stood there",) * bool(
+            beyond
+        )
+
+    @property
     def stream(self) -> str:
         """Name of its random streams: by what the file holds, wherever it lies."""
         return str(self.identity["file"])[:16]

@@ -9,6 +9,7 @@ from typing import Any
 from maxjax.core.files import FileError
 from maxjax.io import Window
 from maxjax.io.reader import READERS
+from maxjax.sim.loop.flight import FlightConfig
 from maxjax.sim.trials.cities import Where
 from maxjax.sim.trials.given_city import Ends, GivenCity
 from maxjax.sim.worlds.layouts import MAPS
@@ -38,7 +39,7 @@ def where_of(options: FlyOptions) -> Where:
     with progress(f"Reading {options.map}"):
         window = Window(options.spacing, options.bounds, options.center, (), options.ground)
         city = GivenCity.load(options.map, window, reading_of(options), ends)
-    for remark in city.remarks:
+    for remark in (*city.remarks, *city.beyond):
         complain(f"Note: {city.name}: {remark}.")
     return city
 
@@ -64,6 +65,24 @@ def ends_of(options: FlyOptions) -> Ends | None:
         "goes with ends that are drawn, not with --start and --goal, where another --seed makes another flight",
     )
     return options.start, options.goal
+
+
+def check_reach(where: Where, config: FlightConfig) -> None:
+    """Refuse given ends that lie further apart than the map of a flight reaches.
+
+    Raises:
+        ValueError: if they do.
+    """
+    if not isinstance(where, GivenCity) or where.ends is None:
+        return
+    start, goal = where.ends
+    reach = config.spacing * (min(config.shape) // 2)
+    apart = max(abs(a - b) for a, b in zip(start, goal, strict=True))
+    if apart > reach:
+        raise ValueError(
+            f"--goal: expected one within {reach:g} m of the start along each axis, as far as the map of a flight "
+            f"reaches, given {apart:g} m; fly there in several flights"
+        )
 
 
 def words_of(options: FlyOptions) -> list[str]:

@@ -32,7 +32,7 @@ from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli import fleet_command as fleets
 from maxjax.ui.cli import report
 from maxjax.ui.cli import track_command as tracking
-from maxjax.ui.cli.flown_map import is_file, where_of, words_of
+from maxjax.ui.cli.flown_map import check_reach, is_file, where_of, words_of
 from maxjax.ui.cli.options import FlyOptions
 from maxjax.ui.cli.progress import progress, tally
 from maxjax.ui.cli.trial_rows import trial_rows
@@ -204,6 +204,7 @@ def campaign_of(options: FlyOptions, where: Where | None = None) -> Campaign:
     trials_flown = range(first, first + count)
     command = functools.partial(command_of, options=options)
     where = where_of(options) if where is None else where
+    check_reach(where, config)
     return Campaign(where, options.seed, trials_flown, config=config, movers=movers, command=command)
 
 

@@ -21,7 +21,7 @@ from maxjax.ui.cli.options import PlanOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.figures.figures import Overlay
 from maxjax.ui.figures.planned import figure_plans
-from maxjax.ui.methods import climbs, label_of, method_named, planner_named
+from maxjax.ui.methods import climbs, label_of, planner_named
 from maxjax.ui.request import Request
 
 _AROUND = 45.0  # [m]; enough of a town to recognise it
@@ -38,7 +38,8 @@ def run_plan(options: PlanOptions) -> int:
         return mission.run_request(request)
     report.check_output(options.out)
     exporting.check_exports(request)
-    method, planner = method_named(options.method).name, planner_named(options.method)
+    planner = planner_named(options.method)
+    method = planner.name
     with recording() as recorder:
         given = load_request(request)
     exporting.check_place(request, given)

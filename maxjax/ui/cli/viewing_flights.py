@@ -71,9 +71,7 @@ def where_flown(name: str, ledger: Ledger) -> Where:
     try:
         where = where_of(_options_of(first))
     except FileError as error:
-        raise FileError(
-            f"{error}; its path is as it was given to maxjax fly, and counts from where that ran"
-        ) from error
+        raise FileError(f"{error}; the path is the one that maxjax fly was given, from where that ran") from error
     check_same(where, ledger.configuration, ledger.folder)
     return where
 

@@ -265,6 +265,18 @@ def test_ends_outside_of_the_map_are_refused(ends: Any, sentence: str, tmp_path:
         GivenCity.load(quarter(tmp_path), window, ends=ends)
 
 
+def test_ends_beyond_what_the_file_covers_are_told(tmp_path: Path) -> None:
+    window = Window(bounds=(-90.0, -90.0, -2.0, 90.0, 90.0, 40.0))
+    for ends, said in (
+        (((0.0, 30.0, 5.0), (0.0, 30.0, 9.0)), ""),
+        (((-90.0, 90.0, 5.0), (90.0, -90.0, 9.0)), "start and goal: beyond what the file covers"),
+        (((0.0, 0.0, 5.0), (90.0, -85.0, 9.0)), "goal: beyond what the file covers"),
+    ):
+        city = GivenCity.load(quarter(tmp_path), window, ends=ends)
+        assert "".join(city.beyond).startswith(said)
+        assert bool(city.beyond) == bool(said)
+
+
 def test_a_file_without_buildings_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.geojson").write_text('{"type": "FeatureCollection", "features": []}')
     with pytest.raises(FileError, match=r"empty\.geojson"):
