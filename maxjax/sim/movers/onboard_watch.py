@@ -88,17 +88,17 @@ class OnboardWatch:
             settings, sight=dataclasses.replace(settings.sight, floor=floor), within=within
         )
         self.grid, self._first_grid, self._deeper = grid, grid, deeper
-        self._start_anew()
 
     def _start_anew(self) -> None:
         """Nothing seen, nothing flown."""
         shape, spacing = self._first_grid.shape, self._first_grid.spacing
-        self._seeing = initial_perception(self._rules.sight)
+        # By the host, so that its types are those of any later one: of weak ones there would be a second program.
+        self._seeing = jax.tree.map(lambda x: _put(np.asarray(x)), initial_perception(self._rules.sight))
         self._memory = self._seeing.memory
         self.surveyed = VoxelMap.on(self._first_grid, np.zeros(shape, bool))
         corner = np.array([0, 0, self._deeper])
         middle = spacing * (corner + np.array(shape) // 2)
-        self._map = mapping.empty(middle.astype(np.float32), shape, spacing, self._rules.forgets)
+        self._map = mapping.empty(_put(middle.astype(np.float32)), shape, spacing, self._rules.forgets)
         self.place_map(self.surveyed)
         self._pieces: list[tuple[float, MotionPrimitive]] = []
         self._verified, self._lasts = math.nan, math.nan
@@ -115,6 +115,7 @@ class OnboardWatch:
         self._start_anew()
         rays = self._rules.sight.lidar.rays
         middle = np.array(self.grid.to_metres(0.5 * np.array(self.grid.shape)))
+        self.look(SensorScan(np.zeros((0, 3)), middle, np.eye(3), np.zeros(3), -1.0), middle)
         for k in range(2):
             scan = SensorScan(np.full(rays, np.inf), middle, np.eye(3), np.zeros(3), 0.1 * k)
             self.look(scan, middle)
@@ -282,18 +283,16 @@ class OnboardWatch:
 
     def _told(self, watched: Watched, up: frozenset[str], counts: ReturnCounts) -> Traffic:
         """What is handed out."""
-        tracks, kept, least, greatest, raised = jax.device_get(
-            (watched.tracks, watched.kept, watched.least, watched.greatest, watched.up)
-        )
-        rows = np.flatnonzero(tracks.used)
+        tracks, raised = watched.tracks, np.asarray(watched.up)
+        rows = np.flatnonzero(np.asarray(tracks.used))
         named = {flag.name for flag in Flag if raised[flag]}
         return Traffic(
-            places=tracks.place[rows] + self._origin,
-            velocities=tracks.velocity[rows].astype(np.float64),
-            least=least[rows] + self._origin,
-            greatest=greatest[rows] + self._origin,
-            confirmed=kept[rows],
-            rests=tracks.rests[rows],
+            places=np.asarray(tracks.place)[rows] + self._origin,
+            velocities=np.asarray(tracks.velocity)[rows].astype(np.float64),
+            least=np.asarray(watched.least)[rows] + self._origin,
+            greatest=np.asarray(watched.greatest)[rows] + self._origin,
+            confirmed=np.asarray(watched.kept)[rows],
+            rests=np.asarray(tracks.rests)[rows],
             motion=CommittedMotion(self._pieces[-1][0], self._lasts, self._verified, tuple(self._pieces), self._origin),
             flags=up | named,
             returns=counts,

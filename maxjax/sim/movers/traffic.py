@@ -80,14 +80,17 @@ class CommittedMotion:
             raise ValueError(f"times: expected finite numbers [s] in one row, given {times!r}")
         begin = np.array([start for start, _ in self.pieces])
         piece = np.maximum(np.searchsorted(begin, asked, side="right") - 1, 0)
-        stacked = jax.tree.map(lambda *x: np.stack([np.asarray(one) for one in x]), *(one for _, one in self.pieces))
+        leaves = [
+            np.stack(x) for x in zip(*(map(np.asarray, jax.tree.leaves(one)) for _, one in self.pieces), strict=True)
+        ]
         since = np.maximum(asked - begin[piece], 0.0).astype(np.float32)
         found = []
         for first in range(0, max(len(asked), 1), _AT_ONCE):
             rows = np.pad(piece[first : first + _AT_ONCE], (0, _AT_ONCE))[:_AT_ONCE]
             some = np.pad(since[first : first + _AT_ONCE], (0, _AT_ONCE))[:_AT_ONCE]
-            given = jax.device_put((jax.tree.map(lambda x, r=rows: x[r], stacked), some))
-            found.append([np.asarray(x, np.float64) for x in SAMPLED(*given)])
+            *given, times_since = jax.device_put([*(x[rows] for x in leaves), some])
+            motion = jax.tree.unflatten(jax.tree.structure(self.pieces[0][1]), given)
+            found.append([np.asarray(x, np.float64) for x in SAMPLED(motion, times_since)])
         place, velocity, acceleration = (np.concatenate(x)[: len(asked)] for x in zip(*found, strict=True))
         return MotionSamples(place + self.origin, velocity, acceleration)
 
