@@ -123,15 +123,23 @@ class Cycle:
 
 
 def fly_cycles(
-    replanner: Replanner, world: SimulatedWorld, start: Point3, goal: Point3, period: float = 0.1
+    replanner: Replanner, world: SimulatedWorld, start: Point3, goal: Point3, deadline: float, period: float = 0.1
 ) -> Iterator[Cycle]:
-    """Fly the motions that a warm replanner commits a vehicle to, call by call, until it arrives."""
+    """Fly the motions that a warm replanner commits a vehicle to, call by call, until it arrives.
+
+    Args:
+        replanner: whose calls these are.
+        world: that the vehicle is in.
+        start, goal: [m].
+        deadline: of a call [s].
+        period: from one scan to the next [s].
+    """
     now, place, velocity, number = 0.0, np.array(start), np.zeros(3), 0
     while np.linalg.norm(place - goal) > _ARRIVED:
         points = world.scan_at(place, now, number)
         given = SensorScan(points, place, np.eye(3), velocity, now)
         began = time.process_time()
-        found = replanner.replan(given, place, goal, period)
+        found = replanner.replan(given, place, goal, deadline)
         processor = time.process_time() - began
         assert found.traffic is not None
         times = now + period * np.arange(1, _STEPS + 1) / _STEPS
@@ -163,7 +171,7 @@ def main(config: Config) -> list[Row]:
         world.scan_at(np.array(config.start), 0.0, 0)  # compiled before it counts
         replanner.warmup()  # forgets the flight before
         with compilations() as compiled:
-            flight_cycles = fly_cycles(replanner, world, config.start, config.goal, config.period)
+            flight_cycles = fly_cycles(replanner, world, config.start, config.goal, config.period, config.period)
             cycles = list(itertools.islice(flight_cycles, config.cycles))
         rows.append({"flight": str(flight), **_figures(cycles, len(compiled), config)})
         everything += cycles

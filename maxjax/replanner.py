@@ -240,7 +240,8 @@ class Replanner:
         assert self._watch is not None
         if self._planned is None or not math.dist(self._planned[1], goal) < self.grid.spacing:
             return True
-        return not learns and now - self._planned[0] > (_AGAIN if lost else self._watch.settings.period) - 1e-3
+        wait = _AGAIN if lost else self._watch.settings.period
+        return not learns and bool(now - self._planned[0] > wait - 1e-3)
 
     def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
         """The map before a scan."""

@@ -268,8 +268,9 @@ def clear_of_movers(
     outside = jnp.maximum(jnp.maximum(least - way[:, None, None], way[:, None, None] - greatest), 0.0)
     nobody = jnp.any(jnp.isnan(least) | jnp.isnan(greatest), axis=-1)
     apart = jnp.where(nobody, jnp.inf, jnp.linalg.norm(jnp.where(nobody[..., None], 0.0, outside), axis=-1))
-    may_be_there = (along / speed)[:, None] <= times[1:]
-    least_gap = jnp.min(jnp.where(may_be_there[..., None], apart, jnp.inf), axis=(1, 2), initial=jnp.inf)
-    # Between two points of the way one of them is at most half their distance away.
+    # Each point stands for the way around it, up to half the distance between two of them.
     half = 0.5 * jnp.max(jnp.diff(along), initial=0.0)
-    return jnp.min(jnp.where(least_gap < rules.keeping.radius + half, along, jnp.inf))
+    may_be_there = ((along - half) / speed)[:, None] <= times[1:]
+    least_gap = jnp.min(jnp.where(may_be_there[..., None], apart, jnp.inf), axis=(1, 2), initial=jnp.inf)
+    nearer = least_gap < rules.keeping.radius + half
+    return jnp.maximum(jnp.min(jnp.where(nearer, along, jnp.inf)) - half, 0.0)
