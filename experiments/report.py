@@ -85,6 +85,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.scaling, ("training_h200", "city_scale_h200")),
     (tables.cities, ("city_plan",)),
     (tables.lidar, ("lidar", "lidar_h200")),
+    (tables.onboard_movers, ("onboard_movers",)),
     (tables.first_hour, ("first_hour",)),
     (tables.startup, ("startup",)),
     (tables.page, ("page",)),

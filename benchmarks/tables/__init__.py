@@ -4,6 +4,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 """
 
 from benchmarks.tables.flights import flights, lidar, scaling
+from benchmarks.tables.onboard import onboard_movers
 from benchmarks.tables.plans import cities, plans, verdicts
 from benchmarks.tables.processes import first_hour, fuzz, history, mutations, page, service, startup
 from benchmarks.tables.rivals import rivals
@@ -17,6 +18,7 @@ __all__ = [
     "history",
     "lidar",
     "mutations",
+    "onboard_movers",
     "page",
     "plans",
     "profile",
