@@ -33,6 +33,7 @@ from maxjax.sim.worlds.populations import Population, place_movers, population
 from maxjax.sim.worlds.solid_distance import distance, horizontal_distance
 
 SMALL = FlightConfig(planner=AStar(), shape=(51, 51, 17), spacing=4.0, lidar=Lidar(rays=2048, channels=32), plans=5)
+_take_off = jax.jit(lambda world: take_off(world, SMALL))
 # South-west and north-east corners of houses, and their heights [m], from the first corner on.
 HOUSES = ((0, 0, 12, 10, 9.0), (70, 4, 84, 20, 22.0), (30, 60, 52, 70, 15.0), (96, 80, 110, 96, 31.0))
 
@@ -244,7 +245,23 @@ def test_a_mover_that_rests_on_the_start_is_told_before_take_off(city: GivenCity
     for aside, status in ((0.0, Status.START_OCCUPIED), (0.85, Status.START_OCCUPIED), (2.0, Status.OK)):
         movers = straight(solids, start[None] + jnp.array([aside, 0.0, 0.0]), still)
         world = World(geoms, start, goal, jax.random.key(0), SMALL.disturbances, movers)
-        assert int(take_off(world, SMALL).log.status) == status
+        assert int(_take_off(world).log.status) == status
+
+
+def test_an_end_inside_a_building_is_a_status(tmp_path: Path) -> None:
+    """In metres from the middle of all houses, the first one is 12 by 10 m, around (-49, -43)."""
+    inside, outside = (-49.0, -43.0, 4.0), (-20.0, -20.0, 6.0)
+    for ends, status in (
+        ((inside, outside), Status.START_OCCUPIED),
+        ((outside, inside), Status.GOAL_OCCUPIED),
+        (((-20.0, -20.0, -0.5), outside), Status.START_OCCUPIED),
+        ((outside, (20.0, -20.0, 6.0)), Status.OK),
+    ):
+        city = GivenCity.load(quarter(tmp_path), ends=ends)
+        drawn = city.draw(0, [0])
+        geoms = city.solids(np.asarray(drawn.start[0]), np.asarray(drawn.goal[0]))
+        world = World(geoms, drawn.start[0], drawn.goal[0], jax.random.key(0), SMALL.disturbances, None)
+        assert int(_take_off(world).log.status) == status
 
 
 # --- What cannot be flown in. ---
