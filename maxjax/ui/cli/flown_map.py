@@ -20,6 +20,8 @@ from maxjax.ui.cli.report import complain
 from maxjax.ui.option_groups import ReadOptions
 from maxjax.ui.request import reading_of
 
+_FOLLOWED = "needs --start and --goal, a map to fly in and no --movers; a closed loop has distances of its own"
+
 
 def where_of(options: FlyOptions) -> Where:
     """Where options say to fly; what a user should know of a file goes to stderr.
@@ -30,11 +32,9 @@ def where_of(options: FlyOptions) -> Where:
     if not is_file(options.map):
         tracking.refuse(options, tracking.READ, "reads a file, and a simulated city is none")
         tracking.refuse(options, ("start", "goal"), "goes with a file, and trials of a simulated city draw their ends")
-        tracking.refuse(options, tracking.FOLLOWED, "needs --start and --goal, and a map to fly in")
+    tracking.refuse(options, tracking.FOLLOWED, _FOLLOWED)
+    if not is_file(options.map):
         return options.map
-    tracking.refuse(
-        options, tracking.FOLLOWED, "goes with a trajectory that is followed; a closed loop has distances of its own"
-    )
     ends = ends_of(options)
     with progress(f"Reading {options.map}"):
         window = Window(options.spacing, options.bounds, options.center, (), options.ground)

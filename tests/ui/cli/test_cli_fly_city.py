@@ -162,7 +162,11 @@ def test_movers_without_any_free_way_are_counted(fly: Terminal, tmp_path: Path) 
         (("quarter.geojson", *ENDS, "--movers", 2, "--trial", 3), "--trial: goes with ends that are drawn"),
         (("quarter.geojson", *ENDS, "--trials", 3), "--trials: goes with trials, not with --start and --goal"),
         (("quarter.geojson", "--start", 0, 0, 5, "--movers", 3), "--start and --goal: expected both or none"),
-        (("quarter.geojson", "--trials", 2, "--radius", 2), "--radius: goes with a trajectory"),
+        (
+            ("quarter.geojson", *ENDS, "--movers", 2, "--margin", 2),
+            "--margin: needs --start and --goal, a map to fly in and no",
+        ),
+        (("quarter.geojson", "--trials", 2, "--radius", 2), "--radius: needs --start and --goal"),
         (
             ("quarter.geojson", "--trials", 2, "--fleet", 4),
             "--fleet: flies in midtown, downtown, suburb, given the file",
