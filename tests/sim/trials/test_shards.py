@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from maxjax.sim.trials import batches as module
+from maxjax.sim.trials import cities
 from maxjax.sim.trials import ledger as bookkeeping
 from maxjax.sim.trials.batches import fly_trials
 from maxjax.sim.trials.campaign import Campaign
@@ -175,7 +176,8 @@ def _maxjax(stuck: int) -> int:
         return real(campaign, drawn, rows, *rest)
 
     module.fly_batch = functools.partial(slow, module.fly_batch)
-    module.fly_closed_loop, module.draw_many, module._city = fake_fly, fake_draw, lambda name, seed: ground_plane()
+    module.fly_closed_loop, cities.draw_many = fake_fly, fake_draw
+    cities._city = lambda name, seed: ground_plane()
     module._one_by_one = module._fly_part
     return main()
 
