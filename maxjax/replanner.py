@@ -16,14 +16,17 @@ Among movers (`MoverSettings`) they are, into a map that forgets, and ten times 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float64, Real
 
+from maxjax.compile.threads import concurrently
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_map
@@ -114,11 +117,15 @@ class Replanner:
         self._planned: tuple[float, Float64[np.ndarray, " 3"], Status] | None = None
 
     def warmup(self) -> None:
-        """Compile all that `replan` runs, or read it from disk: minutes the first time on a machine, then seconds."""
+        """Compile all that `replan` runs, or read it from disk: minutes the first time on a machine, then seconds.
+
+        Among movers all that was seen and planned before is forgotten, so that another flight may begin.
+        """
         self._add_scan(np.full((1, 3), np.nan), self._known_map(None))
         self._shapes.warm_up()
         if self._watch is not None:
             self._watch.warm_up()
+            self._last = self._planned = None
         self._warm = True
 
     def replan(
@@ -185,7 +192,7 @@ class Replanner:
         deadline: float,
         known: Grid | VoxelMap | None,
     ) -> Replanned:
-        """Look for movers and choose a motion; tell the map of the scan, or plan, where that is due."""
+        """Look for movers and choose a motion; tell the map of a scan, or plan, where that is due."""
         watch = self._watch
         if watch is None or not isinstance(scan, SensorScan):
             raise ValueError(
@@ -193,23 +200,48 @@ class Replanner:
                 f"with it, given {type(scan).__name__}; see MoverSettings"
             )
         self._survey(known, watch)
-        learns = watch.due(scan.time)
-        left, age = (None, math.nan) if learns else self._remainder(*ends, watch.map, 1, began)
+        left, age = self._remainder(*ends, watch.map, 1, began)
         if left is not None:
             watch.follow_way(left.path)
-        looked = watch.look(scan, ends[0])
-        if learns and looked:
-            watch.learn()
+        first, learns = watch.traffic is None, watch.due(scan.time)
+        plans = self._plan_due(scan.time, ends[1], learns, left is None)
+
+        def planned() -> Plan:
+            task = Task.of(watch.map, ends[0][None], ends[1], self.distances)
+            return self._plan(task, began + deadline - _JUDGING)
+
+        found: Any
+        if first:
+            watch.look(scan, ends[0])
+            watch.take(watch.learned(), scan.time)
+            found = planned()
+        else:
+            found = self._look_and(watch.learned if learns else planned if plans else None, scan, ends[0])
+        if learns and not first:
+            watch.take(found, scan.time)
         if learns:
             left, age = self._remainder(*ends, watch.map, 1, began)
         plan = left
-        if looked and self._plan_due(scan.time, ends[1], learns, left is None):
-            found = self._plan(Task.of(watch.map, ends[0][None], ends[1], self.distances), began + deadline - _JUDGING)
+        if plans:
             self._planned = float(scan.time), ends[1], found.status
             if found.status == Status.OK:
                 self._last, plan, age = (found, began), found, 0.0
             watch.hold() if plan is None else watch.follow_way(plan.path)
         return self._judged(plan, age, scan, began, deadline)
+
+    def _look_and(self, work: Callable[[], Any] | None, scan: SensorScan, start: Float64[np.ndarray, " 3"]) -> Any:
+        """Look for movers, and have other work done beside it, on another core, which changes nothing of the watch."""
+        assert self._watch is not None
+        look: Callable[[], Any] = functools.partial(self._watch.look, scan, start)
+        if work is None:
+            look()
+            return None
+
+        def do(one: Callable[[], Any]) -> Any:
+            return one()
+
+        _, done = concurrently(do, [look, work], 2)
+        return done
 
     def _judged(self, plan: Plan | None, age: float, scan: SensorScan, began: float, deadline: float) -> Replanned:
         """What is handed out, as far as movers leave it clear."""
@@ -238,10 +270,12 @@ class Replanner:
     def _plan_due(self, now: float, goal: Float64[np.ndarray, " 3"], learns: bool, lost: bool) -> bool:
         """Whether to plan at a time of scans [s]."""
         assert self._watch is not None
+        if learns and self._planned is not None:
+            return False
         if self._planned is None or not math.dist(self._planned[1], goal) < self.grid.spacing:
             return True
         wait = _AGAIN if lost else self._watch.settings.period
-        return not learns and bool(now - self._planned[0] > wait - 1e-3)
+        return bool(now - self._planned[0] > wait - 1e-3)
 
     def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
         """The map before a scan."""

@@ -119,7 +119,7 @@ class OnboardWatch:
         for k in range(2):
             scan = SensorScan(np.full(rays, np.inf), middle, np.eye(3), np.zeros(3), 0.1 * k)
             self.look(scan, middle)
-            self.learn()
+            self.take(self.learned(), 0.1 * k)
             self.clear_length(np.stack([middle, middle + 1.0]))
         assert self.traffic is not None
         self.traffic.motion.at(0.0)
@@ -203,16 +203,23 @@ class OnboardWatch:
             Whether it was done: a scan that is no later than the last one is left out.
 
         Raises:
-            ValueError: for arrays of other shapes, or a time that is no number.
+            ValueError: for arrays of other shapes, a time that is no number, or a first call that does not know where
+                the vehicle is.
         """
         time, pose, velocity = _checked(scan)
+        lidar = self._rules.sight.lidar
+        returns = np.asarray(scan.returns, np.float64)
+        if returns.ndim != 1:
+            returns = points_of("SensorScan.returns", returns, ("n", 3), least=0)
+        if self.traffic is None and not np.isfinite(start).all():
+            raise ValueError(f"start: expected where the vehicle is in the first call [m], given {start.tolist()}")
         if math.isnan(self._zero):
             self._zero = time
         if time <= self._time and self.traffic is not None:
             flags = self.traffic.flags | {"CLOCK"}
             self.traffic = dataclasses.replace(self.traffic, flags=flags)
             return False
-        distance, counts = project_returns(np.asarray(scan.returns), self._rules.sight.lidar, self._rules.airframe)
+        distance, counts = project_returns(returns, lidar, self._rules.airframe)
         up = self._judge_pose(pose, start, velocity, time)
         up |= {"BLIND"} if counts.seen == 0 else set()
         up |= {"CLOCK"} if time - self._time > _LONGEST else set()
@@ -230,12 +237,18 @@ class OnboardWatch:
         self.traffic = self._told(watched, frozenset(up), counts)
         return True
 
-    def learn(self) -> None:
-        """Tell the map of the last scan."""
-        if self._latest is not None:
-            watched, own = self._latest
-            self._take(_LEARN(self._map, _put(self._closed), watched, own, rules=self._rules))
-            self._learned = self._time
+    def learned(self) -> lookout.MapAndVoxels:
+        """The map with the last scan; changes nothing, so that it may run while the next one is looked at."""
+        assert self._latest is not None
+        watched, own = self._latest
+        learned = _LEARN(self._map, _put(self._closed), watched, own, rules=self._rules)
+        jax.block_until_ready(learned)
+        return learned
+
+    def take(self, learned: lookout.MapAndVoxels, time: float) -> None:
+        """Go on with a map that has learned, at a time of scans [s]."""
+        self._take(learned)
+        self._learned = time
 
     def due(self, time: float) -> bool:
         """Whether the map should learn of a scan of such a time [s]."""
@@ -265,9 +278,8 @@ class OnboardWatch:
     def _flown(self, own: Own, time: float, began: float) -> Flown:
         """What is flown at the end of a scan, and was committed last."""
         if not self._pieces:
-            place = np.where(np.isfinite(own.place), own.place, 0.0)
-            velocity = np.where(np.isfinite(own.velocity), own.velocity, 0.0)
-            rest = _REST(*_put((place, velocity)), rules=self._rules)
+            velocity = _put(np.where(np.isfinite(own.velocity), own.velocity, np.float32(0.0)))
+            rest = _REST(own.place, velocity, rules=self._rules)
             self._pieces, self._verified = [(time, rest)], time
         # Of motions that others have replaced by now nothing is told any more.
         while len(self._pieces) > 1 and self._pieces[1][0] <= time:
