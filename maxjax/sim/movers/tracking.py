@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
+from maxjax.sim.movers.ambiguity import is_ambiguous
 from maxjax.sim.movers.assignment import assign
 from maxjax.sim.movers.body_marks import (
     History,
@@ -137,9 +138,11 @@ def update_tracks(
         sight: settings. Static.
     """
     later = predict_tracks(state, time, sight)
-    chosen = assign(_cost(later, seen, sight))
+    consistent = _consistent(later.tracks, seen, sight)
+    chosen = assign(_cost(later, seen, consistent))
     matched = chosen >= 0
-    after, broken = _measured(state, later, seen, chosen, sight)
+    unclear = is_ambiguous(later.tracks, seen, consistent, chosen, view.plain)
+    after, broken = _measured(state, later, seen, jnp.where(unclear, -1, chosen), sight)
     stands = state.moved & _slower(state, _SETTLING) & ~matched & view.stands
     after = _standing(state, after, stands, view.margin, sight.bounds)
     tracks, estimate = after.tracks, after.estimate
@@ -161,7 +164,11 @@ def update_tracks(
     place_deviation, velocity_deviation = map(jnp.sqrt, (estimate.place_variance, estimate.velocity_variance))
     deviations = {"place_deviation": place_deviation, "velocity_deviation": velocity_deviation}
     after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, **deviations))
+    # What is larger than assumed may have moved otherwise than its marks say.
     grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
+    top = jnp.where(grown, sight.bounds.speed, 0.0)[:, None]
+    slowest, fastest = jnp.minimum(after.tracks.slowest, -top), jnp.maximum(after.tracks.fastest, top)
+    after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, slowest=slowest, fastest=fastest))
     return after, Association(chosen, (broken | grown) & used, appeared & used, left_out)
 
 
@@ -197,16 +204,20 @@ def _standing(
     return dataclasses.replace(after, tracks=tracks, marks=marks, estimate=estimate)
 
 
-def _cost(later: TrackerState, seen: Detections, sight: TrackingSettings) -> Float[Array, "s d"]:
+def _consistent(tracks: Tracks, seen: Detections, sight: TrackingSettings) -> Bool[Array, "s d"]:
+    """Whether the set of a track holds a measurement."""
+    moved = sight.bounds.speed * seen.age[None, :, None]
+    overlap = (tracks.low[:, None] <= seen.high[None] + moved) & (seen.low[None] - moved <= tracks.high[:, None])
+    return jnp.all(overlap, axis=-1) & tracks.used[:, None] & seen.used[None]
+
+
+def _cost(later: TrackerState, seen: Detections, consistent: Bool[Array, "s d"]) -> Float[Array, "s d"]:
     """Distance from where a track was expected when a body was measured [m]; infinite where it cannot be the same."""
     tracks, age = later.tracks, seen.age[None, :, None]
     expected = tracks.place[:, None] - age * tracks.velocity[:, None]
     distance = jnp.linalg.norm(expected - seen.place[None], axis=-1)
-    moved = sight.bounds.speed * age
-    overlap = (tracks.low[:, None] <= seen.high[None] + moved) & (seen.low[None] - moved <= tracks.high[:, None])
-    possible = jnp.all(overlap, axis=-1) | (distance < _BROKE)
+    possible = consistent | ((distance < _BROKE) & tracks.used[:, None] & seen.used[None])
     # Confirmed tracks choose first.
-    possible &= tracks.used[:, None] & seen.used[None]
     return jnp.where(possible, distance + jnp.where(tracks.confirmed, 0.0, 0.5)[:, None], jnp.inf)
 
 
