@@ -12,14 +12,12 @@ Walls are not ORCA's: the velocity is aimed down the same cost-to-go as ours, wh
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from maxjax.sim.movers.choice import Around, Commitment, Keeping, downhill
-from maxjax.sim.movers.motions import MotionPrimitive, MotionSet
+from maxjax.sim.movers.motions import MotionSet, motion_to
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks
 
 _SECONDS = 2.0  # τ
@@ -34,8 +32,10 @@ def orca(
     wanted = downhill(around.guide, present, choice)
     change, normal = half_spaces(around.tracks, present.place, present.velocity, keeping.radius)
     velocity = solved(wanted, present.velocity + change, normal, around.tracks.used, choice.speed)
-    motion = dataclasses.replace(present, target=velocity, brakes=jnp.float32(choice.horizon))
-    return Commitment(_checked(motion), jnp.float32(0.0)), jnp.array(True)
+    velocity = jnp.where(jnp.all(jnp.isfinite(velocity)), velocity, 0.0)
+    start = present.place, present.velocity, present.pushes[0]
+    motion = motion_to(start, velocity, jnp.float32(choice.horizon), choice)
+    return Commitment(motion, jnp.float32(0.0)), jnp.array(True)
 
 
 def half_spaces(
@@ -101,9 +101,3 @@ def solved(
     start = wanted, jnp.zeros((len(points) + 1, 3))
     found: Array = lax.fori_loop(0, _SWEEPS, sweep, start)[0]
     return found
-
-
-def _checked(motion: MotionPrimitive) -> MotionPrimitive:
-    """The motion, to rest if its target is not finite."""
-    known = jnp.all(jnp.isfinite(motion.target))
-    return dataclasses.replace(motion, target=jnp.where(known, motion.target, 0.0))

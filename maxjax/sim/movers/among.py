@@ -2,7 +2,8 @@
 
 No contact with a mover before the motion that is flown has ended, unless a flag is up:
 
-    BOUND     a measurement outside the set of its track: the mover broke its bounds
+    BOUND     a measurement outside the set of its track: the mover broke its bounds, and what is flown is not verified
+              against all that it may do now, at any velocity within the bound
     NEAR      a mover first confirmed nearer than what confirming it and an escape take
     DRIFTED   the vehicle further from its motion than assumed
     TRAPPED   the motion that was verified has ended, or is not any more, and no other one is
@@ -72,6 +73,24 @@ def raise_flags(flags: Flags, up: Bool[Array, " f"], time: Float[Array, ""], las
         flags.any_seconds + lasts * jnp.any(up),
         jnp.where(up, time, flags.last),
     )
+
+
+def flags_of_look(
+    seen: Bool[Array, " f"], drifted: Bool[Array, ""], trapped: Bool[Array, ""], appeared: Bool[Array, ""]
+) -> Bool[Array, " f"]:
+    """The flags that are up from a look on.
+
+    The set of a mover that broke its bounds begins again, with all velocities that the bound on speed allows. Whoever
+    is verified against that is promised as much as before, whatever the mover does below that speed.
+
+    Args:
+        seen: those of perception.
+        drifted: whether the vehicle is off its motion.
+        trapped: whether nothing is verified.
+        appeared: whether something is met near the vehicle where nothing was.
+    """
+    up = seen.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
+    return up.at[Flag.BOUND].min(trapped)
 
 
 @jax.tree_util.register_dataclass

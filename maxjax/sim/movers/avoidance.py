@@ -22,6 +22,7 @@ from maxjax.sim.movers.among import (
     LookRecord,
     Perception,
     Sightings,
+    flags_of_look,
     no_flags,
     no_sightings,
     raise_flags,
@@ -29,7 +30,7 @@ from maxjax.sim.movers.among import (
 from maxjax.sim.movers.choice import Around, Chooser, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.hard_set import HardSet
 from maxjax.sim.movers.local_value import Crowding, LocalValue
-from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, later
+from maxjax.sim.movers.motions import MotionSet, at, later, motion_to, rest_at
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, reachable
 from maxjax.sim.movers.surroundings import Knowledge, obstacles_around, way_around
 from maxjax.sim.sensors.lidar import Scan
@@ -125,10 +126,7 @@ class Avoidance(Extension):
 
 def _hover_at(position: Float[Array, "3"], how: Avoidance) -> Commitment:
     """To stay where one is."""
-    zero = jnp.zeros(3)
-    return Commitment(
-        MotionPrimitive(position, zero, zero, jnp.float32(0.0), jnp.float32(how.choice.acceleration)), jnp.float32(0.0)
-    )
+    return Commitment(rest_at(position), jnp.float32(0.0))
 
 
 def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[Among, Array]:
@@ -139,14 +137,14 @@ def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[A
     position = estimated_position(world, flight, config)
     drifted = jnp.linalg.norm(left.place - position) > how.drift
     # Far from its motion the vehicle begins another one from where it is.
-    here = MotionPrimitive(position, flight.vehicle.velocity, jnp.zeros(3), jnp.float32(0.0), left.acceleration)
+    here = motion_to((position, flight.vehicle.velocity, left.pushes[0]), jnp.zeros(3), jnp.float32(0.0), how.choice)
     left = jax.tree.map(lambda x, y: jnp.where(drifted, x, y), here, left)
     hard, appeared = hard_around(flight, config, left.place)
     guide = guide_around(flight, config, left.place, among.seen.tracks)
     around = Around(among.seen.tracks, hard, guide, how.within)
     verified = jnp.where(drifted, 0.0, among.flown.verified - among.since)
     flown, holds = how.chooser(around, Commitment(left, verified), how.choice, how.bounds, how.keeping)
-    up = among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds).at[Flag.NEAR].max(appeared)
+    up = flags_of_look(among.seen.flags, drifted, ~holds, appeared)
     return dataclasses.replace(among, flown=flown, since=jnp.float32(0.0)), up
 
 

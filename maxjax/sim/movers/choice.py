@@ -1,18 +1,21 @@
 """Choose a motion that is verified against the sets of all movers and the hard set, and keep it until a better one is.
 
-    verified:  at every time of the horizon, boxes that may hold movers are `radius` away, walls as well,
+    verified:  until it rests, and for m seconds at least, boxes that may hold movers are `radius` away; so are walls,
                and every voxel on the way was seen free
     chosen:    the verified motion of least  cost-to-go of its place of rest + price of nearness
+
+Nothing is asked of what follows after a motion's own end: what may be where in two seconds is known to metres, and by
+then another motion was chosen. So a vehicle that rests is promised the m seconds alone (`Keeping.promise`).
 
 A motion that is flown is replaced only by a verified one; where there is none it is flown to its end, at which the
 vehicle rests. If what is flown is not verified any more (a mover broke its bound, or appeared from nowhere) and nothing
 is, that is flagged, and the same is asked of boxes that are likely to hold movers; if nothing stays out of these
 either, the motion that does for longest is taken; if walls allow none, the one that comes least near to them.
 
-Between two samples the vehicle is no further from the nearer one than half a step takes it, which is added to what has
-to be clear; boxes are those that hold a mover at any time of a step. Who is nearer to the box of some mover than that
-at the start may go on, but come no nearer to this one, and keeps the distance to all others; the promise does not hold
-meanwhile. Who is that near to a wall may go along it.
+Between two samples the vehicle is no further from the nearer one than half a step h takes it,
+|v| h/2 + |a| h²/8 + j h³/48, which is added to what has to be clear; boxes are those that hold a mover at any time of a
+step. Who is nearer to the box of some mover than that at the start may go on, but come no nearer to this one, and keeps
+the distance to all others; the promise does not hold meanwhile. Who is that near to a wall may go along it.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from jaxtyping import Array, Bool, Float
 
 from maxjax.sim.movers.hard_set import HardSet, gaps, seen_free
 from maxjax.sim.movers.local_value import LocalValue, cost_to_go
-from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, motions
+from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, duration, motions
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, likely_sets, reachable
 
 # Distances are compared with so much room for rounding [m].
@@ -45,6 +48,8 @@ class Keeping:
     Attributes:
         radius: to what may hold a mover [m]: of the vehicle, and how far it may be from its motion.
         wall: to the cubes of blocked voxels [m].
+        promise: m, time for which a motion is verified at least, however soon it rests [s]: as long as a vehicle at
+            rest is told beforehand that something may come near. The longer it is, the more often nothing is verified.
         step: between the samples of a motion [s].
         comfort: distance to a mover from which on nearness costs nothing [m].
         nearness: cost of touching a mover's likely place [m].
@@ -56,6 +61,7 @@ class Keeping:
 
     radius: float = 1.0
     wall: float = 1.0
+    promise: float = 0.8
     step: float = 0.1
     comfort: float = 3.0
     nearness: float = 4.0
@@ -82,8 +88,9 @@ class MotionScores:
     """Scores of each motion; batch axes lead.
 
     Attributes:
-        verified: against sets, walls and unseen space, for the whole horizon; against sets that are too near already,
-            that it comes no nearer.
+        verified: against sets, walls and unseen space, for `promised`; against sets that are too near already, that it
+            comes no nearer.
+        promised: time for which it has to be clear: until it rests, and at least `Keeping.promise` [s].
         free: time up to which it stays out of the sets [s].
         hopeful: time up to which it stays out of where movers are likely to be [s].
         allowed: whether walls and unseen space allow it.
@@ -94,6 +101,7 @@ class MotionScores:
     """
 
     verified: Bool[Array, "*batch n"]
+    promised: Float[Array, "*batch n"]
     free: Float[Array, "*batch n"]
     hopeful: Float[Array, "*batch n"]
     allowed: Bool[Array, "*batch n"]
@@ -131,7 +139,7 @@ def choose_motion(
         keeping: distances. Static.
     """
     present = flown.motion
-    tried = motions(choice, present.place, present.velocity, downhill(around.guide, present, choice))
+    tried = motions(choice, present, downhill(around.guide, present, choice))
     every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, bounds, keeping)
     # What was wanted at the last look is wanted a little more than what is as good.
@@ -140,23 +148,23 @@ def choose_motion(
     some = jnp.any(scored.verified)
     best = jnp.argmin(jnp.where(scored.verified, scored.cost, jnp.inf))
     keeps = (flown.verified >= keeping.step) & (scored.free[0] > flown.verified) & scored.allowed[0]
-    last = jnp.argmax(last_resort(scored, choice.horizon))
+    last = jnp.argmax(last_resort(scored))
     taken = jnp.where(some, best, jnp.where(keeps, 0, last))
-    verified = jnp.where(some, choice.horizon, jnp.where(keeps, flown.verified, 0.0))
+    verified = jnp.where(some, scored.promised[best], jnp.where(keeps, flown.verified, 0.0))
     motion: MotionPrimitive = jax.tree.map(lambda x: x[taken], every)
     return Commitment(motion, verified), (some | keeps) & ~scored.near[0]
 
 
-def last_resort(scored: MotionScores, horizon: float) -> Float[Array, " n"]:
+def last_resort(scored: MotionScores) -> Float[Array, " n"]:
     """Rank of motions where none is verified; the greatest is flown.
 
     1. Those that walls and unseen space allow; then those that come less near to walls than they may not.
-    2. Those out of where movers are likely to be for the whole horizon, by cost.
+    2. Those out of where movers are likely to be for as long as motions are verified, by cost.
     3. The others by seconds out of there. A metre of margin, of the first one, counts as half a second; a second out of
        the sets as 0.2 s; a metre of cost as 0.02 s.
     """
     hope = scored.hopeful + 0.5 * jnp.minimum(scored.margin, 1.0) + 0.2 * scored.free
-    hope = jnp.where(scored.hopeful > horizon, 100.0 - scored.cost, hope - 0.02 * scored.cost)
+    hope = jnp.where(scored.hopeful > scored.promised, 100.0 - scored.cost, hope - 0.02 * scored.cost)
     return jnp.where(scored.allowed, hope, hope - 1e4 * (1.0 + scored.nearer))
 
 
@@ -168,8 +176,10 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
     """Judge motions that all start now."""
     steps = round(choice.horizon / keeping.step)
     times = keeping.step * jnp.arange(steps + 1)
-    place, velocity, _ = jax.vmap(lambda t: at(tried, t), out_axes=1)(times)  # (n, t, 3)
-    sweep = 0.5 * keeping.step * jnp.linalg.norm(velocity, axis=-1)
+    place, velocity, push = jax.vmap(lambda t: at(tried, t), out_axes=1)(times)  # (n, t, 3)
+    half = 0.5 * keeping.step
+    sweep = half * jnp.linalg.norm(velocity, axis=-1) + half**2 / 2.0 * jnp.linalg.norm(push, axis=-1)
+    sweep += half**3 / 6.0 * choice.jerk
 
     free, _, near = _free(around.tracks, place, sweep, bounds, keeping)
     calm = dataclasses.replace(bounds, acceleration=_CALM * bounds.acceleration)
@@ -190,15 +200,17 @@ def score(around: Around, tried: MotionPrimitive, choice: MotionSet, bounds: Bou
 
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - margin / keeping.comfort, 0.0))
     cost = cost_to_go(around.guide, place[:, -1]) + price
-    return MotionScores(allowed & (free > choice.horizon), free, hopeful, allowed, nearer, cost, margin, near)
+    promised = jnp.maximum(duration(tried), keeping.promise)
+    verified = allowed & (free > promised) & (promised <= choice.horizon)
+    return MotionScores(verified, promised, free, hopeful, allowed, nearer, cost, margin, near)
 
 
 def _free(
     tracks: Tracks, place: Float[Array, "n t 3"], sweep: Float[Array, "n t"], bounds: Bounds, keeping: Keeping
 ) -> tuple[Float[Array, " n"], Float[Array, " n"], Bool[Array, " n"]]:
-    """Time up to which motions stay out of sets [s], the last one and more if throughout.
+    """Time up to which motions stay out of sets [s], more than the last one if throughout.
 
-    And how near they come [m], and whether they start too near.
+    And how near they come [m], and whether they start too near. A sample stands for half a step before and after it.
     """
     times = keeping.step * jnp.arange(place.shape[1])
     edges = jnp.maximum(keeping.step * (jnp.arange(len(times) + 1) - 0.5), 0.0)
@@ -217,7 +229,8 @@ def _free(
 
     spare, apart = jax.vmap(at_time, in_axes=(1, 1, 0, 0), out_axes=1)(place, needed, least, greatest)
     clear = spare >= 0.0
-    free = jnp.where(jnp.all(clear, axis=1), times[-1] + keeping.step, times[jnp.argmin(clear, axis=1)])
+    first = jnp.where(jnp.all(clear, axis=1), len(times), jnp.argmin(clear, axis=1))
+    free = jnp.maximum(keeping.step * (first - 0.5), 0.0)
     return free, jnp.min(apart, axis=1), jnp.any(near, axis=1)
 
 

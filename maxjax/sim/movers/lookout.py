@@ -18,11 +18,11 @@ from jaxtyping import Array, Bool, Float, Float32, Int32
 
 from maxjax.compile.lowering import matmul
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import Flag
+from maxjax.sim.movers.among import flags_of_look
 from maxjax.sim.movers.choice import Around, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.lidar_perception import sightings_of
 from maxjax.sim.movers.local_value import Crowding
-from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, duration, later, motions
+from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, duration, later, motion_to
 from maxjax.sim.movers.perception import PerceptionState, process_scan
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, propagate, reachable
 from maxjax.sim.movers.surroundings import Box, Knowledge, obstacles_around, way_around
@@ -198,7 +198,7 @@ def watch_movers(
     hard, appeared = obstacles_around(known, left.place, rules)
     around = Around(tracks, hard, way_around(known, left.place, tracks, rules), rules.within)
     chosen, holds = choose_motion(around, Commitment(left, verified), rules.choice, rules.bounds, rules.keeping)
-    up = seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(~holds).at[Flag.NEAR].max(appeared)
+    up = flags_of_look(seen.flags, drifted, ~holds, appeared)
     followed = dataclasses.replace(seeing.tracks, rests=seeing.rests)
     least, greatest = reachable(followed, jnp.zeros(1), rules.bounds)
     lasts, kept = duration(chosen.motion), seen.tracks.used
@@ -207,9 +207,8 @@ def watch_movers(
 
 def come_to_rest(place: Float[Array, "3"], velocity: Float[Array, "3"], *, rules: MoverSettings) -> MotionPrimitive:
     """The motion from a state [m], [m/s] towards rest."""
-    tried = motions(rules.choice, place, velocity, jnp.zeros(3))
-    rest: MotionPrimitive = jax.tree.map(lambda x: x[0], tried)  # whose target stands first
-    return rest
+    zero = jnp.zeros(3)
+    return motion_to((place, velocity, zero), zero, jnp.float32(0.0), rules.choice)
 
 
 def as_scan(distance: Float32[Array, " r"]) -> Scan:

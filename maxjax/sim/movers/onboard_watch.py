@@ -174,7 +174,7 @@ class OnboardWatch:
         speed = float(np.linalg.norm(np.asarray(scan.velocity, np.float64)))
         choice = self._rules.choice
         speed = speed if math.isfinite(speed) else choice.speed
-        return speed * (self._rules.delay + 0.5 * speed / choice.acceleration)
+        return speed * (self._rules.delay + 0.5 * choice.stopping)
 
     def clear_length(self, path: Float64[np.ndarray, "t 3"]) -> float:
         """How far along a path from the vehicle on nothing that may hold a mover is too near [m]."""

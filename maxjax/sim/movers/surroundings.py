@@ -148,24 +148,27 @@ def way_around(known: Knowledge, place: Float[Array, "3"], tracks: Tracks, rules
 
     every = max(round(spacing / 2 / known.spacing), 1)
     points, left = known.way[::every], known.left[::every]
-    ends = jnp.min(left + _ASIDE * jnp.linalg.norm(centres[:, None] - points, axis=-1), axis=1).reshape(cells)
+    aside = jnp.linalg.norm(centres[:, None] - points, axis=-1)
+    ends = jnp.min(left + _ASIDE * aside, axis=1).reshape(cells)
     inner = jnp.zeros(cells, bool).at[1:-1, 1:-1, 1:-1].set(True)
     # The end of the way: where it lies in the window, a way may end.
     close = (jnp.linalg.norm(centres - known.way[-1], axis=1) < spacing).reshape(cells)
     ends = jnp.where(inner & ~close, jnp.inf, ends)
     kept = clearance_to_movers(tracks, rules)
     price = crowding(centres, place, rules.choice.speed, tracks, kept, crowd).reshape(cells)
-    # Beside a wall there is hardly room, and none at its corners.
+    # Beside a wall there is hardly room, and none at its corners. But where the static way leads along walls, through a
+    # passage, it knew of them: were that dear here, the face above would seem nearer to its end, and once there, below.
     beside = lax.reduce_window(share, -jnp.inf, lax.max, (3, 3, 3), (1, 1, 1), "SAME")
-    walls = crowd.wall * share + crowd.beside * beside
+    on_way = (jnp.min(aside, axis=1) < spacing).reshape(cells) & (size == 1)
+    walls = jnp.where(on_way, 0.0, crowd.wall * share + crowd.beside * beside)
     return local_value(free, (origin, spacing), (ends, points[-1]), price + walls, crowd.sweeps)
 
 
 def clearance_to_movers(tracks: Tracks, rules: Rules) -> Float[Array, " s"]:
-    """How far motions keep, over their horizon, from where each mover is likely to be [m]; from no confirmed one: 0."""
-    horizon = rules.choice.horizon
-    least, greatest = reachable(tracks, jnp.array([horizon]), rules.bounds)
-    likely = tracks.place + horizon * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
+    """How far motions keep, until they rest, from where each mover is likely to be [m]; from no confirmed one: 0."""
+    time = rules.choice.lasts
+    least, greatest = reachable(tracks, jnp.array([time]), rules.bounds)
+    likely = tracks.place + time * jnp.where(tracks.rests[:, None], 0.0, tracks.velocity)
     further = jnp.maximum(greatest[0] - tracks.half - likely, likely - least[0] - tracks.half)
     distance = rules.keeping.radius + jnp.maximum(jnp.max(further, axis=1), 0.0)
     return jnp.where(tracks.used & tracks.confirmed, distance, 0.0)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.movers.choice import Around, Commitment, downhill, score
-from maxjax.sim.movers.motions import MotionPrimitive, at, motions
+from maxjax.sim.movers.motions import MotionPrimitive, at, duration, motions
 from maxjax.sim.movers.reachable_sets import Tracks, no_tracks
 from maxjax.sim.swarm.agreement import NEVER, Agreement, Message
 from maxjax.sim.swarm.separation import Scheduled, courses, separation
@@ -91,15 +91,16 @@ def propose_motion(
         agreement: static.
     """
     choice, keeping, present = how.choice, how.keeping, left.motion
-    tried = motions(choice, present.place, present.velocity, downhill(around.guide, present, choice))
+    tried = motions(choice, present, downhill(around.guide, present, choice))
     every = jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), present, tried)
     scored = score(around, every, choice, how.bounds, keeping)
     apart = jnp.min(_separations(every, told, at_look, agreement), axis=0, initial=jnp.inf)
-    clear = apart >= agreement.apart
+    # The others know a motion until the horizon only.
+    clear = (apart >= agreement.apart) & (duration(every) <= choice.horizon)
     price = keeping.nearness * jnp.square(jnp.maximum(1.0 - (apart - agreement.apart) / keeping.comfort, 0.0))
     cost = scored.cost + price
 
-    verified = jnp.where(scored.verified[0], choice.horizon, left.verified)
+    verified = jnp.where(scored.verified[0], scored.promised[0], left.verified)
     holds = (verified >= keeping.step) & (scored.free[0] >= jnp.minimum(verified, choice.horizon)) & scored.allowed[0]
     holds &= ~scored.near[0]
     fit = clear & scored.verified
@@ -118,7 +119,7 @@ def _separations(
 ) -> Float[Array, "m n"]:
     """Of each vehicle, how near the nearer of its committed motion and its proposal comes to each motion [m]."""
     sampled = agreement.sampled
-    mine = courses(Scheduled(tried, jnp.broadcast_to(at_look, tried.brakes.shape)), at_look, sampled)
+    mine = courses(Scheduled(tried, jnp.broadcast_to(at_look, tried.place.shape[:-1])), at_look, sampled)
     proposed = told.proposed != NEVER
 
     def of_one(told: Message, proposed: Array) -> Array:

@@ -20,10 +20,10 @@ from jaxtyping import Array, Bool, Float, Int32
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight_state import LOG_PERIOD, Flight, FlightConfig, World, estimated_position
 from maxjax.sim.loop.follow import fly_period, step_alone, unless
-from maxjax.sim.movers.among import Among, Flag
+from maxjax.sim.movers.among import Among, flags_of_look
 from maxjax.sim.movers.avoidance import Avoidance, guide_around, hard_around
 from maxjax.sim.movers.choice import Around, Commitment
-from maxjax.sim.movers.motions import MotionSet, later
+from maxjax.sim.movers.motions import MotionSet, duration, later
 from maxjax.sim.movers.reachable_sets import Tracks, propagate
 from maxjax.sim.swarm.agreement import Agreement, proposing, swap_proposal
 from maxjax.sim.swarm.member import NOBODY, Member, place_of_commitment, saying
@@ -65,7 +65,7 @@ class Together:
         """Motions that go on until the next but one proposal can replace them, with the limits of a set."""
         brakes = tuple(round(LOG_PERIOD * self.wait + more, 3) for more in (0.1, 0.4))
         return dataclasses.replace(
-            choice, brakes=brakes, horizon=math.ceil(10.0 * (brakes[-1] + choice.speed / choice.acceleration)) / 10.0
+            choice, brakes=brakes, horizon=math.ceil(10.0 * (brakes[-1] + choice.stopping)) / 10.0
         )
 
     def agreement(self, how: Avoidance) -> Agreement:
@@ -87,7 +87,8 @@ class Together:
         own, swaps = swap_proposal(own, told, index, look, agreement)
 
         since = LOG_PERIOD * (look - own.committed.start).astype(jnp.float32)
-        verified = jnp.where(swaps, how.choice.horizon, among.flown.verified - among.since)
+        promised = jnp.maximum(duration(own.committed.motion), how.keeping.promise)
+        verified = jnp.where(swaps, promised, among.flown.verified - among.since)
         start = look + self.wait
         present = later(own.committed.motion, since + LOG_PERIOD * self.wait)
         near = nearest_of(others_told(told, index), present.place, start, self.neighbours, agreement)
@@ -130,7 +131,7 @@ def _up(
     # Where it believes to be: map, sets and motions are in that frame.
     position = estimated_position(world, flight, config)
     drifted = jnp.linalg.norm(place_of_commitment(member, LOG_PERIOD) - position) > how.drift
-    return among.seen.flags.at[Flag.DRIFTED].set(drifted).at[Flag.TRAPPED].set(trapped).at[Flag.NEAR].max(appeared)
+    return flags_of_look(among.seen.flags, drifted, trapped, appeared)
 
 
 def _step(world: World, flight: Flight, config: FlightConfig, noise: Float[Array, "3"]) -> Flight:

@@ -104,8 +104,14 @@ def test_where_nothing_is_verified_hope_counts_by_the_second() -> None:
     def better(**pairs: tuple[float | bool, float | bool]) -> bool:
         """Whether the first of two motions is flown."""
         both = {"verified": (False, False), "free": (0.5, 0.5), "hopeful": (1.0, 1.0), "allowed": (True, True)}
-        both |= {"nearer": (0.0, 0.0), "cost": (20.0, 20.0), "margin": (0.3, 0.3), "near": (False, False)} | pairs
-        return int(jnp.argmax(last_resort(MotionScores(**{k: jnp.array(v) for k, v in both.items()}), 2.2))) == 0
+        both |= {
+            "nearer": (0.0, 0.0),
+            "cost": (20.0, 20.0),
+            "margin": (0.3, 0.3),
+            "near": (False, False),
+            "promised": (2.2, 2.2),
+        } | pairs
+        return int(jnp.argmax(last_resort(MotionScores(**{k: jnp.array(v) for k, v in both.items()})))) == 0
 
     assert better(allowed=(True, False), hopeful=(0.1, 2.0))
     assert better(allowed=(False, False), nearer=(0.1, 0.2), hopeful=(0.1, 2.0))

@@ -135,12 +135,12 @@ def test_movers_on_the_start_end_the_flight_at_once() -> None:
     assert float(log.duration) == 0.0
 
 
-def test_what_motions_keep_of_a_mover_is_its_set_at_the_horizon_and_the_radius() -> None:
+def test_what_motions_keep_of_a_mover_is_its_set_when_they_rest_and_the_radius() -> None:
     """Of one at 1 ± 1 m/s, known to 2 cm, backwards most: from 0 m/s it does not reach the bound on speed."""
     movers = spheres(np.array([[0.0, 0.0, 8.0]]), np.array([[1.0, 0.0, 0.0]]))
     seen = TrueTracks(slots=2, velocity=1.0)
     tracks = jax.jit(lambda movers: tracks_of(movers, jnp.float32(0.0), jnp.zeros(3), BOUNDS, seen))(movers)
-    horizon = HOW.choice.horizon
-    expected = HOW.keeping.radius + 0.02 + 1.0 * horizon + 0.5 * BOUNDS.acceleration * horizon**2
+    time = HOW.choice.lasts
+    expected = HOW.keeping.radius + 0.02 + 1.0 * time + 0.5 * BOUNDS.acceleration * time**2
     np.testing.assert_allclose(clearance_to_movers(tracks, HOW), [expected, 0.0], rtol=1e-5)
     assert (clearance_to_movers(no_tracks(3), HOW) == 0.0).all()

@@ -79,6 +79,6 @@ def test_motions_wait_for_messages_and_rest_within_their_horizon() -> None:
     for delay, wait in [(0.0, 1), (0.1, 2), (0.25, 4), (0.5, 6)]:
         together = Together(delay)
         assert together.wait == wait
-        found = together.motions(MotionSet(speed=6.0, acceleration=4.0))
+        found = together.motions(MotionSet(speed=6.0, acceleration=8.0))
         assert min(found.brakes) > 0.1 * wait
-        assert found.horizon >= max(found.brakes) + 6.0 / 4.0
+        assert found.horizon >= max(found.brakes) + 1.5 * 6.0 / 8.0
