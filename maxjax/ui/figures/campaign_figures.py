@@ -83,9 +83,8 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
         outcome: of the trial.
         flights: before its first planning period and after each, two at least.
     """
-    place = TrialSite(
-        campaign.map, outcome.city, *(np.asarray(end, np.float32) for end in (outcome.start, outcome.goal))
-    )
+    start, goal = (np.asarray(end, np.float32) for end in (outcome.start, outcome.goal))
+    geoms = TrialSite(campaign.map, outcome.city, start, goal).solids
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
     clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(geoms, where))
