@@ -29,7 +29,7 @@ from maxjax.compile.threads import concurrently, interruptible
 from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, fly_all_closed_loop, fly_closed_loop, watch
 from maxjax.sim.trials.batch_size import first_size, halve, round_up
 from maxjax.sim.trials.campaign import Campaign, outcome_of
-from maxjax.sim.trials.cities import Place, trials_in
+from maxjax.sim.trials.cities import TrialSite, trials_in
 from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome, Table, on_host
@@ -167,7 +167,7 @@ def fly_batch(
     # Trials of one simulated city share its solids; in a given one, each has those around its own way.
     own = filled if isinstance(campaign.map, GivenCity) else drawn["city"][filled]
     _, first, places = np.unique(own, return_index=True, return_inverse=True)
-    each = [place_of(campaign, drawn, int(row)).solids for row in filled[first]]
+    each = [site_of(campaign, drawn, int(row)).solids for row in filled[first]]
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
     movers = None if campaign.movers is None else _movers(campaign, campaign.movers, drawn, filled)
@@ -208,7 +208,7 @@ def _movers(campaign: Campaign, how: Population, drawn: Table, rows: Sequence[in
 def _movers_of(campaign: Campaign, how: Population, drawn: Table, row: int) -> Movers:
     """The movers of one trial."""
     key = movers_key(campaign.map, campaign.seed, campaign.trials[row])
-    return place_of(campaign, drawn, row).movers(how, key)
+    return site_of(campaign, drawn, row).movers(how, key)
 
 
 # Geoms, start, goal and key of each flight.
@@ -280,9 +280,9 @@ def draw_trials(campaign: Campaign) -> Table:
     return on_host(trials_in(campaign.map, campaign.seed, campaign.trials))
 
 
-def place_of(campaign: Campaign, drawn: Table, row: int) -> Place:
+def site_of(campaign: Campaign, drawn: Table, row: int) -> TrialSite:
     """Where one trial is flown."""
-    return Place(campaign.map, int(drawn["city"][row]), drawn["start"][row], drawn["goal"][row])
+    return TrialSite(campaign.map, int(drawn["city"][row]), drawn["start"][row], drawn["goal"][row])
 
 
 def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
@@ -290,5 +290,5 @@ def world_of(campaign: Campaign, drawn: Table, row: int) -> World:
     key = jax.random.fold_in(campaign.key, campaign.trials[row])
     start, goal = (jnp.asarray(drawn[end][row]) for end in ("start", "goal"))
     movers = None if campaign.movers is None else _movers_of(campaign, campaign.movers, drawn, row)
-    geoms = place_of(campaign, drawn, row).solids
+    geoms = site_of(campaign, drawn, row).solids
     return World(geoms, start, goal, key, campaign.flight.disturbances, movers)

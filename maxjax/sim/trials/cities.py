@@ -1,7 +1,7 @@
 """Where trials are flown: in simulated cities, by the name of their map, or in a given one.
 
     trials_in(where, seed, indices)        ends of trials, and the cities of a simulated map that they are in
-    Place(where, city, start, goal)        its solids, and its movers by key
+    TrialSite(where, city, start, goal)        its solids, and its movers by key
 
 Both are pure functions of their arguments, so that a trial depends on no other.
 """
@@ -28,7 +28,7 @@ Vector = Float[np.ndarray, "3"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Place:
+class TrialSite:
     """The place of one trial.
 
     Attributes:

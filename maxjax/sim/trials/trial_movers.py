@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from maxjax.core.rng_streams import named_key
-from maxjax.sim.trials.cities import Place, Where, stream_of
+from maxjax.sim.trials.cities import TrialSite, Where, stream_of
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.sim.worlds.movers import Movers
 from maxjax.sim.worlds.populations import Population
@@ -39,4 +39,4 @@ def movers_of(configuration: Mapping[str, Any], outcome: Outcome, where: Where |
     where = configuration["map"] if where is None else where
     start, goal = (np.asarray(end, np.float32) for end in (outcome.start, outcome.goal))
     key = movers_key(where, configuration["seed"], outcome.trial)
-    return Place(where, outcome.city, start, goal).movers(Population(**configuration["movers"]), key)
+    return TrialSite(where, outcome.city, start, goal).movers(Population(**configuration["movers"]), key)

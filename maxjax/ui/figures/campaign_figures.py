@@ -18,7 +18,7 @@ from maxjax.sim.mapping import rolling_map
 from maxjax.sim.movers.moments import moments_of
 from maxjax.sim.swarm.swarm_flight import SwarmLog
 from maxjax.sim.trials.campaign import Campaign
-from maxjax.sim.trials.cities import Place, Where, label_of_city
+from maxjax.sim.trials.cities import TrialSite, Where, label_of_city
 from maxjax.sim.trials.given_city import GivenCity
 from maxjax.sim.trials.ledger import Ledger
 from maxjax.sim.trials.outcomes import Outcome
@@ -83,10 +83,11 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
         outcome: of the trial.
         flights: before its first planning period and after each, two at least.
     """
-    place = Place(campaign.map, outcome.city, *(np.asarray(end, np.float32) for end in (outcome.start, outcome.goal)))
+    start, goal = (np.asarray(end, np.float32) for end in (outcome.start, outcome.goal))
+    geoms = TrialSite(campaign.map, outcome.city, start, goal).solids
     looks = looks_of(flights)
     where = np.concatenate([look.flown for look in looks])
-    clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(place.solids, where))
+    clearance = np.asarray(jax.jit(jax.vmap(distance, in_axes=(None, 0)))(geoms, where))
     moving: list[Moving] = []
     if (movers := movers_of(campaign.configuration(), outcome, campaign.map)) is not None:
         times = np.minimum(LOG_PERIOD * np.arange(len(where)), outcome.duration or np.inf)

@@ -22,9 +22,9 @@ from maxjax.io import Window
 from maxjax.io.load import load_map
 from maxjax.sim.loop.flight import FlightConfig, World, take_off
 from maxjax.sim.sensors.lidar import Lidar
-from maxjax.sim.trials.batches import draw_trials, fly_trials, place_of
+from maxjax.sim.trials.batches import draw_trials, fly_trials, site_of
 from maxjax.sim.trials.campaign import Campaign
-from maxjax.sim.trials.cities import Place
+from maxjax.sim.trials.cities import TrialSite
 from maxjax.sim.trials.given_city import GivenCity, digest_of
 from maxjax.sim.trials.trial_movers import movers_of
 from maxjax.sim.worlds.geoms import BOX, SPHERE, Geoms
@@ -152,7 +152,7 @@ def test_movers_keep_their_heights_above_the_ground_of_the_way(tmp_path: Path) -
     start, goal = (np.asarray(end[0]) for end in (drawn.start, drawn.goal))
     np.testing.assert_array_equal(start, [50.0, -40.0, 20.0])
     how, key = Population(3, 4.0, "drones"), jax.random.key(5)
-    place = Place(city, 0, start, goal)
+    place = TrialSite(city, 0, start, goal)
     movers, geoms = place.movers(how, key), place.solids
     there = np.asarray(place_movers(movers))
     assert there.sum() > 1
@@ -227,7 +227,7 @@ def test_flights_are_flown_between_the_drawn_ends_and_resumed(city: GivenCity, t
         assert outcome.flagged is not None
         np.testing.assert_array_equal(np.float32(outcome.start), drawn["start"][row])
         np.testing.assert_allclose(lines[row][0], outcome.start, atol=1e-6)
-        geoms = place_of(whole, drawn, row).solids
+        geoms = site_of(whole, drawn, row).solids
         walls = jax.vmap(distance, (None, 0))(geoms, jnp.asarray(lines[row]))
         assert outcome.clearance <= float(walls.min()) + 2e-3  # type: ignore[operator]
         movers = movers_of(whole.configuration(), outcome, city)
@@ -241,7 +241,7 @@ def test_a_mover_that_rests_on_the_start_is_told_before_take_off(city: GivenCity
     drawn = city.draw(0, [0])
     start, goal = drawn.start[0], drawn.goal[0]
     solids = Geoms(jnp.zeros((1, 3)), jnp.eye(3)[None], jnp.array([[0.4, 0.0, 0.0]]), (SPHERE,))
-    geoms, still = Place(city, 0, np.asarray(start), np.asarray(goal)).solids, jnp.zeros((1, 3))
+    geoms, still = TrialSite(city, 0, np.asarray(start), np.asarray(goal)).solids, jnp.zeros((1, 3))
     for aside, status in ((0.0, Status.START_OCCUPIED), (0.85, Status.START_OCCUPIED), (2.0, Status.OK)):
         movers = straight(solids, start[None] + jnp.array([aside, 0.0, 0.0]), still)
         world = World(geoms, start, goal, jax.random.key(0), SMALL.disturbances, movers)
