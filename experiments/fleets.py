@@ -6,7 +6,7 @@
 Worlds: `circle` and `sphere`, opposite points in open sky: all straight ways meet in one point, but for half a metre by
 which starts are moved; `level`, the circle in a layer of air of 1 m, where nobody can give way upwards; `downtown`,
 `midtown` and `suburb`, pairs 50 to 80 m apart that swap, by their own LiDAR and rolling map
-(`maxjax.sim.trials.swaps`). Vehicles: 5 m/s, 3 m/s², radius 0.5 m; motions keep 2 m apart.
+(`maxjax.sim.trials.swaps`). Vehicles: 5 m/s, 6 m/s², radius 0.5 m; motions keep 2 m apart.
 
 A contact is counted by the exact distance of bodies at every physics step. Deadlocks: vehicles that did not arrive by
 the end and had not moved 2 m in the last 20 s. Bounds are those of Clopper and Pearson, 95 %, of flights.

@@ -144,10 +144,7 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
     }
 
 
-_TITLES = {
-    "moving_cities_fresh": "Cities with movers at 8 m/s, fresh trials",
-    "moving_cities_fresh_slow": "Cities with movers at 2 and 5 m/s, fresh trials",
-}
+_TITLES = {"moving_encounters": "Encounters on the way of the vehicle"}
 
 
 def section(document: Document) -> str:

@@ -119,16 +119,17 @@ def test_the_figures_of_flights_are_those_of_the_result_files() -> None:
 def test_the_figures_of_flights_among_movers_are_those_of_the_result_files() -> None:
     folder = ROOT / "experiments" / "results"
     documents = [
-        json.loads((folder / f"moving_cities_fresh{name}.json").read_text(encoding="utf-8")) for name in ("", "_slow")
+        json.loads((folder / f"moving_{name}.json").read_text(encoding="utf-8")) for name in ("cities", "encounters")
     ]
     assert all(trials(document).startswith("fresh trials") for document in documents)
-    rows = [row for document in documents for row in document["rows"] if row["movers"]]
-    assert sum(row["unflagged_at_contact"] for row in rows) == 0
-    flights, contacts, arrived = (sum(row[name] for row in rows) for name in ("flights", "contacts", "arrived"))
-    assert {(row["movers"], row["speed"]) for row in rows} == {(n, v) for n in (10, 30) for v in (2.0, 5.0, 8.0)}
+    drones, encounters = (next(row for row in document["rows"] if row["movers"]) for document in documents)
+    assert (drones["movers"], drones["speed"], encounters["movers"], encounters["speed"]) == (30, 8.0, 30, 5.0)
+    assert drones["unflagged_at_contact"] + encounters["unflagged_at_contact"] == 0
+    flights, contacts, arrived = (drones[name] + encounters[name] for name in ("flights", "contacts", "arrived"))
     said = (
-        f"In {flights:,} fresh flights downtown, among 10 and 30 drones at 2, 5 and 8 m/s by own LiDAR, {contacts} "
-        f"touched a mover, and of each some flag was up at that moment; {arrived:,} arrived"
+        f"In {flights:,} fresh flights downtown, {drones['flights']} among 30 drones at 8 m/s and "
+        f"{encounters['flights']} among 30 encounters at 5 m/s, by own LiDAR, {contacts} touched a mover, and of each "
+        f"some flag was up at that moment; {arrived:,} arrived"
     )
     assert said in " ".join((ROOT / "docs" / "moving.md").read_text(encoding="utf-8").split())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,13 @@ from maxjax.planners import Field
 from maxjax.sim.loop.flight import take_off
 from maxjax.sim.loop.flight_state import Flight, FlightConfig, World
 from maxjax.sim.mapping import rolling_map as mapping
-from maxjax.sim.movers.among import AHEAD, Flag, Sightings, no_flags, no_sightings, raise_flags
+from maxjax.sim.movers.among import AHEAD, Flag, Sightings, flags_of_look, no_flags, no_sightings, raise_flags
 from maxjax.sim.movers.avoidance import Avoidance, guide_around, hard_around, straight_way
 from maxjax.sim.movers.choice import MotionScores, last_resort
 from maxjax.sim.movers.hard_set import gaps
+from maxjax.sim.movers.local_value import cost_to_go
 from maxjax.sim.movers.reachable_sets import no_tracks
+from maxjax.sim.movers.surroundings import Knowledge, way_around
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane
@@ -122,6 +125,41 @@ def test_where_nothing_is_verified_hope_counts_by_the_second() -> None:
         for off, first in ((-0.02, True), (0.02, False)):
             assert better(**{name: (start + difference, start)}, hopeful=(1.0, 1.0 + seconds + off)) is first, name
     assert not better(margin=(1.5, 1.1), hopeful=(1.0, 1.01))
+
+
+def test_a_broken_bound_is_flagged_where_nothing_is_verified_against_it() -> None:
+    no, yes = jnp.array(False), jnp.array(True)
+    every = jnp.ones(len(Flag), bool)
+    for trapped in (no, yes):
+        up = np.asarray(flags_of_look(every, no, trapped, no))
+        assert up[Flag.BOUND] == up[Flag.TRAPPED] == bool(trapped)
+        assert not up[Flag.DRIFTED]
+        assert up[[Flag.NEAR, Flag.CROWDED]].all()
+    none = jnp.zeros(len(Flag), bool)
+    assert np.flatnonzero(np.asarray(flags_of_look(none, yes, no, yes))).tolist() == [Flag.NEAR, Flag.DRIFTED]
+
+
+def test_the_way_leads_through_a_passage_that_the_static_way_takes() -> None:
+    """A passage of two voxels by two under a wall: the cost-to-go falls into it, not up the wall and down again."""
+    shape = (41, 41, 21)
+    empty = mapping.empty(jnp.array([0.0, 0.0, 20.0]), shape, 2.0)
+    low = np.asarray(mapping.origin(empty))
+    x, y, z = np.meshgrid(*(low[k] + 2.0 * np.arange(n) for k, n in enumerate(shape)), indexing="ij")
+    blocked = (x > 7.0) & ~((np.abs(y - 1.0) < 2.0) & (z > 1.0) & (z < 5.0))
+    way = np.stack([np.linspace(-20.0, 40.0, 121), np.full(121, 1.0), np.full(121, 3.0)], -1)
+    known = Knowledge(
+        empty, jnp.asarray(blocked | (z < 1.0)), None, jnp.asarray(way, jnp.float32),
+        jnp.asarray(40.0 - way[:, 0], jnp.float32), 0.5,
+    )  # fmt: skip
+    for height in (3.0, 7.0, 11.0):
+        place = np.array([4.0, 1.0, height])
+        guide = way_around(known, jnp.asarray(place, jnp.float32), no_tracks(1), CONFIG.extension(Avoidance))
+        for _ in range(30):
+            steps = place + np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
+            value = np.asarray(cost_to_go(guide, jnp.asarray(steps, jnp.float32)))
+            place = steps[value.argmin()]
+        assert place[0] > 12.0, height
+        assert 1.0 <= place[2] <= 5.0
 
 
 def test_no_way_leads_beyond_the_map() -> None:
