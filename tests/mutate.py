@@ -42,7 +42,7 @@ TESTS = {
     ),
     "sets": (
         *("sim/movers/test_reachable_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_body_marks.py"),
-        *("sim/movers/test_choice.py", "sim/movers/test_perception.py"),
+        *(f"sim/movers/test_{name}.py" for name in ("motions", "ambiguity", "choice", "perception")),
     ),
     "flags": tuple(f"sim/movers/test_{name}.py" for name in ("flags", "choice", "tracking", "slow_movers")),
     "exports": ("io/export", "ui/cli/test_cli_export.py"),
