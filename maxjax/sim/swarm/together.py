@@ -30,6 +30,11 @@ from maxjax.sim.swarm.member import NOBODY, Member, place_of_commitment, saying
 from maxjax.sim.swarm.proposal import as_tracks, nearest_of, others_told, propose_motion
 from maxjax.sim.swarm.separation import Sampled, Scheduled
 
+# Greatest jerk that the vehicle follows in any state: it turns by 2.5 rad/s at most, with its weight for thrust [m/s³].
+_JERK = 20.0
+# More than any motion takes [s].
+_AMPLE = 1e3
+
 SWARM = "swarm"
 """Axis of the vehicles."""
 
@@ -64,9 +69,9 @@ class Together:
     def motions(self, choice: MotionSet = MotionSet()) -> MotionSet:  # noqa: B008 (frozen)
         """Motions that go on until the next but one proposal can replace them, with the limits of a set."""
         brakes = tuple(round(LOG_PERIOD * self.wait + more, 3) for more in (0.1, 0.4))
-        return dataclasses.replace(
-            choice, brakes=brakes, horizon=math.ceil(10.0 * (brakes[-1] + choice.stopping)) / 10.0
-        )
+        # Nobody leaves a commitment, so nobody may be asked for turns that it cannot follow at once.
+        calm = dataclasses.replace(choice, jerk=min(choice.jerk, _JERK), brakes=brakes, horizon=_AMPLE)
+        return dataclasses.replace(calm, horizon=math.ceil(10.0 * calm.lasts) / 10.0)
 
     def agreement(self, how: Avoidance) -> Agreement:
         """The agreement of all vehicles that fly like this."""

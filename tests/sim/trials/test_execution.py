@@ -387,7 +387,7 @@ def test_movers_of_a_trial_depend_on_no_other_and_flags_reach_the_ledger(tmp_pat
 
 @pytest.mark.parametrize(
     ("ago", "at_once", "before"),
-    [(0.01, True, True), (0.1, True, True), (0.11, False, True), (2.19, False, True), (2.3, False, False)],
+    [(0.01, True, True), (0.1, True, True), (0.11, False, True), (1.99, False, True), (2.1, False, False)],
 )
 def test_a_flag_at_a_contact_is_one_of_the_look_before_it(ago: float, at_once: bool, before: bool) -> None:
     """The last look is at most 0.1 s before; its flags stay up until the next one."""

@@ -81,4 +81,4 @@ def test_motions_wait_for_messages_and_rest_within_their_horizon() -> None:
         assert together.wait == wait
         found = together.motions(MotionSet(speed=6.0, acceleration=8.0))
         assert min(found.brakes) > 0.1 * wait
-        assert found.horizon >= max(found.brakes) + 1.5 * 6.0 / 8.0
+        assert found.horizon >= max(found.brakes) + 6.0 / 8.0 + 8.0 / 30.0
