@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maxjax.sim.movers.ambiguity import is_ambiguous
 from maxjax.sim.movers.body_marks import Marks
 from maxjax.sim.movers.detection import Detections
+from maxjax.sim.movers.reachable_sets import no_tracks
 from maxjax.sim.movers.tracking import ExpectedView, initial_tracker_state, update_tracks
 from tests.sim.movers.scenes import SIGHT, arrays
 
@@ -125,3 +129,20 @@ def test_nothing_is_ambiguous_of_one_mover() -> None:
     tracks = arrays(state.tracks)
     assert tracks.used.sum() == 1
     assert (tracks.high - tracks.low)[tracks.used].max() < 0.2
+
+
+def test_a_measurement_in_the_sets_of_two_is_learnt_by_neither() -> None:
+    """Unless the other one is not confirmed, or the own set is wide."""
+    none = jnp.full(3, -1)
+    seen = seen_as([np.array([[-0.2, -0.2, 4.8], [0.2, 0.2, 5.2]])])
+    flags = jnp.ones(3, bool)
+    tracks = dataclasses.replace(no_tracks(3), used=flags, confirmed=flags, high=jnp.full((3, 3), 1.0))
+    for held, expected in (((0,), False), ((0, 1), True), ((0, 2), True), ((0, 1, 2), True)):
+        consistent = jnp.zeros((3, SIGHT.detections), bool).at[jnp.array(held), 0].set(True)
+        found = is_ambiguous(tracks, seen, consistent, none.at[0].set(0), ~flags)
+        assert np.asarray(found).tolist() == [expected, False, False], held
+    both = jnp.zeros((3, SIGHT.detections), bool).at[:2, 0].set(True)
+    tentative = dataclasses.replace(tracks, confirmed=flags.at[1].set(False))
+    assert not np.asarray(is_ambiguous(tentative, seen, both, none.at[0].set(0), ~flags)).any()
+    wide = dataclasses.replace(tracks, high=tracks.high.at[0, 1].set(3.5))
+    assert not np.asarray(is_ambiguous(wide, seen, both, none.at[0].set(0), ~flags)).any()
