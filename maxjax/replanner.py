@@ -204,7 +204,7 @@ class Replanner:
         if left is not None:
             watch.follow_way(left.path)
         first, learns = watch.traffic is None, watch.due(scan.time)
-        plans = self._plan_due(scan.time, ends[1], learns, left is None)
+        plans = self._plan_due(scan.time, ends[1], learns, _AGAIN if left is None else watch.settings.period)
 
         def planned() -> Plan:
             task = Task.of(watch.map, ends[0][None], ends[1], self.distances)
@@ -216,7 +216,8 @@ class Replanner:
             watch.take(watch.learned(), scan.time)
             found = planned()
         else:
-            found = self._look_and(watch.learned if learns else planned if plans else None, scan, ends[0])
+            look = functools.partial(watch.look, scan, ends[0])
+            found = _look_and(look, watch.learned if learns else planned if plans else None)
         if learns and not first:
             watch.take(found, scan.time)
         if learns:
@@ -227,31 +228,11 @@ class Replanner:
             if found.status == Status.OK:
                 self._last, plan, age = (found, began), found, 0.0
             watch.hold() if plan is None else watch.follow_way(plan.path)
-        return self._judged(plan, age, scan, began, deadline)
-
-    def _look_and(self, work: Callable[[], Any] | None, scan: SensorScan, start: Float64[np.ndarray, " 3"]) -> Any:
-        """Look for movers, and have other work done beside it, on another core, which changes nothing of the watch."""
-        assert self._watch is not None
-        look: Callable[[], Any] = functools.partial(self._watch.look, scan, start)
-        if work is None:
-            look()
-            return None
-
-        def do(one: Callable[[], Any]) -> Any:
-            return one()
-
-        _, done = concurrently(do, [look, work], 2)
-        return done
-
-    def _judged(self, plan: Plan | None, age: float, scan: SensorScan, began: float, deadline: float) -> Replanned:
-        """What is handed out, as far as movers leave it clear."""
-        watch = self._watch
-        assert watch is not None
-        assert watch.traffic is not None
         clear = math.nan if plan is None else watch.clear_length(plan.path)
         if age > 0.0 and not clear >= watch.stopping(scan):
             plan, age, clear = None, math.nan, math.nan
         status = Status.EMPTY_SCAN if self._planned is None else self._planned[2]
+        assert watch.traffic is not None
         traffic = dataclasses.replace(watch.traffic, clear=clear)
         seconds = time.perf_counter() - began
         return Replanned(plan, status, age, seconds, seconds > deadline, watch.map, traffic)
@@ -267,14 +248,12 @@ class Replanner:
             )
         watch.place_map(self._known_map(known))
 
-    def _plan_due(self, now: float, goal: Float64[np.ndarray, " 3"], learns: bool, lost: bool) -> bool:
-        """Whether to plan at a time of scans [s]."""
-        assert self._watch is not None
+    def _plan_due(self, now: float, goal: Float64[np.ndarray, " 3"], learns: bool, wait: float) -> bool:
+        """Whether to plan at a time of scans [s], where plans wait so long for one another [s]."""
         if learns and self._planned is not None:
             return False
         if self._planned is None or not math.dist(self._planned[1], goal) < self.grid.spacing:
             return True
-        wait = _AGAIN if lost else self._watch.settings.period
         return bool(now - self._planned[0] > wait - 1e-3)
 
     def _known_map(self, given: Grid | VoxelMap | None) -> VoxelMap:
@@ -333,3 +312,12 @@ class Replanner:
         if left is None or not verify(left.path, seen, radius=left.radius, exemptions=left.exemptions).ok:
             return None, math.nan
         return left, now - when
+
+
+def _look_and(look: Callable[[], Any], work: Callable[[], Any] | None) -> Any:
+    """Look for movers, and have other work done beside it, on another core, which changes nothing of the watch."""
+    if work is None:
+        look()
+        return None
+    _, done = concurrently(lambda one: one(), [look, work], 2)
+    return done

@@ -74,7 +74,7 @@ SURVIVORS: dict[tuple[str, str], str] = {
         "return History(-never, never, jnp.full((_EARLIER, slots), jnp.inf))",
     ): "A time that is not finite is no look, with either sign.",
     (
-        "maxjax/sim/movers/surroundings.py",
+        "maxjax/sim/movers/known_surroundings.py",
         "every = max(round(spacing / 4 / known.spacing), 1)",
     ): "Twice as many points of the way, which lies within half a cell of them either way.",
     (

@@ -29,10 +29,10 @@ from maxjax.sim.movers.among import (
 )
 from maxjax.sim.movers.choice import Around, Chooser, Commitment, Keeping, choose_motion
 from maxjax.sim.movers.hard_set import HardSet
+from maxjax.sim.movers.known_surroundings import Knowledge, obstacles_around, way_around
 from maxjax.sim.movers.local_value import Crowding, LocalValue
 from maxjax.sim.movers.motions import MotionSet, at, later, motion_to, rest_at
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, reachable
-from maxjax.sim.movers.surroundings import Knowledge, obstacles_around, way_around
 from maxjax.sim.sensors.lidar import Scan
 from maxjax.trajectories.online import Setpoint, profile, straight_course
 
@@ -149,12 +149,12 @@ def steer_vehicle(world: World, flight: Flight, config: FlightConfig) -> tuple[A
 
 
 def hard_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"]) -> tuple[HardSet, Bool[Array, ""]]:
-    """`sim.movers.surroundings.obstacles_around` of a flight."""
+    """`sim.movers.known_surroundings.obstacles_around` of a flight."""
     return obstacles_around(knowledge_of(flight, config), place, config.extension(Avoidance))
 
 
 def guide_around(flight: Flight, config: FlightConfig, place: Float[Array, "3"], tracks: Tracks) -> LocalValue:
-    """`sim.movers.surroundings.way_around` of a flight."""
+    """`sim.movers.known_surroundings.way_around` of a flight."""
     return way_around(knowledge_of(flight, config), place, tracks, config.extension(Avoidance))
 
 

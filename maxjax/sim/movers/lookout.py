@@ -20,12 +20,12 @@ from maxjax.compile.lowering import matmul
 from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers.among import flags_of_look
 from maxjax.sim.movers.choice import Around, Commitment, Keeping, choose_motion
+from maxjax.sim.movers.known_surroundings import Box, Knowledge, obstacles_around, way_around
 from maxjax.sim.movers.lidar_perception import sightings_of
 from maxjax.sim.movers.local_value import Crowding
 from maxjax.sim.movers.motions import MotionPrimitive, MotionSet, at, duration, later, motion_to
 from maxjax.sim.movers.perception import PerceptionState, process_scan
 from maxjax.sim.movers.reachable_sets import Bounds, Tracks, propagate, reachable
-from maxjax.sim.movers.surroundings import Box, Knowledge, obstacles_around, way_around
 from maxjax.sim.movers.tracking_settings import TrackingSettings
 from maxjax.sim.sensors.lidar import Scan, directions
 from maxjax.sim.sensors.own_returns import Airframe

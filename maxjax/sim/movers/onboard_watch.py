@@ -34,10 +34,10 @@ from maxjax.sim.mapping import rolling_map as mapping
 from maxjax.sim.movers import lookout
 from maxjax.sim.movers.among import Flag
 from maxjax.sim.movers.choice import Commitment
+from maxjax.sim.movers.known_surroundings import Knowledge
 from maxjax.sim.movers.lookout import Flown, MoverSettings, Own, Watched
 from maxjax.sim.movers.motions import MotionPrimitive
 from maxjax.sim.movers.perception import initial_perception
-from maxjax.sim.movers.surroundings import Knowledge
 from maxjax.sim.movers.traffic import CommittedMotion, SensorScan, Traffic
 from maxjax.sim.sensors.own_returns import ReturnCounts, project_returns
 

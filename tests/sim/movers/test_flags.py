@@ -19,9 +19,9 @@ from maxjax.sim.movers.among import AHEAD, Flag, Sightings, flags_of_look, no_fl
 from maxjax.sim.movers.avoidance import Avoidance, guide_around, hard_around, straight_way
 from maxjax.sim.movers.choice import MotionScores, last_resort
 from maxjax.sim.movers.hard_set import gaps
+from maxjax.sim.movers.known_surroundings import Knowledge, way_around
 from maxjax.sim.movers.local_value import cost_to_go
 from maxjax.sim.movers.reachable_sets import no_tracks
-from maxjax.sim.movers.surroundings import Knowledge, way_around
 from maxjax.sim.sensors.lidar import Lidar, Scan
 from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.geoms import ground_plane

@@ -19,8 +19,8 @@ from maxjax.sim.loop.follow import follow
 from maxjax.sim.loop.sensing import fuse, sense
 from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.movers.avoidance import Avoidance, straight_way
+from maxjax.sim.movers.known_surroundings import clearance_to_movers
 from maxjax.sim.movers.reachable_sets import Bounds, no_tracks
-from maxjax.sim.movers.surroundings import clearance_to_movers
 from maxjax.sim.movers.true_tracks import TrueTracks, tracks_of
 from maxjax.sim.sensors.lidar import Lidar
 from maxjax.sim.worlds.geoms import ground_plane
