@@ -14,7 +14,6 @@ calls that tell the map of a scan, or plan, are the longest.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 import time
@@ -29,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float64, PRNGKeyArray
 
 from benchmarks.common.command import configured
+from benchmarks.common.compilations import compilations
 from benchmarks.common.harness import RESULTS, Row, save
 from maxjax import Distances, Grid, MoverSettings, Replanned, Replanner, SensorScan
 from maxjax.compile.executable import stored
@@ -200,22 +200,6 @@ def _figures(cycles: list[Cycle], compiled: int, config: Config) -> dict[str, An
         "least_gap_m": round(min(cycle.gap for cycle in cycles), 2),
         "left_m": round(float(np.linalg.norm(cycles[-1].place - config.goal)), 1),
     }
-
-
-@contextlib.contextmanager
-def compilations() -> Iterator[list[str]]:
-    """What JAX traces or compiles meanwhile, by its own account, but for what the simulation needs."""
-    found: list[str] = []
-
-    def note(event: str, duration_secs: float, **kwargs: str | int) -> None:
-        if "/jax/core/compile/" in event:
-            found.append(event)
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    try:
-        yield found
-    finally:
-        jax.monitoring.unregister_event_duration_listener(note)
 
 
 def _f32(x: Any) -> Float[Array, "..."]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 import maxjax
+from benchmarks.common.compilations import compilations
 from maxjax import Distances, Field, Grid, Problem, Replanned, Replanner, Route, Status, VoxelMap, plan_scan, verify
 from maxjax.planning.path.route import Routes
 from maxjax.planning.problem.task import Task
@@ -48,22 +48,6 @@ def wall(*, open_gate: bool = True) -> np.ndarray:
     if open_gate:
         occupied[(WALL, *GATE)] = False
     return occupied
-
-
-@contextlib.contextmanager
-def counted() -> Iterator[list[str]]:
-    """What JAX traces or compiles meanwhile, by its own account."""
-    found: list[str] = []
-
-    def note(event: str, _: float, **__: Any) -> None:
-        if "/jax/core/compile/" in event:
-            found.append(event)
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    try:
-        yield found
-    finally:
-        jax.monitoring.unregister_event_duration_listener(note)
 
 
 def warm(planner: Field, **options: Any) -> Replanner:
@@ -133,7 +117,7 @@ def test_nothing_compiles_over_random_scans_starts_and_goals(
 ) -> None:
     statuses, sizes, older = [], set(), 0
     asked = noting(in_windows, monkeypatch)
-    with counted() as compiled:
+    with compilations() as compiled:
         for k, (occupied, points, ends) in enumerate(scans(count, seed=5)):
             found = in_windows.replan(points, *ends, deadline=1e-3 if k % 2 else math.inf)
             statuses.append(found.status)
@@ -202,7 +186,7 @@ def test_the_first_flight_of_each_shape_leads_through_its_middle(monkeypatch: py
 def test_as_one_program_as_on_an_accelerator(replanner: Replanner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fixed_shapes, "target", lambda: "cuda")
     whole = warm(Field(focus=False), points=512)
-    with counted() as compiled:
+    with compilations() as compiled:
         for occupied, points, ends in scans(20, seed=7):
             found, expected = (one.replan(points, *ends, deadline=math.inf) for one in (whole, replanner))
             assert found.status == expected.status
@@ -313,7 +297,7 @@ def test_a_cloud_of_more_points_than_a_program_takes_loses_none(replanner: Repla
     occupied = random_blocks(np.random.default_rng(2), GRID.shape, 60, 6)
     points = cloud_of(occupied)
     assert len(points) > 2 * replanner.points
-    with counted() as compiled:
+    with compilations() as compiled:
         seen, kept = replanner._add_scan(points, replanner._known_map(None))
     np.testing.assert_array_equal(seen.occupied, occupied)
     assert kept == len(points)
@@ -325,7 +309,7 @@ def test_the_grid_may_lie_elsewhere_and_hold_what_is_known(replanner: Replanner)
     shift = np.array([84_888.0, 447_501.0, 12.0])
     x, y, z = (np.array(GRID.origin) + shift).tolist()
     known = VoxelMap.on(Grid(GRID.shape, GRID.spacing, (x, y, z)), wall())
-    with counted() as compiled:
+    with compilations() as compiled:
         one = at(0, 0, 0)[None] + shift
         away = replanner.replan(one, BEFORE + shift, GOAL + shift, deadline=math.inf, known=known)
     assert here.plan is not None
@@ -339,7 +323,7 @@ def test_clouds_of_plan_scan_share_programs_up_to_a_power_of_two() -> None:
     occupied = np.zeros(GRID.shape, bool)
     occupied[2:9, 9, 6] = True
     for _ in range(2):
-        with counted() as compiled:
+        with compilations() as compiled:
             for count in (5, 6, 7):
                 found = plan_scan(cloud_of(occupied)[:count], BEFORE, GOAL, GRID, distances=DISTANCES)
                 assert found.status == Status.START_OCCUPIED
@@ -348,7 +332,7 @@ def test_clouds_of_plan_scan_share_programs_up_to_a_power_of_two() -> None:
 
 
 def test_the_count_sees_a_program_that_compiles() -> None:
-    with counted() as compiled:
+    with compilations() as compiled:
         jax.jit(lambda x: 3 * x)(np.arange(7))
     assert compiled
 

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.onboard_movers import SimulatedWorld, compilations, fly_cycles
+from benchmarks.common.compilations import compilations
+from benchmarks.onboard_movers import SimulatedWorld, fly_cycles
 from maxjax import Distances, Field, Grid, MoverSettings, Replanned, Replanner, SensorScan, Status, VoxelMap
 from maxjax.sim.movers.lookout import ON_BOARD, clear_of_movers
 from maxjax.sim.movers.motions import MotionSet
