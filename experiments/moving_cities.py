@@ -4,7 +4,13 @@
     python -m experiments.moving_cities --trials 1000 --batch 250 --keep OUT  # one GPU; resumes
 
 Cities, ends and movers are those of `maxjax fly MAP --movers N --mover-speed V --mover-kind K`; every trial is the same
-without movers, and among any. `unaware` is the planner of static worlds, for which movers are nothing but returns.
+without movers, and among any. Pilots:
+
+    ours      motions that are verified against what the vehicle's own LiDAR shows
+    true      the same, told the place, velocity and shape of every mover within reach
+    oracle    the same, told their ways for as long as a motion lasts: what is left is what the choice of motions costs
+    orca      `experiments.orca`, by its own LiDAR as ours
+    unaware   the planner of static worlds, for which movers are nothing but returns
 
 Time: mean over trials that arrive both ways, over that without movers. Flagged: share of the time in which an
 assumption was known not to hold. Contacts by exact distance at every physics step, within 0.5 m. Bounds are those of
@@ -16,18 +22,22 @@ Expected: nearly every trial arrives, with no contact that was not flagged befor
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import statistics
 import sys
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, Literal
 
 from scipy.stats import beta
 
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, save
 from benchmarks.common.markdown import Document, device, table, trials
+from experiments.orca import orca
 from maxjax.planners import Field
 from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.movers.avoidance import Avoidance
+from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.trials.batches import fly_trials
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.outcomes import Outcome, summarise
@@ -35,6 +45,9 @@ from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli.fly_command import command_of
 
 RESULTS = Path(__file__).parent / "results"
+Pilot = Literal["ours", "true", "oracle", "orca", "unaware"]
+# Acceleration that sets of known ways grow by [m/s²].
+_NONE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +56,7 @@ class Config:
 
     Attributes:
         trials: of each row.
-        unaware: trials of each row whose planner knows of no movers, at most `trials`; None: as many.
+        pilots: who flies.
         maps: to fly in.
         counts: of movers.
         speeds: greatest ones [m/s].
@@ -56,7 +69,7 @@ class Config:
     """
 
     trials: int = 8
-    unaware: int | None = None
+    pilots: tuple[Pilot, ...] = ("ours", "unaware")
     maps: tuple[str, ...] = ("downtown",)
     counts: tuple[int, ...] = (10, 30)
     speeds: tuple[float, ...] = (2.0, 5.0, 8.0)
@@ -68,16 +81,34 @@ class Config:
     out: Path = RESULTS
 
 
-TINY = Config(trials=1, unaware=0, maps=("suburb",), counts=(3,), speeds=(2.0,), kinds=("drones",))
+TINY = Config(trials=1, pilots=("ours",), maps=("suburb",), counts=(3,), speeds=(2.0,), kinds=("drones",))
 
 
-class Unaware(Campaign):
-    """A campaign whose vehicle plans as if nothing moved."""
+@dataclasses.dataclass(frozen=True)
+class Piloted(Campaign):
+    """A campaign that some pilot flies."""
+
+    pilot: Pilot = dataclasses.field(default="ours", kw_only=True)
 
     @property
     def flight(self) -> FlightConfig:
         """How to fly."""
-        return dataclasses.replace(super().flight, extensions=())
+        return by_pilot(super().flight, self.pilot)
+
+
+def by_pilot(flight: FlightConfig, pilot: Pilot) -> FlightConfig:
+    """The same flight by a pilot."""
+    if pilot == "unaware":
+        return dataclasses.replace(flight, extensions=())
+    moving = flight.extension(Avoidance)
+    told = TrueTracks(future=moving.choice.horizon if pilot == "oracle" else 0.0)
+    changes: dict[Pilot, dict[str, Any]] = {
+        "orca": {"chooser": orca},
+        "true": {"perception": told},
+        # Sets of movers whose ways are known grow by nothing else.
+        "oracle": {"perception": told, "bounds": dataclasses.replace(moving.bounds, acceleration=_NONE)},
+    }
+    return flight.with_extension(dataclasses.replace(moving, **changes.get(pilot, {})))
 
 
 def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
@@ -92,26 +123,21 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     every = range(config.trials)
     for name in config.maps:
         alone = _flown(Campaign(name, config.seed, every, config=how, command=command_of), f"{name}-alone", config)
-        rows.append({"map": name, "movers": 0, "kind": None, "speed": None, "aware": True, **_figures(alone, alone)})
-        for movers, aware in _among(config):
-            made, trials = (Campaign, every) if aware else (Unaware, every[: config.unaware])
-            campaign = made(name, config.seed, trials, config=how, movers=movers, command=command_of)
-            row: Row = {"map": name, "movers": movers.count, "kind": movers.kind, "speed": movers.speed, "aware": aware}
+        rows.append({"map": name, "movers": 0, "kind": None, "speed": None, "pilot": "ours", **_figures(alone, alone)})
+        for pilot, movers in itertools.product(config.pilots, _among(config)):
+            campaign = Piloted(name, config.seed, every, config=how, movers=movers, command=command_of, pilot=pilot)
+            row: Row = {"map": name, "movers": movers.count, "kind": movers.kind, "speed": movers.speed, "pilot": pilot}
             folder = "-".join(str(value) for value in row.values())
-            rows.append({**row, **_figures(_flown(campaign, folder, config), alone[: len(trials)])})
+            rows.append({**row, **_figures(_flown(campaign, folder, config), alone)})
             print(rows[-1], file=sys.stderr, flush=True)
             keep(config.name, config, rows, config.out)
     save(config.name, config, rows, config.out)
     return rows
 
 
-def _among(config: Config) -> Iterator[tuple[Population, bool]]:
-    for kind in config.kinds:
-        for count in config.counts:
-            for speed in config.speeds:
-                yield Population(count, speed, kind), True
-                if config.unaware != 0:
-                    yield Population(count, speed, kind), False
+def _among(config: Config) -> list[Population]:
+    cells = itertools.product(config.kinds, config.counts, config.speeds)
+    return [Population(count, speed, kind) for kind, count, speed in cells]
 
 
 def _flown(campaign: Campaign, name: str, config: Config) -> list[Outcome]:
@@ -144,6 +170,7 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
     }
 
 
+_PILOTS = {"ours": "ours", "true": "told", "oracle": "oracle", "orca": "ORCA", "unaware": "unaware"}
 _TITLES = {"moving_encounters": "Encounters on the way of the vehicle"}
 
 
@@ -151,24 +178,26 @@ def section(document: Document) -> str:
     """RESULTS.md: who arrives among whom, how much later, and what was flagged."""
     lines = []
     for row in document["rows"]:
-        aware = "among movers" if row["aware"] else "unaware"
-        if not row["movers"]:
-            aware = "alone"
         lines.append([
             str(row["map"]), f"{row['movers']} {row['kind']}" if row["movers"] else "none",
-            "–" if row["speed"] is None else f"{row['speed']:g}", aware, f"{row['arrived']} of {row['flights']}",
+            "–" if row["speed"] is None else f"{row['speed']:g}",
+            _PILOTS[row["pilot"]] if row["movers"] else "alone", f"{row['arrived']} of {row['flights']}",
             f"{row['at_least']:.1f}", str(row["contacts"]), counted(row, "unflagged"),
             counted(row, "unflagged_at_contact"),
             "–" if row["ratio"] is None else f"{row['ratio']:.2f}",
             "–" if row["flagged"] is None else f"{100 * row['flagged']:.1f}",
         ])  # fmt: skip
-    heads = ["map", "movers", "speed [m/s]", "planner", "arrived", "at least [%]", "contacts", "unflagged",
+    heads = ["map", "movers", "speed [m/s]", "pilot", "arrived", "at least [%]", "contacts", "unflagged",
              "no flag then", "time / alone", "flagged [%]"]  # fmt: skip
-    failures = [f"- `{one}`\n" for row in document["rows"] if row["aware"] and row["again"] for one in _some(row)]
+    failures = [
+        f"- `{one}`\n" for row in document["rows"] if row["pilot"] == "ours" and row["again"] for one in _some(row)
+    ]
     return (
         f"### {_TITLES.get(document['name'], 'Cities with movers')} ({device(document)})\n\n"
         f"These are {trials(document)}.\n"
-        "By the vehicle's own LiDAR. Unaware: the planner of static worlds, for which movers are nothing but returns.\n"
+        "Ours: motions verified against what the vehicle's own LiDAR shows. Told: the same by places and velocities\n"
+        "of all movers. Oracle: the same by their ways for the time that a motion lasts. ORCA: on the tracks of ours.\n"
+        "Unaware: the planner of static worlds, for which movers are nothing but returns.\n"
         "At least: lower bound of Clopper and Pearson, 95 %. Unflagged: contacts with movers before which, within the\n"
         "horizon of a motion, no assumption was known to be broken; no flag then: those at whose moment none was.\n"
         "Time: of trials that arrive both ways, over that without movers.\n\n"

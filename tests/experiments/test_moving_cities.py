@@ -9,9 +9,15 @@ from pathlib import Path
 import pytest
 
 from experiments import moving_cities
-from experiments.moving_cities import Config, main, section
+from experiments.moving_cities import Config, by_pilot, main, section
+from experiments.orca import orca
+from maxjax.planners import Field
+from maxjax.sim.loop.flight import FlightConfig
+from maxjax.sim.movers.avoidance import Avoidance
+from maxjax.sim.movers.true_tracks import TrueTracks
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.outcomes import Outcome
+from maxjax.sim.worlds.populations import Population
 from tests.scenes import outcome
 
 
@@ -48,14 +54,19 @@ def test_rows_compare_the_trials_that_arrive_both_ways(tmp_path: Path, monkeypat
     for row in document["rows"]:
         del row["unflagged_at_contact"]
     assert "| 1 | 1 | – |" in section(document)
-    assert "| downtown | 10 drones | 5 | among movers | 1 of 2 |" in text
+    assert "| downtown | 10 drones | 5 | ours | 1 of 2 |" in text
     assert "| downtown | none | – | alone | 2 of 2 |" in text
     assert "- `fly 1`" in text
 
 
-def test_those_who_know_of_no_movers_fly_as_few_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(moving_cities, "fly_trials", flights)
-    config = Config(trials=2, unaware=1, counts=(10,), speeds=(5.0,), kinds=("drones",), out=tmp_path)
-    unaware = main(config)[-1]
-    assert unaware["flights"] == 1
-    assert unaware["ratio"] == pytest.approx(12.0 / 10.0)
+def test_pilots_are_told_what_they_are_named_for() -> None:
+    campaign = Campaign("suburb", config=FlightConfig(planner=Field()), movers=Population(3, 5.0, "encounters"))
+    ours = campaign.flight.extension(Avoidance)
+    by = {pilot: by_pilot(campaign.flight, pilot) for pilot in ("ours", "true", "oracle", "orca", "unaware")}
+    assert by["ours"] == campaign.flight
+    assert not by["unaware"].extensions
+    orca_way, told, oracle = (by[pilot].extension(Avoidance) for pilot in ("orca", "true", "oracle"))
+    assert (orca_way.perception, orca_way.chooser) == (ours.perception, orca)
+    assert (told.perception, told.bounds, told.chooser) == (TrueTracks(), ours.bounds, ours.chooser)
+    assert oracle.perception == TrueTracks(future=ours.choice.horizon)
+    assert oracle.bounds.acceleration < 0.01

@@ -1,6 +1,11 @@
 """Movers as they are: the perception that makes no mistake, for ceilings and for telling apart what limits a flight.
 
-What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not.
+What is within `reach` of the vehicle is in a slot with its place, its velocity and its shape, hidden or not. Of movers
+whose ways are known for a time T ahead the set of the velocity is that of all mean velocities from now on,
+
+    v⁻ = min (p(t + τ) − p(t)) / τ,   v⁺ = max (p(t + τ) − p(t)) / τ,   0 < τ ≤ T
+
+so that p(t) + v τ holds the mover at every τ, without any acceleration.
 """
 
 from __future__ import annotations
@@ -20,6 +25,8 @@ from maxjax.sim.worlds.movers import Movers, places, solids_at
 
 # Returns so near to a mover's box are its own [m], and how far it went during a turn of the sensor besides.
 _ROUND = 0.15
+# Times ahead at which known ways are looked at.
+_AHEAD = 20
 
 
 @jax.tree_util.register_static
@@ -31,12 +38,14 @@ class TrueTracks:
         reach: of sight [m].
         slots: movers that are followed, the nearest ones.
         place, velocity: half widths of their sets [m], [m/s].
+        future: T, for which their ways are known [s]; 0: they are not.
     """
 
     reach: float = 45.0
     slots: int = 32
     place: float = 0.02
     velocity: float = 0.1
+    future: float = 0.0
 
     def start(self, world: World, flight: Flight, config: FlightConfig) -> Sightings:
         """No tracks: the first look makes them."""
@@ -72,12 +81,13 @@ def tracks_of(
     count = min(how.slots, movers.count)
     _, nearest = jax.lax.top_k(-apart, count)
     used = apart[nearest] < how.reach
+    slowest, fastest, half = _mean_velocities(movers, time, how) if how.future else (velocity, velocity, half)
     place, velocity, half = place[nearest], velocity[nearest], half[nearest]
     found = Tracks(
         low=place - how.place,
         high=place + how.place,
-        slowest=jnp.maximum(velocity - how.velocity, -bounds.speed),
-        fastest=jnp.minimum(velocity + how.velocity, bounds.speed),
+        slowest=jnp.maximum(slowest[nearest] - how.velocity, -bounds.speed),
+        fastest=jnp.minimum(fastest[nearest] + how.velocity, bounds.speed),
         half=half,
         used=used,
         confirmed=used,
@@ -91,3 +101,14 @@ def tracks_of(
     )
     filled: Tracks = jax.tree.map(lambda x, y: jnp.concatenate([x, y[count:]]), found, no_tracks(how.slots))
     return filled
+
+
+def _mean_velocities(
+    movers: Movers, time: Float[Array, ""], how: TrueTracks
+) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"], Float[Array, "m 3"]]:
+    """Least and greatest mean velocity from now on [m/s], and half edges that hold each mover meanwhile [m]."""
+    after = how.future * jnp.linspace(0.0, 1.0, _AHEAD + 1)
+    way, velocity = jax.vmap(lambda t: places(movers, time + t))(after)
+    means = jnp.concatenate([velocity[:1], (way[1:] - way[0]) / after[1:, None, None]])
+    half = jax.vmap(lambda t: half_edges(solids_at(movers, time + t)))(after)
+    return jnp.min(means, axis=0), jnp.max(means, axis=0), jnp.max(half, axis=0)
