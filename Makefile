@@ -22,6 +22,8 @@ else
 	$(BIN)/python -m pip install --quiet --editable '.[viz,view,las,e57,geotiff,gis,docs,dev]'
 	@# Some peers come as source only: without a compiler they are left out, and the tests that need them say so.
 	$(BIN)/python -m pip install --quiet --editable '.[bench]' || echo 'bench: peers left out, see above'
+	@# ROS 2 has wheels for some platforms only.
+	$(BIN)/python -m pip install --quiet --editable '.[ros2]' || echo 'ros2: left out, see above'
 endif
 	touch $@
 

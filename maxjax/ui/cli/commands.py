@@ -5,6 +5,7 @@ So `--help` waits for none of their libraries.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from maxjax.ui.cli.options import (
     MapOptions,
     MissionOptions,
     PlanOptions,
+    RosOptions,
     ScanOptions,
     TrainOptions,
     ViewOptions,
@@ -33,6 +35,7 @@ _COMMANDS: dict[str, tuple[type, str, str]] = {
     "scan": (ScanOptions, "scan_command", "run_scan"),
     "fly": (FlyOptions, "fly_command", "run_fly"),
     "view": (ViewOptions, "view_command", "run_view"),
+    "ros": (RosOptions, "ros_command", "run_ros"),
     "train": (TrainOptions, "train_command", "run_train"),
     "demo": (DemoOptions, "demo_command", "run_demo"),
     "check": (CheckOptions, "check_command", "run_check"),
@@ -41,12 +44,17 @@ _COMMANDS: dict[str, tuple[type, str, str]] = {
 
 def run(arguments: Sequence[str] | None) -> int:
     """Run a command; arguments and exit code as in `maxjax.ui.cli.main`."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # What ROS is told is no option of ours.
+    cut = given.index("--ros-args") if given[:1] == ["ros"] and "--ros-args" in given else len(given)
     options = tyro.extras.subcommand_cli_from_dict(
         {name: kind for name, (kind, *_) in _COMMANDS.items()},
         prog="maxjax",
         description="Certified flight paths for UAVs in cities.",
-        args=arguments,
+        args=given[:cut],
     )
+    if isinstance(options, RosOptions):
+        options = dataclasses.replace(options, ros_arguments=tuple(given[cut:]))
     ((module, function),) = ((m, f) for kind, m, f in _COMMANDS.values() if isinstance(options, kind))
     try:
         code: int = getattr(importlib.import_module(f"maxjax.ui.cli.{module}"), function)(options)

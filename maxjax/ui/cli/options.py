@@ -253,3 +253,18 @@ class DemoOptions:
 @dataclasses.dataclass(frozen=True)
 class CheckOptions:
     """Show versions and devices, and solve and certify a small potential."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RosOptions:
+    """Run as a ROS 2 node: point clouds and odometry in, verified paths and trajectories out.
+
+    Settings are ROS parameters: maxjax ros --ros-args -p radius:=0.8 -r cloud:=/lidar/points (docs/ros.md).
+
+    Attributes:
+        managed: Wait for lifecycle transitions; by default the node configures and activates itself.
+        ros_arguments: What follows --ros-args.
+    """
+
+    managed: Flag = False
+    ros_arguments: Annotated[tuple[str, ...], tyro.conf.Suppress] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -39,6 +40,18 @@ def confirmed(seeing: PerceptionState) -> np.ndarray:
 @pytest.mark.parametrize("speed", [0.0, 5.0])
 def test_where_nothing_moves_nothing_is_seen(speed: float) -> None:
     for seeing, _ in watched(None, 20, speed):
+        assert not confirmed(seeing).size
+        assert not np.asarray(seeing.moving).any()
+        assert not seeing.overflow
+
+
+def test_lost_beams_make_no_movers() -> None:
+    """Three of ten returns are lost, thirty times as many as the sensor is said to lose."""
+    lossy = dataclasses.replace(LIDAR, dropout=0.3)
+    seeing = initial_perception(SIGHT)
+    for k in range(30):
+        result = fast_scan(CITY, lossy, pose(k, 5.0), jax.random.key(k))
+        seeing = fast_look(seeing, result, *pose(k, 5.0), jnp.float32(0.1 * (k + 1)), SIGHT)
         assert not confirmed(seeing).size
         assert not np.asarray(seeing.moving).any()
         assert not seeing.overflow
