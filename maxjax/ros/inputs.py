@@ -141,7 +141,7 @@ class Inputs:
 
     def world_points(self, cloud: Cloud, state: VehicleState) -> Float64[np.ndarray, "n 3"]:
         """Points in the map's frame [m], without those that are not finite."""
-        points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
+        points: np.ndarray = cloud.points[np.isfinite(cloud.points).all(axis=1)]
         if cloud.frame == self.settings.frame:
             return points
         position, rotation = self.sensor_pose(cloud, state)
