@@ -166,8 +166,8 @@ def update_tracks(
     after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, **deviations))
     # What is larger than assumed may have moved otherwise than its marks say.
     grown = jnp.any(after.tracks.half > state.tracks.half + 1e-3, axis=1) & matched
-    top = jnp.where(grown, sight.bounds.speed, 0.0)[:, None]
-    slowest, fastest = jnp.minimum(after.tracks.slowest, -top), jnp.maximum(after.tracks.fastest, top)
+    top, larger = sight.bounds.speed, grown[:, None]
+    slowest, fastest = jnp.where(larger, -top, after.tracks.slowest), jnp.where(larger, top, after.tracks.fastest)
     after = dataclasses.replace(after, tracks=dataclasses.replace(after.tracks, slowest=slowest, fastest=fastest))
     return after, Association(chosen, (broken | grown) & used, appeared & used, left_out)
 

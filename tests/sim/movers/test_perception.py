@@ -81,6 +81,8 @@ def test_movers_are_found_and_held_by_their_sets() -> None:
             assert (tracks.slowest[s] <= VELOCITY[j]).all()
             assert (VELOCITY[j] <= tracks.fastest[s]).all()
             assert np.linalg.norm(tracks.place[s] - truth[j]) < 0.4
+            # Who moves at 2.5 m/s or more is not taken for one that may rest.
+            assert k < 14 or not ((tracks.slowest[s] <= 0.0) & (tracks.fastest[s] >= 0.0))[1]
         assert not np.asarray(seeing.broken).any()
         # The mask has their returns, as truth tells them, and no others.
         moving, points = np.asarray(seeing.moving), np.asarray(result.points)
