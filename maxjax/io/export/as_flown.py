@@ -54,7 +54,8 @@ class AsFlown:
         clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
         aside: how far it leads from what was planned, but for corners that are cut, at most [m].
         remarks: sentences on what the format does not hold, and on what the file relies.
-        stops: numbers of the path's points at which a file of waypoints stops, so that their corners are not cut.
+        left_out: numbers of the path's points that a file of waypoints has not.
+        stops: numbers of the file's waypoints at which it stops, so that their corners are not cut.
         return_height: above home, from which on a return to launch is clear from everywhere [m]; None where the file
             counts from no home.
         autopilots: that it was judged for, with the parameters that it relies on.
@@ -64,10 +65,16 @@ class AsFlown:
     clearance: float
     aside: float
     remarks: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
     stops: tuple[int, ...] = ()
     return_height: float | None = None
     autopilots: tuple[Autopilot, ...] = ()
     flights: tuple[Flight, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """How long all of its autopilots take, one after the other [s]."""
+        return sum(one.duration for one in self.flights)
 
     def __str__(self) -> str:
         by = ", ".join(f"by {one.label} in {one.duration:.0f} s" for one in self.flights)

@@ -23,12 +23,14 @@ from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.corners import cut_corners
 from maxjax.io.export.endings import STOPPING, ending_of
 from maxjax.io.export.fences import fences_of
+from maxjax.io.export.flown_track import set_point_duration
 from maxjax.io.export.items import Feet, Items, items_of
 from maxjax.io.export.litchi import litchi_text
 from maxjax.io.export.qgroundcontrol import plan_text
 from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.export.return_height import ReturnHeight, return_height
 from maxjax.io.export.stops import LIMITS, StopFlight, speed_remarks, stop_points
+from maxjax.io.export.thinning import thinning_remark
 from maxjax.io.export.waypoint_list import waypoint_text
 from maxjax.io.export.wpml import kmz_content, return_height_of
 from maxjax.io.geo.earth import Earth
@@ -62,6 +64,17 @@ class WaypointFile:
     autopilots: tuple[Autopilot, ...]
     standings: tuple[Standing, ...]
     remarks: tuple[str, ...] = ()
+
+    def without(self, thinned: Mission) -> WaypointFile:
+        """The file of a mission that was thinned."""
+        remarks = (*self.remarks, thinning_remark(self.mission, thinned))
+        return dataclasses.replace(self, mission=thinned, remarks=remarks)
+
+    def shortest(self) -> float:
+        """How long its autopilots take at least, one after the other, if they need not stop for corners [s]."""
+        items = items_of(self.mission, self.earth, self.speed, dataclasses.replace(self.feet, landing=None))
+        waypoints = waypoints_of(lines_in(Path("a.waypoints"), waypoint_text(items), self.standings[0]))
+        return sum(set_point_duration(waypoints, autopilot) for autopilot in self.autopilots)
 
     def made(self) -> Made:
         """The text, with as many stops as it needs."""
