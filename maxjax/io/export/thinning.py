@@ -8,7 +8,9 @@ farthest off the line. The waypoints of the mission stay.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import functools
+import itertools
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float64
@@ -21,21 +23,27 @@ TOLERANCES = (1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05)
 """Distances from the path that are tried [m]; the greatest is what corners of a trajectory may leave it by."""
 _LESS = 1e-3  # by which a line may come nearer [m]
 
+_Shortcuts = Callable[[int, int, int], bool]  # of a leg, from a point of the path to another one
+
 
 def thin(mission: Mission, tolerance: float) -> Mission:
     """The mission without points of its path that lie within a tolerance [m] of the lines that remain."""
+    return _thin(mission, tolerance, _shortcuts(mission))
+
+
+def _thin(mission: Mission, tolerance: float, shortcuts: _Shortcuts) -> Mission:
     kept = list[int]()
-    for leg, first in enumerate(mission.places[:-1].tolist()):
-        kept += _kept(mission, leg, (first, int(mission.places[leg + 1])), tolerance)
+    for leg, (first, last) in enumerate(itertools.pairwise(mission.places.tolist())):
+        kept += _kept(mission.path, (leg, first, last), tolerance, shortcuts)
     kept.append(len(mission.path) - 1)
     return dataclasses.replace(mission, path=mission.path[kept], places=np.searchsorted(kept, mission.places))
 
 
 def thinned_missions(mission: Mission) -> Iterator[Mission]:
     """The mission thinned by each of the tolerances, where that leaves anything out, the same one once."""
-    counts = {len(mission.path)}
+    counts, shortcuts = {len(mission.path)}, _shortcuts(mission)
     for tolerance in TOLERANCES:
-        found = thin(mission, tolerance)
+        found = _thin(mission, tolerance, shortcuts)
         if len(found.path) not in counts:
             yield found
         counts.add(len(found.path))
@@ -61,21 +69,33 @@ def thinning_remark(mission: Mission, thinned: Mission) -> str:
     )
 
 
-def _kept(mission: Mission, leg: int, ends: tuple[int, int], tolerance: float) -> list[int]:
+def _kept(
+    path: Float64[np.ndarray, "n 3"], part: tuple[int, int, int], tolerance: float, shortcuts: _Shortcuts
+) -> list[int]:
     """Numbers of the points of a part of a leg that stay, without its last one."""
-    first, last = ends
+    leg, first, last = part
     if last <= first + 1:
         return [first]
-    part = mission.path[first : last + 1]
-    back = bool((part[0] == part[-1]).all())
-    apart = np.linalg.norm(part - part[0], axis=1) if back else project(part, part[[0, -1]])[0]
-    if apart.max() <= tolerance and _as_clear(part, mission, mission.legs[leg].radius):
+    points = path[first : last + 1]
+    back = bool((points[0] == points[-1]).all())
+    apart = np.linalg.norm(points - points[0], axis=1) if back else project(points, points[[0, -1]])[0]
+    if apart.max() <= tolerance and shortcuts(leg, first, last):
         return [first]
     middle = first + int(np.clip(apart.argmax(), 1, last - first - 1))
-    return _kept(mission, leg, (first, middle), tolerance) + _kept(mission, leg, (middle, last), tolerance)
+    halves = (leg, first, middle), (leg, middle, last)
+    return [k for half in halves for k in _kept(path, half, tolerance, shortcuts)]
 
 
-def _as_clear(part: Float64[np.ndarray, "_ 3"], mission: Mission, radius: float) -> bool:
-    """Whether the line between the ends of a part keeps what that keeps, or the radius, or the least of the mission."""
-    line, own = verify(part[[0, -1]], mission.map), verify(part, mission.map)
-    return line.ok and line.clearance >= min(own.clearance, max(radius, mission.clearance)) - _LESS
+def _shortcuts(mission: Mission) -> _Shortcuts:
+    """Whether a line between two points keeps what the path between them keeps, or the mission, or the radius."""
+
+    @functools.cache
+    def clear(leg: int, first: int, last: int) -> bool:
+        line = verify(mission.path[[first, last]], mission.map)
+        least = float(np.fmax(mission.legs[leg].radius, mission.clearance))
+        if line.ok and line.clearance >= least - _LESS:
+            return True
+        own = verify(mission.path[first : last + 1], mission.map).clearance
+        return line.ok and line.clearance >= own - _LESS
+
+    return clear
