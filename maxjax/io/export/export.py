@@ -80,7 +80,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     earth: Earth | None = None,
     ground: float | None = None,
     airspace: Airspace | None = None,
-    takeoff_and_landing: bool = False,
+    takeoff_and_landing: bool | None = None,
     autopilot: Autopilot | None = None,
 ) -> AsFlown:
     """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
@@ -105,7 +105,8 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
         airspace: whose areas become the geofence of a `.plan`.
         takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
-            ends with a landing, upright from the goal; a `.kmz` always begins with one.
+            ends with a landing, upright from the goal; a `.kmz` always begins with one. None: with a take-off alone
+            where ArduCopter may fly it, whose AUTO does not begin on the ground without one, and the way up is clear.
         autopilot: that a `.plan` or a `.waypoints` file is for: `maxjax.Autopilot.px4()` or `.arducopter()`, with
             parameters of its own or without. None: it is judged for both, each with its defaults.
 
@@ -143,8 +144,9 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     elif earth is None or place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
     elif ending in FROM_HOME:
-        feet = _feet(file, mission, ground, takeoff_and_landing)
+        feet = _feet(file, mission, ground, takeoff_and_landing is True)
         given = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near)
+        given = given.taking_off() if takeoff_and_landing is None else given
         made = given, given.made()
     else:
         drawings, said = _drawings(mission, place, _speed(flight)), f"heights {earth.zero}{true.clause}"
@@ -263,7 +265,7 @@ def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> 
     goal = mission.map.terrain.at(x, y)
     if landing and math.isnan(goal):
         raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
-    return Feet(home, goal if landing else None)
+    return Feet(home, goal if landing else None, takes_off=landing)
 
 
 def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:

@@ -72,9 +72,19 @@ class WaypointFile:
 
     def shortest(self) -> float:
         """How long its autopilots take at least, one after the other, if they need not stop for corners [s]."""
-        items = items_of(self.mission, self.earth, self.speed, dataclasses.replace(self.feet, landing=None))
+        items = items_of(self.mission, self.earth, self.speed, Feet(self.feet.home))
         waypoints = waypoints_of(lines_in(Path("a.waypoints"), waypoint_text(items), self.standings[0]))
         return sum(set_point_duration(waypoints, autopilot) for autopilot in self.autopilots)
+
+    def taking_off(self) -> WaypointFile:
+        """The file with a take-off where ArduCopter's AUTO needs one, and the way up is clear."""
+        if ending_of(self.file) in STOPPING or all(one.name != "arducopter" for one in self.autopilots):
+            return self
+        x, y, z = self.mission.path[0].tolist()
+        feet = [self.feet.home, *(standing.level(x, y, self.feet.home) for standing in self.standings)]
+        if all(upright(np.array([[x, y, foot], [x, y, z]]), self.mission, 0).ok for foot in feet):
+            return dataclasses.replace(self, feet=dataclasses.replace(self.feet, takes_off=True))
+        return dataclasses.replace(self, remarks=(*self.remarks, _NO_TAKE_OFF))
 
     def made(self) -> Made:
         """The text, with as many stops as it needs."""
@@ -82,7 +92,8 @@ class WaypointFile:
         if ending_of(self.file) in STOPPING:
             return dataclasses.replace(self, autopilots=())._stopping(back)
         hold = max(autopilot.rests_after for autopilot in self.autopilots)
-        stops = {} if self.feet.landing is None else dict.fromkeys((0, len(self.mission.path) - 1), hold)
+        ends = [0] * self.feet.takes_off + [len(self.mission.path) - 1] * (self.feet.landing is not None)
+        stops = dict.fromkeys(ends, hold)
         needed = dict[int, float]()
         while True:
             draft = self._draft(stops, back, needed)
@@ -213,6 +224,10 @@ class Made:
     autopilots: tuple[Autopilot, ...]
 
 
+_NO_TAKE_OFF = (
+    "it has no take-off, since something stands above home or beside the way up; ArduCopter's AUTO does not begin on "
+    "the ground without one: take off in GUIDED to the height of the start first"
+)
 _FROM_THERE = "its heights count from where the aircraft takes off: take off on the ground below the start"
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
 from pathlib import Path
 
@@ -232,3 +233,47 @@ def test_a_file_is_thinned_where_that_saves_time_and_says_so(tmp_path: Path) -> 
     assert f"{len(found.left_out)} of 25 waypoints are left out" in text
     assert any("with all of its waypoints it would be flown by ArduCopter in" in remark for remark in found.remarks)
     assert str(found) == f"as flown by ArduCopter in {found.duration:.0f} s: nothing in the map to come near to"
+
+
+def commands(file: Path) -> list[int]:
+    return [item["command"] for item in json.loads(file.read_text())["mission"]["items"]]
+
+
+def test_a_file_that_arducopter_may_fly_begins_with_a_take_off(tmp_path: Path) -> None:
+    """Its AUTO does not begin on the ground without one; where the way up is not clear, a sentence says what to do."""
+    occupied = np.zeros((30, 10, 12), bool)
+    occupied[3:6, 3:6, 3] = True
+    path = np.array([[4.5, 4.5, 8.0], [15.0, 5.0, 9.0], [25.0, 5.0, 8.0]])
+    file, earth = tmp_path / "a.plan", TangentPlane(52.0, 4.3, 0.0)
+    for roof, autopilot, begins in (
+        (False, None, True),
+        (False, Autopilot.arducopter(), True),
+        (False, Autopilot.px4(), False),
+        (True, Autopilot.arducopter(), False),
+    ):
+        where = maxjax.VoxelMap.of(occupied & roof, spacing=1.0, origin=(0.5, 0.5, 0.5))
+        plan = bare_plan(where, path, maxjax.Distances(1.0, 1.0), clearance_at=np.full(3, 4.0))
+        found = export(file, plan, earth=earth, ground=0.0, autopilot=autopilot)
+        assert (commands(file)[0] == 22) == begins
+        assert 21 not in commands(file)
+        assert any("take off in GUIDED to the height of the start first" in one for one in found.remarks) == roof
+        export(file, plan, earth=earth, ground=0.0, autopilot=autopilot, takeoff_and_landing=False)
+        assert 22 not in commands(file)
+
+
+def test_autopilots_know_their_limits() -> None:
+    copter, px4 = Autopilot.arducopter(), Autopilot.px4()
+    assert px4.limits == maxjax.FlightLimits()
+    # What ArduCopter followed to 0.8 m at most: 2 m/s², jerk 4.
+    assert (copter.limits.acceleration, copter.limits.jerk) == (2.0, 4.0)
+    assert (copter.limits.ascent, copter.limits.descent) == (2.5, 1.5)
+    assert (copter.stream_timeout, px4.stream_timeout) == (3.0, 1.0)
+    assert math.degrees(copter.lean) == pytest.approx(30.0)
+    agile = Autopilot.named("arducopter:WPNAV_ACCEL=500,WPNAV_SPEED_UP=800")
+    assert agile.mission.corner_acceleration == 10.0
+    assert agile.limits.acceleration == pytest.approx(4.0)
+    assert agile.parameters["WPNAV_ACCEL"] == 500.0
+    assert agile.parameters["WPNAV_SPEED_UP"] == 800.0
+    assert "WPNAV_SPEED_DN" not in agile.parameters
+    leaning = Autopilot.arducopter(ANGLE_MAX=1000.0)
+    assert leaning.limits.acceleration == pytest.approx(0.8 * 9.80665 * math.tan(math.radians(10.0)))
