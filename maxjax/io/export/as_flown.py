@@ -33,6 +33,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.corners import Waypoints, cut_corners
 from maxjax.io.export.flown_track import fly_track
+from maxjax.io.export.halts import Halts, halts_of
 from maxjax.io.export.read_back import Lines, Points
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
@@ -93,12 +94,14 @@ class Flight:
         duration: from the first waypoint to the last one [s].
         clearance: of the vehicle, least distance to an occupied voxel [m], ground left out.
         swing: how far the vehicle is from its set-point, at most [m].
+        halts: stops from everywhere on it; None where its speeds are not modelled.
     """
 
     label: str
     duration: float
     clearance: float
     swing: float
+    halts: Halts | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,7 +198,8 @@ def _flight(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> Fli
     solid = VoxelMap(np.asarray(where.occupied), np.asarray(where.ground), None, where.grid)
     found = verify(track.points, solid)
     clearance = found.clearance if found.ok and math.isfinite(track.duration) else 0.0
-    return Flight(autopilot.label, track.duration, clearance, track.swing)
+    halts = halts_of(track, where) if track.timed else None
+    return Flight(autopilot.label, track.duration, clearance, track.swing, halts)
 
 
 def _touches(flight: Flight) -> str:

@@ -8,6 +8,8 @@
 
 Return to launch: both climb where they are to the return height above home, fly there level and straight, and descend.
 Within a cone above home they stay lower unless RTL_CONE_SLOPE, RTL_CONE_ANG are 0; PX4 within RTL_MIN_DIST of it, too.
+That is also what they do without their remote control (FS_THR_ENABLE 1, NAV_RCL_ACT 2) or ground station (FS_GCS_ENABLE
+1, NAV_DLL_ACT 2): their defaults for the latter are to fly on.
 
 Values and units of parameters are those of ArduCopter 4.6 (centimetres) and PX4 1.16 for multicopters.
 """
@@ -60,6 +62,7 @@ _ARDUCOPTER = {
     "ATC_SLEW_YAW": (6000.0, 100.0),
     "GUID_TIMEOUT": (3.0, 1.0),
 }
+_WHOLE = ("RTL_CONE_ANG", "NAV_RCL_ACT", "NAV_DLL_ACT")  # of PX4's parameters, INT32
 _KNOWN: Mapping[str, Mapping[str, tuple[float, float]]] = {"px4": _PX4, "arducopter": _ARDUCOPTER}
 
 
@@ -236,12 +239,16 @@ class Autopilot:
                 "RTL_RETURN_ALT": self.return_height,
                 "RTL_CONE_ANG": 0.0,
                 "RTL_MIN_DIST": 0.5,
+                "NAV_RCL_ACT": 2.0,
+                "NAV_DLL_ACT": 2.0,
             }
         else:
             safe = {
                 "WPNAV_RADIUS": 100.0 * self.corner_radius,
                 "RTL_ALT": 100.0 * self.return_height,
                 "RTL_CONE_SLOPE": 0.0,
+                "FS_THR_ENABLE": 1.0,
+                "FS_GCS_ENABLE": 1.0,
             }
         return safe | {parameter: value for parameter, value in self.given if parameter not in safe}
 
@@ -268,8 +275,7 @@ class Autopilot:
         if self.name == "px4":
             head = "# Onboard parameters\n# Vehicle-Id Component-Id Name Value Type\n"
             rows = (
-                f"1\t1\t{name}\t{value:.9g}\t{6 if name == 'RTL_CONE_ANG' else 9}\n"
-                for name, value in self.parameters.items()
+                f"1\t1\t{name}\t{value:.9g}\t{6 if name in _WHOLE else 9}\n" for name, value in self.parameters.items()
             )
             return ".params", head + "".join(rows)
         return ".param", "".join(f"{name},{value:.9g}\n" for name, value in self.parameters.items())

@@ -69,6 +69,7 @@ def fastest(given: WaypointFile, made: Made) -> tuple[str | bytes, AsFlown]:
                 made, flown = text, dataclasses.replace(found, left_out=left_out(given.mission, one.mission))
         by = " and ".join(f"{one.label} in {one.duration:.0f} s" for one in whole.flights)
         said = [*made.remarks, *([f"with all of its waypoints it would be flown by {by}"] if flown.left_out else [])]
+        said += [str(one.halts) for one in flown.flights if one.halts is not None]
     flown = dataclasses.replace(
         flown,
         remarks=tuple(said),

@@ -23,6 +23,8 @@ from maxjax.io.export.px4_pace import px4_duration
 
 _STEP = 0.02  # [s]
 _SHOWN = 5  # steps between points of a track
+TRACK_STEP = _STEP * _SHOWN
+"""Time between points of a track [s]."""
 _AFTER = 3.0  # how long a vehicle is looked at after its last set-point [s]
 _GAIN, _INTEGRAL = 2.0, 1.0  # of the velocity; that of the position is 1 [1/s]
 _DRAG = 0.325, 0.0215  # [1/s], [1/m]
@@ -36,13 +38,15 @@ class FlownTrack:
 
     Attributes:
         duration: [s]; infinite where the vehicle cannot follow.
-        points: of the vehicle, 0.1 s apart [m].
+        points: of the vehicle [m].
         swing: how far it is from its set-point, at most [m].
+        timed: whether the points are 0.1 s apart; else they are the ends of straight lines.
     """
 
     duration: float
     points: Vectors
     swing: float
+    timed: bool = True
 
 
 def set_point_duration(waypoints: Waypoints, autopilot: Autopilot) -> float:
@@ -60,10 +64,10 @@ def fly_track(waypoints: Waypoints, autopilot: Autopilot) -> FlownTrack:
     """
     places = np.asarray(waypoints.places, np.float64)
     if autopilot.name == "px4":
-        return FlownTrack(set_point_duration(waypoints, autopilot), places, 0.0)
+        return FlownTrack(set_point_duration(waypoints, autopilot), places, 0.0, timed=False)
     legs = blended_legs(places, waypoints.speeds_to, waypoints.holds, autopilot)
     if not legs:
-        return FlownTrack(0.0, places[:1], 0.0)
+        return FlownTrack(0.0, places[:1], 0.0, timed=False)
     lag = _STEP / max(autopilot.mission.response, 2.0 * _STEP)
     patience = min(1.0, _STEP * autopilot.mission.jerk / autopilot.mission.acceleration)
     return _follow(targets_of(places[0], legs, _STEP), lag, patience)

@@ -186,6 +186,10 @@ class WaypointFile:
                 f"x {back.over[0]:.1f}, y {back.over[1]:.1f}"
             )
         found.append(f"a return to launch is clear {height:.1f} m above home and higher: {why}")
+        if self.autopilots:
+            found.append(
+                "without its remote control or its ground station the vehicle returns, with the parameters of the file"
+            )
         for autopilot in self.autopilots:
             if autopilot.return_height < height:
                 parameter = "RTL_ALT" if autopilot.name == "arducopter" else "RTL_RETURN_ALT"

@@ -270,7 +270,13 @@ def test_parameters_are_stated_and_written_beside(tmp_path: Path) -> None:
     found = export(tmp_path / "a.plan", over_a_roof(), earth=EARTH, ground=0.0)
     said = json.loads((tmp_path / "a.plan").read_text())["maxjax"]
     assert said["parameters"] == {one.name: dict(one.parameters) for one in found.autopilots}
-    assert said["parameters"]["arducopter"] == {"WPNAV_RADIUS": 200.0, "RTL_ALT": 1500.0, "RTL_CONE_SLOPE": 0.0}
+    assert said["parameters"]["arducopter"] == {
+        "WPNAV_RADIUS": 200.0,
+        "RTL_ALT": 1500.0,
+        "RTL_CONE_SLOPE": 0.0,
+        "FS_THR_ENABLE": 1.0,
+        "FS_GCS_ENABLE": 1.0,
+    }
     assert any("WPNAV_RADIUS 200" in remark for remark in found.remarks)
     assert said["remarks"]
     assert set(said["remarks"]) <= set(found.remarks)

@@ -21,6 +21,7 @@ from maxjax.io.export.blended_legs import Leg, blended_legs, duration_of, target
 from maxjax.io.export.corners import Waypoints
 from maxjax.io.export.export import export
 from maxjax.io.export.flown_track import fly_track, set_point_duration
+from maxjax.io.export.halts import halts_of
 from maxjax.io.export.read_back import Lines
 from maxjax.io.export.s_curve import LegLimits, SCurve
 from maxjax.io.export.thinning import left_out, thin, thinned_missions
@@ -277,3 +278,21 @@ def test_autopilots_know_their_limits() -> None:
     assert "WPNAV_SPEED_DN" not in agile.parameters
     leaning = Autopilot.arducopter(ANGLE_MAX=1000.0)
     assert leaning.limits.acceleration == pytest.approx(0.8 * 9.80665 * math.tan(math.radians(10.0)))
+
+
+def test_a_stop_takes_the_braking_way_and_walls_ahead_are_told() -> None:
+    """A corner 1 m before a wall: a stop from before it leads into that; it does not 5 m before, since AUTO brakes."""
+    for wall, touches in ((61, True), (65, False)):
+        occupied = np.zeros((100, 80, 10), bool)
+        occupied[wall:, :, :] = True
+        where = maxjax.VoxelMap.of(occupied, spacing=1.0, origin=(0.5, 0.5, 0.5))
+        places = np.array([[4.0, 10.0, 5.0], [60.0, 10.0, 5.0], [60.0, 70.0, 5.0]])
+        waypoints = Waypoints(places, np.zeros(3), np.full(3, 0.5), speeds=np.full(3, 8.0))
+        halts = halts_of(fly_track(waypoints, Autopilot.arducopter()), where)
+        # v²/2a, v a/2j, and 0.3 s until it leans.
+        assert halts.longest == pytest.approx(8.0 * (8.0 / 5.0 + 2.5 / 10.0 + 0.3), abs=0.4)
+        assert (len(halts.touching) > 0) == touches
+        assert ("it touches something, first at x" in str(halts)) == touches
+        for x, y, _ in halts.touching:
+            assert wall - x < halts.longest
+            assert 9.0 < y < 16.0
