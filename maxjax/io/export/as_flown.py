@@ -70,7 +70,7 @@ class AsFlown:
     stops: tuple[int, ...] = ()
     return_height: float | None = None
     autopilots: tuple[Autopilot, ...] = ()
-    flights: tuple[Flight, ...] = ()
+    flights: tuple[AutopilotFlight, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -86,7 +86,7 @@ class AsFlown:
 
 
 @dataclasses.dataclass(frozen=True)
-class Flight:
+class AutopilotFlight:
     """A file of waypoints as flown by an autopilot's model (`io.export.flown_track`), in still air.
 
     Attributes:
@@ -159,7 +159,7 @@ def judge_lines(
                 wrong = f"on {what} {_complaint(found, mission.legs[leg].radius)}"
                 out = "" if lines.holds is None else ", or leave both out"
                 hint = f"{what} is straight, to or from the ground: choose another end{out}"
-    flights = tuple[Flight, ...]()
+    flights = tuple[AutopilotFlight, ...]()
     if not wrong and lines.holds is not None:
         flights = tuple(_flight(waypoints_of(lines), mission, autopilot) for autopilot in autopilots)
         clearance = min([clearance, *(one.clearance for one in flights)])
@@ -188,7 +188,7 @@ def waypoints_of(lines: Lines) -> Waypoints:
     return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None, lines.speeds)
 
 
-def _flight(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> Flight:
+def _flight(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> AutopilotFlight:
     """The flight of an autopilot; a clearance of 0 where the vehicle touches something or leaves the map.
 
     The rules of the air are kept by its set-points: what it swings about them does not count for these.
@@ -199,10 +199,10 @@ def _flight(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> Fli
     found = verify(track.points, solid)
     clearance = found.clearance if found.ok and math.isfinite(track.duration) else 0.0
     halts = halts_of(track, where) if track.timed else None
-    return Flight(autopilot.label, track.duration, clearance, track.swing, halts)
+    return AutopilotFlight(autopilot.label, track.duration, clearance, track.swing, halts)
 
 
-def _touches(flight: Flight) -> str:
+def _touches(flight: AutopilotFlight) -> str:
     """What is wrong with a flight that touches something, in words."""
     if math.isinf(flight.duration):
         return f"{flight.label} cannot follow: its vehicle would never arrive"
