@@ -8,8 +8,8 @@ the sum half-way through that time, its corner, is
     nearer to the waypoint than its radius, slower than either leg's greatest speed, and
     accelerated by less than in corners horizontally, than either leg vertically
 
-and no sooner than the corner before. So two legs at most are in motion at a time. Where that never holds, the leg ends
-at rest, as it does at a waypoint with a hold.
+So two legs at most are in motion at a time: the one before has ended when a leg has accelerated, and that brakes later.
+Where it never holds, the leg ends at rest, as it does at a waypoint with a hold.
 """
 
 from __future__ import annotations
@@ -71,22 +71,17 @@ def blended_legs(places: Vectors, speeds: Vector, holds: Vector, autopilot: Auto
         holds: at each [s].
         autopilot: whose limits and radius count.
     """
-    legs, ready = list[Leg](), 0.0
+    legs, waits = list[Leg](), 0.0
     for k in range(len(places) - 1):
         way = places[k + 1] - places[k]
-        held = autopilot.holds(float(holds[k])) if autopilot.rests(float(holds[k])) else 0.0
+        waits += autopilot.holds(float(holds[k])) if autopilot.rests(float(holds[k])) else 0.0
         if np.linalg.norm(way) < _NOTHING:
-            ready += held
             continue
         leg = _leg(way, float(speeds[k + 1]), autopilot.mission)
-        if legs and not held:
-            before = legs[-1]
-            begins = _begins(before, leg, max(0.0, ready - before.start), autopilot)
-            left = before.motion.duration - begins
-            start, ready = before.start + begins, before.start + begins + 0.5 * left
-        else:
-            start = ready = (legs[-1].start + legs[-1].motion.duration if legs else ready) + held
+        blends = bool(legs) and waits == 0.0
+        start = legs[-1].start + _begins(legs[-1], leg, autopilot) if blends else duration_of(legs) + waits
         legs.append(dataclasses.replace(leg, start=start))
+        waits = 0.0
     return legs
 
 
@@ -107,10 +102,10 @@ def _along(share: float, limit: float) -> float:
     return limit / share if share > 1e-9 else math.inf
 
 
-def _begins(leg: Leg, after: Leg, ready: float, autopilot: Autopilot) -> float:
+def _begins(leg: Leg, after: Leg, autopilot: Autopilot) -> float:
     """When the next leg begins, from the start of this one on [s]; at its end where nothing else is possible."""
     one, two, limits = leg.motion, after.motion, autopilot.mission
-    times = np.arange(max(one.brakes, one.duration - two.accelerates, ready), one.duration, _STEP)
+    times = np.arange(max(one.brakes, one.duration - two.accelerates), one.duration, _STEP)
     half = 0.5 * (one.duration - times)
     here, there = one.at(times + half), two.at(half)
     apart = np.outer(here[0] - one.length, leg.direction) + np.outer(there[0], after.direction)
