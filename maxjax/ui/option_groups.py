@@ -27,6 +27,7 @@ Speed = Annotated[float, tyro.conf.arg(metavar="V")]
 OptionalFolder = Annotated[Path | None, optional(metavar="DIR")]
 Count = Annotated[int | None, optional(metavar="N")]
 Flag = tyro.conf.FlagCreatePairsOff[bool]
+_Limit = Annotated[float | None, optional(metavar="A")]
 _Unit = Annotated[str | None, optional(metavar="UNIT")]
 
 # The registry, with solver as another word for field, or an import path.
@@ -122,6 +123,29 @@ class RouteOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class LimitOptions:
+    """What a trajectory keeps to beside its speed; by default the limits of the autopilot, without one PX4's.
+
+    Attributes:
+        acceleration: Greatest acceleration of what is exported [m/s^2].
+        jerk: Greatest rate of change of the acceleration [m/s^3].
+        ascent: Greatest speed of climb [m/s].
+        descent: Greatest speed of sinking [m/s].
+        yaw_rate: Greatest rate of change of the heading [deg/s].
+        near: Speed where it comes as near to something as the radius [m/s].
+        deviation: Greatest distance of rounded corners from the path [m].
+    """
+
+    acceleration: _Limit = None
+    jerk: _Limit = None
+    ascent: _Limit = None
+    descent: _Limit = None
+    yaw_rate: _Limit = None
+    near: _Limit = None
+    deviation: _Limit = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportOptions:
     """Where a plan or a mission goes.
 
@@ -130,9 +154,10 @@ class ExportOptions:
         json: Print the content of plan.json or mission.json, and nothing else, on stdout.
         export: Files to write the plan to, for other programs: .plan (QGroundControl), .waypoints (WPL 110), .kmz
             (DJI's WPML), _litchi.csv, .geojson, .kml, .csv and _ned.csv (set-points), .tum, .rosbag (a folder).
-        takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing.
+        takeoff_and_landing: Begin .plan and .waypoints with a take-off to the start, and end them with a landing; by
+            default a take-off alone, where ArduCopter may fly them.
         autopilot: Whom .plan and .waypoints are for, px4 or arducopter, with parameters as arducopter:WPNAV_RADIUS=50;
-            by default they are judged for both.
+            by default they are judged for both. Set-points keep its limits.
         params: Write the parameters that .plan and .waypoints rely on beside them.
         keep_radius: Refuse a waypoint that stands nearer to an obstacle than the radius.
     """

@@ -6,24 +6,26 @@ arguments, mission.toml, plan.json, page  →  Request  →  (with a map) MapTas
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any
 
 from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace
+from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.geo.earth import Earth, TangentPlane
 from maxjax.io.reading import Reading
 from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.distances import Distances
 from maxjax.trajectories.limits import PX4, FlightLimits
-from maxjax.ui.option_groups import ExportOptions, Point3, ReadOptions, RouteOptions
+from maxjax.ui.option_groups import ExportOptions, LimitOptions, Point3, ReadOptions, RouteOptions
 
 # What says where an answer goes, and not what is asked.
 _OUTPUTS = tuple(field.name for field in dataclasses.fields(ExportOptions))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Request(ReadOptions, RouteOptions, ExportOptions):
+class Request(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
     """A path from place to place through a map, how to read that, what to keep, and where the answer goes.
 
     Attributes:
@@ -101,12 +103,17 @@ class Request(ReadOptions, RouteOptions, ExportOptions):
 
     @property
     def limits(self) -> FlightLimits:
-        """The limits of the trajectory: the speed is the greatest that is asked for.
+        """The limits of the trajectory: those asked for, others of the autopilot; the speed is the greatest asked for.
 
         Raises:
-            ValueError: for a speed that is not positive.
+            ValueError: for a limit that is not positive, or an autopilot that is none.
         """
-        limits = dataclasses.replace(PX4, speed=self.speed)
+        limits = PX4 if self.autopilot is None else Autopilot.named(self.autopilot).limits
+        asked = {field.name: getattr(self, field.name) for field in dataclasses.fields(LimitOptions)}
+        if asked["yaw_rate"] is not None:
+            asked["yaw_rate"] = math.radians(asked["yaw_rate"])
+        given = {name: value for name, value in asked.items() if value is not None}
+        limits = dataclasses.replace(limits, speed=self.speed, **given)
         return dataclasses.replace(limits, speed=max([limits.speed, *(stop.speed or 0.0 for stop in self.stops)]))
 
     @property

@@ -47,3 +47,19 @@ def test_a_plan_as_a_dictionary_is_json(tmp_path: Path) -> None:
     np.testing.assert_allclose(told["path"], plan.path, atol=1e-6)
     assert told["length"] == pytest.approx(plan.length)
     assert (told["method"], told["certified"], told["radius"]) == (plan.method, plan.certified, plan.radius)
+
+
+def test_a_missions_file_has_every_limit(tmp_path: Path) -> None:
+    file, ends = tmp_path / "a.toml", "[[waypoint]]\nat = [4, 6, 8]\n[[waypoint]]\nat = [44, 20, 10]\nspeed = 9.0\n"
+    given = {"acceleration": 2.5, "jerk": 3.0, "ascent": 2.0, "descent": 1.0, "near": 1.5, "deviation": 0.5}
+    keys = "".join(f"{name} = {value}\n" for name, value in given.items())
+    file.write_text(f'map = "town.npz"\nspeed = 7.0\nyaw_rate = 45.0\n{keys}{ends}')
+    assert maxjax.load_mission(file).limits == maxjax.FlightLimits(speed=9.0, yaw_rate=np.radians(45.0), **given)
+    file.write_text(f'map = "town.npz"\nspeed = 7.0\n{ends}')
+    assert maxjax.load_mission(file).limits == maxjax.FlightLimits(speed=9.0)
+    file.write_text(f'map = "town.npz"\nspeed = 7.0\nautopilot = "arducopter"\njerk = 3.5\n{ends}')
+    limits = maxjax.load_mission(file).limits
+    assert (limits.speed, limits.acceleration, limits.jerk, limits.ascent) == (9.0, 2.0, 3.5, 2.5)
+    file.write_text(f'map = "town.npz"\nacceleration = -1.0\n{ends}')
+    with pytest.raises(ValueError, match=r"FlightLimits.acceleration: expected a positive finite number, given -1\.0"):
+        maxjax.load_mission(file).limits  # noqa: B018 (raises)

@@ -6,7 +6,8 @@ What is flown has to be what was planned, to `AWAY`: a home on ground that is no
 room to spare. Each leg has to keep its own radius outside its exemptions, as when it was planned; a trajectory's
 set-points, joined by straight lines, keep it but for the sag of these below the curve. A rise and a descent touch
 nothing but the ground. Waypoints are left within the radius of the autopilots that are to fly them
-(`io.export.corners`): so do the corners that these cut.
+(`io.export.corners`): so do the corners that these cut. How the vehicle itself moves about its set-points is modelled
+(`io.export.flown_track`): it touches nothing, and its clearance counts.
 
 Of a file with latitudes, each leg has to keep as much more as the places of its map may be off (`io.geo.accuracy`), and
 an end that stands nearer than that its own distance: buildings and lines move together, but the vehicle flies to where
@@ -31,6 +32,8 @@ from maxjax.core.status import Closure
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.corners import Waypoints, cut_corners
+from maxjax.io.export.flown_track import fly_track
+from maxjax.io.export.halts import Halts, halts_of
 from maxjax.io.export.read_back import Lines, Points
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
@@ -52,23 +55,53 @@ class AsFlown:
         clearance: least distance to an occupied voxel [m], ground left out; infinite where the map has none.
         aside: how far it leads from what was planned, but for corners that are cut, at most [m].
         remarks: sentences on what the format does not hold, and on what the file relies.
-        stops: numbers of the path's points at which a file of waypoints stops, so that their corners are not cut.
+        left_out: numbers of the path's points that a file of waypoints has not.
+        stops: numbers of the file's waypoints at which it stops, so that their corners are not cut.
         return_height: above home, from which on a return to launch is clear from everywhere [m]; None where the file
             counts from no home.
         autopilots: that it was judged for, with the parameters that it relies on.
+        flights: of each of them.
     """
 
     clearance: float
     aside: float
     remarks: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
     stops: tuple[int, ...] = ()
     return_height: float | None = None
     autopilots: tuple[Autopilot, ...] = ()
+    flights: tuple[AutopilotFlight, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """How long all of its autopilots take, one after the other [s]."""
+        return sum(one.duration for one in self.flights)
 
     def __str__(self) -> str:
+        by = ", ".join(f"by {one.label} in {one.duration:.0f} s" for one in self.flights)
+        said = f"as flown {by}" if by else "as flown"
         if math.isinf(self.clearance):
-            return "as flown: nothing in the map to come near to"
-        return f"as flown: least clearance {self.clearance:.2f} m"
+            return f"{said}: nothing in the map to come near to"
+        return f"{said}: least clearance {self.clearance:.2f} m"
+
+
+@dataclasses.dataclass(frozen=True)
+class AutopilotFlight:
+    """A file of waypoints as flown by an autopilot's model (`io.export.flown_track`), in still air.
+
+    Attributes:
+        label: of the autopilot.
+        duration: from the first waypoint to the last one [s].
+        clearance: of the vehicle, least distance to an occupied voxel [m], ground left out.
+        swing: how far the vehicle is from its set-point, at most [m].
+        halts: stops from everywhere on it; None where its speeds are not modelled.
+    """
+
+    label: str
+    duration: float
+    clearance: float
+    swing: float
+    halts: Halts | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,6 +159,12 @@ def judge_lines(
                 wrong = f"on {what} {_complaint(found, mission.legs[leg].radius)}"
                 out = "" if lines.holds is None else ", or leave both out"
                 hint = f"{what} is straight, to or from the ground: choose another end{out}"
+    flights = tuple[AutopilotFlight, ...]()
+    if not wrong and lines.holds is not None:
+        flights = tuple(_flight(waypoints_of(lines), mission, autopilot) for autopilot in autopilots)
+        clearance = min([clearance, *(one.clearance for one in flights)])
+        wrong = next((_touches(one) for one in flights if not one.clearance > 0.0), "")
+        hint = "fly slower, or plan with more margin"
     if not wrong and lines.holds is not None:
         for autopilot in autopilots:
             corners, least = cut_corners(waypoints_of(lines), mission, autopilot)
@@ -139,14 +178,38 @@ def judge_lines(
         wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
     if wrong:
         raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
-    return AsFlown(clearance, aside)
+    return AsFlown(clearance, aside, flights=flights)
 
 
 def waypoints_of(lines: Lines) -> Waypoints:
     """The waypoints of a file that has holds; raises a ValueError for one that has none."""
     if lines.holds is None or lines.accepted is None:
         raise ValueError("expected a file of waypoints with holds and acceptance radii")
-    return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None)
+    return Waypoints(lines.parts[0], lines.holds, lines.accepted, lines.rise, lines.descent is not None, lines.speeds)
+
+
+def _flight(waypoints: Waypoints, mission: Mission, autopilot: Autopilot) -> AutopilotFlight:
+    """The flight of an autopilot; a clearance of 0 where the vehicle touches something or leaves the map.
+
+    The rules of the air are kept by its set-points: what it swings about them does not count for these.
+    """
+    track = fly_track(waypoints, autopilot)
+    where = mission.map
+    solid = VoxelMap(np.asarray(where.occupied), np.asarray(where.ground), None, where.grid)
+    found = verify(track.points, solid)
+    clearance = found.clearance if found.ok and math.isfinite(track.duration) else 0.0
+    halts = halts_of(track, where) if track.timed else None
+    return AutopilotFlight(autopilot.label, track.duration, clearance, track.swing, halts)
+
+
+def _touches(flight: AutopilotFlight) -> str:
+    """What is wrong with a flight that touches something, in words."""
+    if math.isinf(flight.duration):
+        return f"{flight.label} cannot follow: its vehicle would never arrive"
+    return (
+        f"by {flight.label} it leaves the map or touches something: "
+        f"the vehicle swings up to {flight.swing:.2f} m about its set-points"
+    )
 
 
 def _cut_too_near(corners: Mapping[int, float], lines: Lines, mission: Mission, autopilot: Autopilot) -> str:

@@ -51,6 +51,7 @@ class Waypoints:
         accepted: acceptance radius of each item [m].
         rise: the upright way to the first one, where there is a take-off.
         lands: whether the last one is left, to land.
+        speeds: greatest horizontal one on the way to each [m/s]; NaN, or None: the autopilot's own.
     """
 
     places: Points
@@ -58,6 +59,12 @@ class Waypoints:
     accepted: Float64[np.ndarray, " n"]
     rise: Points | None = None
     lands: bool = False
+    speeds: Float64[np.ndarray, " n"] | None = None
+
+    @property
+    def speeds_to(self) -> Float64[np.ndarray, " n"]:
+        """The speeds, NaN where there are none."""
+        return np.full(len(self.places), math.nan) if self.speeds is None else self.speeds
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +25,13 @@ import numpy as np
 from maxjax.core.files import atomic_write
 from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.export.as_flown import AWAY, AsFlown, add_to_keep, judge_lines
+from maxjax.io.export.as_flown import AsFlown, add_to_keep, judge_lines
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
 from maxjax.io.export.endings import FROM_HOME, IN_TIME, ON_EARTH, STOPPING, ending_of, is_ned
+from maxjax.io.export.fastest import fastest, judged
 from maxjax.io.export.items import Feet
-from maxjax.io.export.read_back import Standing, lines_in, lines_in_bag
+from maxjax.io.export.read_back import Standing, lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
 from maxjax.io.export.stops import LIMITS, space_out
@@ -80,7 +80,7 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     earth: Earth | None = None,
     ground: float | None = None,
     airspace: Airspace | None = None,
-    takeoff_and_landing: bool = False,
+    takeoff_and_landing: bool | None = None,
     autopilot: Autopilot | None = None,
 ) -> AsFlown:
     """Write a trajectory, a plan or a mission for another program; the format by the name's ending.
@@ -88,9 +88,10 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     `.plan` and `.waypoints` hold the points of the path in the frame GLOBAL_RELATIVE_ALT: heights above the ground at
     home, which lies below the start; the course of the way to each; an acceptance radius of 0.5 m; the time to hold at
     waypoints that are hovered at, or whose corner an autopilot would cut too near to something; and the speed of each
-    leg, or that of the trajectory's limits. `.kmz` (DJI) and `_litchi.csv` hold the same for aircraft that stop at each
-    point. `.geojson` and `.kml` have a line for each leg. Set-points and poses are 0.05 s apart, in the map's
-    coordinates, ENU; where the name ends in `_ned.csv` in NED, true north, from the ground below the start.
+    leg, or that of the trajectory's limits. Points that only cost time are left out (`io.export.thinning`). `.kmz`
+    (DJI) and `_litchi.csv` hold the same for aircraft that stop at each point. `.geojson` and `.kml` have a line for
+    each leg. Set-points and poses are 0.05 s apart, in the map's coordinates, ENU; where the name ends in `_ned.csv` in
+    NED, true north, from the ground below the start.
 
     Before it takes its place, what is written is read back, put on the map's own ground and judged against the map
     (`io.export.as_flown`); a file that would lead elsewhere is not written.
@@ -104,7 +105,8 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         ground: height of the ground at home [m], in the map's coordinates. None: that of the map below the start.
         airspace: whose areas become the geofence of a `.plan`.
         takeoff_and_landing: whether a `.plan` or a `.waypoints` file begins with a take-off, upright to the start, and
-            ends with a landing, upright from the goal; a `.kmz` always begins with one.
+            ends with a landing, upright from the goal; a `.kmz` always begins with one. None: with a take-off alone
+            where ArduCopter may fly it, whose AUTO does not begin on the ground without one, and the way up is clear.
         autopilot: that a `.plan` or a `.waypoints` file is for: `maxjax.Autopilot.px4()` or `.arducopter()`, with
             parameters of its own or without. None: it is judged for both, each with its defaults.
 
@@ -133,38 +135,39 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
     asked = _asked(file, mission, true)
     near += (str(true),) if true.metres else ()
     if ending == ".rosbag" and timed is not None:
-        found: list[AsFlown] = []
-        motion = timed.sampled(_EVERY)
-        write_bag(file, motion, lambda bag: found.append(judge_lines(file, lines_in_bag(bag), mission, timed)))
-        return dataclasses.replace(found[0], remarks=near)
+        return dataclasses.replace(_bag(file, timed, mission), remarks=near)
     in_time, autopilots = timed is not None and ending in IN_TIME, BOTH if autopilot is None else (autopilot,)
-    made: Made | None = None
-    text: str | bytes
+    text: str | bytes = ""
+    made: tuple[WaypointFile, Made] | None = None
     if timed is not None and in_time:
         text = _in_time(file, timed, _origin(file, mission, ground, earth))
     elif earth is None or place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
     elif ending in FROM_HOME:
-        feet = _feet(file, mission, ground, takeoff_and_landing)
-        made = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near).made()
-        text = made.text
+        feet = _feet(file, mission, ground, takeoff_and_landing is True)
+        given = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near)
+        given = given.taking_off() if takeoff_and_landing is None else given
+        made = given, given.made()
     else:
         drawings, said = _drawings(mission, place, _speed(flight)), f"heights {earth.zero}{true.clause}"
         text = kml_text(drawings, file.stem, said) if ending == ".kml" else geojson_text(drawings, said)
     try:
-        flown = _judged(file, text, asked, timed if in_time else None, standings, autopilots if made else ())
+        if made is not None:
+            text, flown = fastest(*made)
+        else:
+            flown = dataclasses.replace(judged(file, text, asked, timed if in_time else None, standings), remarks=near)
     except ValueError as error:
         raise ValueError(f"{error}{_more_to_keep(mission, true)}") from error
     atomic_write(file, text)
-    if made is None:
-        return dataclasses.replace(flown, remarks=near)
-    return dataclasses.replace(
-        flown,
-        remarks=made.remarks,
-        stops=made.stops,
-        return_height=made.return_height,
-        autopilots=made.autopilots,
-    )
+    return flown
+
+
+def _bag(file: Path, trajectory: Trajectory, mission: Mission) -> AsFlown:
+    """Write a bag, and judge it before it takes its place."""
+    found: list[AsFlown] = []
+    motion = trajectory.sampled(_EVERY)
+    write_bag(file, motion, lambda bag: found.append(judge_lines(file, lines_in_bag(bag), mission, trajectory)))
+    return found[0]
 
 
 def place_for(file: Path, earth: Earth) -> Earth:
@@ -241,24 +244,6 @@ def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> t
     return tuple(found)
 
 
-def _judged(
-    file: Path,
-    text: str | bytes,
-    mission: Mission,
-    trajectory: Trajectory | None,
-    standings: Sequence[Standing],
-    autopilots: Sequence[Autopilot] = (),
-) -> AsFlown:
-    """The worst of what a text makes a vehicle fly, wherever it may stand."""
-    found = [
-        judge_lines(
-            file, lines_in(file, text, standing), mission, trajectory, AWAY + k * standing.terrain.doubt, autopilots
-        )
-        for k, standing in enumerate(standings)
-    ]
-    return min(found, key=lambda one: one.clearance)
-
-
 def counts_from_home(file: Path) -> bool:
     """Whether heights in a file count from the ground at home."""
     ending = ending_of(file)
@@ -280,7 +265,7 @@ def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> 
     goal = mission.map.terrain.at(x, y)
     if landing and math.isnan(goal):
         raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
-    return Feet(home, goal if landing else None)
+    return Feet(home, goal if landing else None, takes_off=landing)
 
 
 def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:

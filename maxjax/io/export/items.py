@@ -69,11 +69,13 @@ class Feet:
 
     Attributes:
         home: below the first point.
-        landing: below the last point, where a take-off and a landing are asked for; None where they are not.
+        landing: below the last point, where there is a landing; None where there is none.
+        takes_off: whether there is a take-off.
     """
 
     home: float
     landing: float | None = None
+    takes_off: bool = False
 
 
 def items_of(
@@ -108,10 +110,11 @@ def items_of(
             items.append(Item(CHANGE_SPEED, MISSION, (_GROUND_SPEED, own, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)))
         items += places[mission.places[k] + (k > 0) : mission.places[k + 1] + 1]
         last = own
-    if feet.landing is not None:
+    if feet.takes_off:
         north, east, up = on_earth[0].tolist()
-        foot = earth.geodetic(np.array([[path[-1, 0], path[-1, 1], feet.landing]]))[0].tolist()
         items.insert(0, Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, courses[0], north, east, up - height)))
+    if feet.landing is not None:
+        foot = earth.geodetic(np.array([[path[-1, 0], path[-1, 1], feet.landing]]))[0].tolist()
         items.append(Item(LAND, RELATIVE, (0.0, 0.0, 0.0, courses[-1], foot[0], foot[1], foot[2] - height)))
     return Items((latitude, longitude, height), speeds[0], tuple(items))
 

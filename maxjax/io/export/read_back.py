@@ -26,7 +26,7 @@ from maxjax.io.export.endings import ending_of, is_ned
 from maxjax.io.export.read_stops import ReadStops, read_litchi, read_wpml
 from maxjax.io.geo.earth import Earth, TangentPlane
 
-_TAKE_OFF, _LAND, _WAYPOINT, _RELATIVE = 22, 21, 16, 3  # MAVLink's numbers
+_TAKE_OFF, _LAND, _WAYPOINT, _CHANGE_SPEED, _RELATIVE = 22, 21, 16, 178, 3  # MAVLink's numbers
 _DIGITS = 1e-3  # by which those of a file may move a place [m]
 _NUMBER = r"(-?[0-9.]+(?:e-?[0-9]+)?)"
 _KML = {"k": "http://www.opengis.net/kml/2.2"}
@@ -99,7 +99,8 @@ class Lines:
         times: of the points of the only part [s]; None where the file has none.
         rise, descent: to the first point, and from the last one, where the file has them.
         holds: how long each point of the only part is held [s], and
-        accepted: within which it counts as reached [m], as its item says; None where the file has no such items.
+        accepted: within which it counts as reached [m], as its item says, and
+        speeds: greatest on the way to it [m/s], NaN where nothing says it; None where the file has no such items.
     """
 
     parts: tuple[Points, ...]
@@ -108,6 +109,7 @@ class Lines:
     descent: Points | None = None
     holds: Float64[np.ndarray, " n"] | None = None
     accepted: Float64[np.ndarray, " n"] | None = None
+    speeds: Float64[np.ndarray, " n"] | None = None
 
 
 def lines_in(file: Path, text: str | bytes, standing: Standing) -> Lines:
@@ -168,20 +170,23 @@ def _waypoint_list(text: str, standing: Standing) -> Lines:
 
 def _items(home: Points, items: list[tuple[int, int, list[float]]], standing: Standing) -> Lines:
     found: dict[int, list[list[float]]] = {_TAKE_OFF: [], _WAYPOINT: [], _LAND: []}
-    said = list[list[float]]()
+    said, speed = list[list[float]](), math.nan
     for command, frame, params in items:
+        speed = params[1] if command == _CHANGE_SPEED else speed
         if frame == _RELATIVE:
             found[command].append(params[4:])
         if frame == _RELATIVE and command == _WAYPOINT:
-            said.append(params[:2])
+            said.append([*params[:2], speed])
     rise, line, descent = (standing.lifted(home, np.array(places).reshape(-1, 3)) for places in found.values())
     foot = standing.lifted(home, np.array([[*home[0, :2], 0.0]]))
+    holds, accepted, speeds = np.array(said).reshape(-1, 3).T
     return Lines(
         (line,),
         rise=np.concatenate([foot, rise, line[:1]]) if len(rise) else None,
         descent=np.concatenate([line[-1:], descent]) if len(descent) else None,
-        holds=np.array(said).reshape(-1, 2)[:, 0],
-        accepted=np.array(said).reshape(-1, 2)[:, 1],
+        holds=holds,
+        accepted=accepted,
+        speeds=speeds,
     )
 
 

@@ -23,12 +23,14 @@ from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.corners import cut_corners
 from maxjax.io.export.endings import STOPPING, ending_of
 from maxjax.io.export.fences import fences_of
+from maxjax.io.export.flown_track import set_point_duration
 from maxjax.io.export.items import Feet, Items, items_of
 from maxjax.io.export.litchi import litchi_text
 from maxjax.io.export.qgroundcontrol import plan_text
 from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.export.return_height import ReturnHeight, return_height
 from maxjax.io.export.stops import LIMITS, StopFlight, speed_remarks, stop_points
+from maxjax.io.export.thinning import thinning_remark
 from maxjax.io.export.waypoint_list import waypoint_text
 from maxjax.io.export.wpml import kmz_content, return_height_of
 from maxjax.io.geo.earth import Earth
@@ -63,13 +65,35 @@ class WaypointFile:
     standings: tuple[Standing, ...]
     remarks: tuple[str, ...] = ()
 
+    def without(self, thinned: Mission) -> WaypointFile:
+        """The file of a mission that was thinned."""
+        remarks = (*self.remarks, thinning_remark(self.mission, thinned))
+        return dataclasses.replace(self, mission=thinned, remarks=remarks)
+
+    def shortest(self) -> float:
+        """How long its autopilots take at least, one after the other, if they need not stop for corners [s]."""
+        items = items_of(self.mission, self.earth, self.speed, Feet(self.feet.home))
+        waypoints = waypoints_of(lines_in(Path("a.waypoints"), waypoint_text(items), self.standings[0]))
+        return sum(set_point_duration(waypoints, autopilot) for autopilot in self.autopilots)
+
+    def taking_off(self) -> WaypointFile:
+        """The file with a take-off where ArduCopter's AUTO needs one, and the way up is clear."""
+        if ending_of(self.file) in STOPPING or all(one.name != "arducopter" for one in self.autopilots):
+            return self
+        x, y, z = self.mission.path[0].tolist()
+        feet = [self.feet.home, *(standing.level(x, y, self.feet.home) for standing in self.standings)]
+        if all(upright(np.array([[x, y, foot], [x, y, z]]), self.mission, 0).ok for foot in feet):
+            return dataclasses.replace(self, feet=dataclasses.replace(self.feet, takes_off=True))
+        return dataclasses.replace(self, remarks=(*self.remarks, _NO_TAKE_OFF))
+
     def made(self) -> Made:
         """The text, with as many stops as it needs."""
         back = return_height(self.mission)
         if ending_of(self.file) in STOPPING:
             return dataclasses.replace(self, autopilots=())._stopping(back)
         hold = max(autopilot.rests_after for autopilot in self.autopilots)
-        stops = {} if self.feet.landing is None else dict.fromkeys((0, len(self.mission.path) - 1), hold)
+        ends = [0] * self.feet.takes_off + [len(self.mission.path) - 1] * (self.feet.landing is not None)
+        stops = dict.fromkeys(ends, hold)
         needed = dict[int, float]()
         while True:
             draft = self._draft(stops, back, needed)
@@ -162,6 +186,10 @@ class WaypointFile:
                 f"x {back.over[0]:.1f}, y {back.over[1]:.1f}"
             )
         found.append(f"a return to launch is clear {height:.1f} m above home and higher: {why}")
+        if self.autopilots:
+            found.append(
+                "without its remote control or its ground station the vehicle returns, with the parameters of the file"
+            )
         for autopilot in self.autopilots:
             if autopilot.return_height < height:
                 parameter = "RTL_ALT" if autopilot.name == "arducopter" else "RTL_RETURN_ALT"
@@ -200,6 +228,10 @@ class Made:
     autopilots: tuple[Autopilot, ...]
 
 
+_NO_TAKE_OFF = (
+    "it has no take-off, since something stands above home or beside the way up; ArduCopter's AUTO does not begin on "
+    "the ground without one: take off in GUIDED to the height of the start first"
+)
 _FROM_THERE = "its heights count from where the aircraft takes off: take off on the ground below the start"
 
 

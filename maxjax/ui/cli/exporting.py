@@ -88,7 +88,7 @@ def write_all(request: Request, given: MapTask, flown: Trajectory) -> list[Expor
             earth=given.earth,
             ground=ground,
             airspace=given.airspace,
-            takeoff_and_landing=request.takeoff_and_landing,
+            takeoff_and_landing=request.takeoff_and_landing or None,
             autopilot=autopilot,
         )
         for remark in found.remarks:

@@ -12,6 +12,7 @@ from maxjax.ui.option_groups import (
     Count,
     ExportOptions,
     Flag,
+    LimitOptions,
     MapArgument,
     Metres,
     OptionalFolder,
@@ -31,7 +32,7 @@ _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanOptions(ReadOptions, RouteOptions, ExportOptions):
+class PlanOptions(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
     """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with

@@ -115,7 +115,14 @@ def test_nothing_that_is_written_touches_where_waypoints_are_left_early(tmp_path
     rng = np.random.default_rng(3)
     touched = np.zeros(2, int)
     for plan in plans():
-        found = export(tmp_path / "a.plan", plan, earth=EARTH, ground=0.0, autopilot=Autopilot.arducopter())
+        found = export(
+            tmp_path / "a.plan",
+            plan,
+            earth=EARTH,
+            ground=0.0,
+            takeoff_and_landing=False,
+            autopilot=Autopilot.arducopter(),
+        )
         params = waypoints_in(tmp_path / "a.plan")
         stops = np.array([row[0] >= 1.0 for row in params])
         places, many = plan.path, len(params)
@@ -151,7 +158,9 @@ def over_a_roof() -> Plan:
 
 def test_a_climb_that_ends_early_meets_the_roof(tmp_path: Path) -> None:
     def stops(autopilot: Autopilot | None) -> tuple[int, ...]:
-        found = export(tmp_path / "a.plan", over_a_roof(), earth=EARTH, ground=0.0, autopilot=autopilot)
+        found = export(
+            tmp_path / "a.plan", over_a_roof(), earth=EARTH, ground=0.0, takeoff_and_landing=False, autopilot=autopilot
+        )
         for k, params in enumerate(waypoints_in(tmp_path / "a.plan")):
             assert (params[0] > 0.0) == (k in found.stops)
         return found.stops
@@ -261,7 +270,13 @@ def test_parameters_are_stated_and_written_beside(tmp_path: Path) -> None:
     found = export(tmp_path / "a.plan", over_a_roof(), earth=EARTH, ground=0.0)
     said = json.loads((tmp_path / "a.plan").read_text())["maxjax"]
     assert said["parameters"] == {one.name: dict(one.parameters) for one in found.autopilots}
-    assert said["parameters"]["arducopter"] == {"WPNAV_RADIUS": 200.0, "RTL_ALT": 1500.0, "RTL_CONE_SLOPE": 0.0}
+    assert said["parameters"]["arducopter"] == {
+        "WPNAV_RADIUS": 200.0,
+        "RTL_ALT": 1500.0,
+        "RTL_CONE_SLOPE": 0.0,
+        "FS_THR_ENABLE": 1.0,
+        "FS_GCS_ENABLE": 1.0,
+    }
     assert any("WPNAV_RADIUS 200" in remark for remark in found.remarks)
     assert said["remarks"]
     assert set(said["remarks"]) <= set(found.remarks)

@@ -43,7 +43,7 @@ def trajectory() -> maxjax.Trajectory:
 
 
 def written(folder: Path, name: str) -> Path:
-    export(folder / name, trajectory(), earth=EARTH, ground=GROUND)
+    export(folder / name, trajectory(), earth=EARTH, ground=GROUND, takeoff_and_landing=False)
     return folder / name
 
 
@@ -145,7 +145,7 @@ def of_mission() -> maxjax.Trajectory:
 
 def test_a_mission_holds_and_changes_its_speed(tmp_path: Path, link: tuple[Any, Any]) -> None:
     for name in ("b.plan", "b.waypoints"):
-        export(tmp_path / name, of_mission(), earth=EARTH, ground=GROUND)
+        export(tmp_path / name, of_mission(), earth=EARTH, ground=GROUND, takeoff_and_landing=False)
     items = json.loads((tmp_path / "b.plan").read_text())["mission"]["items"]
     assert [item["doJumpId"] for item in items] == [1, 2, 3, 4, 5, 6]
     reader, _ = link

@@ -33,8 +33,9 @@ def test_every_format_is_written(tmp_path: Path, town: str, capsys: pytest.Captu
     assert plan(town, "--ground", 2, "--place", *PLACE, "--json", "--export", *files) == 0
     path = np.array(json.loads(capsys.readouterr().out)["path"])
     assert sorted(out.iterdir()) == sorted(files)
-    items = json.loads(files[0].read_text())["mission"]["items"][1:]
-    places = np.array([item["params"][4:] for item in items])
+    items = json.loads(files[0].read_text())["mission"]["items"]
+    assert [item["command"] for item in items[:3]] == [22, 178, 16]
+    places = np.array([item["params"][4:] for item in items if item["command"] == 16])
     places[:, 2] += 10.0 + 2.0  # the place, and the ground above it
     np.testing.assert_allclose(TangentPlane(52.07, 4.3, 10.0).local(places), path, atol=0.01)
 
