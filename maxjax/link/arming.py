@@ -1,0 +1,23 @@
+"""Arming, where it was asked for."""
+
+from __future__ import annotations
+
+from maxjax.link.errors import LinkError
+from maxjax.link.vehicle import ARM, Vehicle
+
+_SECONDS = 5.0
+
+
+async def arm(vehicle: Vehicle) -> None:
+    """Arm a vehicle.
+
+    Raises:
+        LinkError: if it does not.
+    """
+    answer = await vehicle.command(ARM, 1.0)
+    if answer or not await vehicle.until(lambda: vehicle.armed, _SECONDS):
+        said = f", it says: {vehicle.warning}" if vehicle.warning else ""
+        raise LinkError(
+            f"arming: expected it to be accepted, given: {answer or 'no armed heartbeat'}{said}; clear its checks",
+            holds=not answer,
+        )
