@@ -1,9 +1,9 @@
 """Addresses of vehicles: where a link listens or connects.
 
-    udp://127.0.0.1:14550     listens there, as ground stations do; without a host on loopback, never on all interfaces
-    udpout://HOST:PORT        sends there first
-    tcp://HOST:PORT           connects there
-    serial:///dev/tty…:57600  a radio or a cable
+udp://127.0.0.1:14550     listens there, as ground stations do; without a host on loopback, never on all interfaces
+udpout://HOST:PORT        sends there first
+tcp://HOST:PORT           connects there
+serial:///dev/tty…:57600  a radio or a cable
 """
 
 from __future__ import annotations

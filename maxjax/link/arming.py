@@ -16,8 +16,8 @@ async def arm(vehicle: Vehicle) -> None:
     """
     answer = await vehicle.command(ARM, 1.0)
     if answer or not await vehicle.until(lambda: vehicle.armed, _SECONDS):
-        said = f", it says: {vehicle.warning}" if vehicle.warning else ""
         raise LinkError(
-            f"arming: expected it to be accepted, given: {answer or 'no armed heartbeat'}{said}; clear its checks",
+            f"arming: expected it to be accepted, given: {answer or 'no armed heartbeat'}{vehicle.said}; clear its "
+            "checks",
             holds=not answer,
         )

@@ -53,5 +53,5 @@ class LocalFrame:
     @functools.cached_property
     def _inverse(self) -> Float64[np.ndarray, "3 3"]:
         foot = np.array(self.origin.point)
-        axes = [0.5 * (self.origin.enu((foot + step)[None]) - self.origin.enu((foot - step)[None])) for step in np.eye(3)]
-        return np.asarray(np.linalg.inv(np.concatenate(axes).T), np.float64)
+        axes = 0.5 * (self.origin.enu(foot + np.eye(3)) - self.origin.enu(foot - np.eye(3)))
+        return np.asarray(np.linalg.inv(axes.T), np.float64)

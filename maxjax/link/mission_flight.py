@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 
 import numpy as np
@@ -46,14 +45,16 @@ class MissionFlight:
         first = modes.setpoints if modes.label == "ArduCopter" else modes.hold
         if not await vehicle.set_mode(first):
             raise LinkError(
-                f"mode: expected {modes.name_of(first)} to arm in, given {modes.name_of(vehicle.mode)}; {vehicle.warning}",
+                f"mode: expected {modes.name_of(first)} to arm in, given {modes.name_of(vehicle.mode)}{vehicle.said}; "
+                "clear its checks",
                 holds=False,
             )
         await arm(vehicle)
         started = await self._start()
         if not started:
             raise LinkError(
-                f"mission: expected {modes.name_of(modes.mission)}, given {modes.name_of(vehicle.mode)}; {vehicle.warning}"
+                f"mission: expected {modes.name_of(modes.mission)}, given {modes.name_of(vehicle.mode)}{vehicle.said}; "
+                "it is told to hold: disarm it"
             )
         watched.stage, watched.mode = "mission", modes.mission
         while vehicle.armed:
@@ -67,7 +68,8 @@ class MissionFlight:
         away = float(np.linalg.norm((landed - self.path[-1])[:2]))
         if away > _LANDED:
             raise LinkError(
-                f"landing: expected it within {_LANDED:g} m of the goal, it disarmed {away:.1f} m away; look for it there",
+                f"landing: expected it within {_LANDED:g} m of the goal, it disarmed {away:.1f} m away; look for it "
+                "there",
                 holds=False,
             )
 

@@ -17,7 +17,7 @@ from maxjax.link.vehicle import Vehicle
 
 _TRIES = 3
 _PLACED = (WAYPOINT, LAND, TAKE_OFF)
-_TURN = 2  # in the last digit of a degree, 1e-7: a centimetre or two
+_TURN = 2.0  # in the last digit of a degree, 1e-7: a centimetre or two
 _HEIGHT = 0.02  # ArduCopter stores centimetres [m]
 
 
@@ -74,9 +74,9 @@ async def _retried(what: str, action: Any, *given: Any) -> Any:
             said = error.result.name.lower().replace("_", " ")
             lost = error.result == MissionRawResult.TIMEOUT
             hint = "come nearer, or use a better radio" if lost else "the autopilot does not fly such items"
+            items = f"{len(given[0])} items" if given else "a request for its items"
             raise LinkError(
-                f"{what}: expected the vehicle to take {len(given[0]) if given else 'all'} items, given: {said}; {hint}",
-                holds=False,
+                f"{what}: expected the vehicle to answer {items}, given: {said}; nothing was armed: {hint}", holds=False
             ) from error
     raise AssertionError("unreachable")
 

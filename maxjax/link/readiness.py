@@ -30,9 +30,9 @@ async def wait_until_ready(vehicle: Vehicle, seconds: float) -> None:
     label = vehicle.modes.label
     _check_at_rest(vehicle)
     if not await vehicle.until(lambda: not _missing(vehicle), seconds):
-        missing, said = _missing(vehicle), f"; it says: {vehicle.warning}" if vehicle.warning else ""
         raise LinkError(
-            f"{label}: expected it ready within {seconds:g} s, still without {', '.join(missing)}{said}; "
+            f"{label}: expected it ready within {seconds:g} s, still without {', '.join(_missing(vehicle))}"
+            f"{vehicle.said}; "
             "wait for its position under open sky and clear its checks",
             holds=False,
         )
@@ -75,7 +75,9 @@ def _missing(vehicle: Vehicle) -> list[str]:
     return found
 
 
-def frame_at_home(vehicle: Vehicle, earth: Earth, start: tuple[float, float], ground: float, apart: float) -> LocalFrame:
+def frame_at_home(
+    vehicle: Vehicle, earth: Earth, start: tuple[float, float], ground: float, apart: float
+) -> LocalFrame:
     """The frame of a vehicle that stands at home, on the ground below the start.
 
     Args:

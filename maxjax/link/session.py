@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
+from collections.abc import Coroutine
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,7 +24,12 @@ from maxjax.link.supervision import Supervision
 from maxjax.link.vehicle import Vehicle, connect
 from maxjax.trajectories.follower import Follower
 
+Flight = SetpointFlight | MissionFlight
+_T = TypeVar("_T")
+
 LOG, PLAN = "flight.csv", "flight.plan"
+FOLLOWED = ("follow", "rest", "mission")
+"""Stages of a flight in which it follows what was planned."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,14 +55,33 @@ async def fly_task(task: FlightTask, company: Company) -> LinkFlight:
     """
     with open_log(task.out / LOG) as log:
         try:
-            async with connect(task.address, task.system, task.patience) as vehicle:
-                await _fly(task, vehicle, company, log)
+            async with contextlib.AsyncExitStack() as link:
+                connecting = link.enter_async_context(connect(task.address, task.system, task.patience))
+                vehicle = await _unless_stopped(company, connecting)
+                flight = await _unless_stopped(company, _prepared(task, vehicle, company, log))
+                if task.arm:
+                    await _flown(flight)
         except LinkError as error:
             return LinkFlight(tuple(log.looks), str(error), company.stop.is_set())
     return LinkFlight(tuple(log.looks))
 
 
-async def _fly(task: FlightTask, vehicle: Vehicle, company: Company, log: FlightLog) -> None:
+async def _unless_stopped(company: Company, work: Coroutine[Any, Any, _T]) -> _T:
+    """Do something on the ground, and leave it where the flight is to end."""
+    tasks = asyncio.ensure_future(work), asyncio.ensure_future(company.stop.wait())
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        if not tasks[0].done():
+            raise LinkError("interrupted: nothing was armed", holds=False)
+        return tasks[0].result()
+    finally:
+        for one in tasks:
+            one.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _prepared(task: FlightTask, vehicle: Vehicle, company: Company, log: FlightLog) -> Flight:
+    """What is to be flown by a vehicle that is ready and at home; a mission is uploaded."""
     company.tell(f"{vehicle.modes.label}, system {vehicle.number}: waits for it to be ready")
     await wait_until_ready(vehicle, task.patience)
     trajectory = task.trajectory
@@ -62,21 +89,21 @@ async def _fly(task: FlightTask, vehicle: Vehicle, company: Company, log: Flight
     frame = frame_at_home(vehicle, task.earth, (x, y), task.ground, 2.0 * task.tolerance)
     watch = ClearanceWatch(trajectory.map, trajectory.radius, task.tolerance)
     watched = Supervision(vehicle, frame, watch, log, company)
-    flight: SetpointFlight | MissionFlight
+    watched.note("ready")
     if task.setpoints:
-        flight = SetpointFlight(trajectory, Follower(task.tolerance), watched)
-    else:
-        sent = await transfer(vehicle, plan_for(task, vehicle))
-        company.tell(f"{len(sent)} items uploaded, read back and compared")
-        flight = MissionFlight(np.asarray(trajectory.plan.path, np.float64), len(sent), watched)
-    watched.look(watched.frame.in_map(watched.local), judge=False)
-    if not task.arm:
-        return
+        return SetpointFlight(trajectory, Follower(task.tolerance), watched)
+    sent = await transfer(vehicle, plan_for(task, vehicle))
+    watched.note(f"{len(sent)} items uploaded, read back and compared")
+    return MissionFlight(np.asarray(trajectory.plan.path, np.float64), len(sent), watched)
+
+
+async def _flown(flight: Flight) -> None:
+    """Fly; whatever ends it early, the vehicle is told to hold unless someone else flies it."""
     try:
         await flight.fly()
     except BaseException as error:
         if not isinstance(error, LinkError) or error.holds:
-            await asyncio.shield(_hold(watched))
+            await asyncio.shield(_hold(flight.watched))
         raise
 
 
@@ -94,7 +121,5 @@ def plan_for(task: FlightTask, vehicle: Vehicle) -> str:
     """
     autopilot = Autopilot.named(vehicle.modes.label.lower())
     file = task.out / PLAN
-    export(
-        file, task.trajectory, earth=task.earth, ground=task.ground, takeoff_and_landing=True, autopilot=autopilot
-    )
+    export(file, task.trajectory, earth=task.earth, ground=task.ground, takeoff_and_landing=True, autopilot=autopilot)
     return file.read_text(encoding="utf-8")

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+from collections.abc import Coroutine
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -30,6 +32,7 @@ _PATIENCE = 30.0  # beyond what it should take [s]
 _REST = np.zeros((2, 3))
 
 Point = Float64[np.ndarray, "3"]
+_T = TypeVar("_T")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,7 +62,8 @@ class SetpointFlight:
         await self._stay(foot, _BEFORE)
         if not await self._beside(foot, vehicle.set_mode(modes.setpoints)):
             raise LinkError(
-                f"mode: expected {modes.name_of(modes.setpoints)}, given {modes.name_of(vehicle.mode)}; {vehicle.warning}",
+                f"mode: expected {modes.name_of(modes.setpoints)}, given {modes.name_of(vehicle.mode)}{vehicle.said}; "
+                "clear its checks",
                 holds=False,
             )
         await self._beside(foot, arm(vehicle))
@@ -68,9 +72,9 @@ class SetpointFlight:
         await self._follow()
         await self._settle(goal[0])
 
-    async def _beside(self, place: Point, work: object) -> object:
+    async def _beside(self, place: Point, work: Coroutine[Any, Any, _T]) -> _T:
         """Do something that takes a while, with the stream going on."""
-        task = asyncio.ensure_future(work)  # type: ignore[arg-type]
+        task = asyncio.ensure_future(work)
         while not task.done():
             self.watched.send(np.vstack([place[None], _REST]), self.watched.heading)
             await asyncio.wait({task}, timeout=EVERY)
@@ -88,7 +92,9 @@ class SetpointFlight:
         watched.stage, height = "rise", float(foot[2] - start[2])
         if vehicle.modes.label == "ArduCopter":  # which takes no set-points on the ground
             if answer := await vehicle.command(TAKE_OFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height):
-                raise LinkError(f"take-off: expected it to be accepted, given: {answer}; {vehicle.warning}")
+                raise LinkError(
+                    f"take-off: expected it to be accepted, given: {answer}{vehicle.said}; clear its checks"
+                )
             own = True
         else:
             own = False

@@ -61,7 +61,9 @@ class Supervision:
     def local(self) -> Point:
         """North, east and down of the vehicle [m]: its last position, carried on to the present."""
         said, age = self.vehicle.last("LOCAL_POSITION_NED"), self.vehicle.age("LOCAL_POSITION_NED")
-        place, velocity = (np.array([said[name] for name in names], np.float64) for names in ("xyz", ("vx", "vy", "vz")))
+        place, velocity = (
+            np.array([said[name] for name in names], np.float64) for names in ("xyz", ("vx", "vy", "vz"))
+        )
         return np.asarray(place + min(max(age, 0.0), _AHEAD) * velocity, np.float64)
 
     @property
@@ -99,13 +101,16 @@ class Supervision:
 
     def _look(self, position: Point, planned: Point, pace: float, clearance: float) -> Look:
         vehicle = self.vehicle
-        mode, battery = vehicle.modes.name_of(vehicle.mode), int(vehicle.last("SYS_STATUS").get("battery_remaining", -1))
+        mode, battery = (
+            vehicle.modes.name_of(vehicle.mode),
+            int(vehicle.last("SYS_STATUS").get("battery_remaining", -1)),
+        )
         when = now() - self.began
         return Look(when, self.stage, mode, vehicle.armed, position, planned, pace, clearance, battery)
 
     def _wrong(self, clearance: float, least: float) -> LinkError | None:
         vehicle, age = self.vehicle, self.vehicle.age("LOCAL_POSITION_NED")
-        modes, said = vehicle.modes, f" (it says: {vehicle.warning})" if vehicle.warning else ""
+        modes, said = vehicle.modes, vehicle.said
         if self.mode is not None and vehicle.mode != self.mode:
             return LinkError(
                 f"mode: expected {modes.name_of(self.mode)}, given {modes.name_of(vehicle.mode)}{said}: its pilot or a "
@@ -118,8 +123,8 @@ class Supervision:
             return LinkError("interrupted: the vehicle is told to hold; its pilot has to take over")
         if age > LOST:
             return LinkError(
-                f"telemetry: expected a position every {LOST:g} s, the last one is {age:.1f} s old; the vehicle is told "
-                "to hold, and does by its own time-out if it does not hear that"
+                f"telemetry: expected a position every {LOST:g} s, the last one is {age:.1f} s old; the vehicle is "
+                "told to hold, and its own failsafe acts where it does not hear that: look for it"
             )
         if clearance < least:
             return LinkError(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
+import functools
 import json
 from collections.abc import AsyncIterator, Callable
 from time import monotonic
@@ -99,6 +100,11 @@ class Vehicle:
         return True
 
     @property
+    def said(self) -> str:
+        """Its last warning, as a clause of a sentence; nothing without any."""
+        return f" (it says: {self.warning})" if self.warning else ""
+
+    @property
     def modes(self) -> Modes:
         """Modes of its autopilot; raises a `LinkError` for one that is not known."""
         kind = self.last("HEARTBEAT").get("autopilot", -1)
@@ -178,12 +184,7 @@ async def connect(address: str, number: int, seconds: float) -> AsyncIterator[Ve
         ImportError: without mavsdk.
     """
     url = connection_of(address)
-    try:
-        import mavsdk
-        from mavsdk.logging import log_subscribe
-    except ImportError as error:
-        raise ImportError("--autopilot: needs mavsdk; pip install 'maxjax[mavlink]'") from error
-    log_subscribe(lambda *_: True)  # its own lines would stand among results
+    mavsdk = _load_mavsdk()
     ground_station = mavsdk.ComponentType.GROUND_STATION
     client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ground_station))
     try:
@@ -202,6 +203,22 @@ async def connect(address: str, number: int, seconds: float) -> AsyncIterator[Ve
         yield vehicle
     finally:
         await asyncio.to_thread(client.destroy)
+
+
+@functools.cache
+def _load_mavsdk() -> Any:
+    """MAVSDK, silent: its lines would stand among results. Told so once: it may be using what a second call replaces.
+
+    Raises:
+        ImportError: if it is missing; names the extra.
+    """
+    try:
+        import mavsdk
+        from mavsdk.logging import log_subscribe
+    except ImportError as error:
+        raise ImportError("--autopilot: needs mavsdk; pip install 'maxjax[mavlink]'") from error
+    log_subscribe(lambda *_: True)
+    return mavsdk
 
 
 async def _heartbeat(client: Any, address: str, number: int, seconds: float) -> Any:

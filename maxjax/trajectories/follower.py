@@ -1,8 +1,8 @@
 """A clock that waits: a trajectory's time runs as fast as the vehicle keeps up with it.
 
-    p = clip(2 − e / tolerance, 0, 1)          pace; e the distance from the vehicle to the set-point of the present time
-    ṡ = p                                      time of the trajectory, which never goes back and stops at its end
-    x(s),  p ẋ(s),  p² ẍ(s)                    set-point, by the chain rule
+    p = clip(2 − e / tolerance, 0, 1)    pace; e the distance from the vehicle to the set-point of the present time
+    ṡ = p                                time of the trajectory, which never goes back and stops at its end
+    x(s),  p ẋ(s),  p² ẍ(s)              set-point, by the chain rule
 
 Full pace within the tolerance, none from twice the tolerance on. The third term of the chain rule, ṗ ẋ, is left out: it
 brakes while the vehicle falls behind, which is the error that made the pace fall, and carries the noise of e.

@@ -181,7 +181,7 @@ class Endpoint:
         place, speed, push = self.position, self.velocity, np.zeros(3)
         if self.armed and self.mode == "GUIDED" and self.target is not None:
             place, speed, push = self.target
-            if now - self.heard > (3.0 if self.autopilot == "arducopter" else 0.5):
+            if now - self.heard > (3.0 if self.autopilot == "arducopter" else 1.0):
                 self.timed_out += 1
                 self.set_mode("LOITER" if self.autopilot == "px4" else "BRAKE")
         elif self.armed and self.mode == "AUTO" and self.items:
@@ -209,7 +209,7 @@ class Endpoint:
             self.position[2], self.velocity = 0.0, np.zeros(3)
             if self.mode in ("LAND", "RTL") or (self.mode == "AUTO" and self.current >= len(self.items)):
                 self.armed = False
-        if int(round(now / STEP)) % 3 == 0:
+        if round(now / STEP) % 3 == 0:
             self.track.append((now, self.position.copy()))
 
     def _with_wind(self, wanted: np.ndarray, drag: np.ndarray) -> np.ndarray:
@@ -362,4 +362,6 @@ class Endpoint:
             place = item.x, item.y, item.z
             if self.autopilot == "arducopter" and message.seq == 0:
                 place = int(1e7 * self.latitude), int(1e7 * self.longitude), self.altitude
-            self._link.mission_item_int_send(*_from(message), message.seq, item.frame, item.command, 0, 1, *kept, *place, 0)
+            self._link.mission_item_int_send(
+                *_from(message), message.seq, item.frame, item.command, 0, 1, *kept, *place, 0
+            )

@@ -20,12 +20,12 @@ from tests.planners import bare_plan
 
 EARTH = TangentPlane(52.07, 4.3, 10.0)
 GROUND = 0.0
-PATH = np.array([[-14.0, 0.0, 4.0], [14.0, 0.0, 4.0]])
+PATH = np.array([[-14.0, 0.0, 3.0], [14.0, 0.0, 3.0]])
 
 
 @functools.cache
 def trajectory() -> maxjax.Trajectory:
-    """From west to east, 28 m at 4 m above the ground, beside a wall 7 m to the north."""
+    """From west to east, 28 m at 3 m above the ground, beside a wall 7 m to the north."""
     occupied = np.zeros((41, 41, 21), bool)
     occupied[:, 24:26, 1:] = True  # y from 7 m to 11 m
     ground = np.zeros(occupied.shape, bool)
@@ -48,13 +48,15 @@ def at_home(port: int, **how: Any) -> Endpoint:
     return Endpoint(port, float(place[0]), float(place[1]), **how)
 
 
-def flown(vehicle: Endpoint, folder: Path, during: Callable[[Company, str], None] | None = None, **how: Any) -> LinkFlight:
+def flown(
+    vehicle: Endpoint, folder: Path, during: Callable[[Company, str], None] | None = None, **how: Any
+) -> LinkFlight:
     """Fly over a link; `during` hears what the flight tells."""
 
     async def run() -> LinkFlight:
         told: list[str] = []
         company = Company(asyncio.Event(), lambda said: (told.append(said), during and during(company, said))[0])
         task = FlightTask(trajectory(), EARTH, GROUND, f"udp://127.0.0.1:{vehicle.port}", folder, **how)
-        return await asyncio.wait_for(fly_task(task, company), 40.0)
+        return await asyncio.wait_for(fly_task(task, company), 60.0)
 
     return asyncio.run(run())
