@@ -151,8 +151,8 @@ class SetpointFlight:
                     f"{watched.speed:.1f} m/s; it is told to hold there"
                 )
             await self.watched.pause(EVERY)
-        if not await self._beside(goal, watched.hold()):
-            modes = watched.vehicle.modes
+        modes, watched.mode = watched.vehicle.modes, None
+        if not await self._beside(goal, watched.vehicle.set_mode(modes.hold)):
             raise LinkError(f"mode: expected {modes.name_of(modes.hold)} at the goal; its pilot has to take over")
 
     def _planned(self, time: float) -> Point:

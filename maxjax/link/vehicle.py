@@ -31,6 +31,7 @@ _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed
 _ARMED, _CUSTOM, _AUTOPILOT, _LOCAL_NED = 128, 1, 1, 1
 _ALL_BUT_YAW_RATE = 2048  # type_mask: what is ignored
 _WARNING = 4  # MAV_SEVERITY
+_TRIES = 3  # of a command, each of which MAVSDK repeats itself
 
 
 def now() -> float:
@@ -130,12 +131,14 @@ class Vehicle:
         values = {f"param{k}": value for k, value in enumerate((*parameters, *(7 * [0.0]))[:7], 1)}
         fields = {"target_system": self.number, "target_component": _AUTOPILOT, "command": number, "confirmation": 0}
         message = MavlinkMessage("COMMAND_LONG", 0, 0, self.number, _AUTOPILOT, json.dumps(fields | values))
-        try:
-            answer = await asyncio.to_thread(self._direct.send_command, message)
-        except MavlinkDirectError as error:
-            return f"not answered ({error.result.name.lower()})"
-        result = int(json.loads(answer.fields_json).get("result", -1))
-        return "" if result == _ACCEPTED else _RESULTS.get(result, f"answered by {result}")
+        for _ in range(_TRIES):
+            try:
+                answer = await asyncio.to_thread(self._direct.send_command, message)
+            except MavlinkDirectError:
+                continue
+            result = int(json.loads(answer.fields_json).get("result", -1))
+            return "" if result == _ACCEPTED else _RESULTS.get(result, f"answered by {result}")
+        return "no answer"
 
     async def set_mode(self, number: int, seconds: float = 3.0) -> bool:
         """Change the mode and wait until a heartbeat says so; whether it does."""

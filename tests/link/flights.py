@@ -92,6 +92,20 @@ FLIGHTS: dict[str, tuple[dict[str, Any], dict[str, Any], Act | None]] = {
     "battery": ({"autopilot": "px4"}, {"setpoints": True}, fail_battery),
     "blown aside": ({}, {"setpoints": True, "tolerance": 4.0}, blow),
     "silent": ({}, {"setpoints": True}, silence),
+    # What flies nowhere.
+    "unheard": ({"faults": Faults(silent=True)}, {"patience": 1.0}, None),
+    "another system": ({"system": 7}, {"patience": 1.0}, None),
+    "armed": ({"armed": True}, {"patience": 3.0}, None),
+    "in the air": ({"armed": True, "start_height": 20.0, "mode": "LOITER"}, {"patience": 3.0, "setpoints": True}, None),
+    "elsewhere": ({"aside": 35.0}, {"patience": 3.0}, None),
+    "no estimate": ({"faults": Faults(ekf=1 | 2)}, {"patience": 3.0}, None),
+    "no local position": ({"faults": Faults(local=False)}, {"patience": 3.0, "setpoints": True}, None),
+    "not healthy": ({"faults": Faults(healthy=False)}, {"patience": 3.0}, None),
+    "item refused": ({"faults": Faults(refused=3)}, {}, None),
+    "item altered": ({"faults": Faults(altered=3)}, {}, None),
+    "arming refused": ({"faults": Faults(deny_arming="PreArm: Compass not calibrated")}, {}, None),
+    "not asked": ({}, {"arm": False}, None),
+    "not asked, set-points": ({"autopilot": "px4"}, {"arm": False, "setpoints": True}, None),
 }
 
 
@@ -107,7 +121,7 @@ def fly_named(name: str, folder: Path) -> Flown:
                 done.append(True)
                 act(vehicle, company)
 
-        flight = flown(vehicle, folder, during, arm=True, **how)
+        flight = flown(vehicle, folder, during, **{"arm": True, **how})
         points = np.array([[time, *place] for time, place in vehicle.set_points]).reshape(-1, 4)
         commands = tuple(item.command for item in vehicle.items)
         return Flown(

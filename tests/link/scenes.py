@@ -42,9 +42,9 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def at_home(port: int, **how: Any) -> Endpoint:
-    """A vehicle on the ground below the start."""
-    place = EARTH.geodetic(np.array([[*PATH[0, :2], GROUND]]))[0]
+def at_home(port: int, aside: float = 0.0, **how: Any) -> Endpoint:
+    """A vehicle on the ground below the start, or so many metres east of there."""
+    place = EARTH.geodetic(np.array([[PATH[0, 0] + aside, PATH[0, 1], GROUND]]))[0]
     return Endpoint(port, float(place[0]), float(place[1]), **how)
 
 

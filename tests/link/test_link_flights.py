@@ -92,3 +92,39 @@ def test_what_ends_a_flight_is_a_sentence_and_leaves_the_vehicle_in_a_mode_of_it
     assert len(rows) == len(found.flight.looks)
     assert any(row["remark"] == found.flight.sentence for row in rows[-2:])
     assert {file.name for file in found.folder.iterdir()} == {"flight.csv"}
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("unheard", "expected a heartbeat within 1 s, heard none; start the vehicle"),
+        ("another system", "expected a heartbeat of system 1, heard system 7; give --system"),
+        ("armed", "ArduCopter: expected it disarmed, it is armed (STABILIZE"),
+        ("in the air", "ArduCopter: expected it on the ground, it flies (LOITER, 20.0 m above home)"),
+        ("elsewhere", "home: expected the vehicle within 2 m of the start, latitude 52.0700000, longitude 4.29"),
+        ("no estimate", "still without an estimate of horizontal position, height (EKF)"),
+        ("no local position", "still without local position (LOCAL_POSITION_NED)"),
+        ("not healthy", "still without passed pre-arm checks (SYS_STATUS)"),
+        ("item refused", "mission: expected the vehicle to answer 6 items, given: unsupported; nothing was armed"),
+        ("item altered", "mission: expected ArduCopter to store what it was sent, item 3: expected z 3, given 8"),
+    ],
+)
+def test_what_is_not_ready_is_refused_before_anything_is_armed(flights: Flights, name: str, sentence: str) -> None:
+    found = flights(name)
+    assert sentence in found.flight.sentence
+    assert found.arm_requests == 0
+    assert len(found.set_points) == 0
+    assert found.rows == [] or found.rows[-1]["stage"] == "ready"
+
+
+def test_an_autopilot_that_does_not_arm_says_why(flights: Flights) -> None:
+    found = flights("arming refused")
+    assert "arming: expected it to be accepted, given: failed (it says: PreArm: Compass" in found.flight.sentence
+    assert not found.armed
+
+
+@pytest.mark.parametrize("name", ["not asked", "not asked, set-points"])
+def test_nothing_is_armed_unless_that_is_asked_for(flights: Flights, name: str) -> None:
+    found = flights(name)
+    assert (found.flight.sentence, found.arm_requests, len(found.set_points)) == ("", 0, 0)
+    assert (found.folder / "flight.plan").is_file() == (name == "not asked")
