@@ -79,7 +79,7 @@ async def _flown(task: FlightTask, tell: Callable[[str], None]) -> LinkFlight:
 def _told(options: FlyOptions, task: FlightTask, flight: LinkFlight) -> int:
     """Show and write what became of a flight; returns the exit code."""
     name = Path(options.map).name
-    content = report.plain({**figures(task, flight), "autopilot": task.address, "versions": versions()})
+    content = report.plain({**flight_figures(task, flight), "autopilot": task.address, "versions": versions()})
     files = [task.out / LOG, task.out / "flight.json"]
     if task.arm and flight.looks:
         from maxjax.ui.figures.flown import figure_flown
@@ -100,7 +100,7 @@ def _told(options: FlyOptions, task: FlightTask, flight: LinkFlight) -> int:
     return 0
 
 
-def figures(task: FlightTask, flight: LinkFlight) -> dict[str, Any]:
+def flight_figures(task: FlightTask, flight: LinkFlight) -> dict[str, Any]:
     """Contents of flight.json; lengths [m], times [s], of what was flown between start and goal."""
     looks = [look for look in flight.looks if look.stage in FOLLOWED]
     content: dict[str, Any] = {
