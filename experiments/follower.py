@@ -3,7 +3,7 @@
     python -m experiments.follower                       # 24 flights a wind: minutes on two cores
     python -m experiments.follower --flights 500         # on a GPU: all flights of a wind are one batch
 
-Plans of random problems (`experiments.problem_sets`) are given times within PX4's limits at 8 m/s and flown in MJX
+Plans of random problems (`experiments.problem_sets`) are given times within 8 m/s, 2 m/s² and 4 m/s³ and flown in MJX
 (`maxjax.fly`) in a mean wind of a random direction with gusts in proportion, twice in the same wind: by time alone, and
 by `maxjax.Follower` with a tolerance of 1 m. The vehicle leans 20° at most, so that thrust saturates against 8 m/s and
 more: with the controller's own 45° it follows in 10 m/s, and nothing has to wait.
@@ -46,7 +46,7 @@ class Config:
         flights: of each wind and clock.
         tolerance: of the follower [m].
         tilt: the most that the vehicle leans [deg].
-        speed: greatest of the trajectories [m/s].
+        speed, acceleration, jerk: greatest of the trajectories [m/s], [m/s²], [m/s³].
         seed: of cities, ends and winds.
         half: half extent of a map [m].
         name: of the result file.
@@ -59,6 +59,8 @@ class Config:
     tolerance: float = 1.0
     tilt: float = 20.0
     speed: float = 8.0
+    acceleration: float = 2.0
+    jerk: float = 4.0
     seed: int = 0
     half: float = 100.0
     name: str = "follower"
@@ -70,7 +72,8 @@ TINY = Config(maps=("suburb",), winds=(8.0,), flights=2, half=40.0)
 
 def trajectories(config: Config) -> list[maxjax.Trajectory]:
     """Of random problems that have a plan, in equal numbers of each map."""
-    found, limits = list[maxjax.Trajectory](), maxjax.FlightLimits(speed=config.speed)
+    limits = maxjax.FlightLimits(speed=config.speed, acceleration=config.acceleration, jerk=config.jerk)
+    found = list[maxjax.Trajectory]()
     for k, name in enumerate(config.maps):
         wanted = config.flights // len(config.maps) + (k < config.flights % len(config.maps))
         drawn = problem_set(name, wanted + wanted // 4 + 2, config.seed, half=config.half)

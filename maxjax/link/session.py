@@ -103,14 +103,8 @@ async def _flown(flight: Flight) -> None:
         await flight.fly()
     except BaseException as error:
         if not isinstance(error, LinkError) or error.holds:
-            await asyncio.shield(_hold(flight.watched))
+            await asyncio.shield(flight.watched.hold())
         raise
-
-
-async def _hold(watched: Supervision) -> None:
-    held = await watched.hold()
-    watched.stage = "held" if held else "not held"
-    watched.note("holds" if held else "was told to hold, and did not answer")
 
 
 def plan_for(task: FlightTask, vehicle: Vehicle) -> str:

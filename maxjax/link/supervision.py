@@ -9,6 +9,7 @@ A vehicle is told to hold by set-points at rest where it is, then by its own mod
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -84,7 +85,7 @@ class Supervision:
             LinkError: where its flight is to end.
         """
         position = self.frame.in_map(self.local)
-        clearance = self.watch.distance(position)
+        clearance = self.watch.distance(position) if np.isfinite(position).all() else np.nan
         wrong = self._wrong(clearance, self.watch.least(planned) if judge else 0.0)
         look = self._look(position, planned, pace, clearance)
         if wrong is not None:
@@ -121,6 +122,8 @@ class Supervision:
             return LinkError(f"motors: expected armed, given disarmed in flight{said}; look for it there", holds=False)
         if self.company.stop.is_set():
             return LinkError("interrupted: the vehicle is told to hold; its pilot has to take over")
+        if np.isnan(clearance):
+            return LinkError("telemetry: expected a position, given one that is no number; the vehicle is told to hold")
         if age > LOST:
             return LinkError(
                 f"telemetry: expected a position every {LOST:g} s, the last one is {age:.1f} s old; the vehicle is "
@@ -137,12 +140,16 @@ class Supervision:
         """Send a set-point."""
         self.vehicle.send_setpoint(now() - self.began, ned, yaw)
 
-    async def hold(self) -> bool:
-        """Tell the vehicle to stay where it is; whether it says that it does."""
+    async def hold(self) -> None:
+        """Tell the vehicle to stay where it is, and write down whether it says that it does."""
         vehicle, modes = self.vehicle, self.vehicle.modes
-        if self.mode == modes.setpoints and vehicle.last("LOCAL_POSITION_NED"):
-            self.send(np.vstack([self.local[None], _REST]), self.heading)
-        return await vehicle.set_mode(modes.hold)
+        with contextlib.suppress(Exception):  # whatever went wrong, it is told to hold
+            if self.mode == modes.setpoints:
+                self.send(np.vstack([self.local[None], _REST]), self.heading)
+        held = await vehicle.set_mode(modes.hold)
+        self.stage = "held" if held else "not held"
+        with contextlib.suppress(Exception):
+            self.note("holds" if held else "was told to hold, and did not say that it does")
 
     @property
     def heading(self) -> float:

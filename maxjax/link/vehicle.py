@@ -16,6 +16,8 @@ from collections.abc import AsyncIterator, Callable
 from time import monotonic
 from typing import Any
 
+import numpy as np
+
 from maxjax.link.address import connection_of
 from maxjax.link.errors import LinkError
 from maxjax.link.modes import MODES, Modes
@@ -159,6 +161,8 @@ class Vehicle:
         from mavsdk.plugins.mavlink_direct import MavlinkDirectError, MavlinkMessage
 
         names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")
+        if not np.isfinite(place).all() or not np.isfinite(yaw):
+            raise ValueError(f"set-point: expected numbers, given {place}, {yaw}")
         fields = {
             "time_boot_ms": int(1e3 * max(time, 0.0)) % 2**32, "target_system": self.number,
             "target_component": _AUTOPILOT, "coordinate_frame": _LOCAL_NED, "type_mask": _ALL_BUT_YAW_RATE,

@@ -92,7 +92,9 @@ def _wait(
             gust = physics.gust(physics.Gusts(), gust, numbers, vehicle.timestep)
             setpoint = _between(table, time / vehicle.timestep)
             error = jnp.linalg.norm(state.position - setpoint.position)
-            velocity, acceleration = follower.scale(setpoint.velocity, setpoint.acceleration, follower.pace(error))
+            # The acceleration leads, and would be that of the start already while the vehicle hovers before it.
+            pace = jnp.where(goes, follower.pace(error), 0.0)
+            velocity, acceleration = follower.scale(setpoint.velocity, setpoint.acceleration, pace)
             setpoint = dataclasses.replace(setpoint, velocity=velocity, acceleration=acceleration)
             observer, command = control.command(controller, vehicle, observer, state, setpoint)
             after = physics.advance(vehicle, state, command, air.mean + air.strength * gust)
