@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # A file of versions and hashes (.ci/pin): these files are installed then, and no others.
 PINS ?=
 
-.PHONY: setup demo check test nightly docs results lint clean
+.PHONY: setup demo check test nightly test-autopilot docs results lint clean
 .DELETE_ON_ERROR:
 
 setup: $(READY)
@@ -41,6 +41,10 @@ test: setup
 # Once a day: what takes long as well, and all that experiments and benchmarks claim at a small size.
 nightly: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not docs'
+
+# Ten missions by an autopilot in software, at the address AUTOPILOT (tests/link/test_real_autopilot.py).
+test-autopilot: setup
+	AUTOPILOT='$(AUTOPILOT)' $(BIN)/python -m pytest -n 0 -rs tests/link/test_real_autopilot.py
 
 # Warnings are errors; pages with code are executed, and a cell that fails, fails the build.
 docs: setup

@@ -53,6 +53,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("clearance_ablation", "clearance"),
         ("trajectories", "trajectories"),
         ("trajectories_many", "trajectories"),
+        ("follower", "follower"),
         ("onboard_loop", "onboard_loop"),
     ),
     "A world that moves": (

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from maxjax.solvers.paper import PaperSetting
     from maxjax.solvers.potential import Potential, solve_potential
     from maxjax.solvers.screened import Screened
+    from maxjax.trajectories.follower import Follower
     from maxjax.trajectories.limits import FlightLimits
     from maxjax.trajectories.trajectory import Trajectory
     from maxjax.ui.request_files import load_mission
@@ -57,6 +58,7 @@ __all__ = [
     "Field",
     "FileError",
     "FlightLimits",
+    "Follower",
     "Grid",
     "LoadedMap",
     "Mission",
@@ -156,6 +158,7 @@ _MODULES = {
     "maxjax.solvers.paper": ("PaperSetting",),
     "maxjax.solvers.potential": ("Potential", "solve_potential"),
     "maxjax.solvers.screened": ("Screened",),
+    "maxjax.trajectories.follower": ("Follower",),
     "maxjax.trajectories.limits": ("FlightLimits",),
     "maxjax.ui.request_files": ("load_mission",),
     "maxjax.trajectories.trajectory": ("Trajectory",),

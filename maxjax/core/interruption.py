@@ -13,7 +13,7 @@ import os
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 INTERRUPTED = 130
@@ -40,6 +40,29 @@ def end_on_interrupt(sentence: str) -> None:
     threading.Thread(target=_wait, args=(reader, writer, sentence), name="interruption", daemon=True).start()
     signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     signal.signal(signal.SIGINT, lambda *_: None)  # instead of raising KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def ending_by(action: Callable[[], None]) -> Iterator[None]:
+    """Within this block, Ctrl-C, SIGTERM and SIGHUP call an action in place of ending the process.
+
+    For what has to be left in order, as a vehicle in flight. Outside of the main thread, signals keep their meaning.
+
+    Args:
+        action: is called in the main thread, at each signal; it must return at once.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signals = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    woken = signal.set_wakeup_fd(-1)
+    before = {number: signal.signal(number, lambda *_: action()) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(woken)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@
 
 Set-points are the trajectory's position, velocity and yaw at each time step, and its acceleration `Controller.lead`
 later. The vehicle hovers at the start until its controller has found the wind, and at the goal for `AFTER` seconds.
-Scans run in pieces of `_STEPS` time steps, so that one program flies trajectories of any duration.
+Scans run in pieces of `STEPS` time steps, so that one program flies trajectories of any duration.
 
 World frame ENU [m]; on the device relative to the trajectory's origin, in float32. What was flown is verified in NumPy
 in float64, by exact distances to the cubes of occupied voxels.
@@ -21,26 +21,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Float64, Int32, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Float64, Int32
 
 from maxjax.compile.executable import Stored
 from maxjax.core.grid import Grid
 from maxjax.core.rng_streams import Stream, stream
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.sim.loop.flight_air import AFTER, BEFORE, STEPS, Air, Carry, air_of, hover_in, setpoint_rows
+from maxjax.sim.loop.waiting_flight import follow_waiting
 from maxjax.sim.vehicle import controller as control
 from maxjax.sim.vehicle import quadrotor as physics
-from maxjax.sim.vehicle.disturbances import GUST_REFERENCE_WIND, Disturbances, mean_wind
+from maxjax.trajectories.follower import Follower
 from maxjax.trajectories.online import Setpoint
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.verification.clearance import distances_at
 
-BEFORE, AFTER = 2.0, 2.0  # seconds in hover at both ends
 # Radius of the sphere around the vehicle that must not touch anything, where the trajectory's is not smaller [m].
 VEHICLE_RADIUS = 0.5
 # Error beyond which a vehicle does not follow its trajectory any more [m].
 ASTRAY = 1.0
-_STEPS = 400  # of a piece
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,10 +49,11 @@ class Tracking:
 
     Attributes:
         status: OK; IN_CONTACT; OFF_TRAJECTORY where the error grew beyond `ASTRAY`; or NONFINITE_STATE.
-        time: (t,) since the trajectory's start [s], to `AFTER` seconds beyond its end.
+        time: (t,) since the flight's start [s], to `AFTER` seconds beyond the trajectory's end.
         position: (t, 3) of the vehicle's centre [m], ENU.
         velocity: (t, 3) [m/s].
-        error: (t,) distance from the vehicle to where the trajectory is at that time [m].
+        error: (t,) distance from the vehicle to where the trajectory is at that time, or at that of a clock that
+            waits [m].
         clearance: (t,) distance from the vehicle's centre to the cube of an occupied voxel [m], ground left out;
             infinite where there is none.
         contact: (t,) whether an occupied voxel, ground included, is within the vehicle's radius, 0.5 m or the
@@ -69,20 +70,6 @@ class Tracking:
     contact: Bool[np.ndarray, " t"]
 
 
-class _Air(NamedTuple):
-    """The wind of one flight."""
-
-    mean: Float[Array, "3"]
-    strength: Float[Array, ""]  # of the gusts
-    key: PRNGKeyArray
-
-
-class _Carry(NamedTuple):
-    state: physics.State
-    observer: control.Observer
-    gust: Float[Array, "3"]
-
-
 class _Flown(NamedTuple):
     """Positions relative to the origin [m] and velocities [m/s], a row a time step."""
 
@@ -90,7 +77,14 @@ class _Flown(NamedTuple):
     velocity: Float[Array, "*batch t 3"]
 
 
-def fly(trajectory: Trajectory, where: VoxelMap | None = None, *, wind: float = 0.0, seed: int = 0) -> Tracking:
+def fly(
+    trajectory: Trajectory,
+    where: VoxelMap | None = None,
+    *,
+    wind: float = 0.0,
+    seed: int = 0,
+    follower: Follower | None = None,
+) -> Tracking:
     """Fly a trajectory with a quadrotor in MJX, and measure what was flown in a map: error, clearance, contact.
 
     The vehicle sees nothing and plans nothing: it follows the trajectory's set-points.
@@ -100,6 +94,7 @@ def fly(trajectory: Trajectory, where: VoxelMap | None = None, *, wind: float = 
         where: the map that is flown in. None: that of the plan, without what the rules of the air close.
         wind: mean speed of the wind [m/s], with gusts in proportion.
         seed: of the wind's direction and the gusts.
+        follower: the clock, which waits for the vehicle. None: time alone.
 
     Returns:
         A `Tracking`; its status is OK if the vehicle kept to the trajectory and touched nothing.
@@ -107,17 +102,27 @@ def fly(trajectory: Trajectory, where: VoxelMap | None = None, *, wind: float = 
     Raises:
         ValueError: if the map is none, or the wind is no speed.
     """
-    return fly_all([trajectory], trajectory.map if where is None else check_map(where), wind, seed)[0]
+    return fly_all([trajectory], trajectory.map if where is None else check_map(where), wind, seed, follower)[0]
 
 
-def fly_all(trajectories: Sequence[Trajectory], where: VoxelMap, wind: float = 0.0, seed: int = 0) -> list[Tracking]:
+def fly_all(
+    trajectories: Sequence[Trajectory],
+    where: VoxelMap,
+    wind: float = 0.0,
+    seed: int = 0,
+    follower: Follower | None = None,
+) -> list[Tracking]:
     """Fly trajectories in one map, all at a time.
 
     Args:
         trajectories: at least one.
         where: the map.
         wind, seed: as in `fly`; each trajectory has a wind of its own.
+        follower: as in `fly`.
     """
+    if follower is not None:
+        waited = follow_waiting(trajectories, follower, wind, seed)
+        return [summarize_tracking(one, *how[:3], where, how[3]) for one, how in zip(trajectories, waited, strict=True)]
     flown = follow_setpoints(trajectories, wind, seed)
     return [summarize_tracking(one, *how, where) for one, how in zip(trajectories, flown, strict=True)]
 
@@ -145,16 +150,16 @@ def follow_setpoints(
     dt = vehicle.timestep
     counts = [round(BEFORE / dt) + int(np.ceil((one.duration + AFTER) / dt)) + 1 for one in trajectories]
     keys = jax.random.split(jax.random.key(seed), len(trajectories))
-    air = jax.vmap(_air, (None, 0))(jnp.float32(wind), keys)
-    carry = jax.vmap(_hover, (None, 0, 0))(
+    air = jax.vmap(air_of, (None, 0))(jnp.float32(wind), keys)
+    carry = jax.vmap(hover_in, (None, 0, 0))(
         vehicle, jnp.array([one.at([0.0]).yaw[0] for one in trajectories], jnp.float32), air
     )
     parts = []
-    for k in range(0, max(counts), _STEPS):
-        times = dt * np.arange(k, k + _STEPS) - BEFORE
-        asked = [_setpoints(one, times, controller.lead) for one in trajectories]
+    for k in range(0, max(counts), STEPS):
+        times = dt * np.arange(k, k + STEPS) - BEFORE
+        asked = [setpoint_rows(one, times, controller.lead) for one in trajectories]
         wanted = jax.tree.map(lambda *rows: jnp.stack(rows), *asked)
-        carry, flown = _FOLLOW((vehicle, controller), air, carry, wanted, jnp.int32(k // _STEPS))
+        carry, flown = _FOLLOW((vehicle, controller), air, carry, wanted, jnp.int32(k // STEPS))
         parts.append(jax.tree.map(np.asarray, flown))
     position, velocity = (np.concatenate(values, axis=1) for values in zip(*parts, strict=True))
     first, found = round(BEFORE / dt), []
@@ -170,10 +175,20 @@ def summarize_tracking(
     position: Float64[np.ndarray, "t 3"],
     velocity: Float64[np.ndarray, "t 3"],
     where: VoxelMap,
+    clock: Float64[np.ndarray, " t"] | None = None,
 ) -> Tracking:
-    """How any vehicle kept to a trajectory, by what it flew, and what it came near to in a map."""
+    """How any vehicle kept to a trajectory, by what it flew, and what it came near to in a map.
+
+    Args:
+        trajectory: that it followed.
+        time, position, velocity: of the flight [s], [m], [m/s].
+        where: the map.
+        clock: the trajectory's time then [s]. None: that of the flight.
+    """
     grid, finite = where.grid, np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
-    error = np.where(finite, np.linalg.norm(position - trajectory.at(time).position, axis=1), np.inf)
+    error = np.where(
+        finite, np.linalg.norm(position - trajectory.at(time if clock is None else clock).position, axis=1), np.inf
+    )
     index = _index(np.where(finite[:, None], position, trajectory.origin), grid)
     first, solid = np.zeros(len(index), np.int64), np.asarray(where.occupied)[None]
     any_solid = grid.spacing * distances_at(index, first, solid, None)
@@ -200,46 +215,26 @@ def _index(points: Float64[np.ndarray, "n 3"], grid: Grid) -> Float64[np.ndarray
     return index
 
 
-def _air(wind: Float[Array, ""], key: PRNGKeyArray) -> _Air:
-    return _Air(mean_wind(Disturbances(wind=wind), key), wind / GUST_REFERENCE_WIND, key)
-
-
-def _hover(vehicle: physics.Vehicle, yaw: Float[Array, ""], air: _Air) -> _Carry:
-    state = physics.hover(vehicle, jnp.zeros(3), yaw)
-    noise = jax.random.normal(stream(air.key, Stream.FIRST_GUST), (3,))
-    return _Carry(state, control.init(state), physics.gust(physics.Gusts(), jnp.zeros(3), noise, 1e3))
-
-
-def _setpoints(trajectory: Trajectory, times: Float64[np.ndarray, " t"], lead: float) -> Setpoint:
-    """Those of a vehicle's time steps, relative to the origin."""
-    motion = trajectory.at(times)
-    position = motion.position - np.array(trajectory.origin)
-    # The heading may have gone round often: float32 keeps it within a turn.
-    yaw = np.angle(np.exp(1j * motion.yaw))
-    values = position, motion.velocity, trajectory.at(times + lead).acceleration, yaw
-    return Setpoint(*(jnp.asarray(value, jnp.float32) for value in values))
-
-
 def _follow(
     how: tuple[physics.Vehicle, control.Controller],
-    air: _Air,
-    carry: _Carry,
+    air: Air,
+    carry: Carry,
     setpoints: Setpoint,
     piece: Int32[Array, ""],
-) -> tuple[_Carry, _Flown]:
-    """A piece of all flights: (b, _STEPS) set-points."""
+) -> tuple[Carry, _Flown]:
+    """A piece of all flights: (b, STEPS) set-points."""
     vehicle, controller = how
 
-    def one(air: _Air, carry: _Carry, setpoints: Setpoint) -> tuple[_Carry, _Flown]:
-        noise = jax.random.normal(stream(air.key, Stream.GUSTS, piece), (_STEPS, 3))
+    def one(air: Air, carry: Carry, setpoints: Setpoint) -> tuple[Carry, _Flown]:
+        noise = jax.random.normal(stream(air.key, Stream.GUSTS, piece), (STEPS, 3))
 
-        def turn(carry: _Carry, now: tuple[Setpoint, Array]) -> tuple[_Carry, _Flown]:
+        def turn(carry: Carry, now: tuple[Setpoint, Array]) -> tuple[Carry, _Flown]:
             state, observer, gust = carry
             setpoint, numbers = now
             gust = physics.gust(physics.Gusts(), gust, numbers, vehicle.timestep)
             observer, command = control.command(controller, vehicle, observer, state, setpoint)
             after = physics.advance(vehicle, state, command, air.mean + air.strength * gust)
-            return _Carry(after, observer, gust), _Flown(state.position, state.velocity)
+            return Carry(after, observer, gust), _Flown(state.position, state.velocity)
 
         return lax.scan(turn, carry, (setpoints, noise))
 

@@ -1,6 +1,7 @@
 """`maxjax fly`: trials of the closed loop in a simulated city or in a file's, their table, and pictures of them.
 
-With ends given, and no movers, it flies a trajectory in a given map: `ui.cli.track_command`.
+With ends given, and no movers, it flies a trajectory in a given map: `ui.cli.track_command`; with the address of an
+autopilot, a real vehicle does: `ui.cli.link_command`.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from maxjax.sim.vehicle.disturbances import Disturbances
 from maxjax.sim.worlds.layouts import MAPS
 from maxjax.sim.worlds.populations import Population
 from maxjax.ui.cli import fleet_command as fleets
+from maxjax.ui.cli import link_command as linking
 from maxjax.ui.cli import report
 from maxjax.ui.cli import track_command as tracking
 from maxjax.ui.cli.flown_map import check_reach, is_file, where_of, words_of
@@ -47,6 +49,9 @@ def run_fly(options: FlyOptions) -> int:
     Raises:
         ValueError, OSError, ImportError, MemoryError: for arguments that cannot be used.
     """
+    if options.autopilot is not None:
+        return linking.fly_over_link(options)
+    tracking.refuse(options, linking.ONLY, "needs --autopilot")
     if options.map.lower().endswith(".toml"):
         return tracking.fly_mission(options)
     given = options.start is not None or options.goal is not None

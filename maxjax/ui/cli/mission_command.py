@@ -94,8 +94,8 @@ def run_request(request: Request) -> int:
     return _told(mission, content, request)
 
 
-def plan_request(request: Request) -> Mission:
-    """Plan a mission, with nothing written; `maxjax fly` flies it.
+def plan_request(request: Request) -> tuple[Mission, MapTask]:
+    """Plan a mission, with nothing written, and what it was planned in; `maxjax fly` flies it.
 
     Raises:
         ValueError, OSError, ImportError: as `run_request`.
@@ -109,7 +109,7 @@ def plan_request(request: Request) -> Mission:
             f"{'; '.join(one.describe(given.places) for one in mission.near)}; move it, or leave out keep_radius"
         )
     report.warn_near(mission, given.places)
-    return mission
+    return mission, given
 
 
 def _told(mission: Mission, content: dict[str, Any], request: Request) -> int:

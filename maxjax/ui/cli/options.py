@@ -110,6 +110,10 @@ class ScanOptions:
 class FlyOptions(ReadOptions):
     """Fly a plan's trajectory in simulation with the map given, or trials in closed loop.
 
+    With --autopilot and an address, a mission is flown by a real vehicle, over MAVLink (extra mavlink): its items are
+    uploaded, read back and compared, or with --setpoints its trajectory is streamed by a clock that waits for the
+    vehicle. Nothing is armed without --arm.
+
     With --start and --goal, in any map that plan reads: plan, give times, and follow that with a simulated quadrotor
     that sees nothing; reported are tracking error and clearance. The exit code is 0 if it touched nothing.
 
@@ -147,8 +151,16 @@ class FlyOptions(ReadOptions):
         shard: Fly the share K of N of the trials, K from 0 to N - 1, into a folder of its own below --out.
         merge: Fly nothing: make the folder --out from those of all its shares.
         distributed: Fly the share of this process of jax.distributed (docs/flight.md), and merge when all are done.
+        autopilot: Address of a vehicle that flies the mission: udp://127.0.0.1:14550, where it is listened to, tcp://,
+            or serial:///dev/ttyUSB0:57600.
+        system: Its MAVLink system.
+        arm: Arm and fly it; else all is checked, and nothing moves.
+        setpoints: Stream set-points at 20 Hz in place of items.
+        tolerance: Distance from its set-point up to which the trajectory's time runs at full pace [m]; at twice that it
+            stands.
         out: Folder for flight.json, flight.csv and flight.png; of trials for trials.jsonl, summary.json, flights.png
-            and, of one trial, flight.gif; of a fleet for fleet.json and flights.png.
+            and, of one trial, flight.gif; of a fleet for fleet.json and flights.png; of a vehicle maxjax-flight unless
+            given.
         json: Print the content of flight.json or summary.json, and nothing else, on stdout.
     """
 
@@ -180,6 +192,11 @@ class FlyOptions(ReadOptions):
     shard: Annotated[str | None, optional(metavar="K/N")] = None
     merge: Flag = False
     distributed: Flag = False
+    autopilot: Annotated[str | None, optional(metavar="URL")] = None
+    system: Annotated[int, tyro.conf.arg(metavar="ID")] = 1
+    arm: Flag = False
+    setpoints: Flag = False
+    tolerance: Metres = 1.0
     out: OptionalFolder = None
     json: Flag = False
 

@@ -23,6 +23,17 @@ def progress(what: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def telling(first: str) -> Iterator[Callable[[str], None]]:
+    """Show how something goes on that tells it itself.
+
+    Yields:
+        A function that takes a sentence.
+    """
+    with _shown(first) as show:
+        yield lambda sentence: show(sentence, 0, time.monotonic())
+
+
+@contextlib.contextmanager
 def tally(total: int) -> Iterator[Callable[[int, int, int], None]]:
     """Show how many trials are done, how many of them arrived, and the time left.
 

@@ -43,6 +43,7 @@ _TRIALS = (
     "trials", "trial", "batch", "noise", "dropout", "dead_sector", "blackout", "drift", "latency", "snapshot",
     "reactive", "movers", "mover_speed", "mover_kind", "fleet", "delay", "shard", "merge", "distributed",
 )  # fmt: skip
+ON_FILES = ("start", "goal", *READ, *FOLLOWED, *_TRIALS)
 _FLOWN = "The vehicle followed the trajectory and touched nothing."
 _COLUMNS = "t_s x_m y_m z_m vx_m_s vy_m_s vz_m_s asked_x_m asked_y_m asked_z_m error_m clearance_m"
 
@@ -85,11 +86,11 @@ def fly_mission(options: FlyOptions) -> int:
     Raises:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
-    refuse(options, ("start", "goal", *READ, *FOLLOWED, *_TRIALS), "stands in a mission's file, or goes with trials")
+    refuse(options, ON_FILES, "stands in a mission's file, or goes with trials")
     report.check_output(options.out)
     request = load_mission(Path(options.map))
     with options_as_keys(Path(options.map)):
-        found, limits = mission.plan_request(request), request.limits
+        (found, _), limits = mission.plan_request(request), request.limits
     if found.status != Status.OK:
         which = f"leg {found.failed[0] + 1} of {len(found.legs)}: " if found.failed else ""
         return _told(options, {"status": found.status.name, "message": which + found.status.advice}, None)
