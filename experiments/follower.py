@@ -5,14 +5,15 @@
 
 Plans of random problems (`experiments.problem_sets`) are given times within 8 m/s, 2 m/s² and 4 m/s³ and flown in MJX
 (`maxjax.fly`) in a mean wind of a random direction with gusts in proportion, twice in the same wind: by time alone, and
-by `maxjax.Follower` with a tolerance of 1 m. The vehicle leans 20° at most, so that thrust saturates against 8 m/s and
-more: with the controller's own 45° it follows in 10 m/s, and nothing has to wait.
+by `maxjax.Follower` with a tolerance of 1 m. The vehicle leans 25° at most, so that thrust saturates against 8 m/s and
+more. With the controller's own 45° it follows in 10 m/s, and nothing has to wait; with 20° gusts at 10 m/s carry it
+away even while the clock stands, which no clock can help.
 
 The error is the distance to the set-point of the present time, by either clock; clearances are exact distances to the
 cubes of occupied voxels. A contact is anything within 0.5 m of the vehicle's centre.
 
-Expected: by time alone, errors of many metres and contacts from 8 m/s on; by the clock that waits none beyond 2 m but
-for what a vehicle overshoots, at the price of some seconds; in 4 m/s no difference.
+Expected: by time alone, errors of metres from 8 m/s on; by the clock that waits none beyond 2 m, at the price of some
+seconds; in 4 m/s no difference.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Config:
     winds: tuple[float, ...] = (4.0, 6.0, 8.0, 10.0)
     flights: int = 24
     tolerance: float = 1.0
-    tilt: float = 20.0
+    tilt: float = 25.0
     speed: float = 8.0
     acceleration: float = 2.0
     jerk: float = 4.0

@@ -13,10 +13,10 @@ from experiments.follower import TINY, main, section
 
 @pytest.mark.nightly
 def test_waiting_keeps_what_time_alone_loses(tmp_path: Path) -> None:
-    config = dataclasses.replace(TINY, winds=(10.0,), out=tmp_path)
+    config = dataclasses.replace(TINY, winds=(10.0,), tilt=22.0, flights=4, out=tmp_path)
     by_time, waits = main(config)
-    assert by_time["flights"] == waits["flights"] == 2
-    assert waits["error_greatest"] < 2.5 < by_time["error_greatest"]
-    assert waits["later_most"] > 0.5 > abs(by_time["later_most"])
+    assert by_time["flights"] == waits["flights"] == 4
+    assert waits["error_greatest"] < 2.1 < by_time["error_greatest"]
+    assert waits["later_most"] > 0.1 > abs(by_time["later_most"])
     text = section(json.loads((tmp_path / "follower.json").read_text()))
-    assert "| 10 | waits | 2 |" in text
+    assert "| 10 | waits | 4 |" in text
