@@ -171,7 +171,7 @@ def _figures(outcomes: list[Outcome], alone: list[Outcome]) -> Row:
 
 
 _PILOTS = {"ours": "ours", "true": "told", "oracle": "oracle", "orca": "ORCA", "unaware": "unaware"}
-_TITLES = {"moving_encounters": "Encounters on the way of the vehicle"}
+_TITLES = {"moving_encounters": "Encounters on the way of the vehicle", "moving_suburb": "Movers in the suburb"}
 
 
 def section(document: Document) -> str:

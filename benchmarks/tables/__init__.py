@@ -4,7 +4,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 """
 
 from benchmarks.tables.flights import flights, lidar, scaling
-from benchmarks.tables.onboard import onboard_movers
+from benchmarks.tables.onboard import onboard_movers, ros_node
 from benchmarks.tables.plans import cities, plans, verdicts
 from benchmarks.tables.processes import first_hour, fuzz, history, mutations, page, service, startup
 from benchmarks.tables.rivals import rivals
@@ -19,6 +19,7 @@ __all__ = [
     "lidar",
     "mutations",
     "onboard_movers",
+    "ros_node",
     "page",
     "plans",
     "profile",

@@ -26,3 +26,16 @@ def _onboard_movers(document: Document) -> str:
         f"at least {row['least_gap_m']:.2f} m from the middle of the vehicle to any solid. Time of a call [ms]:\n\n"
         + table(["", "median", "99 %", "worst"], lines)
     )
+
+
+def ros_node(document: Document) -> str:
+    """Of `benchmarks.ros_node`."""
+    (row,), config = document["rows"], document["config"]
+    shape = " x ".join(map(str, config["shape"]))
+    delays = [f"{row[f'{share}_ms']:.1f}" for share in ("p50", "p99", "max")]
+    return (
+        f"### The ROS 2 node ({device(document)})\n\n"
+        f"`maxjax ros` in {shape} voxels of {config['spacing']:g} m, a cloud of {row['points']:,} points every "
+        f"{config['period']:g} s:\n{row['clouds']} clouds, {row['lost']} without an answer. From the publication of a cloud "
+        "to the arrival of its path [ms]:\n\n" + table(["median", "99 %", "worst"], [delays])
+    )
