@@ -36,6 +36,6 @@ def ros_node(document: Document) -> str:
     return (
         f"### The ROS 2 node ({device(document)})\n\n"
         f"`maxjax ros` in {shape} voxels of {config['spacing']:g} m, a cloud of {row['points']:,} points every "
-        f"{config['period']:g} s:\n{row['clouds']} clouds, {row['lost']} without an answer. From the publication of a cloud "
-        "to the arrival of its path [ms]:\n\n" + table(["median", "99 %", "worst"], [delays])
+        f"{config['period']:g} s:\n{row['clouds']} clouds, {row['lost']} without an answer. From the publication of a "
+        "cloud to the arrival of its path [ms]:\n\n" + table(["median", "99 %", "worst"], [delays])
     )
