@@ -1,4 +1,4 @@
-"""The loop on board: ros2 launch docs/samples/maxjax.launch.py cloud:=/lidar/points odometry:=/odom."""
+"""The loop on board: ros2 launch docs/samples/planner.launch.py cloud:=/lidar/points odometry:=/odom."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
