@@ -126,11 +126,12 @@ def test_the_figures_of_flights_among_movers_are_those_of_the_result_files() -> 
     ours, unaware = ([row for row in rows if row["pilot"] == pilot] for pilot in ("ours", "unaware"))
     assert {(row["movers"], row["speed"]) for row in ours} == {(30, 2.0), (30, 5.0), (30, 8.0)}
     assert sum(row["contacts"] for row in ours) == 0
+    flights, arrived = (sum(row[name] for row in ours) for name in ("flights", "arrived"))
+    others, touched = (sum(row[name] for row in unaware) for name in ("flights", "contacts"))
     said = (
-        f"none of {sum(row['flights'] for row in ours):,} flights among 30 drones (at 2, 5 and 8 m/s) and 30 encounters "
-        f"(at 2 and 5 m/s) touched anything; {sum(row['arrived'] for row in ours):,} arrived. Who knows of no movers "
-        f"touched one in {sum(row['contacts'] for row in unaware)} of {sum(row['flights'] for row in unaware):,} ([results](results.md)). The trials' seed, {seed}, was drawn from "
-        f"commit `{seed:07x}`"
+        f"none of {flights:,} flights among 30 drones (at 2, 5 and 8 m/s) and 30 encounters (at 2 and 5 m/s) touched "
+        f"anything; {arrived:,} arrived. Who knows of no movers touched one in {touched} of {others:,} "
+        f"([results](results.md)). The trials' seed, {seed}, was drawn from commit `{seed:07x}`"
     )
     assert said in " ".join((ROOT / "docs" / "moving.md").read_text(encoding="utf-8").split())
 
