@@ -235,6 +235,63 @@ def every(
     return found
 
 
+# Of ways of one edge, before ways to the end are joined: by then they take 2³ edges at a time.
+_DOUBLINGS = 3
+
+
+def costs_to_last(edges: Float[Array, "n n"]) -> Float[Array, " n"]:
+    """What the cheapest way from each of n points to the last one costs.
+
+    Args:
+        edges: what an edge from point i to point j costs; infinite unless i < j.
+    """
+    n = edges.shape[0]
+
+    def point_by_point(edges: Float[Array, "n n"]) -> Float[Array, " n"]:
+        def one(costs: Float[Array, " n"], i: Int32[Array, ""]) -> tuple[Float[Array, " n"], None]:
+            return costs.at[i].set(jnp.min(edges[i] + costs)), None
+
+        last = jnp.where(np.arange(n) == n - 1, 0, jnp.inf).astype(edges.dtype)
+        costs, _ = lax.scan(one, last, jnp.arange(n - 2, -1, -1, dtype=jnp.int32))
+        return costs
+
+    def all_at_a_time(edges: Float[Array, "n n"]) -> Float[Array, " n"]:
+        # The best ways of at most two edges, then four, eight; then those to the end, by eight edges more a turn.
+        far = jnp.where(np.eye(n, dtype=bool), 0, edges)
+        for _ in range(_DOUBLINGS):
+            far = jnp.min(far[:, :, None] + far[None], axis=1)
+        return repeat(-(-n // 2**_DOUBLINGS) - 1, lambda last: jnp.min(far + last[None], axis=1), far[:, -1])
+
+    return jnp.asarray(by_target(edges, cpu=point_by_point, default=all_at_a_time))
+
+
+def in_block(
+    function: Callable[..., Any], volumes: Any, centre: Int32[Array, " 3"], reach: int, *arguments: Any
+) -> Any:
+    """function(volumes, corner, *arguments), which reads the volumes near a voxel alone.
+
+    Args:
+        function: of a pytree of volumes and of the voxel of the map that is their first one; what it makes of them is
+            the same whatever lies further than `reach` from the centre.
+        volumes: a pytree of volumes of one shape.
+        centre: voxel inside them.
+        reach: voxels to each side. Static.
+        arguments: arrays.
+    """
+
+    def block(volumes: Any, centre: Int32[Array, " 3"], *arguments: Any) -> Any:
+        shape = jax.tree.leaves(volumes)[0].shape
+        sizes = tuple(min(2 * reach + 1, n) for n in shape)
+        corner = jnp.clip(centre - reach, 0, jnp.asarray(shape, jnp.int32) - jnp.asarray(sizes, jnp.int32))
+        near = jax.tree.map(lambda volume: lax.dynamic_slice(volume, tuple(corner), sizes), volumes)
+        return function(near, corner, *arguments)
+
+    def whole(volumes: Any, _: Int32[Array, " 3"], *arguments: Any) -> Any:
+        return function(volumes, jnp.zeros(3, jnp.int32), *arguments)
+
+    return by_target(volumes, centre, *arguments, cpu=block, default=whole)
+
+
 def shift_axis(array: Shaped[Array, "..."], axis: int, step: int, beyond: float | int = 0) -> Shaped[Array, "..."]:
     """The values `step` places further along an axis; `beyond` (static) outside."""
     config = [(0, 0, 0)] * array.ndim

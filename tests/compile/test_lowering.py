@@ -6,13 +6,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 from jaxtyping import Array, Float, Int32
+from scipy import ndimage
+from scipy.sparse.csgraph import dijkstra
 
 from maxjax.compile.batching import settle, settle_batch, with_batch_rule
 from maxjax.compile.lowering import (
     by_target,
+    costs_to_last,
     every,
     first_maximum,
+    in_block,
     in_this_turn,
     lowering_for,
     materialise,
@@ -163,6 +168,36 @@ def test_sums_stop_where_nothing_follows(platform: str) -> None:
         )(ends)
     np.testing.assert_array_equal(below, ends)
     np.testing.assert_array_equal(squares, [sum(k * k for k in range(end)) for end in ends])
+
+
+@both
+def test_ways_to_the_last_point_cost_what_dijkstra_says(platform: str) -> None:
+    rng = np.random.default_rng(4)
+    for n in (2, 7, 64):
+        edges = np.where(rng.random((n, n)) < 0.3, rng.uniform(1, 9, (n, n)), np.inf)
+        edges[np.arange(n - 1), np.arange(1, n)] = 5.0
+        edges = np.where(np.triu(np.ones((n, n), bool), 1), edges, np.inf).astype(np.float32)
+        with lowering_for(platform):
+            found = jax.jit(costs_to_last)(edges)
+        weights = np.where(np.isfinite(edges), edges, 0)
+        np.testing.assert_allclose(found, dijkstra(weights.T, indices=n - 1), rtol=1e-5)
+
+
+@both
+@pytest.mark.parametrize("shape", [(4, 9, 5), (12, 13, 14)])
+def test_what_lies_near_is_read_from_a_block_as_from_the_whole(platform: str, shape: tuple[int, int, int]) -> None:
+    volume = np.random.default_rng(5).normal(size=shape).astype(np.float32)
+
+    def sum_around(volume: Array, corner: Array, at: Array) -> Array:
+        away = [abs(lax.broadcasted_iota(jnp.int32, volume.shape, k) + corner[k] - at[k]) for k in range(3)]
+        return jnp.sum(jnp.where((away[0] <= 1) & (away[1] <= 1) & (away[2] <= 1), volume, 0))
+
+    with lowering_for(platform):
+        found = jax.jit(jax.vmap(lambda at: in_block(sum_around, volume, at, 1, at)))(
+            np.array(list(np.ndindex(*shape)), np.int32)
+        )
+    around = ndimage.uniform_filter(volume.astype(float), 3, mode="constant") * 27
+    np.testing.assert_allclose(found, around.reshape(-1), atol=1e-5)
 
 
 def test_the_first_of_equal_maxima_is_taken_with_its_rows() -> None:

@@ -11,6 +11,7 @@ from maxjax import VoxelMap
 from maxjax.compile import native
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
+from maxjax.planning.path.route import Route
 from maxjax.planning.plan import Plans
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
@@ -19,7 +20,7 @@ from maxjax.planning.run.execution import plan_task
 from maxjax.planning.windows import focus_window as focus
 from maxjax.ui.methods import planner_named
 
-SMALL = ((10, 10, 8), (16, 16, 12))
+SMALL = ((12, 8, 8), (18, 14, 12))
 # One grid for most tests, so that they share programs.
 GRID = Grid((34, 30, 20), 2.0, (3.0, -7.0, 1.0))
 DISTANCES = Distances(1.0, 4.0)
@@ -83,7 +84,8 @@ def window_by_definition(
     low = np.clip(np.floor(middle - half).astype(int), 0, limits - 1)
     high = np.clip(np.ceil(middle + half).astype(int), 0, limits - 1)
     low[2] = floor(low, high)
-    fitting = [np.array(s) for s in focus.SHAPES if (high - low < s).all() and 2 * np.prod(s) < limits.prod()]
+    either_way = [np.array(size) for x, y, z in focus.SHAPES for size in ((x, y, z), (y, x, z))]
+    fitting = [s for s in either_way if (high - low < s).all() and 2 * np.prod(s) < limits.prod()]
     if not fitting:
         return None
     size = fitting[0]
@@ -197,7 +199,7 @@ def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
             continue
         found += 1
         corner, size, _ = window
-        assert tuple(size.tolist()) in focus.SHAPES
+        assert (max(size[:2]), min(size[:2]), size[2]) in focus.SHAPES
         assert (ends >= corner).all()
         assert (ends <= np.minimum(corner + size, limits) - 1).all()
         # Only what is smaller than the window lets it reach beyond.
@@ -205,6 +207,31 @@ def test_windows_of_any_map_have_one_of_the_shapes_and_hold_both_ends() -> None:
         assert (corner[beyond] == 0).all()
         assert (limits[beyond] < size[beyond]).all()
     assert found > 20
+
+
+def test_a_window_longer_along_y_is_shown_as_that_of_the_map_with_x_and_y_exchanged() -> None:
+    """Volumes, rims, ends and ways back: a row of turned and upright windows, and each by itself."""
+    rng = np.random.default_rng(12)
+    occupied = rolling_map(rng, (60, 60, 30))
+    ends = np.array([[[20, 10, 25], [22, 40, 27]], [[10, 20, 25], [40, 22, 27]]], np.float64)
+    task, mirror = task_of(occupied, ends), task_of(occupied.swapaxes(0, 1), ends[..., [1, 0, 2]])
+    shown = []
+    for one in (task, mirror):
+        windows = focus.windows_around(one, np.full(2, 36.0))
+        assert windows.shape == (windows.shapes[1].tolist()[0], *windows.shape[1:]), "one shape, whichever way they lie"
+        shown.append(focus.View(one, windows))
+    turned, upright = (view.windows.turned.tolist() for view in shown if view.windows is not None)
+    assert (turned, upright) == ([True, False], [False, True])
+    both, rows = shown, np.arange(2)
+    for name, volume in both[0].own(rows).items():
+        np.testing.assert_array_equal(volume, both[1].own(rows)[name])
+        np.testing.assert_array_equal(volume[:1], both[0].own(rows[:1])[name])
+    np.testing.assert_array_equal(both[0].rim(rows), both[1].rim(rows))
+    np.testing.assert_array_equal(both[0].ends(rows), both[1].ends(rows))
+    nothing = np.zeros(2, bool), np.zeros((2, 2), np.float32), np.zeros(2, bool), np.zeros(2, np.float32)
+    route = Route(both[0].ends(rows), np.zeros(2, np.int32), *nothing)
+    np.testing.assert_allclose(both[0].in_map(route).path, task.index, atol=1e-5)
+    np.testing.assert_allclose(both[1].in_map(route).path, mirror.index, atol=1e-5)
 
 
 def test_no_window_for_ends_that_are_not_inside_the_map() -> None:

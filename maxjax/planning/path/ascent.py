@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
-from maxjax.compile.lowering import first_maximum, once
+from maxjax.compile.lowering import first_maximum, in_block, once
 from maxjax.fields import gradient as slope
 from maxjax.planning.path.line_of_sight import Sight, clear
 
@@ -37,6 +37,9 @@ _PATIENCE = 12
 _ADAM_BETA2 = 0.999
 # Steps between two looks whether the goal is reached.
 _STRIDE = 16
+# Slabs of a step's line of sight, which bound the step; and how far from its voxel what it reads can lie: the voxel
+# where it ends, that one's span, and one more for its rounding.
+_SLABS, _REACH = 3, 5
 # Which components of a step survive: all, then two, then one. Where none does, the step to the goal stands in the row.
 _MASKS = ((1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 # The six neighbours, and the voxel itself to make eight, as many scores as there are masks (docs/performance.md).
@@ -46,21 +49,19 @@ _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Field:
-    """Fields that a step of the ascent reads.
+    """Volumes that a step of the ascent reads.
 
     Attributes:
         log_phi: log-potential; −inf in voxels without current.
         smoothed: the same, smoothed: its gradient is climbed.
         sight: of the blocked voxels.
         free: voxels that are not blocked.
-        goal: index coordinates.
     """
 
     log_phi: Float[Array, "nx ny nz"]
     smoothed: Float[Array, "nx ny nz"]
     sight: Sight
     free: Bool[Array, "nx ny nz"]
-    goal: Float[Array, " 3"]
 
 
 @jax.tree_util.register_dataclass
@@ -147,8 +148,8 @@ def ascend(
     Returns:
         The path of `steps + 1` points, the last one repeated to the end, and whether it reached the goal.
     """
-    field = _Field(log_phi, slope.smooth(log_phi, free, settings.smoothing), sight, free, goal)
-    step = functools.partial(_step, field, settings)
+    field = _Field(log_phi, slope.smooth(log_phi, free, settings.smoothing), sight, free)
+    step = functools.partial(_step, field, goal, settings)
     # One scan after the other, until the goal is reached: most paths need few of the steps that some do.
     stride = min(_STRIDE, settings.steps)
 
@@ -180,10 +181,34 @@ def _at(volume: Shaped[Array, "nx ny nz"], v: Int32[Array, "*b 3"]) -> Shaped[Ar
 
 
 def _step(
-    field: _Field, settings: Ascent, carry: _ClimberCarry, k: Int32[Array, ""]
+    field: _Field, goal: Float[Array, " 3"], settings: Ascent, carry: _ClimberCarry, k: Int32[Array, ""]
 ) -> tuple[_ClimberCarry, Float[Array, " 3"]]:
     """The k-th step; returns the new position, too."""
-    x, log_phi, goal = carry.position, field.log_phi, field.goal
+
+    def step(
+        near: _Field,
+        corner: Int32[Array, " 3"],
+        goal: Float[Array, " 3"],
+        carry: _ClimberCarry,
+        k: Int32[Array, ""],
+    ) -> _ClimberCarry:
+        # By whole numbers, which rounds nothing within the block.
+        shift = corner.astype(goal.dtype)
+        after = _step_among(
+            near, goal - shift, settings, dataclasses.replace(carry, position=carry.position - shift), k
+        )
+        return dataclasses.replace(after, position=after.position + shift)
+
+    here = _voxel(carry.position, field.log_phi.shape)
+    after: _ClimberCarry = in_block(step, field, here, _REACH, goal, carry, k)
+    return after, after.position
+
+
+def _step_among(
+    field: _Field, goal: Float[Array, " 3"], settings: Ascent, carry: _ClimberCarry, k: Int32[Array, ""]
+) -> _ClimberCarry:
+    """The k-th step among these voxels, in their own index coordinates."""
+    x, log_phi = carry.position, field.log_phi
     here = _voxel(x, log_phi.shape)
     height = _at(log_phi, here)
     g = slope.gradient_at(field.smoothed, field.free, x)
@@ -191,7 +216,7 @@ def _step(
 
     masks = jnp.asarray(_MASKS, log_phi.dtype)
     ends = jnp.where(jnp.any(masks > 0, axis=1, keepdims=True), x + masks * move, goal)
-    seen = clear(field.sight, x, ends, slabs=3)
+    seen = clear(field.sight, x, ends, slabs=_SLABS)
     rises = _at(log_phi, _voxel(ends, log_phi.shape)) > height
     same = jnp.all(_voxel(ends, log_phi.shape) == here, axis=1)
     gain = jnp.where(seen & (rises | same), jnp.sum(masks * move * g, axis=1), -jnp.inf)
@@ -206,7 +231,7 @@ def _step(
     following, m = once(following, jnp.where(smooth_step, m * mask, 0))
     entered = jnp.any(_voxel(following, log_phi.shape) != here)
     lingered = jnp.where(entered, 0, carry.lingered + 1)
-    return _ClimberCarry(following, m, v, lingered, carry.arrived | arrives), following
+    return _ClimberCarry(following, m, v, lingered, carry.arrived | arrives)
 
 
 def _moved(

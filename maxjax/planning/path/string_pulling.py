@@ -19,15 +19,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from maxjax.compile.lowering import repeat
+from maxjax.compile.lowering import costs_to_last
 from maxjax.planning.path.line_of_sight import Sight, visibility
 
 # Points that one round of dynamic programming joins: its cost is quadratic, its reach linear.
 WINDOW = 64
 # Of an edge, to break ties towards fewer corners, as on a straight line.
 _TOLL = 1e-4
-# Of ways of one edge, before the dynamic programming: it then takes 2³ edges at a time.
-_DOUBLINGS = 3
 
 
 def _shorten(
@@ -39,12 +37,7 @@ def _shorten(
     n = points.shape[0]
     seen, paid = visibility(sight, points, price=price)
     edge = jnp.where(seen | np.eye(n, k=1, dtype=bool), paid + _TOLL, jnp.inf)
-    # All points at a time, in few turns that each do much (docs/performance.md): the best ways of at most two edges,
-    # then four, eight; then those to the end, by eight edges more with each turn.
-    far = jnp.where(np.eye(n, dtype=bool), 0, edge)
-    for _ in range(_DOUBLINGS):
-        far = jnp.min(far[:, :, None] + far[None], axis=1)
-    cost = repeat(-(-n // 2**_DOUBLINGS) - 1, lambda last: jnp.min(far + last[None], axis=1), far[:, -1])
+    cost = costs_to_last(edge)
     # The end leads to itself.
     follow = jnp.argmin(edge + cost[None], axis=1).astype(jnp.int32).at[-1].set(n - 1)
 

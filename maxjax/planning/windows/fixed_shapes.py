@@ -70,7 +70,7 @@ class FixedShapes:
             far = np.minimum(shape, self.grid.shape) - 1
             ends = [self.grid.to_metres(np.round(share * far)) for share in (0.25, 0.75)]
             task = Task.of(nothing, ends[0][None], ends[1], self.distances)
-            windows = Windows(np.zeros((1, 3), np.int64), np.array([shape], np.int64), np.array([math.inf]))
+            windows = Windows.upright(np.zeros((1, 3), np.int64), np.array([shape], np.int64), np.array([math.inf]))
             for _ in range(2):
                 self._ask(View(task, None if shape == self.grid.shape else windows))
 

@@ -72,7 +72,7 @@ def _box(task: Task, costs: Float64[np.ndarray, " 1"]) -> Windows:
     low[:, 2] = 0  # the ground is its own bound
     sizes = -(-(high + 1 - low) // step) * step
     corners = centre(low, high, sizes, limits, np)
-    return Windows(corners, sizes, ways_out(task, corners, sizes))
+    return Windows.upright(corners, sizes, ways_out(task, corners, sizes))
 
 
 def _search(problem: Problem, window: Windows) -> LatticePath | None:
