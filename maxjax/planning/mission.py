@@ -33,6 +33,7 @@ from maxjax.verification.verifier import verify
 LONGEST_HOVER = 3600.0  # [s]
 # Voxels of the largest map in which legs of one goal share a field, which is one of the whole map.
 _LARGEST_SHARED = 2**22
+_BESIDE = 0.1  # from an upright line through a point, nearer to which no heading leads to it [m]
 _NEARLY = 2e-3  # by which a radius is still kept, as the verifier allows it [voxels]
 
 
@@ -45,10 +46,13 @@ class Waypoint:
         hover: seconds to rest there, 0 to stop without waiting. None: it is flown through.
         speed: greatest speed on the leg [m/s]. None: that of the flight limits.
         radius, margin: distances of the leg [m], as in `Distances`. None: those of the mission.
+        heading: where the nose points on the leg and at rest here [degrees], clockwise from north, the map's y axis.
+            None: along the course.
+        look_at: a point of interest that the nose points to instead [m], ENU.
 
     Raises:
-        ValueError: if the position is not three finite numbers, the time negative or above an hour, or the speed not
-            positive.
+        ValueError: if the position or the point of interest is not three finite numbers, the time negative or above an
+            hour, the speed not positive, the heading not within ±360 degrees, or both a heading and a point are given.
     """
 
     position: Point3
@@ -56,18 +60,46 @@ class Waypoint:
     speed: float | None = None
     radius: float | None = None
     margin: float | None = None
+    heading: float | None = None
+    look_at: Point3 | None = None
 
     def __post_init__(self) -> None:
-        x, y, z = points_of("Waypoint.position", self.position, (3,)).tolist()
-        object.__setattr__(self, "position", (x, y, z))
-        limits = (("hover", 0.0, LONGEST_HOVER, "seconds"), ("speed", 0.0, math.inf, "a positive number of m/s"))
+        for place in ("position",) if self.look_at is None else ("position", "look_at"):
+            x, y, z = points_of(f"Waypoint.{place}", getattr(self, place), (3,)).tolist()
+            object.__setattr__(self, place, (x, y, z))
+        if self.look_at is not None and not all(map(math.isfinite, self.look_at)):
+            raise ValueError(f"Waypoint.look_at: expected three finite numbers, given {self.look_at}")
+        if self.heading is not None and self.look_at is not None:
+            raise ValueError(f"Waypoint: expected heading or look_at, given both, {self.heading} and {self.look_at}")
+        limits = (
+            ("hover", 0.0, LONGEST_HOVER, "seconds"),
+            ("speed", 0.0, math.inf, "a positive number of m/s"),
+            ("heading", -360.0, 360.0, "degrees"),
+        )
         for name, least, most, meaning in limits:
             given = getattr(self, name)
             number = isinstance(given, int | float) and not isinstance(given, bool)
-            fits = number and (least <= given <= most if name == "hover" else least < given < most)
+            fits = number and (least < given < most if name == "speed" else least <= given <= most)
             if given is not None and not fits:
                 interval = f" from {least:g} to {most:g}" if math.isfinite(most) else ""
                 raise ValueError(f"Waypoint.{name}: expected {meaning}{interval}, given {given!r}")
+
+    @property
+    def aims(self) -> bool:
+        """Whether the nose points elsewhere than along the course."""
+        return self.heading is not None or self.look_at is not None
+
+    def yaw_from(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+        """Where the nose points at some places of the leg [rad], from east to north; NaN where it is left open.
+
+        Args:
+            places: [m], ENU; above or below the point of interest nothing is asked for.
+        """
+        if self.look_at is None:
+            return np.full(len(places), math.nan if self.heading is None else math.radians(90.0 - self.heading))
+        east, north, _ = (np.asarray(self.look_at) - places).T
+        yaw: Float64[np.ndarray, " n"] = np.where(np.hypot(east, north) > _BESIDE, np.arctan2(north, east), math.nan)
+        return yaw
 
     def distances(self, others: Distances) -> Distances:
         """Those of the leg that leads here, where it has none of its own those of the mission.

@@ -24,7 +24,7 @@ from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.schedule import schedule_plan
 from maxjax.trajectories.trajectory import Trajectory
-from maxjax.trajectories.yaw_profile import headings
+from maxjax.trajectories.yaw_profile import Aim, headings
 
 _TURNED_BACK = math.cos(math.radians(120.0))
 _ABOUT = 5.0  # [m]; rounded corners make a way this much shorter at most
@@ -90,10 +90,11 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
         shifted = part.control[3:] + (control[-1] - part.control[0])
         control = np.concatenate([control, shifted, np.repeat(shifted[-1:], hovers[goal], axis=0)])
         stops.append(passes[-1][-1:])
+    aims = _aims(mission, np.concatenate(passes), hovers, step)
     return dataclasses.replace(
         first,
         control=control,
-        headings=headings(control, step, first.limits.yaw_rate),
+        headings=headings(control + np.array(first.origin), step, first.limits.yaw_rate, aims),
         step=step,
         radius=mission.radius,
         exemptions=tuple(_exemption(mission, k) for k in range(len(mission.waypoints))),
@@ -102,6 +103,12 @@ def _end_to_end(mission: Mission, rests: list[int], parts: list[Trajectory]) -> 
         passes=np.concatenate(passes),
         plan=mission,
     )
+
+
+def _aims(mission: Mission, passes: Float64[np.ndarray, " w"], hovers: list[int], step: float) -> list[Aim]:
+    """Where the nose points on the way to each waypoint; the start has its own while the vehicle rests there."""
+    pairs = zip(mission.waypoints, passes.tolist(), hovers, strict=True)
+    return [Aim(waypoint, at + step * hover, waypoint.hover is not None) for waypoint, at, hover in pairs]
 
 
 def _exemption(mission: Mission, k: int) -> float:

@@ -95,10 +95,10 @@ class Request(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
         """Whether there is more to it than a path from a start to a goal."""
         return len(self.stops) > 2 or any(stop != Waypoint(stop.position) for stop in self.stops)
 
-    def through(self, places: Iterable[Point3]) -> Request:
-        """The same with its stops at other places [m], in the coordinates of the map."""
-        moved = zip(self.stops, places, strict=True)
-        stops = tuple(dataclasses.replace(stop, position=place) for stop, place in moved)
+    def through(self, places: Iterable[Point3], looked_at: Iterable[Point3 | None]) -> Request:
+        """The same with its stops and their points of interest at other places [m], in the coordinates of the map."""
+        moved = zip(self.stops, places, looked_at, strict=True)
+        stops = tuple(dataclasses.replace(stop, position=place, look_at=seen) for stop, place, seen in moved)
         return dataclasses.replace(self, waypoints=stops, return_to_start=False, frame="map")
 
     @property

@@ -11,6 +11,8 @@
     at = [0.0, 60.0, 30.0]
     hover = 5.0                    # to rest there [s]
     speed = 4.0                    # of the leg that leads here; likewise radius and margin
+    heading = 90.0                 # of the nose on that leg and at rest here, clockwise from north; or
+    look_at = [10.0, 55.0, 20.0]   # a point of interest
 
 `waypoint = "way.plan"` in place of the tables takes the waypoints of a file of QGroundControl (`ui.plan_waypoints`).
 Paths in it are relative to the file. All is checked before anything is planned; what a file says that is no option is
@@ -61,7 +63,8 @@ KEYS: Mapping[str, Any] = {
     field.name: _without_none(_HINTS[field.name]) for field in dataclasses.fields(Request) if field.name not in _OTHERS
 }
 """Options that may stand in a file, and their types."""
-_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
+_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", "heading", "look_at")
+_OF_START = ("hover", "heading", "look_at")
 # What a plan.json says of the map beside the options: what came of them.
 _FOUND = ("grid", "returns")
 
@@ -225,15 +228,20 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
             raise ValueError(f"{name}: expected the keys {', '.join(_OF_WAYPOINTS)}, given {unknown!r}")
         if "at" not in table:
             raise ValueError(f"{name}: expected at = [x, y, z], given none")
-        numbers = {key: _number(f"{name}: {key}", value) for key, value in table.items() if key != "at"}
-        if number == 0 and numbers.keys() - {"hover"}:
-            raise ValueError(f"{name}: expected no {min(numbers.keys() - {'hover'})}: no leg leads to the start")
+        if number == 0 and table.keys() - {"at", *_OF_START}:
+            raise ValueError(f"{name}: expected no {min(table.keys() - {'at', *_OF_START})}: no leg leads to the start")
+        own = {key: _own(f"{name}: {key}", key, value) for key, value in table.items() if key != "at"}
         place = point_of(f"{name}: at", table["at"])
         try:
-            found.append(Waypoint(place, **numbers))
+            found.append(Waypoint(place, **own))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return tuple(found)
+
+
+def _own(name: str, key: str, value: Any) -> Any:
+    """The value of a waypoint's key."""
+    return point_of(name, value) if key == "look_at" else _number(name, value)
 
 
 def _checked(name: str, given: Any, fits: Callable[[Any], bool], expected: str) -> Any:

@@ -2,7 +2,9 @@
 
 Every point of the path is a NAV_WAYPOINT in the frame GLOBAL_RELATIVE_ALT: latitude, longitude, and height above home;
 where the mission hovers, it holds for that time. A DO_CHANGE_SPEED stands before a leg whose speed is another one. The
-fourth parameter, the heading, is the course over ground of the way to the point, in degrees from true north.
+fourth parameter, the heading, is the course over ground of the way to the point, in degrees from true north. Where a
+waypoint says where the nose points, a DO_SET_ROI_LOCATION stands before its leg (`io.export.aiming`), and the heading
+is that; a DO_SET_ROI_NONE takes it back.
 
 PX4 takes a waypoint for reached within the acceptance radius of its item and turns to the next one; ArduCopter has a
 radius of its own (`io.export.autopilot`). Where a corner may not be cut (`io.export.corners`), a hold makes the vehicle
@@ -20,11 +22,13 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float64
 
+from maxjax.io.export.aiming import AimOnEarth, aims_of
 from maxjax.io.geo.earth import Earth, TangentPlane
 from maxjax.planning.mission import Mission
 
 # MAVLink's numbers.
 WAYPOINT, LAND, TAKE_OFF, CHANGE_SPEED = 16, 21, 22, 178
+REGION, NO_REGION = 195, 197
 GLOBAL, MISSION, RELATIVE = 0, 2, 3
 _GROUND_SPEED, _SAME_THROTTLE = 1.0, -1.0
 _ACCEPTANCE = 0.5  # [m]
@@ -93,23 +97,28 @@ def items_of(
     path = mission.path
     latitude, longitude, height = earth.geodetic(np.array([[path[0, 0], path[0, 1], feet.home]]))[0].tolist()
     on_earth = earth.geodetic(path)
-    courses = courses_of(on_earth)
+    courses, aims = courses_of(on_earth), aims_of(mission, earth)
     holds = dict(zip(mission.places.tolist(), (waypoint.hover or 0.0 for waypoint in mission.waypoints), strict=True))
     places = [
         Item(
             WAYPOINT,
             RELATIVE,
-            (max(holds.get(k, 0.0), stops.get(k, 0.0)), _ACCEPTANCE, 0.0, courses[k], north, east, up - height),
+            (max(holds.get(k, 0.0), stops.get(k, 0.0)), _ACCEPTANCE, 0.0, course, north, east, up - height),
         )
-        for k, (north, east, up) in enumerate(on_earth.tolist())
+        for k, ((north, east, up), course) in enumerate(
+            zip(on_earth.tolist(), _headed(courses, aims, mission), strict=True)
+        )
     ]
     speeds = [min(waypoint.speed or speed, speed) for waypoint in mission.waypoints[1:]]
-    items, last = [], None
+    items, last, aim = list[Item](), None, None
     for k, own in enumerate(speeds):
         if own != last:
             items.append(Item(CHANGE_SPEED, MISSION, (_GROUND_SPEED, own, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)))
-        items += places[mission.places[k] + (k > 0) : mission.places[k + 1] + 1]
-        last = own
+        if k == 0:
+            items += [*_turn(None, aims[0], height), places[0]]
+            aim = aims[0]
+        items += [*_turn(aim, aims[k + 1], height), *places[mission.places[k] + 1 : mission.places[k + 1] + 1]]
+        last, aim = own, aims[k + 1]
     if feet.takes_off:
         north, east, up = on_earth[0].tolist()
         items.insert(0, Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, courses[0], north, east, up - height)))
@@ -117,6 +126,24 @@ def items_of(
         foot = earth.geodetic(np.array([[path[-1, 0], path[-1, 1], feet.landing]]))[0].tolist()
         items.append(Item(LAND, RELATIVE, (0.0, 0.0, 0.0, courses[-1], foot[0], foot[1], foot[2] - height)))
     return Items((latitude, longitude, height), speeds[0], tuple(items))
+
+
+def _headed(courses: list[float], aims: list[AimOnEarth | None], mission: Mission) -> list[float]:
+    """Headings of all points of the path: the courses, or the aim's of the leg to each."""
+    found = list(courses)
+    for first, last, aim in zip([-1, *mission.places[:-1].tolist()], mission.places.tolist(), aims, strict=True):
+        if aim is not None and aim.heading is not None:
+            found[first + 1 : last + 1] = [aim.heading] * (last - first)
+    return found
+
+
+def _turn(before: AimOnEarth | None, aim: AimOnEarth | None, home: float) -> list[Item]:
+    """What turns the nose from one aim to another; heights count from home's [m]."""
+    if aim == before:
+        return []
+    if aim is None:
+        return [Item(NO_REGION, MISSION, (0.0,) * 7)]
+    return [Item(REGION, RELATIVE, (0.0, 0.0, 0.0, 0.0, aim.latitude, aim.longitude, aim.height - home))]
 
 
 def courses_of(places: Float64[np.ndarray, "n 3"]) -> list[float]:

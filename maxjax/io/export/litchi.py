@@ -1,7 +1,8 @@
 """Waypoints for Litchi's Mission Hub: a line of CSV each, in metres.
 
 Heights count from where the aircraft takes off (altitudemode 0). A hover is the action "stay for", in milliseconds, up
-to 32 s each. What holds for all of a mission, its path mode among it, stands outside of the file.
+to 32 s each; what the nose points to is a point of interest. What holds for all of a mission, its path mode and its
+heading mode among it, stands outside of the file.
 """
 
 from __future__ import annotations
@@ -32,4 +33,6 @@ def _row(point: StopPoint) -> str:
     actions += ["-1", "0"] * (_ACTIONS - len(actions) // 2)
     place = [f"{point.latitude:.10f}", f"{point.longitude:.10f}", f"{point.height:.4f}", f"{point.course:.2f}"]
     turn_and_gimbal, rest = ["0", "0", "0", "0"], ["0", "0", "0", "0", "-1", "-1"]
+    if point.aim is not None:
+        rest[:2] = [f"{point.aim.latitude:.10f}", f"{point.aim.longitude:.10f}"]
     return ",".join([*place, *turn_and_gimbal, *actions, "0", f"{point.speed:.6g}", *rest])

@@ -173,7 +173,7 @@ def _items(home: Points, items: list[tuple[int, int, list[float]]], standing: St
     said, speed = list[list[float]](), math.nan
     for command, frame, params in items:
         speed = params[1] if command == _CHANGE_SPEED else speed
-        if frame == _RELATIVE:
+        if frame == _RELATIVE and command in found:
             found[command].append(params[4:])
         if frame == _RELATIVE and command == _WAYPOINT:
             said.append([*params[:2], speed])

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from maxjax.io.export.aiming import AimOnEarth, aims_of
 from maxjax.io.export.items import courses_of
 from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Mission
@@ -59,6 +60,7 @@ class StopPoint:
         latitude, longitude: [degrees].
         height: above the ground at home [m].
         course: of the way on, of the last one that to it [degrees from true north].
+        aim: what the nose points to on the way on, at the last one that to it; None: along the course.
         hover: how long [s].
         speed: of the way on [m/s].
     """
@@ -69,6 +71,7 @@ class StopPoint:
     course: float
     hover: float
     speed: float
+    aim: AimOnEarth | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,14 +158,17 @@ def stop_points(
         raise ValueError(
             f"{file}: expected heights from {low:g} to {high:g} m above home for {limits.program}, given {wrong:.1f} m"
         )
-    courses = courses_of(earth.geodetic(path))
+    courses, aims = courses_of(earth.geodetic(path)), aims_of(mission, earth)
     speeds = [min(waypoint.speed or speed, speed, limits.speed) for waypoint in mission.waypoints[1:]]
     hovers = dict(zip(mission.places.tolist(), (one.hover or 0.0 for one in mission.waypoints), strict=True))
     found = []
     for k, (latitude, longitude, height) in enumerate(places.tolist()):
         leg = min(int(np.searchsorted(mission.places, k, side="right")) - 1, len(speeds) - 1)
         course = courses[min(k + 1, len(path) - 1)]
-        found.append(StopPoint(latitude, longitude, height, course, hovers.get(k, 0.0), speeds[leg]))
+        aim = aims[leg + 1]
+        if aim is not None and aim.heading is not None:
+            course = aim.heading
+        found.append(StopPoint(latitude, longitude, height, course, hovers.get(k, 0.0), speeds[leg], aim))
     return tuple(found)
 
 

@@ -70,7 +70,7 @@ _POINT = """      <Placemark>
 {heights}
         <wpml:waypointSpeed>{speed:.6g}</wpml:waypointSpeed>
         <wpml:waypointHeadingParam>
-          <wpml:waypointHeadingMode>followWayline</wpml:waypointHeadingMode>
+          <wpml:waypointHeadingMode>{mode}</wpml:waypointHeadingMode>{aim}
           <wpml:waypointHeadingPathMode>followBadArc</wpml:waypointHeadingPathMode>
         </wpml:waypointHeadingParam>
         <wpml:waypointTurnParam>
@@ -79,6 +79,9 @@ _POINT = """      <Placemark>
         </wpml:waypointTurnParam>
         <wpml:useStraightLine>1</wpml:useStraightLine>{action}
       </Placemark>"""
+# Of a point of interest the height is not used.
+_AIM = """
+          <wpml:waypointPoiPoint>{latitude:.10f},{longitude:.10f},0.000000</wpml:waypointPoiPoint>"""
 _OWN = """        <wpml:ellipsoidHeight>{height:.4f}</wpml:ellipsoidHeight>
         <wpml:height>{height:.4f}</wpml:height>
         <wpml:useGlobalHeight>0</wpml:useGlobalHeight>
@@ -146,5 +149,7 @@ def _point(number: int, point: StopPoint, group: int, *, template: bool) -> str:
         heights=heights.format(height=point.height),
         speed=point.speed,
         turn=_TURN,
+        mode="followWayline" if point.aim is None else "towardPOI",
+        aim="" if point.aim is None else _AIM.format(latitude=point.aim.latitude, longitude=point.aim.longitude),
         action=_HOVER.format(group=group, number=number, hover=point.hover) if point.hover > 0.0 else "",
     )

@@ -77,6 +77,19 @@ class MapTask:
         places = np.concatenate([self.task.starts[:1], self.task.goals])
         return tuple((x, y, z) for x, y, z in places.tolist())
 
+    def through(self, request: Request) -> Request:
+        """A request with its stops and their points of interest in the coordinates of the map [m].
+
+        Raises:
+            ValueError: for a point of interest that is nowhere, in the frame of the request.
+        """
+
+        def placed(seen: Point3 | None) -> Point3 | None:
+            first = request.places[0]
+            return None if seen is None else points_at((first, seen), request.frame, self.earth, self.terrain)[1]
+
+        return request.through(self.stops, map(placed, (stop.look_at for stop in request.stops)))
+
     @property
     def ends(self) -> tuple[Point3, Point3]:
         """Start and goal of the only problem [m]."""

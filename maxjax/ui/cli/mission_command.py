@@ -65,7 +65,7 @@ def run_request(request: Request) -> int:
         given = load_request(request)
     exporting.check_place(request, given)
     with progress(f"Planning, method {request.method}"):
-        mission = plan_mission(given.task, request.through(given.stops).flown, planner)
+        mission = plan_mission(given.task, given.through(request).flown, planner)
     mission = dataclasses.replace(mission, timings=sum_reports(recorder.report(), mission.timings))
     shown: Mission | None = mission
     if mission.failed:
@@ -103,7 +103,7 @@ def plan_request(request: Request) -> tuple[Mission, MapTask]:
     planner = planner_named(request.method)
     given = load_request(request)
     with progress(f"Planning, method {request.method}"):
-        mission = plan_mission(given.task, request.through(given.stops).flown, planner)
+        mission = plan_mission(given.task, given.through(request).flown, planner)
     if request.keep_radius and mission.near:
         raise ValueError(
             f"{'; '.join(one.describe(given.places) for one in mission.near)}; move it, or leave out keep_radius"
@@ -141,8 +141,8 @@ def _document(
     for k, leg in enumerate(mission.legs):
         one = dataclasses.replace(given, task=given.task.some(slice(k, k + 1)))
         full = report.document(leg, one, report.explain(leg, one), {})
-        speed, hover = mission.waypoints[k + 1].speed, mission.waypoints[k + 1].hover
-        legs.append({"leg": k + 1, "speed": speed, "hover": hover, **{n: full[n] for n in full if n not in _ONCE}})
+        own = {name: getattr(mission.waypoints[k + 1], name) for name in ("speed", "hover", "heading", "look_at")}
+        legs.append({"leg": k + 1, **own, **{n: full[n] for n in full if n not in _ONCE}})
     whole = mission if shown is None else shown
     times = None if flown is None else np.round(flown.passes, 6).tolist()
     last = report.document(

@@ -109,7 +109,7 @@ def open_request(request: Request) -> tuple[City, Request, Earth | None]:
     tell_notes(request)
     tell_remarks(request.map, given)
     city = _city_of(given, source, request)
-    stops = tuple(map(Waypoint, first_ends(city))) if bare else request.through(given.stops).waypoints
+    stops = tuple(map(Waypoint, first_ends(city))) if bare else given.through(request).waypoints
     return city, dataclasses.replace(request, waypoints=stops, return_to_start=False, frame="map"), given.earth
 
 

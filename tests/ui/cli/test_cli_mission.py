@@ -16,7 +16,7 @@ import shapely
 import maxjax
 from maxjax.ui.cli import main
 from maxjax.ui.cli.options import PlanOptions
-from maxjax.ui.request_files import KEYS
+from maxjax.ui.request_files import KEYS, read_plan
 from tests.scenes import SHAPE, gap_file
 
 SAMPLE = Path(__file__).parents[3] / "docs" / "samples" / "quarter.geojson"
@@ -100,6 +100,26 @@ def test_a_mission_is_planned_drawn_and_written(tmp_path: Path, town: Path, caps
         assert np.linalg.norm(rows[np.abs(rows[:, 0] - time).argmin(), 1:4] - place) < 1.5
     hovering = (rows[:, 0] > content["times"][1]) & (rows[:, 0] < content["times"][1] + 2.5)
     np.testing.assert_allclose(rows[hovering, 1:4], np.broadcast_to([40, 8, 12], (hovering.sum(), 3)), atol=1e-5)
+
+
+def test_points_of_interest_are_in_the_frame_of_the_waypoints_and_stand_in_the_mission(
+    town: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Heights above ground are heights of the map above its ground, of what is looked at as well."""
+    file, out = town.parent / "a.csv", town.parent / "out"
+    seen, heading = f"at = {VIA}\nhover = 3.0\nlook_at = [30, 30, 5]", f"at = {GOAL}\nheading = -90.0"
+    head = 'frame = "local-agl"\nground = 2'
+    mission = ["mission", written(town, START, seen, heading, head=head), "--json", "--export", str(file)]
+    assert main([*mission, "--out", str(out)]) == 0
+    content = told(capsys)
+    assert [(leg["look_at"], leg["heading"]) for leg in content["legs"]] == [([30, 30, 7], None), (None, -90.0)]
+    rows = np.loadtxt(file, delimiter=",", skiprows=1)
+    hovering = (rows[:, 0] > content["times"][1]) & (rows[:, 0] < content["times"][1] + 2.9)
+    np.testing.assert_allclose(rows[hovering, 10], np.arctan2(30 - 8, 30 - 40), atol=2e-3)
+    assert abs(rows[-1, 10]) == pytest.approx(np.pi, abs=2e-3)
+    again = read_plan(out / "mission.json")
+    assert again is not None
+    assert [stop.look_at for stop in again.stops] == [None, (30.0, 30.0, 5.0), None]
 
 
 def test_plans_and_missions_replace_their_own_files_alone(tmp_path: Path, town: Path) -> None:
@@ -226,7 +246,9 @@ def test_a_file_of_nonsense_is_one_sentence(
         ((START, "at = [1, 2, inf]"), "waypoint 1: at: expected 3 finite numbers in brackets, given [1, 2, inf]"),
         ((START, f"at = [{'9' * 400}, 0, 0]"), "waypoint 1: at: expected 3 finite numbers"),
         ((START, "hover = 2"), "waypoint 1: expected at = [x, y, z], given none"),
-        ((START, f"at = {GOAL}\nwait = 3"), "waypoint 1: expected the keys at, hover, speed, radius, margin, given 'w"),
+        ((START, f"at = {GOAL}\nwait = 3"), "waypoint 1: expected the keys at, hover, speed, radius, margin, hea"),
+        ((START, f"at = {GOAL}\nlook_at = 3"), "waypoint 1: look_at: expected 3 finite numbers in brackets, given 3"),
+        ((START, f"at = {GOAL}\nheading = 400"), "waypoint 1: Waypoint.heading: expected degrees from -360 to 360"),
         ((START, f"at = {GOAL}\nhover = -1"), "waypoint 1: Waypoint.hover: expected seconds from 0 to 3600, given -1"),
         ((START, f"at = {GOAL}\nspeed = 0"), "waypoint 1: Waypoint.speed: expected a positive number of m/s, given 0"),
         ((f"at = {START}\nspeed = 3", GOAL), "waypoint 0: expected no speed: no leg leads to the start"),
