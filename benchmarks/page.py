@@ -133,7 +133,7 @@ def _drags(
     chrome: Any, city: City, ends: tuple[Point3, Point3], moves: list[tuple[int, float]], sharp: float
 ) -> list[Row]:
     server = serve(city, port=0)
-    page = PlanPage(server, city, Request.between(city.name, *ends), lambda *_: ("", b""))
+    page = PlanPage(server, city, Request.between(city.name, *ends))
     window = Window(chrome)
     window.page.goto(_address(server, sharp))
     window.shown("/plan/path", 300.0)

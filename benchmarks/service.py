@@ -167,7 +167,7 @@ def _page() -> Iterator[Callable[[Point3], bool]]:
 
     city = City("town", _town(np.random.default_rng(0)))
     server = serve(city, port=0)
-    page = PlanPage(server, city, Request.between("town", _START, _GOAL), lambda *_: ("", b""))
+    page = PlanPage(server, city, Request.between("town", _START, _GOAL))
     address = f"ws://127.0.0.1:{server.get_port()}"
     protocol = Subprotocol(f"viser-v{viser.__version__}")
 

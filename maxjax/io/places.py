@@ -78,6 +78,46 @@ def point_at(place: Point3, frame: Frame, earth: Earth | None, terrain: Terrain 
     return x, y, z
 
 
+def numbers_of_point(
+    point: Point3, frame: Frame, earth: Earth | None, terrain: Terrain | None = None, start: Point3 | None = None
+) -> Point3:
+    """The three numbers of a point of the map in a frame: the inverse of `point_at`.
+
+    Args:
+        point: of the map [m].
+        frame: what the numbers are.
+        earth: where the map lies, for latitudes.
+        terrain: of the map, for heights above ground.
+        start: the first of several points [m], above the ground beneath which those of the frame home are.
+
+    Raises:
+        ValueError: where the frame needs a place on Earth, a ground or a zero that the map does not have.
+    """
+    x, y, z = point
+    if frame == "map":
+        return point
+    if frame == "local-agl":
+        if terrain is None:
+            raise ValueError(f"{frame}: expected the ground of the map")
+        return x, y, z - _ground_at(terrain, x, y, f"{frame}: expected a place above the map's ground, given one")
+    if earth is None:
+        raise ValueError(f"{frame}: expected a map that lies somewhere on Earth; give x and y, and heights local-agl")
+    if frame == "amsl":
+        earth.zero.height("amsl")
+        north, east, up = earth.geodetic(np.array([point]))[0].tolist()
+        return north, east, up
+    earth = on_own_zero(earth)
+    if terrain is None:
+        raise ValueError(f"{frame}: expected the ground of the map")
+    north, east, up = earth.geodetic(np.array([point]))[0].tolist()
+    below = point if frame == "agl" or start is None else start
+    ground = _ground_at(terrain, below[0], below[1], f"{frame}: expected a place above the map's ground, given one")
+    if frame == "agl":
+        return north, east, z - ground
+    home = float(earth.geodetic(np.array([[below[0], below[1], ground]]))[0, 2])
+    return north, east, up - home
+
+
 def _ground_at(terrain: Terrain, x: float, y: float, given: str) -> float:
     """Height of the ground [m]; raises a `ValueError` where there is none."""
     height = terrain.at(x, y)

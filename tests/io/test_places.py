@@ -15,7 +15,7 @@ from maxjax.io import Window, map_of, read_map
 from maxjax.io.geo.earth import Degrees, Earth, Projected, TangentPlane
 from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.load import map_with
-from maxjax.io.places import check_in_map, point_at
+from maxjax.io.places import Frame, check_in_map, numbers_of_point, point_at, points_at
 
 SAMPLE = Path(__file__).parents[2] / "docs" / "samples" / "quarter.geojson"
 PLANE = TangentPlane(52.0, 4.3, 7.0)
@@ -161,3 +161,22 @@ def test_a_map_around_x_and_y_above_ground_is_that_around_their_points() -> None
     assert found.grid == map_of(contents, Window(ends=points)).grid
     with pytest.raises(ValueError, match=r"place: expected one in the map, x .* given 9000.0, 0.0"):
         map_with(contents, window, [points[0], (9e3, 0.0, 5.0)], "local-agl", None)
+
+
+@pytest.mark.parametrize("frame", ["map", "local-agl", "agl", "home", "amsl"])
+def test_numbers_of_a_point_are_what_leads_there(frame: Frame) -> None:
+    terrain = Terrain.flat(12.0, maxjax.Grid((1, 1, 1), 4e3))
+    points = [(10.0, -20.0, 30.0), (-150.0, 80.0, 15.5), (500.0, 700.0, 112.0)]
+    for earth in (PLANE, Degrees(8.0, 47.0, SEVEN)):
+        numbers = [numbers_of_point(point, frame, earth, terrain, points[0]) for point in points]
+        np.testing.assert_allclose(points_at(numbers, frame, earth, terrain), points, rtol=0, atol=2e-5)
+    if frame in ("agl", "home", "local-agl"):
+        assert numbers_of_point(points[0], frame, PLANE, terrain, points[0])[2] == pytest.approx(18.0, abs=1e-6)
+
+
+def test_numbers_of_a_point_need_what_they_count_from() -> None:
+    for frame, earth, terrain in (("agl", None, Terrain.flat(0.0, maxjax.Grid((1, 1, 1), 4e3))), ("home", PLANE, None)):
+        with pytest.raises(ValueError, match=f"{frame}: expected"):
+            numbers_of_point((0.0, 0.0, 5.0), frame, earth, terrain)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="local-agl: expected the ground"):
+        numbers_of_point((0.0, 0.0, 5.0), "local-agl", None)

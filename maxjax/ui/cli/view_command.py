@@ -45,19 +45,11 @@ def run_view(options: ViewOptions) -> int:
         city, request, earth = open_request(request_shown(options))
     if options.share is not None:
         return _share(options.share, city, request, dark=options.dark)
-    from maxjax.ui.page.download import file_of
     from maxjax.ui.page.plan_page import PlanPage
     from maxjax.ui.page.server import serve
 
     server = serve(city, host=options.host, port=options.port, dark=options.dark)
-    page = PlanPage(
-        server,
-        city,
-        request,
-        lambda ending, found: file_of(city, earth, ending, found),
-        on_earth=earth is not None,
-        dark=options.dark,
-    )
+    page = PlanPage(server, city, request, earth, dark=options.dark)
     wait(server)
     page.worker.close()
     return 0

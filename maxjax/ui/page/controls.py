@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import html
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 from maxjax.core.grid import Point3
 from maxjax.io.export.endings import IN_TIME, ON_EARTH
@@ -15,6 +15,7 @@ from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE
 from maxjax.ui.page.page_map import Band, City
 from maxjax.ui.page.slices import Axis, Slice
+from maxjax.ui.page.waypoint_list import WaypointList
 from maxjax.ui.request import Request
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 _SLICES = {"none": None, "cost to the goal, −ℓ log φ": "cost", "price of a metre": "price"}
 _AXES: dict[str, Axis] = {"horizontal": "z", "along y": "x", "along x": "y"}
 _TYPED = "x, y, z"
+_CLICKS = ("only turns the view", "adds a waypoint", "moves the goal")
+_AUTOPILOTS: dict[str, Literal["px4", "arducopter"] | None] = {"any": None, "PX4": "px4", "ArduCopter": "arducopter"}
 _MOST = 30.0  # of radius and margin [m]
 _HIGHEST = 150.0  # of the altitude band [m]
 
@@ -38,7 +41,7 @@ class Controls:
     goal: Any
     click: Any
     above: Any
-    undo: Any
+    list: WaypointList
     method: Any
     radius: Any
     margin: Any
@@ -51,6 +54,8 @@ class Controls:
     through: Any
     dark: Any
     export: Any
+    landing: Any
+    autopilot: Any
     share: Any
 
     def request(self, stops: tuple[Waypoint, ...]) -> Request:
@@ -66,7 +71,19 @@ class Controls:
             beside=bool(self.beside.value),
             floor=floor,
             ceiling=ceiling,
+            takeoff_and_landing=bool(self.landing.value),
+            autopilot=_AUTOPILOTS[self.autopilot.value],
         )
+
+    @property
+    def adds(self) -> bool:
+        """Whether a click adds a waypoint."""
+        return bool(self.click.value == _CLICKS[1])
+
+    @property
+    def moves_goal(self) -> bool:
+        """Whether a click moves the goal."""
+        return bool(self.click.value == _CLICKS[2])
 
     def _band(self) -> Band:
         """The first request's own until the slider is moved; an end of the slider is no limit."""
@@ -90,8 +107,16 @@ class Controls:
         return None if of is None else Slice(of, axis, inside)  # type: ignore[arg-type]  # one of the two names
 
 
-def add_controls(gui: GuiApi, city: City, request: Request, *, on_earth: bool, dark: bool) -> Controls:
-    """Fill the panel."""
+def add_controls(
+    gui: GuiApi,
+    city: City,
+    request: Request,
+    listed: Callable[[GuiApi], WaypointList],
+    *,
+    on_earth: bool,
+    dark: bool,
+) -> Controls:
+    """Fill the panel; `listed` adds the fields of its waypoints."""
     step = 0.25
     parts: dict[str, Any] = {"first": request}
     parts |= {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
@@ -99,9 +124,10 @@ def add_controls(gui: GuiApi, city: City, request: Request, *, on_earth: bool, d
         # As text: three boxes are too narrow for national coordinates.
         parts["start"] = gui.add_text("Start [m]", place_text(request.places[0]), hint=_TYPED)
         parts["goal"] = gui.add_text("Goal [m]", place_text(request.places[-1]), hint=_TYPED)
-        parts["click"] = gui.add_checkbox("Add waypoints by click", False)
+        parts["click"] = gui.add_dropdown("A click", _CLICKS, initial_value=_CLICKS[0])
         parts["above"] = gui.add_slider("Above what is clicked [m]", 2.0, 60.0, 1.0, 10.0)
-        parts["undo"] = gui.add_button("Remove the last waypoint", disabled=len(request.stops) < 3)
+    with gui.add_folder("Waypoints", expand_by_default=False):
+        parts["list"] = listed(gui)
     with gui.add_folder("How"):
         parts["method"] = gui.add_dropdown(
             "Method", tuple(dict.fromkeys((*METHODS, request.method))), initial_value=request.method
@@ -123,7 +149,10 @@ def add_controls(gui: GuiApi, city: City, request: Request, *, on_earth: bool, d
         parts["dark"] = gui.add_checkbox("Dark page", dark)
     with gui.add_folder("Take away", expand_by_default=False):
         formats = tuple(ending for ending in (*(ON_EARTH if on_earth else ()), *IN_TIME) if ending != ".rosbag")
-        parts["export"] = gui.add_button_group("Download the plan", formats)
+        own = next((name for name, one in _AUTOPILOTS.items() if one == request.autopilot), "any")
+        parts["autopilot"] = gui.add_dropdown("For the autopilot", tuple(_AUTOPILOTS), initial_value=own)
+        parts["landing"] = gui.add_checkbox("Take-off and landing", request.takeoff_and_landing)
+        parts["export"] = gui.add_button_group("Download the plan", (".toml", *formats))
         parts["share"] = gui.add_button("Download this page")
     return Controls(**parts)
 

@@ -9,8 +9,10 @@ from pathlib import Path
 from maxjax.api import trajectory
 from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
+from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.export import export
 from maxjax.io.geo.earth import Earth
+from maxjax.ui.mission_text import mission_text
 from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.answer import Answer
 from maxjax.ui.page.camera import hiding, over_way
@@ -26,7 +28,7 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     Args:
         city: the map.
         earth: where it lies; None: unknown.
-        ending: one of `io.export.export`, or `.html`.
+        ending: one of `io.export.export`, `.toml` of the mission, or `.html`.
         found: the answer.
 
     Raises:
@@ -34,6 +36,8 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
+    if ending == ".toml":
+        return "mission.toml", mission_text(found.request).encode()
     flight = trajectory(found.verified, found.request.limits)
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
@@ -42,7 +46,16 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         height = city.terrain.at(x, y)
         # What only voxels tell is left to the judgement, which then takes the ground for up to a voxel lower.
         ground = None if math.isnan(height) or city.terrain.doubt > 0.0 else height
-        export(file, flight, earth=earth, ground=ground, airspace=Airspace(areas=city.areas))
+        asked = found.request
+        export(
+            file,
+            flight,
+            earth=earth,
+            ground=ground,
+            airspace=Airspace(areas=city.areas),
+            takeoff_and_landing=asked.takeoff_and_landing or None,
+            autopilot=None if asked.autopilot is None else Autopilot.named(asked.autopilot),
+        )
         return file.name, file.read_bytes()
 
 

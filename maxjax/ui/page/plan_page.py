@@ -8,37 +8,37 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maxjax.core.grid import Point3
+from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.camera import hiding
 from maxjax.ui.page.controls import add_controls, legend, place_text, reach, text_place
+from maxjax.ui.page.download import file_of
 from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
 from maxjax.ui.page.nodes import point3
 from maxjax.ui.page.page_map import City, hit
 from maxjax.ui.page.server import look_at, set_theme
 from maxjax.ui.page.slices import Field, Slice, field_of, picture
 from maxjax.ui.page.stage import Stage
+from maxjax.ui.page.waypoint_list import Ground, WaypointList
 from maxjax.ui.page.worker import Worker
 from maxjax.ui.request import Request
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import GuiApi, ViserServer
 
 _SLOW = 0.5  # after so long the status says that a plan is being made [s]
 _REST = 0.3  # after so long without a move the camera is at rest [s]
 _HANDLE, _REACH = 12.0, 0.15  # length of a handle's arrows: at least [m], and in extents of the waypoints
 _PLAIN = str.maketrans("", "", "<>[]()!`*_#|\\\n")  # what Markdown would not show as it is
 _NAME = 1.15  # height of a name above its waypoint, in lengths of an arrow
-
-# What is written for the user to take away: a file's name and content, of an ending and an answer.
-Exporter = Callable[[str, Answer], tuple[str, bytes]]
 
 
 class PlanPage:
@@ -48,8 +48,7 @@ class PlanPage:
         server: with an empty scene.
         city: the map.
         request: the first one.
-        export: makes a file of an answer, by its ending, or `.html`; raises ValueError where it cannot.
-        on_earth: whether the map's place on Earth is known.
+        earth: where the map lies; None: unknown.
         dark: whether the page is dark.
     """
 
@@ -58,12 +57,11 @@ class PlanPage:
         server: ViserServer,
         city: City,
         request: Request,
-        export: Exporter,
+        earth: Earth | None = None,
         *,
-        on_earth: bool = False,
         dark: bool = False,
     ) -> None:
-        self._server, self._city, self._export = server, city, export
+        self._server, self._city, self._earth = server, city, earth
         self._stage = Stage(server.scene)
         self._stage.show("/map", city_scene(city, dark=dark))
         look_at(server, city, _surroundings(city, request))
@@ -77,7 +75,7 @@ class PlanPage:
         self._lock = threading.RLock()
         self.answer: Answer | None = None
         """The last one; None before the first."""
-        self.controls = add_controls(server.gui, city, request, on_earth=on_earth, dark=dark)
+        self.controls = add_controls(server.gui, city, request, self._listed, on_earth=earth is not None, dark=dark)
         self.worker: Worker[tuple[Request, Slice | None]] = Worker(self._work)
         self._listen()
         self._place_handles()
@@ -93,27 +91,33 @@ class PlanPage:
         with self._lock:
             self.worker.ask((self.controls.request(tuple(self._stops)), self.controls.wanted(self._city)))
 
+    def change(self, stops: Sequence[Waypoint]) -> None:
+        """Visit these waypoints, the start first, and plan anew."""
+        with self._lock:
+            self._stops = list(stops)
+            self._place_handles()
+            for k, place in enumerate(self.waypoints):
+                self._handles[self._name(k)].position = point3(self._city.frame.page(place))
+            self._write_ends()
+        self.ask()
+
     def move(self, k: int, place: Point3) -> None:
         """Put the waypoint k elsewhere [m] and plan anew."""
-        with self._lock:
-            self._stops[k] = dataclasses.replace(self._stops[k], position=place)
-            self._handles[self._name(k)].position = point3(self._city.frame.page(place))
-        self.ask()
+        moved = list(self._stops)
+        moved[k] = dataclasses.replace(moved[k], position=place)
+        self.change(moved)
 
     def add(self, place: Point3) -> None:
         """Visit a place [m] before the goal."""
-        with self._lock:
-            self._stops.insert(len(self._stops) - 1, Waypoint(place))
-            self._place_handles()
-        self.ask()
+        self.change((*self._stops[:-1], Waypoint(place), self._stops[-1]))
 
-    def remove(self) -> None:
-        """Leave out the last place to visit."""
-        with self._lock:
-            if len(self._stops) > 2:
-                del self._stops[-2]
-                self._place_handles()
-        self.ask()
+    def _listed(self, gui: GuiApi) -> WaypointList:
+        """The fields of the waypoints."""
+
+        def refuse(why: str) -> None:
+            self._say(f"### Not a waypoint yet\n{why[:200].translate(_PLAIN)}")
+
+        return WaypointList(gui, tuple(self._stops), Ground(self._earth, self._city.terrain), self.change, refuse)
 
     def _place_handles(self) -> None:
         """A handle to drag for each waypoint, with its ball and name; those that are there stay."""
@@ -126,7 +130,6 @@ class PlanPage:
                 if name not in self._handles:
                     self._handles[name] = self._handle(name, place)
                     self._stage.show(root_of(name), end_scene(root_of(name), name, high=_NAME * self._arrow))
-        self.controls.undo.disabled = len(self._stops) < 3
 
     def _handle(self, name: str, place: Point3) -> Any:
         at = point3(self._city.frame.page(place))
@@ -154,8 +157,9 @@ class PlanPage:
         return end_name(k, len(self._stops))
 
     def _write_ends(self) -> None:
-        """Say in the panel where start and goal are."""
+        """Say in the panel where the waypoints are."""
         self.controls.start.value, self.controls.goal.value = (place_text(self.waypoints[k]) for k in (0, -1))
+        self.controls.list.show(tuple(self._stops))
 
     def _listen(self) -> None:
         """Ask anew whenever a control changes."""
@@ -167,6 +171,8 @@ class PlanPage:
             controls.beside,
             controls.keep,
             controls.band,
+            controls.landing,
+            controls.autopilot,
         ):
             control.on_update(lambda _: self.ask())
         controls.band.on_update(lambda _: controls.say_band())
@@ -176,7 +182,6 @@ class PlanPage:
             control.on_update(lambda event, k=k: self._typed(k, event))
 
         controls.axis.on_update(lambda _: self._turned())
-        controls.undo.on_click(lambda _: self.remove())
         controls.through.on_update(lambda _: self._show_map())
         controls.dark.on_update(lambda _: self._darken())
         self._server.on_client_connect(self._watch)
@@ -218,13 +223,14 @@ class PlanPage:
             self._show_map()
 
     def _clicked(self, event: Any) -> None:
-        """A place to visit above what is clicked, where clicks add some."""
-        if not self.controls.click.value:
+        """A place to visit or the goal above what is clicked, where clicks say so."""
+        if not (self.controls.adds or self.controls.moves_goal):
             return
         origin = point3(self._city.frame.map(np.asarray(event.ray_origin)))
         met = hit(self._city, origin, event.ray_direction)
         if met is not None:
-            self.add((met[0], met[1], met[2] + float(self.controls.above.value)))
+            above = met[0], met[1], met[2] + float(self.controls.above.value)
+            self.add(above) if self.controls.adds else self.move(len(self._stops) - 1, above)
 
     def _typed(self, k: int, event: Any) -> None:
         place = text_place(event.target.value)
@@ -244,7 +250,7 @@ class PlanPage:
         try:
             if self.answer is None or not self.answer.ok:
                 raise ValueError("there is no path to take away; move an end, or lower the radius")
-            name, content = self._export(ending, self.answer)
+            name, content = file_of(self._city, self._earth, ending, self.answer)
         except (ValueError, ImportError) as error:
             event.client.add_notification("Nothing to download", str(error), color="orange", auto_close_seconds=8.0)
             return

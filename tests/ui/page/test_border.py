@@ -25,7 +25,7 @@ from maxjax.ui.page.controls import add_controls
 from maxjax.ui.page.guard import MOST_FAULTS, guarding
 from maxjax.ui.page.server import address_of, serve
 from maxjax.ui.request import Request
-from tests.ui.page.test_page import town
+from tests.ui.page.test_page import listed, town
 
 PROTOCOL = f"viser-v{viser.__version__}"
 ENDS = ((8.0, 10.0, 10.0), (58.0, 50.0, 12.0))
@@ -38,7 +38,7 @@ class Page:
         self.server = serve(town(), host=host, port=0)
         self.port: int = self.server.get_port()
         request = Request.between("town", *ENDS, floor=5.0, ceiling=60.0)
-        self.controls = add_controls(self.server.gui, town(), request, on_earth=False, dark=False)
+        self.controls = add_controls(self.server.gui, town(), request, listed(request), on_earth=False, dark=False)
         self.moved: list[np.ndarray] = []
         handle = self.server.scene.add_transform_controls("/start")
         handle.on_update(lambda event: self.moved.append(np.array(event.target.position)))

@@ -18,6 +18,7 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 pytest.importorskip("playwright", reason="no playwright: pip install playwright")
 
 from benchmarks.common.browser import Window, browser, chromium
+from maxjax.planning.mission import Waypoint
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.ui.cli.viewing_flights import caption
@@ -30,6 +31,7 @@ from maxjax.ui.page.server import serve
 from maxjax.ui.page.share import MOST_BYTES, playing_page
 from maxjax.ui.page.trial_folder import city_of, film_of, open_folder
 from maxjax.ui.request import Request
+from maxjax.ui.request_files import load_mission
 from tests.ui.page.flown import folder
 from tests.ui.page.test_page import town
 
@@ -60,9 +62,7 @@ def city() -> City:
 @pytest.fixture
 def page(city: City) -> Iterator[PlanPage]:
     server = serve(city, port=0)
-    shown = PlanPage(
-        server, city, Request.between("town", START, GOAL), lambda ending, found: file_of(city, None, ending, found)
-    )
+    shown = PlanPage(server, city, Request.between("town", START, GOAL))
     yield shown
     shown.worker.close()
     server.stop()
@@ -108,6 +108,10 @@ def test_a_drag_changes_the_path_and_sliders_act(window: Window, page: PlanPage,
     assert window.errors == []
 
 
+def inside(place: tuple[float, float], width: float, height: float) -> bool:
+    return 0.0 < place[0] < width and 0.0 < place[1] < height
+
+
 def test_on_a_telephone_both_ends_are_seen_above_the_panel(chrome: Any, page: PlanPage, pages: Path) -> None:
     window = Window(chrome, size=(390, 844))
     window.page.goto(f"http://127.0.0.1:{page._server.get_port()}/")
@@ -117,8 +121,7 @@ def test_on_a_telephone_both_ends_are_seen_above_the_panel(chrome: Any, page: Pl
     assert sheet["width"] == 390
     assert sheet["height"] <= 0.37 * 844
     for name in ("/ends/start", "/ends/goal"):
-        until(lambda name=name: 0.0 < window.on_screen(name, (0.0, 0.0, 0.0))[1] < sheet["top"], 20.0)
-        assert 0.0 < window.on_screen(name, (0.0, 0.0, 0.0))[0] < 390.0
+        until(lambda name=name: inside(window.on_screen(name, (0.0, 0.0, 0.0)), 390.0, sheet["top"]), 20.0)
     window.picture(pages / "telephone.png")
     assert window.errors == []
     window.close()
@@ -127,7 +130,7 @@ def test_on_a_telephone_both_ends_are_seen_above_the_panel(chrome: Any, page: Pl
 def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     window: Window, page: PlanPage, pages: Path
 ) -> None:
-    page.controls.click.value = True
+    page.controls.click.value = "adds a waypoint"
     time.sleep(0.5)
     x, y = window.on_screen("/ends/start", (20.0, -4.0, -8.0))
     window.page.mouse.click(x, y)
@@ -136,12 +139,34 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     window.shown("/ends/waypoint_1/ball")
     until(lambda: page.worker.rest(60.0) and page.answer.request.places == page.waypoints)
     assert page.answer.ok
-    page.remove()
+    page.change((page._stops[0], page._stops[-1]))
     page.move(0, (22.0, 30.0, 10.0))
     window.wait("() => document.body.innerText.includes('START_OCCUPIED')")
     window.wait("() => !document.body.innerText.includes('path: clearance')")
     window.wait("() => window.__viserSceneTree.getState()['/plan/path'] === undefined")
     window.picture(pages / "no_path.png")
+    assert window.errors == []
+
+
+def test_waypoints_are_typed_and_the_mission_is_taken_away(window: Window, page: PlanPage, pages: Path) -> None:
+    """Its file, read by `load_mission`, asks the same."""
+    tab = window.page
+    tab.get_by_text("Waypoints", exact=True).click()
+    tab.get_by_role("button", name="Add", exact=True).click()
+    until(lambda: len(page.waypoints) == 3)
+    for label, text in (("Hover [s]", "2.5"), ("Heading [°]", "45"), ("Place", "34, 40, 20")):
+        field = tab.locator(f"xpath=//label[text()='{label}']/following::input[1]")
+        field.fill(text)
+        field.press("Enter")
+    until(lambda: page._stops[1].position == (34.0, 40.0, 20.0) and page._stops[1].heading == 45.0)
+    until(lambda: page.worker.rest(60.0) and page.answer.request.places == page.waypoints)
+    window.picture(pages / "waypoints.png")
+    tab.get_by_text("Take away", exact=True).click()
+    tab.get_by_role("button", name=".toml", exact=True).click()
+    with tab.expect_download() as download:
+        tab.get_by_text("mission.toml").click()
+    asked = load_mission(download.value.path())
+    assert asked.stops == (Waypoint(START), Waypoint((34.0, 40.0, 20.0), hover=2.5, heading=45.0), Waypoint(GOAL))
     assert window.errors == []
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -24,9 +26,13 @@ from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.page_map import City, first_ends, hit
 from maxjax.ui.page.slices import Field, Slice, picture
+from maxjax.ui.page.waypoint_list import Ground, WaypointList
 from maxjax.ui.page.worker import Worker
 from maxjax.ui.request import Request
 from tests.ui.page.test_surface import area_vectors
+
+if TYPE_CHECKING:
+    from viser import GuiApi
 
 FAR = (233_000.0, 581_000.0, 0.0)  # national coordinates
 
@@ -43,6 +49,12 @@ def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
     ground = np.zeros_like(occupied)
     ground[:, :, 0] = True
     return City("town", maxjax.VoxelMap.of(occupied, spacing=2.0, origin=origin, ground=ground))
+
+
+def listed(request: Request) -> Callable[[GuiApi], WaypointList]:
+    """Fields of a request's waypoints on a page of their own."""
+    ground = Ground(None, town().terrain)
+    return lambda gui: WaypointList(gui, request.stops, ground, lambda _: None, lambda _: None)
 
 
 def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None:
@@ -156,7 +168,7 @@ def test_the_panel_asks_what_was_asked_first_until_it_is_moved() -> None:
     )
     server = viser.ViserServer(port=0, verbose=False)
     try:
-        controls = add_controls(server.gui, town(), first, on_earth=False, dark=False)
+        controls = add_controls(server.gui, town(), first, listed(first), on_earth=False, dark=False)
         assert controls.request(first.stops) == first
         controls.band.value = (10.0, controls.band.max)
         assert controls.request(first.stops).altitudes == (10.0, None)
