@@ -101,8 +101,8 @@ def main(config: Config) -> tuple[Filmed, Filmed]:
     timed = follow_setpoints([asked] * config.winds, *how)
     worst = int(np.argmax([_strays(asked, *one[:2]) for one in timed]))
     waited = follow_waiting([asked] * config.winds, maxjax.Follower(config.tolerance), *how)[worst]
-    both = (*timed[worst], timed[worst][0]), waited
-    flights = _filmed(asked, config.since, both[0]), _filmed(asked, config.since, both[1])
+    by_time = *timed[worst], timed[worst][0]  # whose clock is the time
+    flights = _filmed(asked, config.since, by_time), _filmed(asked, config.since, waited)
     keys = jax.random.split(jax.random.key(config.seed), config.winds)
     mean = np.asarray(air_of(jnp.float32(config.wind), keys[worst]).mean)
     config.out.parent.mkdir(parents=True, exist_ok=True)
@@ -122,13 +122,14 @@ def _strays(asked: maxjax.Trajectory, time: np.ndarray, position: np.ndarray) ->
     return float(np.linalg.norm(position - asked.at(time).position, axis=1).max())
 
 
-def _filmed(asked: maxjax.Trajectory, since: float, flown: Sequence[np.ndarray]) -> Filmed:
+def _filmed(asked: maxjax.Trajectory, since: float, flown: Sequence[object]) -> Filmed:
     """What is drawn of a flight: its times, positions, velocities and the times of its clock."""
-    time, position, velocity, clock = flown
+    time, position, velocity, clock = map(np.asarray, flown)
     times = np.arange(0.0, asked.duration, 0.01)
     line = asked.at(times).position
     shown = times >= since
-    aside, nearest = cKDTree(line).query(position)[0], cKDTree(line[shown]).query(position)[1]
+    aside = np.asarray(cKDTree(line).query(position)[0])
+    nearest = cKDTree(line[shown]).query(position)[1]
     touched = summarize_tracking(asked, time, position, velocity, asked.map, clock).contact
     return Filmed(time, position, clock, times[shown][nearest], aside, touched)
 
