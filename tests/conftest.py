@@ -78,6 +78,8 @@ LARGE = (
     "ui/cli/test_cli_places",
     "sim/trials/test_shards",
     "link/test_link_flights",
+    "link/test_recorded_session",
+    "test_airsim",
     "test_origins",
     "test_public_calls.py::test_a_strangers_planner",
     "test_public_calls.py::test_routes_under_vmap",

@@ -72,6 +72,7 @@ class Endpoint:
     mode: str = "STABILIZE"
     start_height: float = 0.0
     events: list[tuple[float, Callable[[Endpoint], None]]] = dataclasses.field(default_factory=list)
+    tap: Callable[[bytes], object] = lambda _: None  # told of each packet, whichever way it goes
 
     def __post_init__(self) -> None:
         self.mode = "POSCTL" if self.autopilot == "px4" and self.mode == "STABILIZE" else self.mode
@@ -116,6 +117,7 @@ class Endpoint:
 
     def write(self, packet: bytes) -> None:
         """One packet to the link; called by pymavlink."""
+        self.tap(packet)
         if self.faults.silent or self._lost():
             return
         for _ in range(1 + self._lost()):
@@ -256,6 +258,7 @@ class Endpoint:
             data, _ = self._socket.recvfrom(4096)
         except (TimeoutError, OSError):
             return
+        self.tap(data)
         if self._lost():
             return
         for _ in range(1 + self._lost()):
