@@ -39,5 +39,7 @@ def triangle_geoms(corners: Float[np.ndarray, "n 3 3"], slots: int) -> Geoms:
     z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     y = np.cross(z, x)
     size = np.stack([np.linalg.norm(first, axis=1), (last * x).sum(axis=1), (last * y).sum(axis=1)], axis=1)
-    arrays = (jnp.asarray(one, jnp.float32) for one in (whole[:, 0], np.stack([x, y, z], axis=2), size))
-    return Geoms(*arrays, (TRIANGLE,) * slots)
+    position, rotation, sizes = (
+        jnp.asarray(one, jnp.float32) for one in (whole[:, 0], np.stack([x, y, z], axis=2), size)
+    )
+    return Geoms(position, rotation, sizes, (TRIANGLE,) * slots)

@@ -35,8 +35,9 @@ def scene(rng: np.random.Generator) -> np.ndarray:
     tower = trimesh.creation.box((6.0, 9.0, 20.0))
     roof = trimesh.creation.cone(radius=5.0, height=6.0)
     slivers = rng.uniform(-15.0, 15.0, (20, 1, 3)) + rng.uniform(-0.05, 0.05, (20, 3, 3)) + np.eye(3) * 2.0
-    moved = (ball.triangles + [12.0, 3.0, 4.0], tower.triangles + [0.0, 0.0, 10.0], roof.triangles + [0.0, 0.0, 20.0])
-    return np.concatenate([*moved, slivers])
+    for mesh, shift in ((ball, (12.0, 3.0, 4.0)), (tower, (0.0, 0.0, 10.0)), (roof, (0.0, 0.0, 20.0))):
+        mesh.apply_translation(shift)
+    return np.concatenate([ball.triangles, tower.triangles, roof.triangles, slivers])
 
 
 def test_rays_agree_with_c_mujoco() -> None:
