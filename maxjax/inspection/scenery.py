@@ -101,7 +101,7 @@ class Scenery:
         both = np.concatenate([origins, points[asked]])
         unit = way / np.maximum(length, 1e-9)[..., None]
         found = self._cast(both.min(axis=0), both.max(axis=0), origins, unit)
-        return asked & (found >= length - TOUCH)
+        return np.asarray(asked & (found >= length - TOUCH))
 
     def _cast(
         self,
