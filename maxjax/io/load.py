@@ -23,6 +23,8 @@ from maxjax.io.geo.vertical_zero import VerticalZero
 from maxjax.io.kinds.bare_ground import terrain_of
 from maxjax.io.kinds.contents import Contents, Facts, facts, voxels
 from maxjax.io.kinds.coverage import closing_unknown, within_data
+from maxjax.io.kinds.footprints import Footprints
+from maxjax.io.kinds.mesh import Mesh
 from maxjax.io.kinds.point_cloud import StoredVoxels
 from maxjax.io.places import Frame, check_in_map, point_at, points_at
 from maxjax.io.reader import read_map
@@ -49,6 +51,7 @@ class MapFile:
         counts: points `inside`, `outside` and `missing`; empty but for points.
         within: columns that lie within the data; beyond, nothing is known.
         terrain: heights of the ground, as numbers; None where the file tells it by voxels, or not at all.
+        contents: what was read, where it has faces (`io.kinds.faces`); else None.
     """
 
     source: str
@@ -61,6 +64,7 @@ class MapFile:
     counts: Mapping[str, int]
     within: Bool[np.ndarray, "nx ny"]
     terrain: Terrain | None = None
+    contents: Footprints | Mesh | None = dataclasses.field(default=None, repr=False)
 
 
 @jax.tree_util.register_dataclass
@@ -167,6 +171,7 @@ def map_of(
         counts=counts,
         within=within,
         terrain=terrain_of(contents, grid) if window.ground is None else Terrain.flat(window.ground, grid),
+        contents=contents if isinstance(contents, Footprints | Mesh) else None,
     )
     return LoadedMap(found.occupied, found.ground, None, grid, file)
 

@@ -19,7 +19,7 @@ from maxjax.io.geo.triangles import Triangles
 
 _FLAT = 1e-9  # of a face's size; turns smaller than that are none
 
-Corners = Float[np.ndarray, "n 3"]
+Corners = Float[np.ndarray, "_ 3"]
 
 
 def convex(faces: Float[np.ndarray, "m n 3"]) -> Bool[np.ndarray, " m"]:
@@ -48,7 +48,7 @@ def newell(ring: Corners) -> Float[np.ndarray, " 3"]:
 
 
 def covering(rings: Sequence[Corners]) -> Triangles:
-    """Triangles that cover a plane polygon with holes, and nothing else.
+    """Triangles that cover a plane polygon with holes, and nothing else; they go around as its outline does.
 
     Args:
         rings: outline and holes [m], last point not repeated.
@@ -75,4 +75,7 @@ def covering(rings: Sequence[Corners]) -> Triangles:
         left, right = left[order], right[order]
         for k in range(0, len(order) - 1, 2):
             found += [[left[k], right[k], right[k + 1]], [left[k], right[k + 1], left[k + 1]]]
-    return np.array(found).reshape(-1, 3, 3)
+    triangles = np.array(found).reshape(-1, 3, 3)
+    # Trapezoids run along u, then along v: around the axis that is left, by the right hand where u is the one after it.
+    along = 1.0 if (u + 1) % 3 == v else -1.0
+    return triangles if along * normal[depth] > 0 else triangles[:, ::-1]

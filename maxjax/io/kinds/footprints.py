@@ -66,6 +66,7 @@ class Shells:
         base: of each, the lowest point of its building [m].
         grounded: of each, whether it is part of a building, which reaches down to the ground.
         names: of each, the file's.
+        buildings: of each, the file's name of the building that it is a part of.
     """
 
     faces: Float[np.ndarray, "f 3 3"]
@@ -76,6 +77,7 @@ class Shells:
     base: Float[np.ndarray, " s"]
     grounded: Bool[np.ndarray, " s"]
     names: tuple[str, ...]
+    buildings: tuple[str, ...] = ()
 
 
 def no_shells() -> Shells:

@@ -54,6 +54,7 @@ class _Piece:
     base: float
     grounded: bool
     name: str
+    building: str
 
 
 def load_cityjson(path: Path, reading: Reading = PLAIN) -> Footprints:
@@ -198,7 +199,7 @@ def _pieces(
                 thin = kind in _LYING or all(len(face[0]) < 3 for face in merged)
                 fill = Fill.INSIDE if solid else Fill.SURFACE if thin else Fill.BELOW
                 all_closed &= solid
-                pieces.append(_Piece(merged, fill, lowest[root[name]], grounded, name))
+                pieces.append(_Piece(merged, fill, lowest[root[name]], grounded, name, root[name]))
             if all_closed or kind in _LYING:
                 break
     standing = {root[name] for name in prisms.union(piece.name for piece in pieces)}
@@ -296,6 +297,7 @@ def _arrays(pieces: list[_Piece], corners: Vertices) -> Shells:
         np.array([piece.base for piece in pieces], np.float64),
         np.array([piece.grounded for piece in pieces], bool),
         tuple(piece.name for piece in pieces),
+        tuple(piece.building for piece in pieces),
     )
 
 

@@ -5,7 +5,8 @@
 `type` is static, the arrays are traced: scenes with equal types differ in data only, so a batch of them is
 one program. Sizes are half-extents: box (hx, hy, hz); ellipsoid semi-axes; sphere (r, 0, 0); capsule (r, h,
 0), its axis along the geom's z, h from the centre to the centre of a cap; plane (0, 0, 1): infinite, solid
-below its z = 0.
+below its z = 0. A triangle, a surface without an inside, has a corner at its centre, another at (a, 0, 0) and the
+third at (b, c, 0); its size is (a, b, c).
 
 Coordinates are float32 in a local frame: the resolution is 8 µm at 100 m, 1 mm at 16 km and 0.25 to 0.5 m at national
 coordinates (4·10⁶ to 8·10⁶ m). A real city is centred before its geoms are made (`real_city.crop`).
@@ -22,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 # Numbers of `mujoco.mjtGeom`, written out so that a city can be made without importing MuJoCo.
-PLANE, SPHERE, CAPSULE, ELLIPSOID, BOX = 0, 2, 3, 4, 6
+PLANE, SPHERE, CAPSULE, ELLIPSOID, BOX, TRIANGLE = 0, 2, 3, 4, 6, 108
 
 # Padding lies below all rays above the ground and below all grids around the city.
 _HIDDEN_POSITION = (0.0, 0.0, -1000.0)

@@ -4,7 +4,8 @@ Every convex solid meets a ray x = o + t d (|d| = 1) in one interval [near, far]
 
     t = near  if near >= 0,    far  if near < 0 <= far (the origin is inside),    infinity otherwise;
 
-the ground plane is met from above only. These are the conventions of C MuJoCo's `mj_ray`, tested case by case.
+the ground plane is met from above only, a triangle from both sides, in an interval of no length. These are the
+conventions of C MuJoCo's `mj_ray`, tested case by case.
 
 `cast_rays` is a fused kernel: origins are moved into each geom's frame once, then a running minimum over the
 geoms is taken over all rays at once, so that memory is O(rays). `mjx_model.cast_rays_mjx` calls MJX, which forms
@@ -24,7 +25,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maxjax.compile.lowering import rotate
-from maxjax.sim.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, Geoms
+from maxjax.sim.worlds.geoms import BOX, CAPSULE, ELLIPSOID, PLANE, SPHERE, TRIANGLE, Geoms
 from maxjax.sim.worlds.movers import Movers, solids_at
 
 # Geoms per loop iteration: one pass over the rays' memory serves this many. Higher values compile longer and run no
@@ -32,6 +33,8 @@ from maxjax.sim.worlds.movers import Movers, solids_at
 _UNROLL = 4
 # Direction components below this count as parallel; its inverse times a city's size is far below float32's maximum.
 _PARALLEL = 1e-12
+# By which triangles are taken larger, so that no ray slips between two that share an edge [m].
+_SEAM = 1e-4
 
 Rays = Float[Array, " r"]
 Vector = Float[Array, "3"]
@@ -169,6 +172,19 @@ def _meet_capsule(origin: Vector, direction: Direction, size: Vector) -> Interva
     return near, far
 
 
+def _meet_triangle(origin: Vector, direction: Direction, size: Vector) -> Interval:
+    """The plane z = 0, within three edges: the first along x, the others left of their lines."""
+    a, b, c = size
+    dx, dy, dz = direction
+    crosses = jnp.abs(dz) > _PARALLEL
+    t = -origin[2] / jnp.where(crosses, dz, 1.0)
+    x, y = origin[0] + t * dx, origin[1] + t * dy
+    second, third = (a - b) * y + c * (x - a), c * x - b * y
+    seam = _SEAM * (jnp.abs(a) + jnp.abs(b) + jnp.abs(c))
+    inside = crosses & (y >= -_SEAM) & (second <= seam) & (third >= -seam)
+    return jnp.where(inside, t, jnp.inf), jnp.where(inside, t, -jnp.inf)
+
+
 def _chord(middle: Rays, squared_depth: Rays, a: Rays) -> Interval:
     """Interval about `middle` in which a line is inside a quadric, from its squared depth there; empty if negative."""
     hit = squared_depth >= 0.0
@@ -182,4 +198,5 @@ _MEET: dict[int, Callable[[Vector, Direction, Vector], Interval]] = {
     CAPSULE: _meet_capsule,
     ELLIPSOID: _meet_ellipsoid,
     BOX: _meet_box,
+    TRIANGLE: _meet_triangle,
 }

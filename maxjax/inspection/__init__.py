@@ -1,0 +1,1 @@
+"""Viewpoints, coverage, surveys and their order: work to fly with a camera."""
