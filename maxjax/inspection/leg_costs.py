@@ -1,0 +1,135 @@
+"""What it costs to fly between places: seconds from rest to rest, around what stands between them.
+
+    c = max(h/v, u/v_up or d/v_down) + v/a        of a straight leg: horizontal way h, climb u or descent d
+
+Legs that stay in free cells are straight. Others cost as much as the cheapest way over other places between which
+straight legs are free; where there is none, the way is found by a flood of the map's free voxels
+(`fields.geodesic`), which counts steps. Costs are taken as the mean of both directions: what is climbed on the way there
+is descended on the way back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float64
+
+from maxjax.fields.geodesic import geodesic
+from maxjax.inspection.free_space import FreeSpace
+from maxjax.planning.path.line_of_sight import Sight, clear, sight_of
+from maxjax.trajectories.limits import PX4_MISSION, FlightLimits
+
+Points = Float64[np.ndarray, "n 3"]
+LegCost = Callable[[Points, Points], Float64[np.ndarray, " n"]]
+"""Cost of straight legs from some places to others [m], in seconds or in any other unit that adds up."""
+
+_TOGETHER = 2**14  # straight legs that are looked along at a time
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeCost:
+    """Seconds of straight legs from rest to rest, and of what is done at their end.
+
+    Attributes:
+        limits: of the vehicle.
+        stay: at each place [s].
+    """
+
+    limits: FlightLimits = PX4_MISSION
+    stay: float = 0.0
+
+    def __call__(self, starts: Points, goals: Points) -> Float64[np.ndarray, " n"]:
+        """See the module."""
+        way = np.asarray(goals, np.float64) - starts
+        limits, length = self.limits, np.linalg.norm(way, axis=1)
+        level = np.hypot(way[:, 0], way[:, 1]) / limits.speed
+        upright = np.maximum(way[:, 2] / limits.ascent, -way[:, 2] / limits.descent)
+        # Too short a way to reach the speed: up and down in the time of a constant acceleration.
+        braking = np.minimum(limits.speed / limits.acceleration, 2.0 * np.sqrt(length / limits.acceleration))
+        return np.asarray(np.maximum(level, upright) + braking + self.stay)
+
+
+def costs_between(places: Points, free: FreeSpace, cost: LegCost) -> Float64[np.ndarray, "n n"]:
+    """What it costs to fly from each place to each, 0 to itself; infinite where no way is free.
+
+    Args:
+        places: in free air [m].
+        free: the air.
+        cost: of straight legs.
+    """
+    count = len(places)
+    first, second = np.triu_indices(count, 1)
+    straight = 0.5 * (cost(places[first], places[second]) + cost(places[second], places[first]))
+    table = np.full((count, count), np.inf)
+    np.fill_diagonal(table, 0.0)
+    seen = straight_legs(places, first, second, free)
+    table[first[seen], second[seen]] = table[second[seen], first[seen]] = straight[seen]
+    return _around(_over_others(table), places, free, cost)
+
+
+def straight_legs(places: Points, first: np.ndarray, second: np.ndarray, free: FreeSpace) -> Bool[np.ndarray, " k"]:
+    """Whether the straight legs between pairs of places are free."""
+    grid = free.grid
+    sight = _sight(jnp.asarray(~free.free))
+    index = ((places - np.array(grid.origin)) / grid.spacing).astype(np.float32)
+    # Near pairs first, so that few calls are as long as the farthest.
+    order = np.argsort(np.abs(index[first] - index[second]).max(axis=1), kind="stable")
+    found = np.zeros(len(first), bool)
+    for part in np.array_split(order, max(1, -(-len(order) // _TOGETHER))):
+        rows = np.resize(part, _TOGETHER) if len(part) else part
+        if len(part):
+            found[part] = np.asarray(_clear(sight, index[first[rows]], index[second[rows]]))[: len(part)]
+    return found
+
+
+def _over_others(table: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, "n n"]:
+    """The cheapest ways over other places (Floyd and Warshall)."""
+    from scipy.sparse.csgraph import floyd_warshall  # half a second that most commands can do without
+
+    return np.asarray(floyd_warshall(np.where(np.isfinite(table), table, np.inf), directed=False))
+
+
+def _around(
+    table: Float64[np.ndarray, "n n"], places: Points, free: FreeSpace, cost: LegCost
+) -> Float64[np.ndarray, "n n"]:
+    """The table with the ways that are found by floods, of pairs that no others join."""
+    rows = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    grid, spacing = free.grid, free.grid.spacing
+    index = np.round((places - np.array(grid.origin)) / spacing).astype(np.int64)
+    air = jnp.asarray(free.free)
+    for k in rows.tolist():
+        others = np.flatnonzero(~np.isfinite(table[k]))
+        if not len(others):
+            continue
+        joined, steps = (np.asarray(one) for one in _flood(air, jnp.asarray(index[k], jnp.int32)))
+        at = tuple(index[others].T)
+        far = spacing * steps[at]
+        # As a level leg of that length, or the straight one where that costs more.
+        level = np.column_stack([far, np.zeros((len(others), 2))])
+        straight = 0.5 * (
+            cost(np.repeat(places[k : k + 1], len(others), 0), places[others])
+            + cost(places[others], np.repeat(places[k : k + 1], len(others), 0))
+        )
+        found = np.where(joined[at], np.maximum(cost(np.zeros_like(level), level), straight), np.inf)
+        table[k, others] = table[others, k] = found
+    return table
+
+
+@jax.jit
+def _flood(air: Bool[Array, "nx ny nz"], seed: Array) -> tuple[Array, Array]:
+    return geodesic(air, seed)
+
+
+@jax.jit
+def _sight(blocked: Bool[Array, "nx ny nz"]) -> Sight:
+    return sight_of(blocked, room=0.5)
+
+
+@functools.partial(jax.jit)
+def _clear(sight: Sight, a: Float[Array, "k 3"], b: Float[Array, "k 3"]) -> Bool[Array, " k"]:
+    return clear(sight, a, b)
