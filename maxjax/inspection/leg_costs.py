@@ -4,8 +4,8 @@
 
 Legs that stay in free cells are straight. Others cost as much as the cheapest way over other places between which
 straight legs are free; where there is none, the way is found by a flood of the map's free voxels
-(`fields.geodesic`), which counts steps. Costs are taken as the mean of both directions: what is climbed on the way there
-is descended on the way back.
+(`fields.geodesic`), which counts steps. Costs are taken as the mean of both directions: what is climbed on the way
+there is descended on the way back.
 """
 
 from __future__ import annotations
