@@ -89,6 +89,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.lidar, ("lidar", "lidar_h200")),
     (tables.onboard_movers, ("onboard_movers",)),
     (tables.ros_node, ("ros_node",)),
+    (tables.link_loss, ("link_loss",)),
     (tables.first_hour, ("first_hour",)),
     (tables.startup, ("startup",)),
     (tables.page, ("page",)),

@@ -4,7 +4,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 """
 
 from benchmarks.tables.flights import flights, lidar, scaling
-from benchmarks.tables.onboard import onboard_movers, ros_node
+from benchmarks.tables.onboard import link_loss, onboard_movers, ros_node
 from benchmarks.tables.plans import cities, plans, verdicts
 from benchmarks.tables.processes import first_hour, fuzz, history, mutations, page, service, startup
 from benchmarks.tables.rivals import rivals
@@ -17,6 +17,7 @@ __all__ = [
     "fuzz",
     "history",
     "lidar",
+    "link_loss",
     "mutations",
     "onboard_movers",
     "page",

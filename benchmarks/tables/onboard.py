@@ -1,4 +1,4 @@
-"""The table of a replanner among movers on board."""
+"""Tables of what runs on board and of the link to a vehicle."""
 
 from __future__ import annotations
 
@@ -39,3 +39,39 @@ def ros_node(document: Document) -> str:
         f"{config['period']:g} s:\n{row['clouds']} clouds, {row['lost']} without an answer. From the publication of a "
         "cloud to the arrival of its path [ms]:\n\n" + table(["median", "99 %", "worst"], [delays])
     )
+
+
+def link_loss(document: Document) -> str:
+    """Of `benchmarks.link_loss`."""
+    rows, config = document["rows"], document["config"]
+    lines = [
+        [
+            f"{100 * row['loss']:.0f} %",
+            f"{1000 * row['delay']:.0f}",
+            *(f"{_number(row[f'{name}_median_s'], 3)} / {_number(row[f'{name}_worst_s'], 3)}" for name in _ANSWERED),
+            f"{row['transfers_failed']} / {row['commands_failed']} / {row['flights_ended']}",
+            *(_number(row[key], digits) for key, digits in (("error_m", 2), ("off_path_m", 2), ("later_s", 1))),
+        ]
+        for row in rows
+    ]
+    return (
+        f"### The link over a bad radio ({device(document)})\n\n"
+        "Over loopback, with a share of the packets lost each way and as many doubled, and each late by so much each "
+        "way.\nTransfer: a mission of six items and a rally point sent, the mission read back and compared; command: "
+        f"until it is answered.\n{config['transfers']} transfers, {config['commands']} commands and "
+        f"{config['flights']} flights a row; a flight follows set-points round a corner at 8 m/s by the clock that "
+        f"waits,\ntolerance {config['tolerance']:g} m, and its columns are the worst of both.\n\n"
+        + table(
+            ["lost", "late [ms]", "transfer [s]: median / worst", "command [s]: median / worst",
+             "failed: transfers / commands / flights", "from the set-point [m]", "off the path", "later [s]"],
+            lines,
+        )
+    )  # fmt: skip
+
+
+_ANSWERED = ("transfer", "command")
+
+
+def _number(value: float | None, digits: int) -> str:
+    text = "" if value is None else f"{value:.{digits}f}"
+    return text if text and float(text) else text.lstrip("-")

@@ -62,17 +62,17 @@ async def transfer(vehicle: Vehicle, plan: str) -> list[Any]:
 
 
 async def _retried(what: str, action: Any, *given: Any) -> Any:
-    """A transfer, which is tried again where packets are lost."""
+    """A transfer, which is tried again where packets are lost, or a doubled one of the transfer before breaks it."""
     from mavsdk.plugins.mission_raw import MissionRawError, MissionRawResult
 
     for left in reversed(range(_TRIES)):
         try:
             return await asyncio.to_thread(action, *given)
         except MissionRawError as error:
-            if error.result == MissionRawResult.TIMEOUT and left:
+            lost = error.result in (MissionRawResult.TIMEOUT, MissionRawResult.PROTOCOL_ERROR)
+            if lost and left:
                 continue
             said = error.result.name.lower().replace("_", " ")
-            lost = error.result == MissionRawResult.TIMEOUT
             hint = "come nearer, or use a better radio" if lost else "the autopilot does not fly such items"
             items = f"{len(given[0])} items" if given else "a request for its items"
             raise LinkError(

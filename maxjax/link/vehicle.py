@@ -20,7 +20,7 @@ import numpy as np
 
 from maxjax.link.address import connection_of
 from maxjax.link.errors import LinkError
-from maxjax.link.modes import MODES, Modes
+from maxjax.link.flight_modes import MODES, Modes
 
 ARM, SET_MODE, TAKE_OFF, START_MISSION, INTERVAL = 400, 176, 22, 300, 511
 _WANTED = {  # and how often [s]

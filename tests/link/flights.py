@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.common.link_course import at_home, fly, free_port
+from benchmarks.common.mavlink_endpoint import Endpoint, Faults
 from maxjax.link.flight_task import Company
 from maxjax.link.session import LinkFlight
-from tests.link.endpoint import Endpoint, Faults
-from tests.link.scenes import at_home, flown, free_port
 
 HEAD_WIND = (0.0, -8.0, 0.0)  # against a flight to the east
 _MIDWAY = "3."  # what is told of a flight on its way
@@ -121,7 +121,7 @@ def fly_named(name: str, folder: Path) -> Flown:
                 done.append(True)
                 act(vehicle, company)
 
-        flight = flown(vehicle, folder, during, **{"arm": True, **how})
+        flight = fly(vehicle, folder, during, **{"arm": True, **how})
         points = np.array([[time, *place] for time, place in vehicle.set_points]).reshape(-1, 4)
         commands = tuple(item.command for item in vehicle.items)
         return Flown(

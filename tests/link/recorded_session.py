@@ -19,8 +19,8 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.link.endpoint import mavlink
-from tests.link.scenes import at_home, flown, free_port
+from benchmarks.common.link_course import at_home, fly, free_port
+from benchmarks.common.mavlink_endpoint import mavlink
 
 SESSION = Path(__file__).with_name("session.tlog")
 FASTER = 2.0  # than it was recorded
@@ -76,7 +76,7 @@ def write_session(file: Path) -> None:
     """Fly the mission of the link's tests, and write what was said."""
     recorder = Recorder()
     with tempfile.TemporaryDirectory() as folder, at_home(free_port(), tap=recorder) as vehicle:
-        flight = flown(vehicle, Path(folder), arm=True)
+        flight = fly(vehicle, Path(folder), arm=True)
     if flight.sentence:
         raise SystemExit(flight.sentence)
     file.write_bytes(b"".join(recorder.rows))

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("mavsdk", reason="needs mavsdk (extra mavlink)")
 pytest.importorskip("pymavlink", reason="needs pymavlink (extra dev)")
 
+from benchmarks.common.link_course import PATH
 from tests.link.flights import FLIGHTS, Flown, fly_named
-from tests.link.scenes import PATH
 
 Flights = Callable[[str], Flown]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import csv
 import itertools
 import types
@@ -11,16 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip("pymavlink", reason="needs pymavlink (extra dev)")
+
+from benchmarks.common.link_course import EARTH, GROUND, PATH, trajectory
 from maxjax.io.export.setpoints import LocalOrigin
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.link.address import connection_of, is_address
 from maxjax.link.clearance_watch import ClearanceWatch
+from maxjax.link.errors import LinkError
 from maxjax.link.flight_log import COLUMNS, Look, open_log
+from maxjax.link.flight_modes import MODES
 from maxjax.link.flight_task import FlightTask
 from maxjax.link.frame import LocalFrame
-from maxjax.link.mission_transfer import differences
-from maxjax.link.modes import MODES
-from tests.link.scenes import EARTH, GROUND, PATH, trajectory
+from maxjax.link.mission_transfer import differences, transfer
 
 
 @pytest.mark.parametrize(
@@ -99,6 +103,39 @@ def test_items_that_differ_are_named() -> None:
         (wrong,) = differences(sent, stored, ardupilot=True)
         assert wrong.startswith(f"item 2: expected {next(iter(change))}")
     assert differences(sent, sent[:3], ardupilot=True) == ["given 3 items for 4"]
+
+
+@pytest.mark.parametrize(
+    ("ends", "sentence"),
+    [
+        (("TIMEOUT", "PROTOCOL_ERROR"), ""),
+        (("PROTOCOL_ERROR",) * 3, "given: protocol error; nothing was armed: come nearer, or use a better radio"),
+        (("UNSUPPORTED",), "given: unsupported; nothing was armed: the autopilot does not fly such items"),
+    ],
+)
+def test_a_transfer_is_tried_again_where_packets_are_lost_or_doubled(ends: tuple[str, ...], sentence: str) -> None:
+    raw = pytest.importorskip("mavsdk.plugins.mission_raw", reason="needs mavsdk (extra mavlink)")
+    left = list(ends)
+
+    def upload(_: object) -> None:
+        if left:
+            raise raw.MissionRawError(raw.MissionRawResult[left.pop(0)], "upload_mission()")
+
+    found = types.SimpleNamespace(mission_items=[], geofence_items=[], rally_items=[])
+    missions = types.SimpleNamespace(
+        import_qgroundcontrol_mission_from_string=lambda _: found,
+        upload_mission=upload,
+        upload_geofence=upload,
+        upload_rally_points=upload,
+        download_mission=list,
+    )
+    vehicle: Any = types.SimpleNamespace(missions=missions, modes=MODES[12])
+    if sentence:
+        with pytest.raises(LinkError, match=sentence):
+            asyncio.run(transfer(vehicle, "{}"))
+    else:
+        assert asyncio.run(transfer(vehicle, "{}")) == []
+    assert left == []
 
 
 def test_what_has_to_be_kept_is_the_radius_or_what_an_end_has() -> None:

@@ -15,9 +15,9 @@ import pytest
 pytest.importorskip("mavsdk", reason="needs mavsdk (extra mavlink)")
 pytest.importorskip("pymavlink", reason="needs pymavlink (extra dev)")
 
+from benchmarks.common.link_course import PATH, fly, free_port
 from maxjax.link.session import LinkFlight
 from tests.link.recorded_session import SESSION, Replay, asked_of, read_session
-from tests.link.scenes import PATH, flown, free_port
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ def play(folder: Path) -> Played:
     """Fly the same mission against the recorded vehicle."""
     told, port = list[str](), free_port()
     with Replay(read_session(SESSION), port) as vehicle:
-        flight = flown(vehicle, folder, lambda _, said: told.append(said), arm=True)
+        flight = fly(vehicle, folder, lambda _, said: told.append(said), arm=True)
         return Played(vehicle.said, vehicle.wrong, told, flight)
 
 

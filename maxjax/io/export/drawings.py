@@ -19,6 +19,9 @@ from html import escape
 import numpy as np
 from jaxtyping import Float64
 
+from maxjax.io.geo.earth import Earth
+from maxjax.planning.mission import Mission
+
 _KML = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2">
   <Document>
@@ -108,3 +111,27 @@ def kml_text(drawings: Sequence[Drawing], name: str, said: str) -> str:
             geometry = f"      <MultiGeometry>\n{geometry}\n      </MultiGeometry>"
         placemarks.append(_PLACEMARK.format(name=escape(one.name, quote=False), geometry=geometry))
     return _KML.format(name=escape(name, quote=False), said=escape(said, quote=False), placemarks="\n".join(placemarks))
+
+
+def drawings_of(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:
+    """A line for each leg, and a point for each waypoint between them."""
+    places, drawings = earth.geodetic(mission.path), []
+    for k, leg in enumerate(mission.legs):
+        first, last = mission.places[k : k + 2].tolist()
+        known: dict[str, float | str] = {
+            "length_m": leg.length,
+            "radius_m": leg.radius,
+            "clearance_m": _finite(leg.clearance),
+        }
+        known["speed_m_s"] = min(mission.waypoints[k + 1].speed or speed, speed)
+        said = "; ".join(str(one) for one in mission.near if one.number in (k, k + 1))
+        known |= {"radius_not_kept": said} if said else {}
+        drawings.append(Drawing(f"leg {k + 1}", places[first : last + 1], known))
+    for k, waypoint in enumerate(mission.waypoints[1:-1], 1):
+        at = mission.places[k]
+        drawings.append(Drawing(f"waypoint {k}", places[at : at + 1], {"hover_s": waypoint.hover or 0.0}))
+    return drawings
+
+
+def _finite(number: float) -> float | str:
+    return number if math.isfinite(number) else "infinite"

@@ -27,11 +27,11 @@ from maxjax.core.status import Status
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.as_flown import AsFlown, add_to_keep, judge_lines
 from maxjax.io.export.autopilot import BOTH, Autopilot
-from maxjax.io.export.drawings import Drawing, geojson_text, kml_text
-from maxjax.io.export.endings import FROM_HOME, IN_TIME, ON_EARTH, STOPPING, ending_of, is_ned
-from maxjax.io.export.fastest import fastest, judged
-from maxjax.io.export.items import Feet
-from maxjax.io.export.read_back import Standing, lines_in_bag
+from maxjax.io.export.drawings import drawings_of, geojson_text, kml_text
+from maxjax.io.export.endings import FROM_HOME, IN_TIME, ON_EARTH, STOPPING, ending_of
+from maxjax.io.export.fastest import fastest, judge_text
+from maxjax.io.export.home_ground import feet_of, origin_of, standings_of
+from maxjax.io.export.read_back import lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
 from maxjax.io.export.stops import LIMITS, space_out
@@ -45,6 +45,30 @@ from maxjax.trajectories.trajectory import Trajectory
 
 _EVERY = 0.05  # between set-points and poses [s]
 _SPEED = 5.0  # of a mission whose plan has no trajectory [m/s]; PX4's MPC_XY_CRUISE
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ExportOptions:
+    """The keywords of `export`, checked.
+
+    Raises:
+        ValueError: if the ground is no height.
+    """
+
+    earth: Earth | None = None
+    ground: float | None = None
+    airspace: Airspace | None = None
+    takeoff_and_landing: bool | None = None
+    autopilot: Autopilot | None = None
+
+    def __post_init__(self) -> None:
+        if self.ground is not None and not math.isfinite(self.ground):
+            raise ValueError(f"ground: expected a height in metres, given {self.ground}")
+
+    @property
+    def autopilots(self) -> tuple[Autopilot, ...]:
+        """Those that a file of waypoints is judged for."""
+        return BOTH if self.autopilot is None else (self.autopilot,)
 
 
 def check_export(file: Path, *, on_earth: bool, in_time: bool = True) -> None:
@@ -119,43 +143,49 @@ def export(  # noqa: PLR0913 (the keywords of a public call)
         ImportError: if a package is missing that the format needs.
         OSError: if it cannot be written.
     """
-    file = Path(file)
+    options = ExportOptions(earth, ground, airspace, takeoff_and_landing, autopilot)
+    return _write(Path(file), flight, options)
+
+
+def _write(file: Path, flight: Plan | Mission | Trajectory, options: ExportOptions) -> AsFlown:
+    """Write what was asked for, and judge it before it takes its place."""
     timed = flight if isinstance(flight, Trajectory) else None
     plan = flight.plan if isinstance(flight, Trajectory) else flight
-    earth = plan.map.earth if earth is None and isinstance(plan.map, LoadedMap) else earth
+    ground, landing = options.ground, options.takeoff_and_landing
+    earth = plan.map.earth if options.earth is None and isinstance(plan.map, LoadedMap) else options.earth
     check_export(file, on_earth=earth is not None, in_time=timed is not None)
     place = None if earth is None else place_for(file, earth)
     if plan.status != Status.OK:
         raise ValueError(f"{file}: expected a plan that is OK, given {plan.status.name}; nothing was written")
     mission, ending = plan if isinstance(plan, Mission) else Mission.of_plan(plan), ending_of(file)
-    if ground is not None and not math.isfinite(ground):
-        raise ValueError(f"ground: expected a height in metres, given {ground}")
-    standings, near = _standings(mission, place, ground), tuple(map(str, mission.near))
+    standings, near = standings_of(mission, place, ground), tuple(map(str, mission.near))
     true = Accuracy() if place is None or ending not in ON_EARTH else _accuracy(file, place, mission)
     asked = _asked(file, mission, true)
     near += (str(true),) if true.metres else ()
     if ending == ".rosbag" and timed is not None:
         return dataclasses.replace(_bag(file, timed, mission), remarks=near)
-    in_time, autopilots = timed is not None and ending in IN_TIME, BOTH if autopilot is None else (autopilot,)
+    in_time = timed is not None and ending in IN_TIME
     text: str | bytes = ""
     made: tuple[WaypointFile, Made] | None = None
     if timed is not None and in_time:
-        text = _in_time(file, timed, _origin(file, mission, ground, earth))
+        text = _in_time(file, timed, origin_of(file, mission, ground, earth))
     elif earth is None or place is None:
         raise ValueError(f"{file}: expected a map with a place on Earth; give earth=")
     elif ending in FROM_HOME:
-        feet = _feet(file, mission, ground, takeoff_and_landing is True)
-        given = WaypointFile(file, asked, place, _speed(flight), feet, airspace, autopilots, standings, near)
-        given = given.taking_off() if takeoff_and_landing is None else given
+        feet, pilots = feet_of(file, mission, ground, landing is True), options.autopilots
+        given = WaypointFile(file, asked, place, _speed(flight), feet, options.airspace, pilots, standings, near)
+        given = given.taking_off() if landing is None else given
         made = given, given.made()
     else:
-        drawings, said = _drawings(mission, place, _speed(flight)), f"heights {earth.zero}{true.clause}"
+        drawings, said = drawings_of(mission, place, _speed(flight)), f"heights {earth.zero}{true.clause}"
         text = kml_text(drawings, file.stem, said) if ending == ".kml" else geojson_text(drawings, said)
     try:
         if made is not None:
             text, flown = fastest(*made)
         else:
-            flown = dataclasses.replace(judged(file, text, asked, timed if in_time else None, standings), remarks=near)
+            flown = dataclasses.replace(
+                judge_text(file, text, asked, timed if in_time else None, standings), remarks=near
+            )
     except ValueError as error:
         raise ValueError(f"{error}{_more_to_keep(mission, true)}") from error
     atomic_write(file, text)
@@ -234,72 +264,8 @@ def write_parameters(file: Path, flown: AsFlown) -> list[Path]:
     return written
 
 
-def _standings(mission: Mission, earth: Earth | None, ground: float | None) -> tuple[Standing, ...]:
-    """Where the vehicle may stand: where only voxels tell the ground, up to a voxel lower as well."""
-    terrain = mission.map.terrain
-    found = [Standing(earth, terrain, ground)]
-    lower = terrain.at(*mission.path[0, :2].tolist()) - terrain.doubt
-    if ground is None and terrain.doubt > 0.0 and not math.isnan(lower):
-        found.append(Standing(earth, terrain, lower))
-    return tuple(found)
-
-
-def counts_from_home(file: Path) -> bool:
-    """Whether heights in a file count from the ground at home."""
-    ending = ending_of(file)
-    return ending in FROM_HOME or is_ned(file)
-
-
-def _home(file: Path, mission: Mission, ground: float | None) -> float:
-    """Height of the ground below the start [m]; raises a `ValueError` where it is unknown."""
-    x, y, _ = mission.path[0].tolist()
-    home = mission.map.terrain.at(x, y) if ground is None else ground
-    if math.isnan(home):
-        raise ValueError(f"{file}: expected a map with ground below the start; give its height, as ground=0.0")
-    return home
-
-
-def _feet(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:
-    """Where the ground is; raises a `ValueError` where that is unknown."""
-    home, (x, y, _) = _home(file, mission, ground), mission.path[-1].tolist()
-    goal = mission.map.terrain.at(x, y)
-    if landing and math.isnan(goal):
-        raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
-    return Feet(home, goal if landing else None, takes_off=landing)
-
-
-def _origin(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:
-    """Where NED counts from, home; None for a file that is none."""
-    x, y, _ = mission.path[0].tolist()
-    return LocalOrigin((x, y, _home(file, mission, ground)), earth) if counts_from_home(file) else None
-
-
 def _in_time(file: Path, trajectory: Trajectory, origin: LocalOrigin | None) -> str:
     motion = trajectory.sampled(_EVERY)
     if ending_of(file) == ".tum":
         return tum_text(motion)
     return setpoint_text(motion, origin)
-
-
-def _drawings(mission: Mission, earth: Earth, speed: float) -> list[Drawing]:
-    """A line for each leg, and a point for each waypoint between them."""
-    places, drawings = earth.geodetic(mission.path), []
-    for k, leg in enumerate(mission.legs):
-        first, last = mission.places[k : k + 2].tolist()
-        known: dict[str, float | str] = {
-            "length_m": leg.length,
-            "radius_m": leg.radius,
-            "clearance_m": _finite(leg.clearance),
-        }
-        known["speed_m_s"] = min(mission.waypoints[k + 1].speed or speed, speed)
-        said = "; ".join(str(one) for one in mission.near if one.number in (k, k + 1))
-        known |= {"radius_not_kept": said} if said else {}
-        drawings.append(Drawing(f"leg {k + 1}", places[first : last + 1], known))
-    for k, waypoint in enumerate(mission.waypoints[1:-1], 1):
-        at = mission.places[k]
-        drawings.append(Drawing(f"waypoint {k}", places[at : at + 1], {"hover_s": waypoint.hover or 0.0}))
-    return drawings
-
-
-def _finite(number: float) -> float | str:
-    return number if math.isfinite(number) else "infinite"

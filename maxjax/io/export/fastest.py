@@ -15,7 +15,7 @@ from pathlib import Path
 from maxjax.io.export.as_flown import AWAY, AsFlown, judge_lines
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.read_back import Standing, lines_in
-from maxjax.io.export.thinning import left_out, thinned_missions
+from maxjax.io.export.thinning import left_out, thinnings
 from maxjax.io.export.waypoint_file import Made, WaypointFile
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Trajectory
@@ -23,7 +23,7 @@ from maxjax.trajectories.trajectory import Trajectory
 _WORTH = 0.98  # of the time: what gains less stays as it was planned
 
 
-def judged(
+def judge_text(
     file: Path,
     text: str | bytes,
     mission: Mission,
@@ -51,18 +51,18 @@ def fastest(given: WaypointFile, made: Made) -> tuple[str | bytes, AsFlown]:
     Raises:
         ValueError: if that one would lead elsewhere, or too near to something.
     """
-    flown = _judged(given, made)
+    flown = _judge(given, made)
     said = [*made.remarks]
     if flown.flights:
         whole, least = flown, flown.clearance - AWAY
-        thinner = [given.without(mission) for mission in thinned_missions(given.mission)]
+        thinner = [given.without(mission) for mission in thinnings(given.mission)]
         hopes = [one.shortest() for one in thinner]
         for hope, one in sorted(zip(hopes, thinner, strict=True), key=lambda pair: pair[0]):
             if hope >= flown.duration or hope >= _WORTH * whole.duration:
                 break
             text = one.made()
             try:
-                found = _judged(one, text)
+                found = _judge(one, text)
             except ValueError:
                 continue  # which one with more waypoints may pass
             if found.clearance >= least and found.duration < min(flown.duration, _WORTH * whole.duration):
@@ -80,6 +80,6 @@ def fastest(given: WaypointFile, made: Made) -> tuple[str | bytes, AsFlown]:
     return made.text, flown
 
 
-def _judged(given: WaypointFile, made: Made) -> AsFlown:
+def _judge(given: WaypointFile, made: Made) -> AsFlown:
     autopilots = given.autopilots if made.autopilots else ()
-    return judged(given.file, made.text, given.mission, None, given.standings, autopilots)
+    return judge_text(given.file, made.text, given.mission, None, given.standings, autopilots)

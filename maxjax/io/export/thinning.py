@@ -39,7 +39,7 @@ def _thin(mission: Mission, tolerance: float, shortcuts: _Shortcuts) -> Mission:
     return dataclasses.replace(mission, path=mission.path[kept], places=np.searchsorted(kept, mission.places))
 
 
-def thinned_missions(mission: Mission) -> Iterator[Mission]:
+def thinnings(mission: Mission) -> Iterator[Mission]:
     """The mission thinned by each of the tolerances, where that leaves anything out, the same one once."""
     counts, shortcuts = {len(mission.path)}, _shortcuts(mission)
     for tolerance in TOLERANCES:

@@ -10,7 +10,8 @@ from maxjax.api import trajectory
 from maxjax.io.export.as_flown import AsFlown
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.endings import ON_EARTH, ending_of
-from maxjax.io.export.export import check_export, counts_from_home, export, place_for, write_parameters
+from maxjax.io.export.export import check_export, export, place_for, write_parameters
+from maxjax.io.export.home_ground import counts_from_home
 from maxjax.planning.mission import Mission
 from maxjax.planning.plan import Plan
 from maxjax.trajectories.trajectory import Trajectory

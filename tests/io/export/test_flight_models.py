@@ -24,7 +24,7 @@ from maxjax.io.export.flown_track import fly_track, set_point_duration
 from maxjax.io.export.halts import halts_of
 from maxjax.io.export.read_back import Lines
 from maxjax.io.export.s_curve import LegLimits, SCurve
-from maxjax.io.export.thinning import left_out, thin, thinned_missions
+from maxjax.io.export.thinning import left_out, thin, thinnings
 from maxjax.io.geo.earth import TangentPlane
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
@@ -222,7 +222,7 @@ def test_thinning_keeps_waypoints_and_stays_near() -> None:
         np.testing.assert_array_equal(found.path[found.places], ROUND[PLACES])
         gone = left_out(mission, found)
         np.testing.assert_array_equal(np.delete(mission.path, gone, axis=0), found.path)
-    counts = [len(one.path) for one in thinned_missions(mission)]
+    counts = [len(one.path) for one in thinnings(mission)]
     assert len(set(counts)) == len(counts) > 2
 
 
@@ -328,7 +328,7 @@ def test_a_faster_file_that_is_less_clear_is_not_taken(tmp_path: Path, monkeypat
     path = np.column_stack([x, 9.6 + 0.6 * np.exp(-(((x - 40.5) / 20.0) ** 2)), np.full(12, 5.0)])
     plan = bare_plan(where, path, maxjax.Distances(1.0, 1.0), clearance=3.0, clearance_at=np.full(12, 3.0))
     straight = dataclasses.replace(Mission.of_plan(plan), path=path[[0, -1]], places=np.array([0, 1]))
-    monkeypatch.setattr(fastest, "thinned_missions", lambda mission: iter([straight]))
+    monkeypatch.setattr(fastest, "thinnings", lambda mission: iter([straight]))
     earth = TangentPlane(52.0, 4.3, 0.0)
     found = export(tmp_path / "a.plan", plan, earth=earth, ground=0.0, autopilot=Autopilot.arducopter())
     assert found.left_out == ()

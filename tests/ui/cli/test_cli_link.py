@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip("pymavlink", reason="needs pymavlink (extra dev)")
+
+from benchmarks.common.link_course import EARTH, GROUND, PATH, trajectory
 from maxjax.core.interruption import ending_by
 from maxjax.link.flight_log import Look
 from maxjax.link.flight_task import Company, FlightTask
 from maxjax.link.session import LinkFlight
 from maxjax.ui.cli import link_command as command
 from maxjax.ui.cli import main
-from tests.link.scenes import EARTH, GROUND, PATH, trajectory
 
 pytest.importorskip("matplotlib")
 

@@ -3,25 +3,25 @@
     ẍ = sat(a) − c (ẋ − w)|ẋ − w|,   |a| ≤ `thrust` in the plane          NED, semi-implicit Euler at 50 Hz
 
 It knows nothing of maxjax. It sends to the address that the link listens at, over loopback; what it sends and receives
-may be lost or doubled, and `faults` make it misbehave when they are asked to.
+may be late, lost or doubled, and `faults` make it misbehave when they are asked to.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
-import random
-import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import pytest
+from jaxtyping import Float64
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason="needs pymavlink (extra dev)")
+from benchmarks.common.lossy_socket import LossySocket
+
+Vector = Float64[np.ndarray, "3"]
 
 STEP = 0.02
 METRE = 1.0 / 111319.49  # of a degree of latitude
@@ -43,6 +43,7 @@ class Faults:
     """What goes wrong; all of it may be changed while it flies."""
 
     loss: float = 0.0  # share of packets lost, each way, and as many doubled
+    delay: float = 0.0  # of each packet, each way [s]
     ekf: int = EKF_READY
     healthy: bool = True
     local: bool = True  # whether LOCAL_POSITION_NED is sent
@@ -78,7 +79,7 @@ class Endpoint:
         self.mode = "POSCTL" if self.autopilot == "px4" and self.mode == "STABILIZE" else self.mode
         self.position = np.array([-self.origin[0], -self.origin[1], -self.start_height])
         self.velocity = np.zeros(3)
-        self.target: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.target: tuple[Vector, Vector, Vector] | None = None
         self.heard = -math.inf  # the last set-point
         self.timed_out = 0
         self.items: list[Any] = []
@@ -86,20 +87,17 @@ class Endpoint:
         self.current = 0
         self.held = 0.0
         self.arm_requests = 0
-        self._partner, self._kind, self._asked = (245, 190), 0, 0.0
+        self._partner: Sequence[int] = (245, 190)
+        self._kind, self._asked = 0, 0.0
         self.stopped = self.position.copy()
-        self.set_points: list[tuple[float, np.ndarray]] = []
-        self.track: list[tuple[float, np.ndarray]] = []
+        self.set_points: list[tuple[float, Vector]] = []
+        self.track: list[tuple[float, Vector]] = []
         self.takeoff = 0.0
         self.flown_since: float | None = None
         self._stop = threading.Event()
-        self._random = random.Random(0)
-        self._lock = threading.Lock()
 
     def __enter__(self) -> Endpoint:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(0.001)
+        self._socket = LossySocket(self.port, self.faults.loss, self.faults.delay)
         self._link = mavlink.MAVLink(self, srcSystem=self.system, srcComponent=1)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -118,14 +116,8 @@ class Endpoint:
     def write(self, packet: bytes) -> None:
         """One packet to the link; called by pymavlink."""
         self.tap(packet)
-        if self.faults.silent or self._lost():
-            return
-        for _ in range(1 + self._lost()):
-            with contextlib.suppress(OSError):
-                self._socket.sendto(packet, ("127.0.0.1", self.port))
-
-    def _lost(self) -> bool:
-        return self._random.random() < self.faults.loss
+        if not self.faults.silent:
+            self._socket.send(packet)
 
     @property
     def _boot(self) -> int:
@@ -140,7 +132,7 @@ class Endpoint:
             self._link.heartbeat_send(2, kind, base, custom, 4 if self.armed else 3)
             health = HEALTHY if faults.healthy else HEALTHY & ~0x10000000
             self._link.sys_status_send(HEALTHY, HEALTHY, health, 100, 12000, 100, 80, 0, 0, 0, 0, 0, 0)
-            landed = 1 if d > -0.1 - 0.0 and not self.velocity.any() else 2
+            landed = 1 if d > -0.1 and not self.velocity.any() else 2
             self._link.extended_sys_state_send(0, landed)
             if self.autopilot == "px4":
                 self._link.estimator_status_send(1000 * self._boot, faults.ekf, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -214,12 +206,12 @@ class Endpoint:
         if round(now / STEP) % 3 == 0:
             self.track.append((now, self.position.copy()))
 
-    def _with_wind(self, wanted: np.ndarray, drag: np.ndarray) -> np.ndarray:
+    def _with_wind(self, wanted: Float64[np.ndarray, "2"], drag: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
         """Thrust against the drag as well, as far as there is any."""
         whole = wanted - drag
-        return whole * min(1.0, self.thrust / max(float(np.linalg.norm(whole)), 1e-9))
+        return np.asarray(whole * min(1.0, self.thrust / max(float(np.linalg.norm(whole)), 1e-9)))
 
-    def _auto(self) -> tuple[np.ndarray, np.ndarray]:
+    def _auto(self) -> tuple[Vector, Vector]:
         """Where the current item leads, at 5 m/s."""
         while self.current < len(self.items) and self.items[self.current].command not in (16, 21, 22):
             self.current += 1
@@ -254,14 +246,8 @@ class Endpoint:
     # What it hears.
 
     def _receive(self) -> None:
-        try:
-            data, _ = self._socket.recvfrom(4096)
-        except (TimeoutError, OSError):
-            return
-        self.tap(data)
-        if self._lost():
-            return
-        for _ in range(1 + self._lost()):
+        for data in self._socket.receive():
+            self.tap(data)
             for message in self._parser.parse_buffer(data) or []:
                 handler = getattr(self, "_on_" + message.get_type().lower(), None)
                 if handler is not None and getattr(message, "target_system", self.system) in (0, self.system):
@@ -272,9 +258,6 @@ class Endpoint:
         self._link.command_ack_send(message.command, self._obey(message.command, parameters))
 
     def _on_command_int(self, message: Any) -> None:
-        self._on_command_long_like(message)
-
-    def _on_command_long_like(self, message: Any) -> None:
         parameters = [message.param1, message.param2, message.param3, message.param4, message.x, message.y, message.z]
         self._link.command_ack_send(message.command, self._obey(message.command, parameters))
 
