@@ -97,6 +97,18 @@ class Windows(NamedTuple):
         x, y, z = self.shapes[0].tolist()
         return x, y, z
 
+    def cut(
+        self, maps: Shaped[np.ndarray, "m nx ny nz"], map_of: Int64[np.ndarray, " b"], halo: int, beyond: float
+    ) -> Shaped[np.ndarray, "b hx hy hz"]:
+        """Volumes of maps as the windows show them, with so much around them and `beyond` where a map ends."""
+        found = np.empty((len(self.bounds), *(n + 2 * halo for n in self.shape)), maps.dtype)
+        for rows in (np.flatnonzero(~self.turned), np.flatnonzero(self.turned)):
+            if rows.size:
+                low = self.corners[rows] - halo
+                shown = voxels_in(Boxes(maps, map_of[rows], low, low + self.sizes[rows] + 2 * halo - 1), beyond)
+                found[rows] = shown.swapaxes(1, 2) if self.turned[rows[0]] else shown
+        return found
+
     def some(self, rows: Rows) -> Windows:
         """Those of some of the problems."""
         return Windows(*(numbers[rows] for numbers in self))
@@ -212,20 +224,10 @@ class View:
             return {name: some.task.each(volume) for name, volume in volumes.items()}
         # A price ends with a window, and beyond the map a metre costs 1.
         around = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
-        return {name: some._cut(volumes[name], halo, beyond) for name, (halo, beyond) in around.items()}
-
-    def _cut(self, volume: np.ndarray, halo: int, beyond: float) -> np.ndarray:
-        """A volume of the maps as the windows show it, with so much around them."""
-        assert self.windows is not None
-        turned = self.windows.turned
-        found = np.empty((len(self), *(n + 2 * halo for n in self.windows.shape)), volume.dtype)
-        for rows in (np.flatnonzero(~turned), np.flatnonzero(turned)):
-            if rows.size:
-                task, windows = self.task.some(rows), self.windows.some(rows)
-                boxes = Boxes(*task.stacked(volume), windows.corners - halo, windows.corners + windows.sizes + halo - 1)
-                shown = voxels_in(boxes, beyond)
-                found[rows] = shown.swapaxes(1, 2) if windows.turned[0] else shown
-        return found
+        return {
+            name: some.windows.cut(*some.task.stacked(volumes[name]), halo, beyond)
+            for name, (halo, beyond) in around.items()
+        }
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""

@@ -15,7 +15,7 @@ from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE
 from maxjax.ui.page.page_map import Band, City
 from maxjax.ui.page.slices import Axis, Slice
-from maxjax.ui.page.waypoint_list import WaypointList
+from maxjax.ui.page.waypoint_editor import WaypointEditor
 from maxjax.ui.request import Request
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Controls:
     goal: Any
     click: Any
     above: Any
-    list: WaypointList
+    list: WaypointEditor
     method: Any
     radius: Any
     margin: Any
@@ -111,7 +111,7 @@ def add_controls(
     gui: GuiApi,
     city: City,
     request: Request,
-    listed: Callable[[GuiApi], WaypointList],
+    listed: Callable[[GuiApi], WaypointEditor],
     *,
     on_earth: bool,
     dark: bool,

@@ -27,7 +27,7 @@ from maxjax.ui.page.page_map import City, hit
 from maxjax.ui.page.server import look_at, set_theme
 from maxjax.ui.page.slices import Field, Slice, field_of, picture
 from maxjax.ui.page.stage import Stage
-from maxjax.ui.page.waypoint_list import Ground, WaypointList
+from maxjax.ui.page.waypoint_editor import Ground, WaypointEditor
 from maxjax.ui.page.worker import Worker
 from maxjax.ui.request import Request
 
@@ -111,13 +111,13 @@ class PlanPage:
         """Visit a place [m] before the goal."""
         self.change((*self._stops[:-1], Waypoint(place), self._stops[-1]))
 
-    def _listed(self, gui: GuiApi) -> WaypointList:
+    def _listed(self, gui: GuiApi) -> WaypointEditor:
         """The fields of the waypoints."""
 
         def refuse(why: str) -> None:
             self._say(f"### Not a waypoint yet\n{why[:200].translate(_PLAIN)}")
 
-        return WaypointList(gui, tuple(self._stops), Ground(self._earth, self._city.terrain), self.change, refuse)
+        return WaypointEditor(gui, tuple(self._stops), Ground(self._earth, self._city.terrain), self.change, refuse)
 
     def _place_handles(self) -> None:
         """A handle to drag for each waypoint, with its ball and name; those that are there stay."""

@@ -26,7 +26,7 @@ from maxjax.ui.page.draw import answer_scene, city_scene, ends_scene
 from maxjax.ui.page.nodes import Lines, Surface
 from maxjax.ui.page.page_map import City, first_ends, hit
 from maxjax.ui.page.slices import Field, Slice, picture
-from maxjax.ui.page.waypoint_list import Ground, WaypointList
+from maxjax.ui.page.waypoint_editor import Ground, WaypointEditor
 from maxjax.ui.page.worker import Worker
 from maxjax.ui.request import Request
 from tests.ui.page.test_surface import area_vectors
@@ -51,10 +51,10 @@ def town(origin: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> City:
     return City("town", maxjax.VoxelMap.of(occupied, spacing=2.0, origin=origin, ground=ground))
 
 
-def listed(request: Request) -> Callable[[GuiApi], WaypointList]:
+def listed(request: Request) -> Callable[[GuiApi], WaypointEditor]:
     """Fields of a request's waypoints on a page of their own."""
     ground = Ground(None, town().terrain)
-    return lambda gui: WaypointList(gui, request.stops, ground, lambda _: None, lambda _: None)
+    return lambda gui: WaypointEditor(gui, request.stops, ground, lambda _: None, lambda _: None)
 
 
 def test_the_path_drawn_is_the_plan_and_its_colours_are_its_clearances() -> None:

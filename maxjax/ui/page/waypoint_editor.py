@@ -77,7 +77,7 @@ def begin(stops: Sequence[Waypoint]) -> Stops:
     return (dataclasses.replace(stops[0], speed=None, radius=None, margin=None), *stops[1:])
 
 
-class WaypointList:
+class WaypointEditor:
     """The fields of a page's waypoints.
 
     Args:

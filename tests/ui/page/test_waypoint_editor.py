@@ -12,7 +12,7 @@ import maxjax
 from maxjax import Waypoint
 from maxjax.core.terrain import Terrain
 from maxjax.io.geo.earth import TangentPlane
-from maxjax.ui.page.waypoint_list import Ground, Stops, WaypointList, begin, exchange, insert, remove
+from maxjax.ui.page.waypoint_editor import Ground, Stops, WaypointEditor, begin, exchange, insert, remove
 
 STOPS = (
     Waypoint((0.0, 0.0, 30.0)),
@@ -28,7 +28,7 @@ class Shown:
     def __init__(self, gui: Any) -> None:
         self.stops: Stops = STOPS
         self.said: list[str] = []
-        self.list = WaypointList(gui, STOPS, GROUND, self.changed, self.said.append)
+        self.list = WaypointEditor(gui, STOPS, GROUND, self.changed, self.said.append)
 
     def changed(self, stops: Stops) -> None:
         self.stops = stops
