@@ -54,6 +54,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trajectories", "trajectories"),
         ("trajectories_many", "trajectories"),
         ("follower", "follower"),
+        ("covering", "covering"),
         ("onboard_loop", "onboard_loop"),
     ),
     "A world that moves": (
