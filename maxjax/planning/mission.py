@@ -21,6 +21,7 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.look import Look
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
@@ -45,10 +46,11 @@ class Waypoint:
         hover: seconds to rest there, 0 to stop without waiting. None: it is flown through.
         speed: greatest speed on the leg [m/s]. None: that of the flight limits.
         radius, margin: distances of the leg [m], as in `Distances`. None: those of the mission.
+        look: where the camera looks there, and what it takes. None: that is nobody's business.
 
     Raises:
-        ValueError: if the position is not three finite numbers, the time negative or above an hour, or the speed not
-            positive.
+        ValueError: if the position is not three finite numbers, the time negative or above an hour, the speed not
+            positive, or the look none.
     """
 
     position: Point3
@@ -56,8 +58,11 @@ class Waypoint:
     speed: float | None = None
     radius: float | None = None
     margin: float | None = None
+    look: Look | None = None
 
     def __post_init__(self) -> None:
+        if self.look is not None and not isinstance(self.look, Look):
+            raise ValueError(f"Waypoint.look: expected a maxjax.Look, given {self.look!r}")
         x, y, z = points_of("Waypoint.position", self.position, (3,)).tolist()
         object.__setattr__(self, "position", (x, y, z))
         limits = (("hover", 0.0, LONGEST_HOVER, "seconds"), ("speed", 0.0, math.inf, "a positive number of m/s"))

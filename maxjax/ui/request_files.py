@@ -33,6 +33,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from maxjax.core.files import read_bytes, read_text
 from maxjax.planning.mission import Waypoint
+from maxjax.ui.looks import LOOK_KEYS, look_of
 from maxjax.ui.methods import ALIASES, METHODS, is_import_path
 from maxjax.ui.option_groups import Point3
 from maxjax.ui.plan_waypoints import plan_keys
@@ -61,7 +62,8 @@ KEYS: Mapping[str, Any] = {
     field.name: _without_none(_HINTS[field.name]) for field in dataclasses.fields(Request) if field.name not in _OTHERS
 }
 """Options that may stand in a file, and their types."""
-_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin")
+_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", *LOOK_KEYS)
+_AT_THE_START = ("hover", *LOOK_KEYS)  # keys that the start may have, to which no leg leads
 # What a plan.json says of the map beside the options: what came of them.
 _FOUND = ("grid", "returns")
 
@@ -225,12 +227,14 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
             raise ValueError(f"{name}: expected the keys {', '.join(_OF_WAYPOINTS)}, given {unknown!r}")
         if "at" not in table:
             raise ValueError(f"{name}: expected at = [x, y, z], given none")
-        numbers = {key: _number(f"{name}: {key}", value) for key, value in table.items() if key != "at"}
-        if number == 0 and numbers.keys() - {"hover"}:
-            raise ValueError(f"{name}: expected no {min(numbers.keys() - {'hover'})}: no leg leads to the start")
+        numbers = {key: _number(f"{name}: {key}", table[key]) for key in table if key not in ("at", "photo")}
+        if number == 0 and numbers.keys() - {*_AT_THE_START}:
+            raise ValueError(f"{name}: expected no {min(numbers.keys() - {*_AT_THE_START})}: no leg leads to the start")
         place = point_of(f"{name}: at", table["at"])
         try:
-            found.append(Waypoint(place, **numbers))
+            look = look_of({**table, **numbers})
+            own = {key: value for key, value in numbers.items() if key not in LOOK_KEYS}
+            found.append(Waypoint(place, **own, look=look))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return tuple(found)
