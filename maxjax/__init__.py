@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
+    from maxjax.inspection.capture import Capture
+    from maxjax.inspection.inspect_target import inspect
+    from maxjax.inspection.inspection import Inspection
+    from maxjax.inspection.photo_camera import Camera
+    from maxjax.inspection.vehicles import Vehicles
     from maxjax.io.airspace.airspace import Airspace, Area
     from maxjax.io.airspace.zone_files import load_airspace
     from maxjax.io.export.autopilot import Autopilot
@@ -26,6 +31,7 @@ if TYPE_CHECKING:
     from maxjax.nn.model import load_model
     from maxjax.nn.network import Network
     from maxjax.planners import Field
+    from maxjax.planning.look import Look
     from maxjax.planning.mission import Mission, Waypoint
     from maxjax.planning.path.route import Route
     from maxjax.planning.plan import Plan, Plans
@@ -53,6 +59,8 @@ __all__ = [
     "Airspace",
     "Area",
     "Autopilot",
+    "Camera",
+    "Capture",
     "ConjugateGradients",
     "Distances",
     "Field",
@@ -60,7 +68,9 @@ __all__ = [
     "FlightLimits",
     "Follower",
     "Grid",
+    "Inspection",
     "LoadedMap",
+    "Look",
     "Mission",
     "MoverSettings",
     "Network",
@@ -85,6 +95,7 @@ __all__ = [
     "Tracking",
     "Traffic",
     "Trajectory",
+    "Vehicles",
     "Verification",
     "VerticalZero",
     "VoxelMap",
@@ -93,6 +104,7 @@ __all__ = [
     "dilate",
     "export",
     "fly",
+    "inspect",
     "load_airspace",
     "load_map",
     "load_mission",
@@ -133,6 +145,11 @@ _MODULES = {
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
+    "maxjax.inspection.capture": ("Capture",),
+    "maxjax.inspection.inspect_target": ("inspect",),
+    "maxjax.inspection.inspection": ("Inspection",),
+    "maxjax.inspection.photo_camera": ("Camera",),
+    "maxjax.inspection.vehicles": ("Vehicles",),
     "maxjax.io.airspace.airspace": ("Airspace", "Area"),
     "maxjax.io.airspace.zone_files": ("load_airspace",),
     "maxjax.io.export.autopilot": ("Autopilot",),
@@ -144,6 +161,7 @@ _MODULES = {
     "maxjax.nn.model": ("load_model",),
     "maxjax.nn.network": ("Network",),
     "maxjax.planners": ("Field",),
+    "maxjax.planning.look": ("Look",),
     "maxjax.planning.mission": ("Mission", "Waypoint"),
     "maxjax.planning.path.route": ("Route",),
     "maxjax.planning.plan": ("Plan", "Plans"),

@@ -3,15 +3,14 @@
     c = max(h/v, u/v_up or d/v_down) + v/a        of a straight leg: horizontal way h, climb u or descent d
 
 Legs that stay in free cells are straight. Others cost as much as the cheapest way over other places between which
-straight legs are free; where there is none, the way is found by a flood of the map's free voxels
-(`fields.geodesic`), which counts steps. Costs are taken as the mean of both directions: what is climbed on the way
-there is descended on the way back.
+straight legs are free. Groups of places that none of these join are joined by floods of the map's free voxels from some
+of their places (`fields.geodesic`), which count steps. Costs are taken as the mean of both directions: what is climbed
+on the way there is descended on the way back.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 
 import jax
@@ -29,6 +28,7 @@ LegCost = Callable[[Points, Points], Float64[np.ndarray, " n"]]
 """Cost of straight legs from some places to others [m], in seconds or in any other unit that adds up."""
 
 _TOGETHER = 2**14  # straight legs that are looked along at a time
+_GATES = 4  # places of a group from which floods join it to others
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +69,11 @@ def costs_between(places: Points, free: FreeSpace, cost: LegCost) -> Float64[np.
     np.fill_diagonal(table, 0.0)
     seen = straight_legs(places, first, second, free)
     table[first[seen], second[seen]] = table[second[seen], first[seen]] = straight[seen]
-    return _around(_over_others(table), places, free, cost)
+    joined = _over_others(table)
+    gates = _gates(joined)
+    for k in gates:
+        joined[k] = joined[:, k] = np.minimum(joined[k], _flooded(places, k, free, cost))
+    return _over_others(joined) if gates else joined
 
 
 def straight_legs(places: Points, first: np.ndarray, second: np.ndarray, free: FreeSpace) -> Bool[np.ndarray, " k"]:
@@ -94,30 +98,29 @@ def _over_others(table: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, "n n"
     return np.asarray(floyd_warshall(np.where(np.isfinite(table), table, np.inf), directed=False))
 
 
-def _around(
-    table: Float64[np.ndarray, "n n"], places: Points, free: FreeSpace, cost: LegCost
-) -> Float64[np.ndarray, "n n"]:
-    """The table with the ways that are found by floods, of pairs that no others join."""
-    rows = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    grid, spacing = free.grid, free.grid.spacing
-    index = np.round((places - np.array(grid.origin)) / spacing).astype(np.int64)
-    air = jnp.asarray(free.free)
-    for k in rows.tolist():
-        others = np.flatnonzero(~np.isfinite(table[k]))
-        if not len(others):
-            continue
-        joined, steps = (np.asarray(one) for one in _flood(air, jnp.asarray(index[k], jnp.int32)))
-        at = tuple(index[others].T)
-        far = spacing * steps[at]
-        # As a level leg of that length, or the straight one where that costs more.
-        level = np.column_stack([far, np.zeros((len(others), 2))])
-        straight = 0.5 * (
-            cost(np.repeat(places[k : k + 1], len(others), 0), places[others])
-            + cost(places[others], np.repeat(places[k : k + 1], len(others), 0))
-        )
-        found = np.where(joined[at], np.maximum(cost(np.zeros_like(level), level), straight), np.inf)
-        table[k, others] = table[others, k] = found
-    return table
+def _gates(table: Float64[np.ndarray, "n n"]) -> list[int]:
+    """Some places of each group that is joined, but of the largest one."""
+    group = np.isfinite(table).argmax(axis=1)  # the first place that each is joined to
+    numbers, counts = np.unique(group, return_counts=True)
+    small = numbers[np.argsort(counts, kind="stable")][:-1]
+    found = list[int]()
+    for number in small.tolist():
+        members = np.flatnonzero(group == number)
+        found += members[np.linspace(0, len(members) - 1, min(_GATES, len(members))).astype(int)].tolist()
+    return found
+
+
+def _flooded(places: Points, k: int, free: FreeSpace, cost: LegCost) -> Float64[np.ndarray, " n"]:
+    """What it costs from a place to all, by a flood: as a level leg of its steps, or the straight one if dearer."""
+    index = np.round((places - np.array(free.grid.origin)) / free.grid.spacing).astype(np.int32)
+    reached, steps = (np.asarray(one) for one in _flood(jnp.asarray(free.free), jnp.asarray(index[k])))
+    at = tuple(index.T)
+    level = np.column_stack([free.grid.spacing * steps[at], np.zeros((len(places), 2))])
+    here = np.repeat(places[k : k + 1], len(places), axis=0)
+    straight = 0.5 * (cost(here, places) + cost(places, here))
+    found = np.where(reached[at], np.maximum(cost(np.zeros_like(level), level), straight), np.inf)
+    found[k] = 0.0
+    return np.asarray(found)
 
 
 @jax.jit
@@ -130,6 +133,6 @@ def _sight(blocked: Bool[Array, "nx ny nz"]) -> Sight:
     return sight_of(blocked, room=0.5)
 
 
-@functools.partial(jax.jit)
+@jax.jit
 def _clear(sight: Sight, a: Float[Array, "k 3"], b: Float[Array, "k 3"]) -> Bool[Array, " k"]:
     return clear(sight, a, b)

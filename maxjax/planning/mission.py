@@ -21,6 +21,7 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.planning.look import Look
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
@@ -49,10 +50,12 @@ class Waypoint:
         heading: where the nose points on the leg and at rest here [degrees], clockwise from north, the map's y axis.
             None: along the course.
         look_at: a point of interest that the nose points to instead [m], ENU.
+        look: where the camera looks besides, and what it takes. None: nothing is said of it.
 
     Raises:
         ValueError: if the position or the point of interest is not three finite numbers, the time negative or above an
-            hour, the speed not positive, the heading not within ±360 degrees, or both a heading and a point are given.
+            hour, the speed not positive, the heading not within ±360 degrees, both a heading and a point are given, or
+            the look is none.
     """
 
     position: Point3
@@ -62,8 +65,11 @@ class Waypoint:
     margin: float | None = None
     heading: float | None = None
     look_at: Point3 | None = None
+    look: Look | None = None
 
     def __post_init__(self) -> None:
+        if self.look is not None and not isinstance(self.look, Look):
+            raise ValueError(f"Waypoint.look: expected a maxjax.Look, given {self.look!r}")
         for place in ("position",) if self.look_at is None else ("position", "look_at"):
             x, y, z = points_of(f"Waypoint.{place}", getattr(self, place), (3,)).tolist()
             object.__setattr__(self, place, (x, y, z))

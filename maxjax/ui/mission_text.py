@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from maxjax.planning.mission import Waypoint
+from maxjax.ui.looks import table_of
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import KEYS
 
@@ -42,11 +43,9 @@ def mission_text(request: Request) -> str:
 def _table(waypoint: Waypoint) -> Iterator[str]:
     yield ""
     yield "[[waypoint]]"
-    yield f"at = {_value(waypoint.position)}"
-    for field in dataclasses.fields(Waypoint)[1:]:
-        given = getattr(waypoint, field.name)
+    for key, given in table_of(waypoint).items():
         if given is not None:
-            yield f"{field.name} = {_value(given)}"
+            yield f"{'at' if key == 'position' else key} = {_value(given)}"
 
 
 def _value(given: Any) -> str:

@@ -35,6 +35,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from maxjax.core.files import read_bytes, read_text
 from maxjax.planning.mission import Waypoint
+from maxjax.ui.looks import LOOK_KEYS, look_of
 from maxjax.ui.methods import ALIASES, METHODS, is_import_path
 from maxjax.ui.option_groups import Point3
 from maxjax.ui.plan_waypoints import plan_keys
@@ -63,8 +64,8 @@ KEYS: Mapping[str, Any] = {
     field.name: _without_none(_HINTS[field.name]) for field in dataclasses.fields(Request) if field.name not in _OTHERS
 }
 """Options that may stand in a file, and their types."""
-_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", "heading", "look_at")
-_OF_START = ("hover", "heading", "look_at")
+_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", "heading", "look_at", *LOOK_KEYS)
+_OF_START = ("hover", "heading", "look_at", *LOOK_KEYS)  # keys that the start may have, to which no leg leads
 # What a plan.json says of the map beside the options: what came of them.
 _FOUND = ("grid", "returns")
 
@@ -230,10 +231,11 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
             raise ValueError(f"{name}: expected at = [x, y, z], given none")
         if number == 0 and table.keys() - {"at", *_OF_START}:
             raise ValueError(f"{name}: expected no {min(table.keys() - {'at', *_OF_START})}: no leg leads to the start")
-        own = {key: _own(f"{name}: {key}", key, value) for key, value in table.items() if key != "at"}
+        given = {key: _own(f"{name}: {key}", key, value) for key, value in table.items() if key != "at"}
         place = point_of(f"{name}: at", table["at"])
         try:
-            found.append(Waypoint(place, **own))
+            own = {key: value for key, value in given.items() if key not in LOOK_KEYS}
+            found.append(Waypoint(place, **own, look=look_of(given)))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return tuple(found)
@@ -241,6 +243,8 @@ def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
 
 def _own(name: str, key: str, value: Any) -> Any:
     """The value of a waypoint's key."""
+    if key == "photo":
+        return _checked(name, value, lambda given: isinstance(given, bool), "true or false")
     return point_of(name, value) if key == "look_at" else _number(name, value)
 
 

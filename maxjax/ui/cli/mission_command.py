@@ -23,6 +23,7 @@ from maxjax.ui.cli.load_request import load_request
 from maxjax.ui.cli.map_task import MapTask
 from maxjax.ui.cli.options import MissionOptions
 from maxjax.ui.cli.progress import progress
+from maxjax.ui.looks import table_of
 from maxjax.ui.methods import planner_named
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import load_mission, options_as_keys
@@ -149,7 +150,7 @@ def _document(
         mission.legs[0],
         given,
         "",
-        {**request.configuration, "waypoints": [vars(waypoint) for waypoint in request.waypoints]},
+        {**request.configuration, "waypoints": [table_of(waypoint) for waypoint in request.waypoints]},
     )
     content = {
         "status": mission.status.name,
