@@ -4,7 +4,17 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxjax.api import plan, plan_batch, plan_fleet, plan_mission, plan_route, plan_scan, plan_to_goal, trajectory
+    from maxjax.api import (
+        plan,
+        plan_batch,
+        plan_fleet,
+        plan_flights,
+        plan_mission,
+        plan_route,
+        plan_scan,
+        plan_to_goal,
+        trajectory,
+    )
     from maxjax.baselines.apf import APF
     from maxjax.baselines.astar_planner import AStar
     from maxjax.baselines.rrt_star import RRTStar
@@ -12,6 +22,12 @@ if TYPE_CHECKING:
     from maxjax.core.grid import Grid
     from maxjax.core.status import Status
     from maxjax.core.voxel_map import VoxelMap
+    from maxjax.energy.airframe import Airframe
+    from maxjax.energy.battery import Battery
+    from maxjax.energy.consumption import Consumption, measure_consumption
+    from maxjax.energy.point_of_no_return import BatteryVerdict, judge_battery
+    from maxjax.energy.split_flights import BatteryFlight, Supply
+    from maxjax.energy.wind import Wind
     from maxjax.fields.conductivity import conductivity
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
@@ -56,12 +72,17 @@ if TYPE_CHECKING:
 __all__ = [
     "APF",
     "AStar",
+    "Airframe",
     "Airspace",
     "Area",
     "Autopilot",
+    "Battery",
+    "BatteryFlight",
+    "BatteryVerdict",
     "Camera",
     "Capture",
     "ConjugateGradients",
+    "Consumption",
     "Distances",
     "Field",
     "FileError",
@@ -91,6 +112,7 @@ __all__ = [
     "Screened",
     "SensorScan",
     "Status",
+    "Supply",
     "TangentPlane",
     "Tracking",
     "Traffic",
@@ -100,18 +122,22 @@ __all__ = [
     "VerticalZero",
     "VoxelMap",
     "Waypoint",
+    "Wind",
     "conductivity",
     "dilate",
     "export",
     "fly",
     "inspect",
+    "judge_battery",
     "load_airspace",
     "load_map",
     "load_mission",
     "load_model",
+    "measure_consumption",
     "plan",
     "plan_batch",
     "plan_fleet",
+    "plan_flights",
     "plan_mission",
     "plan_route",
     "plan_scan",
@@ -129,6 +155,7 @@ _MODULES = {
         "plan",
         "plan_batch",
         "plan_fleet",
+        "plan_flights",
         "plan_mission",
         "plan_route",
         "plan_scan",
@@ -142,6 +169,12 @@ _MODULES = {
     "maxjax.core.grid": ("Grid",),
     "maxjax.core.status": ("Status",),
     "maxjax.core.voxel_map": ("VoxelMap",),
+    "maxjax.energy.airframe": ("Airframe",),
+    "maxjax.energy.battery": ("Battery",),
+    "maxjax.energy.consumption": ("Consumption", "measure_consumption"),
+    "maxjax.energy.point_of_no_return": ("BatteryVerdict", "judge_battery"),
+    "maxjax.energy.split_flights": ("BatteryFlight", "Supply"),
+    "maxjax.energy.wind": ("Wind",),
     "maxjax.fields.conductivity": ("conductivity",),
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),

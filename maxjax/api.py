@@ -15,6 +15,7 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
 from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.planners import Field
@@ -234,6 +235,35 @@ def plan_mission(
         places.append(Waypoint(places[0].position))
     task = _task(_single(where), *legs_of(places), distances, airspace)
     return missions.plan_mission(task, places, check_planner(planner))
+
+
+def plan_flights(
+    where: VoxelMap,
+    waypoints: Sequence[Waypoint | Sequence[float]],
+    supply: Supply,
+    *,
+    limits: FlightLimits = PX4,
+    planner: Planner = FIELD,
+    distances: Distances = DISTANCES,
+) -> tuple[BatteryFlight, ...]:
+    """Visit places in order, in as many flights as the battery asks for, each from home and back.
+
+    Args:
+        where, planner, distances: as in `plan`.
+        waypoints: home first, then the places: `Waypoint`, or three coordinates [m].
+        supply: airframe, battery and wind.
+        limits: of the flights.
+
+    Returns:
+        A `BatteryFlight` each. If a place and back is too far for the battery, the last one is the flight there, whose
+        status is CANNOT_RETURN; what has no path has the status of its plan.
+
+    Raises:
+        ValueError: as `plan_mission`, and if the wind, or a flight in it, is faster than the airframe.
+    """
+    places = [given if isinstance(given, Waypoint) else Waypoint(_place(given)) for given in waypoints]
+    task = _task(_single(where), *legs_of(places), distances)
+    return split_mission(task, places, check_planner(planner), limits, supply)
 
 
 def trajectory(

@@ -36,6 +36,7 @@ class Status(enum.IntEnum):
     START_OUTSIDE_BAND = 20
     GOAL_OUTSIDE_BAND = 21
     TIMEOUT = 22
+    CANNOT_RETURN = 23
 
     def __bool__(self) -> bool:
         """No status is truthy: compare with `Status.OK`."""
@@ -84,5 +85,7 @@ _ADVICE = {
     "or leave that area out.",
     Status.START_OUTSIDE_BAND: "The start lies below the floor or above a ceiling; move it, or widen the band.",
     Status.TIMEOUT: "The deadline came before a plan was found; allow more time, or plan in a smaller grid.",
+    Status.CANNOT_RETURN: "The battery does not last, with its reserve, to a place of the mission and back; "
+    "take a larger one, less payload or less wind, or leave that place out.",
     Status.GOAL_OUTSIDE_BAND: "The goal lies below the floor or above a ceiling; move it, or widen the band.",
 }

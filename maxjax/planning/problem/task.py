@@ -111,6 +111,19 @@ class Task:
         found.__dict__.update(barred=self.barred, kept_off=self.kept_off, index=self.index[rows])
         return found
 
+    def with_ends(self, starts: Float64[np.ndarray, "c 3"], goals: Float64[np.ndarray, "c 3"]) -> Task:
+        """Other problems in the same map, at the same distances; of one map.
+
+        Raises:
+            ValueError: for a task of several maps, or ends that are no places.
+        """
+        if self.map.batch is not None:
+            raise ValueError(f"task: expected one map, given a batch of {self.map.batch}")
+        starts, goals = points_of("starts", starts, ("n", 3)), points_of("goals", goals, starts.shape)
+        found = dataclasses.replace(self, map_of=np.zeros(len(starts), np.int64), starts=starts, goals=goals)
+        found.__dict__.update(barred=self.barred, kept_off=self.kept_off)
+        return found
+
     @property
     def closures(self) -> UInt8[np.ndarray, "b 2"]:
         """`Closure` of the voxels that the starts and the goals lie in; open for an end outside the map."""
