@@ -228,6 +228,11 @@ def test_a_window_longer_along_y_is_shown_as_that_of_the_map_with_x_and_y_exchan
         np.testing.assert_array_equal(volume[:1], both[0].own(rows[:1])[name])
     np.testing.assert_array_equal(both[0].rim(rows), both[1].rim(rows))
     np.testing.assert_array_equal(both[0].ends(rows), both[1].ends(rows))
+    # A map that is narrower than the window.
+    narrow = task_of(rolling_map(rng, (34, 90, 40)), np.array([[17, 20, 30], [17, 64, 31]], np.float64))
+    window = focus.windows_around(narrow, np.array([47.0]))
+    assert (window.turned[0], window.shape) == (True, (56, 40, 24))
+    assert focus.View(narrow, window).rim(rows[:1])[0].tolist() == [56, 34, 24]
     nothing = np.zeros(2, bool), np.zeros((2, 2), np.float32), np.zeros(2, bool), np.zeros(2, np.float32)
     route = Route(both[0].ends(rows), np.zeros(2, np.int32), *nothing)
     np.testing.assert_allclose(both[0].in_map(route).path, task.index, atol=1e-5)
