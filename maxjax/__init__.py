@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         plan_route,
         plan_scan,
         plan_to_goal,
+        plan_to_nearest,
         trajectory,
     )
     from maxjax.baselines.apf import APF
@@ -142,6 +143,7 @@ __all__ = [
     "plan_route",
     "plan_scan",
     "plan_to_goal",
+    "plan_to_nearest",
     "solve_potential",
     "trajectory",
     "verify",
@@ -160,6 +162,7 @@ _MODULES = {
         "plan_route",
         "plan_scan",
         "plan_to_goal",
+        "plan_to_nearest",
         "trajectory",
     ),
     "maxjax.baselines.apf": ("APF",),

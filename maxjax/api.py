@@ -162,6 +162,42 @@ def plan_to_goal(
     return plan_starts(_task(_single(where), *ends, distances, airspace), climber)
 
 
+def plan_to_nearest(
+    where: VoxelMap,
+    start: Position,
+    goals: Real[Array | np.ndarray, "n 3"],
+    *,
+    planner: FieldClimber = FIELD,
+    distances: Distances = DISTANCES,
+    airspace: Airspace | None = None,
+) -> Plan:
+    """Plan to that of several goals which costs least to reach, as one of several places to land.
+
+    A way costs the same in both directions, so that the field of the start (`plan_to_goal`) tells which goal it is.
+
+    Args:
+        where: one map.
+        start: (3,) [m].
+        goals: (n, 3) [m].
+        planner: one that climbs a field.
+        distances, airspace: as in `plan`.
+
+    Returns:
+        The plan, whose path ends at the goal that was chosen; where none can be reached, that to the nearest in a
+        straight line, with its status.
+
+    Raises:
+        ValueError: as `plan_to_goal`, for no goals.
+    """
+    places = points_of("goals", goals, ("n", 3))
+    back = plan_to_goal(where, places, start, planner=planner, distances=distances, airspace=airspace)
+    paid = np.where(back.cost > 0.0, back.cost, back.length)
+    straight = np.linalg.norm(places - points_of("start", start, (3,)), axis=1)
+    k = int(np.argmin(np.where(back.ok, paid, np.inf) if back.ok.any() else straight))
+    x, y, z = places[k].tolist()
+    return plan(where, start, (x, y, z), planner=planner, distances=distances, airspace=airspace)
+
+
 plan_fleet = plan_to_goal
 """The name that `plan_to_goal` had before; it stays for one release."""
 

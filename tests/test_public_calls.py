@@ -77,6 +77,23 @@ def town() -> VoxelMap:
     return VoxelMap.on(TOWN, occupied, ground)
 
 
+def test_the_nearest_of_several_goals_is_the_one_that_costs_least() -> None:
+    """A goal within a wall, and one in a block, are passed over; as is the nearest in a straight line behind houses."""
+    city, start = town(), (-20.0, 0.0, 5.0)
+    goals = np.array([(-14.0, 0.0, 5.0), (2.0, 0.0, 5.0), (22.0, 18.0, 5.0), (-20.0, 19.0, 5.0), (900.0, 0.0, 5.0)])
+    each = [maxjax.plan(city, start, goal) for goal in goals]
+    assert Status.OK in {plan.status for plan in each[1:]}
+    assert each[4].status is Status.GOAL_OUTSIDE_MAP
+    for some in (slice(None), slice(2, None), slice(2, 4)):
+        found = maxjax.plan_to_nearest(city, start, goals[some])
+        least = min((plan for plan in each[some] if plan.status is Status.OK), key=lambda plan: plan.cost)
+        assert found.status is Status.OK
+        np.testing.assert_array_equal(found.path, least.path)
+    assert maxjax.plan_to_nearest(city, start, goals[4:]).status is Status.GOAL_OUTSIDE_MAP
+    with pytest.raises(ValueError, match="goals"):
+        maxjax.plan_to_nearest(city, start, np.zeros((0, 3)))
+
+
 def test_routes_under_vmap_are_those_of_a_batch() -> None:
     """The same problems, in the whole map and with the same ascent; float32 positions."""
     where, rng = town(), np.random.default_rng(3)
