@@ -44,7 +44,8 @@ class BatteryVerdict:
         """A sentence without its full stop, in the words of whoever gave the places."""
         if self.status == Status.OK:
             return f"the flight takes {self.needed:.1f} of {self.usable:.1f} Wh above the reserve"
-        where = (places or PlaceFormat()).place(self.place)
+        x, y, z = (round(value, 1) for value in self.place)
+        where = (places or PlaceFormat()).place((x, y, z))
         return (
             f"the flight takes {self.needed:.1f} Wh, the battery has {self.usable:.1f} Wh above its reserve; beyond "
             f"{where}, {self.time:.0f} s after the start, it does not bring the vehicle back"

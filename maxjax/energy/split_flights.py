@@ -83,14 +83,15 @@ class _Flights:
     ) -> None:
         self.task, self.planner, self.limits, self.supply = task, planner, limits, supply
         self.home = Waypoint(waypoints[0].position)
-        last = -1 if waypoints[-1].position == self.home.position else len(waypoints)
-        self.places = tuple(waypoints[1:last])
+        returns = waypoints[-1].position == self.home.position
+        self.back = waypoints[-1] if returns else self.home
+        self.places = tuple(waypoints[1 : len(waypoints) - returns])
         self._known: dict[tuple[int, int], BatteryFlight] = {}
 
     def over(self, first: int, last: int) -> BatteryFlight:
         """From home over the places from first to before last, and back."""
         if (first, last) not in self._known:
-            stops = [self.home, *self.places[first:last], self.home]
+            stops = [self.home, *self.places[first:last], self.back]
             mission = plan_mission(self.task.with_ends(*legs_of(stops)), stops, self.planner)
             self._known[first, last] = weigh_flight(mission, self.limits, self.supply)
         return self._known[first, last]

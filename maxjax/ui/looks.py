@@ -31,7 +31,7 @@ def look_of(table: Mapping[str, Any]) -> Look | None:
     return Look(pitch, bool(given.get("photo", False)), given.get("photo_every"))
 
 
-def table_of(waypoint: Waypoint) -> dict[str, Any]:
+def waypoint_table(waypoint: Waypoint) -> dict[str, Any]:
     """A waypoint as JSON holds it: what it has, by the keys of a mission's file, its place as `position`."""
     table = {
         field.name: getattr(waypoint, field.name) for field in dataclasses.fields(waypoint) if field.name != "look"

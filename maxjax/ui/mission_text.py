@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from maxjax.planning.mission import Waypoint
-from maxjax.ui.looks import table_of
+from maxjax.ui.looks import waypoint_table
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import KEYS
 
@@ -43,7 +43,7 @@ def mission_text(request: Request) -> str:
 def _table(waypoint: Waypoint) -> Iterator[str]:
     yield ""
     yield "[[waypoint]]"
-    for key, given in table_of(waypoint).items():
+    for key, given in waypoint_table(waypoint).items():
         if given is not None:
             yield f"{'at' if key == 'position' else key} = {_value(given)}"
 

@@ -146,6 +146,25 @@ class LimitOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EnergyOptions:
+    """What flies a mission, on what battery, in which wind (docs/energy.md).
+
+    Attributes:
+        airframe: iris_plus, matrice_100 or mavic_3_enterprise: count the energy of each leg.
+        payload: What it carries beyond its own mass [kg].
+        battery: Capacity of its battery [Wh]; a mission that it does not last for is split into flights.
+        reserve: Share of the battery that no flight touches, as 0.25; there is none by default.
+        wind: Speed of the wind [m/s], and where it comes from, clockwise from north [deg].
+    """
+
+    airframe: Annotated[str | None, optional(metavar="NAME")] = None
+    payload: Annotated[float | None, optional(metavar="KG")] = None
+    battery: Annotated[float | None, optional(metavar="WH")] = None
+    reserve: Annotated[float | None, optional(metavar="SHARE")] = None
+    wind: Annotated[tuple[float, float] | None, optional(metavar="SPEED FROM")] = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportOptions:
     """Where a plan or a mission goes.
 

@@ -10,6 +10,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from maxjax.energy.airframe import Airframe
+from maxjax.energy.battery import Battery
+from maxjax.energy.split_flights import Supply
+from maxjax.energy.wind import Wind
 from maxjax.fields.price import Price
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.autopilot import Autopilot
@@ -18,14 +22,14 @@ from maxjax.io.reading import Reading
 from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.distances import Distances
 from maxjax.trajectories.limits import PX4, FlightLimits
-from maxjax.ui.option_groups import ExportOptions, LimitOptions, Point3, ReadOptions, RouteOptions
+from maxjax.ui.option_groups import EnergyOptions, ExportOptions, LimitOptions, Point3, ReadOptions, RouteOptions
 
 # What says where an answer goes, and not what is asked.
 _OUTPUTS = tuple(field.name for field in dataclasses.fields(ExportOptions))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Request(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
+class Request(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOptions):
     """A path from place to place through a map, how to read that, what to keep, and where the answer goes.
 
     Attributes:
@@ -115,6 +119,26 @@ class Request(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
         given = {name: value for name, value in asked.items() if value is not None}
         limits = dataclasses.replace(limits, speed=self.speed, **given)
         return dataclasses.replace(limits, speed=max([limits.speed, *(stop.speed or 0.0 for stop in self.stops)]))
+
+    @property
+    def supply(self) -> Supply | None:
+        """Airframe, battery and wind; None where nothing is asked of energy.
+
+        Raises:
+            ValueError: for some of them without the others, or for figures that are none.
+        """
+        given = {name: getattr(self, name) for name in ("airframe", "battery", "reserve")}
+        missing = [f"--{name}" for name, value in given.items() if value is None]
+        if len(missing) == len(given) and self.wind is None and self.payload is None:
+            return None
+        if missing:
+            raise ValueError(
+                f"energy: expected --airframe, --battery and --reserve together, given no {' and no '.join(missing)}; "
+                "there is no default: what flies, and what is to be left, is for you to say"
+            )
+        airframe = Airframe.named(self.airframe or "").with_payload(self.payload or 0.0)
+        battery = Battery(self.battery or 0.0, self.reserve or 0.0)
+        return Supply(airframe, battery, Wind.calm() if self.wind is None else Wind.blowing(*self.wind))
 
     @property
     def distances(self) -> Distances:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import maxjax
-from maxjax.ui.looks import table_of
+from maxjax.ui.looks import waypoint_table
 from maxjax.ui.request_files import waypoints_of
 
 MISSION = """map = "town.npz"
@@ -41,7 +41,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     """As mission.json has it, with None for what is not said."""
     (tmp_path / "a.toml").write_text(MISSION)
     given = maxjax.load_mission(tmp_path / "a.toml").waypoints
-    tables = json.loads(json.dumps([table_of(waypoint) for waypoint in given]))
+    tables = json.loads(json.dumps([waypoint_table(waypoint) for waypoint in given]))
     said = [{"at": t.pop("position"), **{k: v for k, v in t.items() if v is not None}} for t in tables]
     for found, waypoint in zip(waypoints_of(said), given, strict=True):
         assert found.position == waypoint.position

@@ -47,6 +47,11 @@ OPTIONS = st.fixed_dictionaries(
         "takeoff_and_landing": st.booleans(),
         "yaw_rate": st.floats(1.0, 90.0),
         "return_to_start": st.booleans(),
+        "airframe": st.just("iris_plus"),
+        "battery": st.floats(10.0, 500.0),
+        "reserve": st.floats(0.05, 0.5),
+        "payload": st.floats(0.0, 1.0),
+        "wind": st.tuples(st.floats(0.0, 9.0), st.floats(0.0, 360.0)),
     },
 )
 

@@ -10,20 +10,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from rich.table import Table
-
 from maxjax.api import trajectory
 from maxjax.compile.stage_timer import recording, sum_reports
 from maxjax.core.status import Status
+from maxjax.energy.split_flights import BatteryFlight, Supply, weigh_flight
 from maxjax.planning.mission import Mission, first_legs, plan_mission
-from maxjax.trajectories.trajectory import Trajectory
+from maxjax.trajectories.limits import FlightLimits
 from maxjax.ui.cli import exporting, report
+from maxjax.ui.cli.flights_command import run_flights
 from maxjax.ui.cli.load_request import load_request
 from maxjax.ui.cli.map_task import MapTask
+from maxjax.ui.cli.mission_answer import MissionAnswer, table_of, warn_of, write_answer
 from maxjax.ui.cli.options import MissionOptions
 from maxjax.ui.cli.progress import progress
-from maxjax.ui.looks import table_of
 from maxjax.ui.methods import planner_named
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import load_mission, options_as_keys
@@ -35,8 +34,6 @@ _ENDS = {
     Status.GOAL_IN_CLOSED_AREA: Status.START_IN_CLOSED_AREA,
     Status.GOAL_OUTSIDE_BAND: Status.START_OUTSIDE_BAND,
 }
-# What is in a plan's JSON and stands only once in that of a mission.
-_ONCE = ("configuration", "versions", "device", "timings")
 
 
 def run_mission(options: MissionOptions) -> int:
@@ -61,7 +58,7 @@ def run_request(request: Request) -> int:
     """
     report.check_output(request.out)
     exporting.check_exports(request)
-    planner, limits = planner_named(request.method), request.limits
+    planner, limits, supply = planner_named(request.method), request.limits, request.supply
     with recording() as recorder:
         given = load_request(request)
     exporting.check_place(request, given)
@@ -73,26 +70,29 @@ def run_request(request: Request) -> int:
         shown = first_legs(mission, given.task) if request.partial else None
     if request.keep_radius and shown is not None and shown.near:
         return report.refuse_near(shown.near, given.places, request.out, "mission")
-    flown = None
-    if shown is not None and shown.status == Status.OK:
-        with progress("Timing"):
-            flown = trajectory(shown, limits)
-    content = _document(mission, shown, flown, given, request)
-    files: list[object] = []
-    if request.out is not None:
-        files += _written(request.out, content, (shown, flown), given, Path(request.map).name)
-    if shown is not None and flown is not None:
-        files += exporting.write_all(request, given, flown)
+    flight = None if shown is None else _in_time(shown, limits, supply)
+    answer = MissionAnswer(mission, flight, given, request)
+    if flight is not None and flight.status == Status.CANNOT_RETURN and supply is not None:
+        return run_flights(answer, planner, supply)
+    content, files = write_answer(answer)
     if request.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(_table(mission, flown, Path(request.map).name))
+        report.show(table_of(answer, Path(request.map).name))
         if files:
             print(*files, sep="\n")
-    if shown is not None and flown is not None:
-        report.warn_near(shown, given.places)
-        report.warn_outside(shown.path, given)
+    warn_of(answer)
     return _told(mission, content, request)
+
+
+def _in_time(mission: Mission, limits: FlightLimits, supply: Supply | None) -> BatteryFlight:
+    """A mission in time, with its energy where that is asked for."""
+    if mission.status != Status.OK:
+        return BatteryFlight(mission)
+    with progress("Timing"):
+        if supply is not None:
+            return weigh_flight(mission, limits, supply)
+        return BatteryFlight(mission, trajectory(mission, limits))
 
 
 def plan_request(request: Request) -> tuple[Mission, MapTask]:
@@ -132,79 +132,3 @@ def _told(mission: Mission, content: dict[str, Any], request: Request) -> int:
         hint = "" if request.partial else "; --partial writes the legs before it"
         report.complain(f"Leg {mission.failed[0] + 1} failed, and {written}{hint}.")
     return 1
-
-
-def _document(
-    mission: Mission, shown: Mission | None, flown: Trajectory | None, given: MapTask, request: Request
-) -> dict[str, Any]:
-    """Content of mission.json: the mission, a plan for each leg, and what is needed to run it again."""
-    legs = []
-    for k, leg in enumerate(mission.legs):
-        one = dataclasses.replace(given, task=given.task.some(slice(k, k + 1)))
-        full = report.document(leg, one, report.explain(leg, one), {})
-        own = {name: getattr(mission.waypoints[k + 1], name) for name in ("speed", "hover", "heading", "look_at")}
-        legs.append({"leg": k + 1, **own, **{n: full[n] for n in full if n not in _ONCE}})
-    whole = mission if shown is None else shown
-    times = None if flown is None else np.round(flown.passes, 6).tolist()
-    last = report.document(
-        mission.legs[0],
-        given,
-        "",
-        {**request.configuration, "waypoints": [table_of(waypoint) for waypoint in request.waypoints]},
-    )
-    content = {
-        "status": mission.status.name,
-        "message": mission.status.advice,
-        "path": np.round(whole.path, 6).tolist(),
-        **report.places_of(whole, given.earth),
-        "length": whole.length,
-        "clearance": whole.clearance,
-        "duration": None if flown is None else flown.duration,
-        "waypoints": [list(waypoint.position) for waypoint in mission.waypoints],
-        "times": times,
-        "near_waypoints": [vars(one) for one in whole.near],
-        "legs": legs,
-        "timings": mission.timings,
-        **{name: last[name] for name in ("configuration", "versions", "device")},
-    }
-    filled: dict[str, Any] = report.plain(content)
-    return filled
-
-
-def _table(mission: Mission, flown: Trajectory | None, title: str) -> Table:
-    """One row a leg, and one for all."""
-    heads = ("leg", "to", "status", "length\n[m]", "clearance\n[m]", "speed\n[m/s]", "arrives\n[s]", "hovers\n[s]")
-    rows = []
-    for k, leg in enumerate(mission.legs):
-        waypoint, ok = mission.waypoints[k + 1], leg.status == Status.OK
-        lengths = [f"{x:.1f}" if ok else "" for x in (leg.length, leg.clearance)]
-        arrives = f"{flown.passes[k + 1]:.1f}" if flown is not None and k + 1 < len(flown.passes) else ""
-        hover = "" if waypoint.hover is None else f"{waypoint.hover:g}"
-        place = ", ".join(f"{round(x, 2):.10g}" for x in waypoint.position)
-        rows.append([str(k + 1), place, leg.status.name, *lengths, f"{waypoint.speed:g}", arrives, hover])
-    if mission.status == Status.OK and flown is not None:
-        lengths = [f"{x:.1f}" for x in (mission.length, mission.clearance)]
-        rows.append(["all", "", mission.status.name, *lengths, "", f"{flown.duration:.1f}", ""])
-    # Columns in which nothing stands are left out, and places break between coordinates: so 80 columns hold the rest.
-    shown = [k for k in range(len(heads)) if any(row[k] for row in rows)]
-    table = Table(title=title, title_justify="left")
-    for k in shown:
-        table.add_column(heads[k], justify="left" if heads[k] == "status" else "right", no_wrap=heads[k] != "to")
-    for row in rows:
-        table.add_row(*(row[k] for k in shown), style="bold" if row[0] == "all" else None)
-    return table
-
-
-def _written(
-    out: Path, content: dict[str, Any], shown: tuple[Mission | None, Trajectory | None], given: MapTask, title: str
-) -> list[Path]:
-    """The files of a mission in a folder; without a mission to show none, and those of an earlier one go."""
-    mission, flown = shown
-    if mission is None or flown is None:
-        report.remove_plans(out, "mission")
-        return []
-    from maxjax.ui.figures.missions import figure_mission
-
-    with progress("Drawing"):
-        figure = figure_mission(mission, flown, title, given.within)
-    return report.write_plan(out, content, figure, "mission")

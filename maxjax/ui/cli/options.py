@@ -10,6 +10,7 @@ import tyro
 
 from maxjax.ui.option_groups import (
     Count,
+    EnergyOptions,
     ExportOptions,
     Flag,
     LimitOptions,
@@ -32,7 +33,7 @@ _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanOptions(ReadOptions, RouteOptions, LimitOptions, ExportOptions):
+class PlanOptions(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOptions):
     """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with

@@ -212,7 +212,7 @@ def test_waypoints_that_are_equal_or_outside_have_statuses(town: Path, capsys: p
         ("\x00", "expected a mission as TOML: "),
         (
             'speeed = 3\nmap = "town.npz"',
-            "speeed: expected one of acceleration, accuracy, airspace, ascent, autopilot, band, ",
+            "speeed: expected one of acceleration, accuracy, airframe, airspace, ascent, autopilot, band, ",
         ),
         ('speed = "fast"\nmap = "town.npz"', "speed: expected a finite number, given 'fast'"),
         ("speed = nan", "speed: expected a finite number, given nan"),
