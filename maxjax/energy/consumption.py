@@ -120,7 +120,7 @@ def _way_back(airframe: Airframe, motion: Motion, air: Float64[np.ndarray, "t 3"
     """
     speed, blows = np.linalg.norm(motion.velocity, axis=1), np.linalg.norm(air, axis=1)
     share = np.minimum((airframe.airspeed - blows) / np.maximum(speed, 1e-9), 1.0)[:, None]
-    taken = power(airframe, -share * motion.velocity - air, share**2 * motion.acceleration)
+    taken = power(airframe, -share * motion.velocity - air, motion.acceleration)
     there = power(airframe, motion.velocity - air, motion.acceleration)
     still = power(airframe, -air, np.zeros_like(air))
     calm = power(airframe, np.zeros((1, 3)), np.zeros((1, 3)))

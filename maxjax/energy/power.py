@@ -28,8 +28,8 @@ Rows = Float64[np.ndarray, " t"]
 Vectors = Float64[np.ndarray, "t 3"]
 
 
-def induced_velocity(thrust: Rows, across: Rows, along: Rows, disc_area: float, density: float = DENSITY) -> Rows:
-    """What rotors add to the air that flows through them [m/s].
+def rotor_inflow(thrust: Rows, across: Rows, along: Rows, disc_area: float, density: float = DENSITY) -> Rows:
+    """Induced velocity: what rotors add to the air that flows through them [m/s].
 
     Newton's method from v_i of hover: v √(V_t² + (V_c + v)²) rises and is convex, so that it comes down to the root.
 
@@ -66,6 +66,6 @@ def power(airframe: Airframe, velocity: Vectors, acceleration: Vectors, density:
     inflow = (velocity * axis).sum(axis=1)
     across = np.linalg.norm(velocity - inflow[:, None] * axis, axis=1)
     along = np.maximum(inflow, 0.0)
-    induced = induced_velocity(thrust, across, along, airframe.disc_area, density)
+    induced = rotor_inflow(thrust, across, along, airframe.disc_area, density)
     taken: Rows = thrust * (along + induced) / airframe.efficiency + airframe.profile * thrust**1.5
     return taken

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from maxjax.energy.airframe import Airframe
-from maxjax.energy.power import DENSITY, GRAVITY, induced_velocity, power
+from maxjax.energy.power import DENSITY, GRAVITY, power, rotor_inflow
 
 PLAIN = Airframe("plain", 2.0, 4, 0.15, 1.0, 0.0, 0.0, 30.0)  # neither profile nor drag, nothing lost
 
@@ -21,7 +21,7 @@ def watts(airframe: Airframe, *velocity: float, acceleration: tuple[float, float
 def test_in_hover_the_rotors_add_the_square_root_of_the_disc_loading() -> None:
     thrust = np.array([5.0, 20.0, 90.0])
     expected = np.sqrt(thrust / (2.0 * DENSITY * 0.3))
-    np.testing.assert_allclose(induced_velocity(thrust, 0 * thrust, 0 * thrust, 0.3), expected, rtol=1e-12)
+    np.testing.assert_allclose(rotor_inflow(thrust, 0 * thrust, 0 * thrust, 0.3), expected, rtol=1e-12)
     weight = PLAIN.mass * GRAVITY
     assert watts(PLAIN, 0.0, 0.0, 0.0) == pytest.approx(weight**1.5 / math.sqrt(2.0 * DENSITY * PLAIN.disc_area))
 
@@ -29,7 +29,7 @@ def test_in_hover_the_rotors_add_the_square_root_of_the_disc_loading() -> None:
 def test_in_flight_they_add_what_scipy_finds() -> None:
     rng = np.random.default_rng(0)
     thrust, across, along = rng.uniform(1.0, 200.0, 400), rng.uniform(0.0, 30.0, 400), rng.uniform(0.0, 12.0, 400)
-    found = induced_velocity(thrust, across, along, 0.25, 1.1)
+    found = rotor_inflow(thrust, across, along, 0.25, 1.1)
     for k in range(400):
         wanted = thrust[k] / (2.0 * 1.1 * 0.25)
 

@@ -79,6 +79,7 @@ def test_what_a_battery_does_not_last_for_is_flown_in_flights(
     for k, flight in enumerate(flights, 1):
         assert flight["status"] == flight["energy"]["status"] == "OK"
         assert flight["energy"]["charge"] >= 0.25
+        assert [leg["speed"] for leg in flight["legs"]] == [6.0, 6.0]  # that of the way home, too
         assert flight == json.loads((out / f"flight_{k}" / "mission.json").read_text())
         assert (out / f"flight_{k}" / "mission.png").exists()
         rows = np.loadtxt(tmp_path / f"way_{k}_ned.csv", delimiter=",", skiprows=1)
