@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from maxjax.inspection.inspect_target import inspect
     from maxjax.inspection.inspection import Inspection
     from maxjax.inspection.photo_camera import Camera
+    from maxjax.inspection.survey_area import survey
+    from maxjax.inspection.sweep import Sweep
     from maxjax.inspection.vehicles import Vehicles
     from maxjax.io.airspace.airspace import Airspace, Area
     from maxjax.io.airspace.zone_files import load_airspace
@@ -114,6 +116,7 @@ __all__ = [
     "SensorScan",
     "Status",
     "Supply",
+    "Sweep",
     "TangentPlane",
     "Tracking",
     "Traffic",
@@ -145,6 +148,7 @@ __all__ = [
     "plan_to_goal",
     "plan_to_nearest",
     "solve_potential",
+    "survey",
     "trajectory",
     "verify",
     "voxelize",
@@ -185,6 +189,8 @@ _MODULES = {
     "maxjax.inspection.inspect_target": ("inspect",),
     "maxjax.inspection.inspection": ("Inspection",),
     "maxjax.inspection.photo_camera": ("Camera",),
+    "maxjax.inspection.survey_area": ("survey",),
+    "maxjax.inspection.sweep": ("Sweep",),
     "maxjax.inspection.vehicles": ("Vehicles",),
     "maxjax.io.airspace.airspace": ("Airspace", "Area"),
     "maxjax.io.airspace.zone_files": ("load_airspace",),

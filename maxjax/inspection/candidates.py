@@ -23,7 +23,7 @@ from maxjax.inspection.photo_camera import Camera
 from maxjax.inspection.target_surface import Surface
 from maxjax.inspection.views import Views
 
-Reason = Literal["hidden", "no room", "closed"]
+Reason = Literal["hidden", "no room", "closed", "missed"]
 
 # Turns of the normal about the vertical and about the horizontal [deg], and shares of the distance, dearest last.
 _TURNS = sorted(itertools.product((0, 25, -25, 50, -50), repeat=2), key=lambda turn: math.hypot(*turn))
@@ -49,13 +49,6 @@ class Aim:
     free: FreeSpace
     camera: Camera
     capture: Capture
-
-    def __post_init__(self) -> None:
-        if self.capture.distance <= self.free.radius:
-            raise ValueError(
-                f"distance: expected more than the radius that a vehicle keeps, {self.free.radius:g} m, given "
-                f"{self.capture.distance:g} m"
-            )
 
     @property
     def spacing(self) -> float:

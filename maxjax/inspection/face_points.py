@@ -7,7 +7,7 @@ as many metres whose normals agree are then one point, in the middle of the larg
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from maxjax.io.geo.triangles import Triangles
 
@@ -64,5 +64,5 @@ def points_on(
     group = group.reshape(-1)
     order = np.lexsort((-size, group))
     largest = order[np.r_[True, group[order][1:] != group[order][:-1]][: len(order)]]
-    area: Float[np.ndarray, " p"] = np.bincount(group, 0.5 * size, minlength=len(largest))
+    area = np.bincount(group, 0.5 * size, minlength=len(largest)).astype(np.float64)
     return middle[largest], normal[largest], area, of[largest]

@@ -30,6 +30,7 @@ from maxjax.inspection.targets import Target
 from maxjax.inspection.vehicles import Vehicles, choose_home
 from maxjax.inspection.viewpoints import find_viewpoints
 from maxjax.inspection.views import Views
+from maxjax.io.kinds.faces import Faces
 from maxjax.io.load import LoadedMap
 from maxjax.planners import Field
 from maxjax.planning.look import Look
@@ -75,28 +76,24 @@ def inspect(
             than a flight may cost.
     """
     refuse_after_fork()
-    where, camera = _single(city), Camera.named(camera) if isinstance(camera, str) else camera
+    where, camera = single_map(city), Camera.named(camera) if isinstance(camera, str) else camera
     margin = max(distances.radius, min(distances.margin, 0.5 * capture.distance))
     distances = dataclasses.replace(distances, margin=margin).within(where.grid)
+    check_distance(capture, distances.radius)
     with recording() as recorder:
         with time_stage("surface"):
-            faces = city_faces(where)
-            by_voxels = not (isinstance(where, LoadedMap) and where.file.contents is not None)
-            scenery = Scenery.of(where, faces, by_voxels=by_voxels)
+            faces, scenery = scenery_of(where)
             surface = surface_of(where, faces, scenery, target, min(camera.footprint(capture.distance)) / _POINTS)
         with time_stage("viewpoints"):
-            around = np.array(vehicles.homes[0]) if vehicles.homes else None
-            free = FreeSpace.of(where, distances.radius, around)
+            free = FreeSpace.of(where, distances.radius, np.array(vehicles.homes[0]) if vehicles.homes else None)
             found = find_viewpoints(Aim(surface, free, camera, capture), scenery)
         homes = vehicles.homes or (choose_home(where, free, surface.points, capture.distance),)
         with time_stage("order"):
             rounds = order_views(found.views, free, homes, vehicles)
         missions = [plan_round(where, found.views, one, homes, distances) for one in rounds]
-    order = np.array([k for one in rounds for k in one.places], np.int64)
-    remarks = tuple(str(part) for part in found.coverage.unseen)
     return Inspection(
         status=next((mission.status for mission in missions if mission.status != Status.OK), Status.OK),
-        photos=found.views.some(order),
+        photos=found.views.some(np.array([k for one in rounds for k in one.places], np.int64)),
         flight=np.repeat(np.arange(len(rounds)), [len(one.places) for one in rounds]),
         coverage=found.coverage,
         missions=tuple(missions),
@@ -105,10 +102,18 @@ def inspect(
         capture=capture,
         tried=found.tried,
         least=found.least,
-        remarks=remarks,
+        remarks=tuple(str(part) for part in found.coverage.unseen),
         timings=functools.reduce(sum_reports, (mission.timings for mission in missions), recorder.report()),
         scenery=scenery,
     )
+
+
+def check_distance(capture: Capture, radius: float) -> None:
+    """Raises a ValueError for photos that are to be taken from nearer than a vehicle may be [m]."""
+    if capture.distance <= radius:
+        raise ValueError(
+            f"distance: expected more than the radius that a vehicle keeps, {radius:g} m, given {capture.distance:g} m"
+        )
 
 
 def order_views(
@@ -148,7 +153,15 @@ def plan_round(where: VoxelMap, views: Views, one: Round, homes: Sequence[Point3
     return plan_mission(Task.of(where, *legs_of(waypoints), distances), waypoints, Field())
 
 
-def _single(given: VoxelMap) -> VoxelMap:
+def scenery_of(where: VoxelMap) -> tuple[Faces, Scenery]:
+    """Faces of a city, and what hides: its faces, of a map without any the boxes of its voxels."""
+    faces = city_faces(where)
+    by_voxels = not (isinstance(where, LoadedMap) and where.file.contents is not None)
+    return faces, Scenery.of(where, faces, by_voxels=by_voxels)
+
+
+def single_map(given: VoxelMap) -> VoxelMap:
+    """The map itself, on the host; raises a ValueError for a batch."""
     where = check_map(given).on_host()
     if where.batch is not None:
         raise ValueError(f"map: expected one map, given a batch of {where.batch}; take one, as map[0]")

@@ -13,13 +13,14 @@ from jaxtyping import Float64, Int64
 
 from maxjax.core.grid import Point3
 from maxjax.inspection.candidates import Reason
-from maxjax.inspection.target_surface import Surface
+from maxjax.inspection.target_surface import GROUND, Surface
 from maxjax.inspection.visibility import Sights
 
 _WORDS = {
     "hidden": "hidden, or too oblique, from everywhere that may be flown to",
     "no room": "with no room for the radius before it",
     "closed": "before which the air is closed",
+    "missed": "on none of the photos",
 }
 
 
@@ -31,20 +32,17 @@ class Unseen:
         area: [m²].
         place: its middle [m].
         reason: why.
-        kind: façade or roof.
-        name: of the building's part.
+        what: façade or roof, and of which part of which building.
     """
 
     area: float
     place: Point3
     reason: Reason
-    kind: str
-    name: str
+    what: str
 
     def __str__(self) -> str:
         x, y, z = self.place
-        what = f"{self.area:.1f} m² of {self.kind} of {self.name}"
-        return f"{what} around x {x:.1f}, y {y:.1f}, z {z:.1f}: {_WORDS[self.reason]}"
+        return f"{self.area:.1f} m² of {self.what} around x {x:.1f}, y {y:.1f}, z {z:.1f}: {_WORDS[self.reason]}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,7 +137,8 @@ def unseen_parts(
         size = surface.areas[unseen[rows]]
         x, y, z = (size @ points[rows] / size.sum()).tolist()
         number = int(surface.part[unseen[rows[size.argmax()]]])
-        name = surface.names[number] if number >= 0 else "the ground"
-        kind = "roof" if roof[rows[0]] else "façade"
-        found.append(Unseen(float(size.sum()), (x, y, z), reasons[rows[0]], kind, name))
+        name = surface.names[number] if number != GROUND else ""
+        what = f"roof of {name}" if roof[rows[0]] else f"façade of {name}"
+        what = "the ground" if number == GROUND else what
+        found.append(Unseen(float(size.sum()), (x, y, z), reasons[rows[0]], what))
     return tuple(sorted(found, key=lambda one: -one.area))

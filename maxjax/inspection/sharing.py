@@ -68,7 +68,8 @@ class Sharing:
 
     def check(self) -> None:
         """Raises a ValueError for a place that no vehicle reaches, or none within its capacity."""
-        there = 2.0 * self.costs[sorted(set(self.vehicles)), self.homes :].min(axis=0)
+        from_home = sorted(set(self.vehicles))
+        there = (self.costs[from_home, self.homes :] + self.costs[self.homes :, from_home].T).min(axis=0)
         k = int(there.argmax()) if len(there) else 0
         if len(there) and not math.isfinite(there[k]):
             raise ValueError(f"place {k + 1} of {len(there)}: expected a way from home to it, found none")
@@ -111,6 +112,16 @@ def share_places(problem: Sharing) -> tuple[Round, ...]:
         for places in split(problem, home, problem.ordered(home, part)):
             better = problem.improved(home, places)
             rounds.append(Round(vehicle, home, better, problem.cost(home, better)))
+    return tuple(rounds)
+
+
+def cut_order(problem: Sharing, order: Sequence[int]) -> tuple[Round, ...]:
+    """Rounds that visit places in a given order, whose costs may differ by direction; raises as `Sharing.check`."""
+    problem.check()
+    rounds = []
+    for vehicle, (home, part) in enumerate(zip(problem.vehicles, _cut(problem, order), strict=True)):
+        for places in split(problem, home, part):
+            rounds.append(Round(vehicle, home, places, problem.cost(home, places)))
     return tuple(rounds)
 
 
@@ -165,6 +176,8 @@ def _assigned(problem: Sharing, parts: list[tuple[int, ...]]) -> list[tuple[int,
 
 def _cut(problem: Sharing, order: Sequence[int]) -> list[tuple[int, ...]]:
     """The order in consecutive parts, one a vehicle, the longest as short as can be; spare vehicles have none."""
+    if len(problem.vehicles) == 1:
+        return [tuple(order)]
 
     def parts_within(most: float) -> list[tuple[int, ...]] | None:
         found, begin = list[tuple[int, ...]](), 0

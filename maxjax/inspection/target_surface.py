@@ -26,6 +26,9 @@ _AGAINST = 0.3  # how near something stands that covers a wall [m]
 _OFF = 0.02  # by which a point is moved off its face to ask what is there [m]
 _MOST = 40_000  # points; more are spread wider
 _PAIRS = 2**22  # of points and triangles at a time
+_ARRAYS = ("points", "normals", "areas", "part")
+GROUND = -1
+"""Number of the part of points on the ground."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,9 +66,14 @@ class Surface:
         """Which points are on roofs, or on the ground."""
         return np.asarray(self.normals[:, 2] >= _LEVEL)
 
+    def joined(self, other: Surface) -> Surface:
+        """The points of both, by the names of this one."""
+        points, normals, areas, part = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS)
+        return dataclasses.replace(self, points=points, normals=normals, areas=areas, part=part)
+
     def some(self, rows: np.ndarray) -> Surface:
         """Some of its points, by their numbers or a mask."""
-        arrays = {name: getattr(self, name)[rows] for name in ("points", "normals", "areas", "part")}
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return dataclasses.replace(self, **arrays)
 
 
@@ -97,6 +105,46 @@ def surface_of(where: VoxelMap, faces: Faces, scenery: Scenery, target: Target, 
     if not free.any():
         raise ValueError(f"target: expected something with air before it, and {chosen.name} has none: it is covered")
     return dataclasses.replace(whole.some(free), covered=whole.area - whole.some(free).area)
+
+
+def area_surface(
+    where: VoxelMap, faces: Faces, scenery: Scenery, outline: Float64[np.ndarray, "k 2"], apart: float
+) -> Surface:
+    """Roofs and ground within an outline; arguments and errors as of `surface_of`."""
+    chosen = Chosen(np.ones(len(faces.triangles), bool), outline, None, f"an area of {len(outline)} corners")
+    roofs = _points(where, faces, chosen, apart)
+    ground = _ground_triangles(where, faces)
+    low, high = outline.min(axis=0) - apart, outline.max(axis=0) + apart
+    near = ((ground[:, :, :2].max(axis=1) >= low) & (ground[:, :, :2].min(axis=1) <= high)).all(axis=1)
+    points, normals, areas, of = points_on(ground[near], np.full(int(near.sum()), GROUND), apart)
+    kept = chosen.holds(points) & where_is(points, where)
+    rows = (points[kept], normals[kept], areas[kept], of[kept])
+    both = roofs.some(roofs.roof).joined(Surface(*rows, faces.names))
+    if not len(both):
+        sides = (np.round(corner, 1).tolist() for corner in (where.grid.lower, where.grid.upper))
+        raise ValueError(f"area: expected ground or roofs within the map, {' to '.join(map(str, sides))}, given none")
+    free = ~(_within(both, faces) | _against(both, scenery))
+    return dataclasses.replace(both.some(free), covered=both.area - both.some(free).area)
+
+
+def _ground_triangles(where: VoxelMap, faces: Faces) -> Float64[np.ndarray, "t 3 3"]:
+    """Those of the file, else two a column at its height."""
+    if len(faces.terrain):
+        return faces.terrain
+    heights, grid = where.terrain.heights, where.grid
+    columns = np.argwhere(~np.isnan(heights))
+    low = np.array(grid.lower[:2]) + grid.spacing * columns
+    z = heights[tuple(columns.T)]
+    a, b, c, d = (
+        np.column_stack([low + grid.spacing * np.array(corner), z]) for corner in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def where_is(points: Float64[np.ndarray, "n 3"], where: VoxelMap) -> Bool[np.ndarray, " n"]:
+    """Which points lie in a map, in plan."""
+    low, high = np.array(where.grid.lower[:2]), np.array(where.grid.upper[:2])
+    return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
 
 
 def _points(where: VoxelMap, faces: Faces, chosen: Chosen, apart: float) -> Surface:

@@ -99,12 +99,26 @@ def check_outline(name: str, corners: Any) -> Float64[np.ndarray, "k 2"]:
     return outline if area > 0 else outline[::-1]
 
 
+def check_line(name: str, corners: Any) -> Float64[np.ndarray, "k 2"]:
+    """Corners of a line in plan.
+
+    Raises:
+        ValueError: unless it has two corners, none twice in a row.
+    """
+    line = _numbers(name, corners)
+    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2:
+        raise ValueError(f"{name}: expected a line, (n, 2) with n >= 2 [m], given {line.shape}")
+    if (np.linalg.norm(np.diff(line, axis=0), axis=1) == 0.0).any():
+        raise ValueError(f"{name}: expected a line without a corner twice in a row, given one")
+    return line
+
+
 def _numbers(name: str, given: Any) -> Float64[np.ndarray, "..."]:
     try:
         numbers = np.asarray(given, np.float64)
     except (TypeError, ValueError) as error:
         buildings = "a building's name or several, a place (x, y), a box (2, 3), or " * (name == "target")
-        raise ValueError(f"{name}: expected {buildings}an outline (n, 2) [m], given {given!r}") from error
+        raise ValueError(f"{name}: expected {buildings}corners (n, 2) [m], given {given!r}") from error
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name}: expected finite numbers [m], given some that are not")
     return numbers

@@ -111,12 +111,6 @@ def test_nothing_that_can_be_seen() -> None:
         viewpoints(where, ((-0.1, 4.0, 1.0), (0.1, 6.0, 8.0)))
 
 
-def test_a_distance_below_the_radius() -> None:
-    """A sentence with both."""
-    with pytest.raises(ValueError, match=r"more than the radius that a vehicle keeps, 3 m, given 2 m"):
-        viewpoints(town((rectangle(0.0, 0.0, 10.0, 10.0), 10.0)), "house 0", Capture(distance=2.0), radius=3.0)
-
-
 def test_a_camera_that_cannot_look_down() -> None:
     """With a level gimbal the walls are seen and the roof is named."""
     level = Camera("level", (4000, 3000), field_of_view=60.0, gimbal=(0.0, 0.0))
