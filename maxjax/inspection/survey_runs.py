@@ -63,8 +63,8 @@ class Run:
                 look = Look(pitch=math.radians(sweep.pitch), every=every, photo=self.first == self.last)
             if k == self.last:
                 look = dataclasses.replace(look or Look(), every=0.0)
-            own = {} if k == 0 else {"margin": margin, "speed": speed}
-            found.append(Waypoint((x, y, z), **own, look=look))
+            place = Waypoint((x, y, z), look=look)
+            found.append(place if k == 0 else dataclasses.replace(place, margin=margin, speed=speed))
         return found
 
 
