@@ -1,4 +1,4 @@
-"""The command line: `maxjax plan`, `mission`, `map`, `scan`, `fly`, `view`, `ros`, `train`, `demo`, `check`.
+"""The command line: `maxjax plan`, `mission`, `inspect`, `survey`, `map`, `scan`, `fly`, `view` and others.
 
     exit code 0:   Status.OK
               1:   another status, whose sentence goes to stderr

@@ -24,6 +24,7 @@ from maxjax.ui.cli.options import (
     TrainOptions,
     ViewOptions,
 )
+from maxjax.ui.cli.photo_options import InspectOptions, SurveyOptions
 
 _UNUSABLE = 2
 
@@ -31,6 +32,8 @@ _UNUSABLE = 2
 _COMMANDS: dict[str, tuple[type, str, str]] = {
     "plan": (PlanOptions, "plan_command", "run_plan"),
     "mission": (MissionOptions, "mission_command", "run_mission"),
+    "inspect": (InspectOptions, "inspect_command", "run_inspect"),
+    "survey": (SurveyOptions, "inspect_command", "run_survey"),
     "map": (MapOptions, "map_command", "run_map"),
     "scan": (ScanOptions, "scan_command", "run_scan"),
     "fly": (FlyOptions, "fly_command", "run_fly"),

@@ -1,0 +1,248 @@
+"""`maxjax inspect` and `maxjax survey`: photos of a building or an area, their flights, what they show, and files.
+
+map → what is photographed, with room → viewpoints or lines → flights → table, inspection.json, inspection.png, exports
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from maxjax.api import trajectory
+from maxjax.core.files import atomic_write
+from maxjax.core.grid import Grid
+from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.inspection.capture import Capture
+from maxjax.inspection.inspect_target import inspect
+from maxjax.inspection.inspection import Inspection
+from maxjax.inspection.photo_camera import Camera
+from maxjax.inspection.survey_area import survey
+from maxjax.inspection.sweep import Sweep
+from maxjax.inspection.targets import Target, choose
+from maxjax.inspection.vehicles import Vehicles
+from maxjax.io import Window, map_of
+from maxjax.io.kinds.faces import Faces, faces_of
+from maxjax.io.kinds.footprints import Footprints
+from maxjax.io.kinds.mesh import Mesh
+from maxjax.planning.mission import Mission
+from maxjax.planning.problem.distances import Distances
+from maxjax.planning.problem.task import Task
+from maxjax.sim.worlds.scenes import Scene
+from maxjax.ui.cli import exporting, report
+from maxjax.ui.cli.map_task import MapTask, earth_in, load_source
+from maxjax.ui.cli.photo_options import InspectOptions, PhotoOptions, SurveyOptions
+from maxjax.ui.cli.progress import progress
+from maxjax.ui.request import Request, reading_of
+
+_ROOM = 15.0  # around what is photographed, beyond the distance of photos [m]
+_BELOW = 4.0  # of what is read below the lowest of what stands there [m]
+_HIGH = 80.0  # of the middle of a simulated city's voxels [m]
+
+
+def run_inspect(options: InspectOptions) -> int:
+    """Inspect a target, show and write. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    target, reach = _target(options), options.distance + _ROOM
+    capture = Capture(options.distance, options.overlap, options.incidence, options.resolution)
+    return _run(
+        options,
+        target,
+        reach,
+        lambda where: inspect(
+            where,
+            target,
+            Camera.named(options.camera),
+            capture=capture,
+            vehicles=_vehicles(options),
+            distances=Distances(options.radius, options.margin),
+        ),
+    )
+
+
+def run_survey(options: SurveyOptions) -> int:
+    """Survey an area, show and write. Returns the exit code.
+
+    Raises:
+        ValueError, OSError, ImportError: for arguments or files that cannot be used.
+    """
+    area = _corners("--area", options.area, 2 if options.width is not None else 3)
+    sweep = Sweep(**{field.name: getattr(options, field.name) for field in dataclasses.fields(Sweep)})
+    reach = options.distance + options.beyond + options.turn + _ROOM
+    return _run(
+        options,
+        area,
+        reach,
+        lambda where: survey(
+            where,
+            area,
+            Camera.named(options.camera),
+            sweep=sweep,
+            vehicles=_vehicles(options),
+            distances=Distances(options.radius, options.margin),
+        ),
+    )
+
+
+def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[[VoxelMap], Inspection]) -> int:
+    """Read the map around a target, take photos of it, show and write."""
+    report.check_output(options.out)
+    request = _request(options)
+    exporting.check_exports(request)
+    request.check()
+    with progress(f"Reading {options.map}"):
+        given = _map_around(request, target, reach)
+    exporting.check_place(request, given)
+    with progress("Choosing photos and planning their flights"):
+        found = take(given.task.map)
+    content = report.plain({**found.to_dict(), "configuration": dataclasses.asdict(options)})
+    files: list[object] = []
+    if options.out is not None:
+        files += _written(options.out, content, found, given)
+    if found.status == Status.OK:
+        for number, mission in enumerate(found.missions, 1):
+            files += _exported(request, given, mission, number if len(found.missions) > 1 else None)
+    if options.json:
+        sys.stdout.write(report.dumps(content))
+    else:
+        report.show(_table(found, Path(options.map).name))
+        print(found)
+        if files:
+            print(*files, sep="\n")
+    for remark in found.remarks:
+        report.complain(f"Note: {remark}.")
+    if found.status == Status.OK:
+        return 0
+    report.complain(f"{found.status.name}: {found.status.advice}")
+    return 1
+
+
+def _target(options: InspectOptions) -> Target:
+    """What is to be inspected; raises a ValueError unless one of the options says it."""
+    given: dict[str, Any] = {
+        "--building": options.building,
+        "--at": options.at,
+        "--box": None if options.box is None else np.array(options.box).reshape(2, 3),
+        "--outline": _corners("--outline", options.outline, 3) if options.outline else None,
+    }
+    named = [name for name, value in given.items() if value is not None and len(value)]
+    if len(named) != 1:
+        said = " and ".join(named) if named else "none"
+        raise ValueError(f"expected one of {', '.join(given)}, given {said}: say what is to be inspected")
+    target: Target = given[named[0]]
+    return target
+
+
+def _corners(name: str, numbers: tuple[float, ...], least: int) -> np.ndarray:
+    if len(numbers) % 2 or len(numbers) < 2 * least:
+        raise ValueError(f"{name}: expected x and y of {least} corners at least, given {len(numbers)} numbers")
+    return np.array(numbers).reshape(-1, 2)
+
+
+def _vehicles(options: PhotoOptions) -> Vehicles:
+    return Vehicles(options.home, options.vehicles, options.longest)
+
+
+def _request(options: PhotoOptions) -> Request:
+    """How a map is read, limits and outputs, as a request has them."""
+    names = {field.name for field in dataclasses.fields(Request)}
+    own = {field.name: getattr(options, field.name) for field in dataclasses.fields(options) if field.name in names}
+    return Request(**own)
+
+
+def _map_around(request: Request, target: Target, reach: float) -> MapTask:
+    """The map around a target, so far beyond it; of a file without faces all of it."""
+    source = load_source(request.map, reading_of(request))
+    if isinstance(source, Scene):
+        if isinstance(target, str) or isinstance(target[0], str):
+            raise ValueError(f"--building: {request.map} has no names; give --at, --box or --outline")
+        (x, y), _ = _middle(np.asarray(target, np.float64))
+        return _task(source.voxels(Grid.centered((x, y, _HIGH))), request)
+    bounds = request.bounds
+    if bounds is None and request.center is None and isinstance(source, Footprints | Mesh):
+        bounds = _bounds(faces_of(source), target, reach)
+    window = Window(request.spacing, bounds, request.center, (), request.ground)
+    found = map_of(source, window, reading_of(request))
+    earth = earth_in(source, request)
+    task = dataclasses.replace(_task(found, request), earth=earth, within=found.file.within)
+    for remark in found.file.remarks:
+        report.complain(f"Note: {Path(request.map).name}: {remark}.")
+    return task
+
+
+def _middle(corners: np.ndarray) -> tuple[tuple[float, float], float]:
+    """Middle in plan of a place, an outline or a box, and half of its extent [m]."""
+    flat = corners.reshape(-1, corners.shape[-1])[:, :2]
+    x, y = (0.5 * (flat.min(axis=0) + flat.max(axis=0))).tolist()
+    return (x, y), 0.5 * float(np.ptp(flat, axis=0).max())
+
+
+def _bounds(faces: Faces, target: Target, reach: float) -> tuple[float, float, float, float, float, float]:
+    """Lowest and highest corner of what is read: the target with room, down to the lowest of what stands there [m]."""
+    chosen = choose(faces, target)
+    corners = faces.triangles[chosen.faces].reshape(-1, 3)
+    if chosen.outline is not None or chosen.box is not None:
+        limits = np.asarray(chosen.outline if chosen.outline is not None else chosen.box)
+        low, high = limits.min(axis=0)[:2], limits.max(axis=0)[:2]
+    else:
+        low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    near = (np.abs(corners[:, :2] - 0.5 * (low + high)) <= 0.5 * (high - low) + reach).all(axis=1)
+    heights = corners[near, 2] if near.any() else corners[:, 2]
+    (x0, y0), (x1, y1) = (low - reach).tolist(), (high + reach).tolist()
+    return x0, y0, float(heights.min()) - _BELOW, x1, y1, float(heights.max()) + reach
+
+
+def _task(where: VoxelMap, request: Request) -> MapTask:
+    ends = np.array([where.grid.origin])
+    return MapTask(Task.of(where, ends, ends, request.distances), where.terrain, earth=request.earth(None))
+
+
+def _exported(request: Request, given: MapTask, mission: Mission, number: int | None) -> list[object]:
+    """The files of a flight; of several they are numbered."""
+    if not request.export:
+        return []
+    files = tuple(file if number is None else _numbered(file, number) for file in request.export)
+    ends = mission.path[[0, -1]]
+    own = dataclasses.replace(given, task=given.task.with_ends(ends[:1], ends[1:]))
+    return list(
+        exporting.write_all(dataclasses.replace(request, export=files), own, trajectory(mission, request.limits))
+    )
+
+
+def _numbered(file: Path, number: int) -> Path:
+    """`way.plan` as `way_2.plan`; `way_ned.csv` as `way_2_ned.csv`."""
+    ending = next((one for one in ("_ned.csv", "_litchi.csv") if file.name.endswith(one)), file.suffix)
+    return file.with_name(f"{file.name.removesuffix(ending)}_{number}{ending}")
+
+
+def _table(found: Inspection, title: str) -> Table:
+    """One row a flight."""
+    table = Table(title=title, title_justify="left")
+    for head in ("flight", "vehicle", "status", "photos", "length\n[m]", "clearance\n[m]"):
+        table.add_column(head, justify="left" if head == "status" else "right")
+    for k, (mission, vehicle) in enumerate(zip(found.missions, found.vehicles, strict=True)):
+        ok = mission.status == Status.OK
+        lengths = [f"{x:.1f}" if ok else "" for x in (mission.length, mission.clearance)]
+        table.add_row(str(k + 1), str(vehicle + 1), mission.status.name, str(int((found.flight == k).sum())), *lengths)
+    return table
+
+
+def _written(out: Path, content: dict[str, Any], found: Inspection, given: MapTask) -> list[Path]:
+    """The files of an inspection in a folder, the picture first."""
+    from maxjax.ui.figures.inspections import figure_inspection
+    from maxjax.ui.figures.style import save_figure
+
+    out.mkdir(parents=True, exist_ok=True)
+    with progress("Drawing"):
+        save_figure(figure_inspection(found), out / "inspection.png")
+    atomic_write(out / "inspection.json", report.dumps(content))
+    return [out / "inspection.json", out / "inspection.png"]
