@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
     from maxjax.inspection.capture import Capture
+    from maxjax.inspection.flown_files import FlownFiles, export_inspection
     from maxjax.inspection.inspect_target import inspect
     from maxjax.inspection.inspection import Inspection
     from maxjax.inspection.photo_camera import Camera
@@ -90,6 +91,7 @@ __all__ = [
     "Field",
     "FileError",
     "FlightLimits",
+    "FlownFiles",
     "Follower",
     "Grid",
     "Inspection",
@@ -130,6 +132,7 @@ __all__ = [
     "conductivity",
     "dilate",
     "export",
+    "export_inspection",
     "fly",
     "inspect",
     "judge_battery",
@@ -186,6 +189,7 @@ _MODULES = {
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
     "maxjax.inspection.capture": ("Capture",),
+    "maxjax.inspection.flown_files": ("FlownFiles", "export_inspection"),
     "maxjax.inspection.inspect_target": ("inspect",),
     "maxjax.inspection.inspection": ("Inspection",),
     "maxjax.inspection.photo_camera": ("Camera",),

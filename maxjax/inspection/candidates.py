@@ -32,6 +32,7 @@ _FIRST = 3  # views of a point whose straight one is not free
 _SPACING = 0.5  # of the smaller step between photos
 _MOST = 6000  # points that are aimed at, at first
 _SAME_PLACE, _SAME_WAY = 0.25, 10.0  # of the spacing, and degrees: views nearer than both are one
+_APART = 0.6  # between the places of photos, at least: programs take no waypoints that are nearer [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,11 +65,16 @@ class Aim:
         kept = np.where(straight[:, None], np.arange(rank.shape[1]) == 0, np.arange(rank.shape[1]) < _FIRST)
         return self._views(anchors, np.where(kept, rank, -1))
 
-    def more_views(self, missing: Bool[np.ndarray, " n"]) -> Views:
-        """Views from all sides of points that are not seen often enough."""
+    def more_views(self, missing: Bool[np.ndarray, " n"], given: Views) -> Views:
+        """Views from all sides of points that are not seen often enough, from other places than given ones."""
+        from scipy.spatial import cKDTree  # a quarter of a second that most commands can do without
+
         rows = np.flatnonzero(missing)
         anchors = rows[spread(self.surface.some(rows), self.spacing)]
-        return self._views(anchors, self._ranked(anchors))
+        found = self._views(anchors, self._ranked(anchors))
+        if not len(given) or not len(found):
+            return found
+        return found.some(np.asarray(cKDTree(given.position).query(found.position)[0]) > _APART)
 
     def reasons(self, unseen: Int64[np.ndarray, " u"]) -> list[Reason]:
         """Why points are seen from nowhere that may be flown to."""
@@ -138,13 +144,15 @@ def _turned(normals: Float64[np.ndarray, "a 3"]) -> Float64[np.ndarray, "a t 3"]
 
 
 def _different(views: Views, apart: float) -> Int64[np.ndarray, " k"]:
-    """Numbers of views without those that are nearly the same as an earlier one."""
+    """Numbers of views without those that are nearly the same as an earlier one, or from the same place."""
     from scipy.spatial import cKDTree  # a quarter of a second that most commands can do without
 
-    pairs = cKDTree(views.position).query_pairs(apart, output_type="ndarray") if len(views) else np.zeros((0, 2), int)
-    forward = views.axes[:, 2]
-    alike = np.einsum("nk,nk->n", forward[pairs[:, 0]], forward[pairs[:, 1]]) >= math.cos(math.radians(_SAME_WAY))
+    reach = max(apart, _APART)
+    pairs = cKDTree(views.position).query_pairs(reach, output_type="ndarray") if len(views) else np.zeros((0, 2), int)
+    forward, first, second = views.axes[:, 2], pairs[:, 0], pairs[:, 1]
+    alike = np.einsum("nk,nk->n", forward[first], forward[second]) >= math.cos(math.radians(_SAME_WAY))
+    alike |= np.linalg.norm(views.position[first] - views.position[second], axis=1) <= _APART
     kept = np.ones(len(views), bool)
-    for first, second in sorted(map(tuple, pairs[alike].tolist())):
-        kept[second] &= not kept[first]
+    for one, other in sorted(map(tuple, pairs[alike].tolist())):
+        kept[other] &= not kept[one]
     return np.flatnonzero(kept)

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float64
 
 from maxjax.inspection.views import Views
-from maxjax.planning.look import Look
-from maxjax.planning.mission import Mission, Waypoint
+from maxjax.planning.look import AimedLook
+from maxjax.planning.mission import Mission, Waypoint, looks_of
 
 _UPRIGHT = 1e-3  # horizontal way below which a leg has no course [m]
 
@@ -30,15 +30,13 @@ class _Photo:
 
 def photos_of(mission: Mission) -> Views:
     """The photos of a mission; none of one without a path."""
-    if not len(mission.path):
-        return photos_along(np.zeros((0, 3)), {})
-    places, waypoints = mission.places.tolist(), mission.waypoints
-    looks = {place: one.look for place, one in zip(places, waypoints, strict=True) if one.look is not None}
     leads_to = np.searchsorted(mission.places, np.arange(len(mission.path)))
-    return photos_along(mission.path, looks, [waypoints[k] for k in leads_to.tolist()])
+    return photos_along(mission.path, looks_of(mission), [mission.waypoints[k] for k in leads_to.tolist()])
 
 
-def photos_along(path: Float64[np.ndarray, "n 3"], looks: dict[int, Look], aims: Sequence[Waypoint] = ()) -> Views:
+def photos_along(
+    path: Float64[np.ndarray, "n 3"], looks: Mapping[int, AimedLook], aims: Sequence[Waypoint] = ()
+) -> Views:
     """The photos along a path.
 
     Args:
@@ -54,7 +52,9 @@ def photos_along(path: Float64[np.ndarray, "n 3"], looks: dict[int, Look], aims:
     )
 
 
-def _photos(path: Float64[np.ndarray, "n 3"], looks: dict[int, Look], aims: Sequence[Waypoint]) -> Iterator[_Photo]:
+def _photos(
+    path: Float64[np.ndarray, "n 3"], looks: Mapping[int, AimedLook], aims: Sequence[Waypoint]
+) -> Iterator[_Photo]:
     courses, pitch, every, since = _courses(path), 0.0, 0.0, 0.0
 
     def heading(place: Float64[np.ndarray, "3"], k: int, course: float) -> float:
@@ -63,10 +63,10 @@ def _photos(path: Float64[np.ndarray, "n 3"], looks: dict[int, Look], aims: Sequ
         return course if math.isnan(asked) else asked
 
     for k, point in enumerate(path):
-        look = looks.get(k, Look())
+        look = looks.get(k, AimedLook())
         pitch = pitch if look.pitch is None else look.pitch
         ahead = courses[min(k, len(courses) - 1)] if courses else 0.0
-        yaw = heading(point, k, ahead)
+        yaw = heading(point, k, ahead) if look.yaw is None else look.yaw
         begins = look.every is not None and look.every > 0.0
         if look.every is not None:
             every, since = look.every, 0.0

@@ -49,7 +49,7 @@ def find_viewpoints(aim: Aim, scenery: Scenery) -> Viewpoints:
     sights = find_sights(views, surface, scenery, aim.camera, limits)
     missing = np.bincount(sights.point, minlength=len(surface)) < wanted
     if missing.any():
-        more = aim.more_views(missing)
+        more = aim.more_views(missing, views)
         views, sights = views.joined(more), _both(sights, find_sights(more, surface, scenery, aim.camera, limits))
     unseen = np.flatnonzero(np.bincount(sights.point, minlength=len(surface)) == 0)
     parts = unseen_parts(surface, unseen, aim.reasons(unseen), aim.spacing)

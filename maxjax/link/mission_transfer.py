@@ -11,7 +11,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from maxjax.io.export.items import CHANGE_SPEED, LAND, REGION, TAKE_OFF, WAYPOINT
+from maxjax.io.export.camera_items import ROI
+from maxjax.io.export.items import CHANGE_SPEED, LAND, TAKE_OFF, WAYPOINT
 from maxjax.link.errors import LinkError
 from maxjax.link.vehicle import Vehicle
 
@@ -104,7 +105,7 @@ def differences(sent: Sequence[Any], stored: Sequence[Any], *, ardupilot: bool) 
 
 
 def _compared(item: Any, *, ardupilot: bool) -> tuple[str, ...]:
-    if item.command == REGION:
+    if item.command == ROI:
         return "command", "frame", "x", "y", "z"
     if item.command not in _PLACED:
         return ("command", "param2") if item.command == CHANGE_SPEED else ("command", "param1", "param2")

@@ -36,3 +36,18 @@ class Look:
             raise ValueError(f"Look.pitch: expected an angle from -pi/2 to pi/2 [rad], given {self.pitch!r}")
         if self.every is not None and not 0.0 <= self.every < math.inf:
             raise ValueError(f"Look.every: expected a distance of at least 0 m, given {self.every!r}")
+
+
+@dataclasses.dataclass(frozen=True)
+class AimedLook:
+    """A look with the heading of the vehicle, as files hold both.
+
+    Attributes:
+        yaw: heading at the waypoint [rad], from east to north. None: along the way.
+        pitch, photo, every: as of `Look`.
+    """
+
+    yaw: float | None = None
+    pitch: float | None = None
+    photo: bool = False
+    every: float | None = None

@@ -21,7 +21,7 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.look import Look
+from maxjax.planning.look import AimedLook, Look
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
@@ -318,6 +318,17 @@ def first_legs(mission: Mission, task: Task) -> Mission | None:
     if count == 0:
         return None
     return join_legs(mission.waypoints[: count + 1], mission.legs[:count], task, mission.timings)
+
+
+def looks_of(mission: Mission) -> dict[int, AimedLook]:
+    """Looks of a mission's waypoints with their headings, by number of the path's point."""
+    found = dict[int, AimedLook]()
+    for place, waypoint in zip(mission.places.tolist(), mission.waypoints, strict=False):
+        if waypoint.look is not None:
+            yaw = float(waypoint.yaw_from(np.array([waypoint.position]))[0])
+            own = waypoint.look
+            found[place] = AimedLook(None if math.isnan(yaw) else yaw, own.pitch, own.photo, own.every)
+    return found
 
 
 def legs_of(waypoints: Sequence[Waypoint]) -> tuple[Float64[np.ndarray, "b 3"], Float64[np.ndarray, "b 3"]]:

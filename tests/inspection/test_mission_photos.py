@@ -9,6 +9,7 @@ import pytest
 
 import maxjax
 from maxjax.inspection.mission_photos import photos_along
+from maxjax.planning.look import AimedLook
 
 DOWN = -0.5 * math.pi
 
@@ -16,7 +17,7 @@ DOWN = -0.5 * math.pi
 def test_photos_by_distance() -> None:
     """One where it begins, then every 3 m in plan, around a corner and up a slope, until it is told to stop."""
     path = np.array([[0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [10.0, 8.0, 11.0], [10.0, 30.0, 11.0]])
-    looks = {0: maxjax.Look(pitch=DOWN, every=3.0), 2: maxjax.Look(every=0.0)}
+    looks = {0: AimedLook(pitch=DOWN, every=3.0), 2: AimedLook(every=0.0)}
     found = photos_along(path, looks)
     along = np.where(found.position[:, 1] > 0.0, 10.0 + found.position[:, 1], found.position[:, 0])
     np.testing.assert_allclose(along, 3.0 * np.arange(7))
@@ -28,7 +29,7 @@ def test_photos_by_distance() -> None:
 def test_photos_at_waypoints() -> None:
     """With heading and gimbal of their own, once each, at rest or not."""
     path = np.array([[0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [10.0, 0.0, 15.0], [0.0, 0.0, 15.0]])
-    looks = {1: maxjax.Look(pitch=-0.3, photo=True), 2: maxjax.Look(photo=True)}
+    looks = {1: AimedLook(pitch=-0.3, photo=True), 2: AimedLook(photo=True)}
     turned, plain = maxjax.Waypoint((0.0, 0.0, 0.0), heading=90.0 - math.degrees(2.0)), maxjax.Waypoint((0.0, 0.0, 0.0))
     found = photos_along(path, looks, [plain, turned, plain, plain])
     np.testing.assert_allclose(found.position, path[1:3])
@@ -42,7 +43,7 @@ def test_photos_on_a_leg_look_where_its_waypoint_says() -> None:
     """To a point of interest beside the leg, from each place anew."""
     seen = maxjax.Waypoint((12.0, 0.0, 5.0), look_at=(6.0, 6.0, 0.0))
     path = np.array([[0.0, 0.0, 5.0], [12.0, 0.0, 5.0]])
-    found = photos_along(path, {0: maxjax.Look(every=6.0)}, [maxjax.Waypoint((0.0, 0.0, 5.0)), seen])
+    found = photos_along(path, {0: AimedLook(every=6.0)}, [maxjax.Waypoint((0.0, 0.0, 5.0)), seen])
     np.testing.assert_allclose(found.position[:, 0], [0.0, 6.0, 12.0])
     np.testing.assert_allclose(found.yaw[1:], [0.5 * math.pi, 0.75 * math.pi])
 
@@ -50,6 +51,6 @@ def test_photos_on_a_leg_look_where_its_waypoint_says() -> None:
 def test_a_run_of_no_length_is_one_photo() -> None:
     """Where a trigger begins and ends at one place."""
     path = np.array([[0.0, 0.0, 5.0], [4.0, 0.0, 5.0]])
-    assert len(photos_along(path, {0: maxjax.Look(every=0.0, photo=True)})) == 1
+    assert len(photos_along(path, {0: AimedLook(every=0.0, photo=True)})) == 1
     assert len(photos_along(path, {})) == 0
     assert len(photos_along(np.zeros((0, 3)), {})) == 0

@@ -40,11 +40,13 @@ class AimOnEarth:
 def aims_of(mission: Mission, earth: Earth) -> list[AimOnEarth | None]:
     """What the nose points to on the leg to each waypoint, of the start while it rests there; None: along the course.
 
+    A waypoint with a look is aimed with its camera, at the waypoint (`io.export.camera_items`), and has None here.
+
     Args:
         mission: in the map's coordinates.
         earth: where the map lies.
     """
-    return [_aim(waypoint, earth) if waypoint.aims else None for waypoint in mission.waypoints]
+    return [_aim(one, earth) if one.aims and one.look is None else None for one in mission.waypoints]
 
 
 def _aim(waypoint: Waypoint, earth: Earth) -> AimOnEarth:

@@ -35,6 +35,7 @@ from maxjax.io.export.corners import Waypoints, cut_corners
 from maxjax.io.export.flown_track import fly_track
 from maxjax.io.export.halts import Halts, halts_of
 from maxjax.io.export.read_back import Lines, Points
+from maxjax.planning.look import AimedLook
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
 from maxjax.trajectories.trajectory import Trajectory
@@ -61,6 +62,8 @@ class AsFlown:
             counts from no home.
         autopilots: that it was judged for, with the parameters that it relies on.
         flights: of each of them.
+        line: the waypoints of its only part, as read back [m]; empty where it has several.
+        looks: what is done with a camera at them, by number.
     """
 
     clearance: float
@@ -71,6 +74,8 @@ class AsFlown:
     return_height: float | None = None
     autopilots: tuple[Autopilot, ...] = ()
     flights: tuple[AutopilotFlight, ...] = ()
+    line: Points = dataclasses.field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    looks: Mapping[int, AimedLook] = dataclasses.field(default_factory=dict, repr=False)
 
     @property
     def duration(self) -> float:
@@ -178,7 +183,8 @@ def judge_lines(
         wrong = f"it leads {aside:.2f} m aside from what was planned; its least clearance is {clearance:.2f} m"
     if wrong:
         raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
-    return AsFlown(clearance, aside, flights=flights)
+    line = lines.parts[0] if len(lines.parts) == 1 else np.zeros((0, 3))
+    return AsFlown(clearance, aside, flights=flights, line=line, looks=lines.looks)
 
 
 def waypoints_of(lines: Lines) -> Waypoints:

@@ -239,7 +239,10 @@ def _more_to_keep(mission: Mission, true: Accuracy) -> str:
 
 
 def _speed(flight: Plan | Mission | Trajectory) -> float:
-    return flight.limits.speed if isinstance(flight, Trajectory) else _SPEED
+    if isinstance(flight, Trajectory):
+        return flight.limits.speed
+    own = [waypoint.speed or 0.0 for waypoint in flight.waypoints] if isinstance(flight, Mission) else []
+    return max([_SPEED, *own])
 
 
 def write_parameters(file: Path, flown: AsFlown) -> list[Path]:

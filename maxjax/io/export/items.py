@@ -6,6 +6,9 @@ fourth parameter, the heading, is the course over ground of the way to the point
 waypoint says where the nose points, a DO_SET_ROI_LOCATION stands before its leg (`io.export.aiming`), and the heading
 is that; a DO_SET_ROI_NONE takes it back.
 
+Where a waypoint says so, the camera is aimed before it and takes photos after it (`io.export.camera_items`); its fourth
+parameter is then the heading to look at.
+
 PX4 takes a waypoint for reached within the acceptance radius of its item and turns to the next one; ArduCopter has a
 radius of its own (`io.export.autopilot`). Where a corner may not be cut (`io.export.corners`), a hold makes the vehicle
 stop. Take-off and landing are upright ways to the first and from the last point, where they are asked for.
@@ -14,40 +17,21 @@ stop. Take-off and landing are upright ways to the first and from the last point
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float64
 
 from maxjax.io.export.aiming import AimOnEarth, aims_of
-from maxjax.io.geo.earth import Earth, TangentPlane
-from maxjax.planning.mission import Mission
+from maxjax.io.export.camera_items import ROI, ROI_NONE, CameraItems
+from maxjax.io.export.mission_item import MISSION, RELATIVE, Item, courses_of
+from maxjax.io.geo.earth import Earth
+from maxjax.planning.mission import Mission, looks_of
 
 # MAVLink's numbers.
 WAYPOINT, LAND, TAKE_OFF, CHANGE_SPEED = 16, 21, 22, 178
-REGION, NO_REGION = 195, 197
-GLOBAL, MISSION, RELATIVE = 0, 2, 3
 _GROUND_SPEED, _SAME_THROTTLE = 1.0, -1.0
 _ACCEPTANCE = 0.5  # [m]
-_UPRIGHT = 1e-3  # from one point to the next, below which a way has no course [m]
-
-
-@dataclasses.dataclass(frozen=True)
-class Item:
-    """A mission item.
-
-    Attributes:
-        command, frame: MAVLink's numbers.
-        params: seven; the last three are latitude, longitude [degrees] and height [m] where it is a place. None: the
-            vehicle's own choice.
-    """
-
-    command: int
-    frame: int
-    params: tuple[float | None, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +67,12 @@ class Feet:
 
 
 def items_of(
-    mission: Mission, earth: Earth, speed: float, feet: Feet, stops: Mapping[int, float] = MappingProxyType({})
+    mission: Mission,
+    earth: Earth,
+    speed: float,
+    feet: Feet,
+    stops: Mapping[int, float] = MappingProxyType({}),
+    names: tuple[str, ...] = (),
 ) -> Items:
     """The items of a mission.
 
@@ -93,32 +82,35 @@ def items_of(
         speed: of legs that have none of their own, and the most of those that have [m/s].
         feet: where the ground is.
         stops: how long to hold at points of the path, at least, by number [s].
+        names: of the autopilots that are to fly them.
     """
     path = mission.path
     latitude, longitude, height = earth.geodetic(np.array([[path[0, 0], path[0, 1], feet.home]]))[0].tolist()
     on_earth = earth.geodetic(path)
     courses, aims = courses_of(on_earth), aims_of(mission, earth)
     holds = dict(zip(mission.places.tolist(), (waypoint.hover or 0.0 for waypoint in mission.waypoints), strict=True))
-    places = [
-        Item(
-            WAYPOINT,
-            RELATIVE,
-            (max(holds.get(k, 0.0), stops.get(k, 0.0)), _ACCEPTANCE, 0.0, course, north, east, up - height),
-        )
-        for k, ((north, east, up), course) in enumerate(
-            zip(on_earth.tolist(), _headed(courses, aims, mission), strict=True)
-        )
-    ]
+    headed = _headed(courses, aims, mission)
+    camera = CameraItems(looks_of(mission), path, earth, height, names)
+
+    def place(k: int) -> list[Item]:
+        look, (north, east, up) = camera.looks.get(k), on_earth[k].tolist()
+        course = headed[k] if look is None or look.yaw is None else camera.heading(k, look.yaw)
+        hold = max(holds.get(k, 0.0), stops.get(k, 0.0))
+        waypoint = Item(WAYPOINT, RELATIVE, (hold, _ACCEPTANCE, 0.0, course, north, east, up - height))
+        return [*camera.before(k), waypoint, *camera.after(k)]
+
     speeds = [min(waypoint.speed or speed, speed) for waypoint in mission.waypoints[1:]]
     items, last, aim = list[Item](), None, None
-    for k, own in enumerate(speeds):
+    for leg, own in enumerate(speeds):
         if own != last:
             items.append(Item(CHANGE_SPEED, MISSION, (_GROUND_SPEED, own, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)))
-        if k == 0:
-            items += [*_turn(None, aims[0], height), places[0]]
+        if leg == 0:
+            items += [*_turn(None, aims[0], height), *place(int(mission.places[0]))]
             aim = aims[0]
-        items += [*_turn(aim, aims[k + 1], height), *places[mission.places[k] + 1 : mission.places[k + 1] + 1]]
-        last, aim = own, aims[k + 1]
+        items += _turn(aim, aims[leg + 1], height)
+        for k in range(mission.places[leg] + 1, mission.places[leg + 1] + 1):
+            items += place(k)
+        last, aim = own, aims[leg + 1]
     if feet.takes_off:
         north, east, up = on_earth[0].tolist()
         items.insert(0, Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, courses[0], north, east, up - height)))
@@ -142,22 +134,5 @@ def _turn(before: AimOnEarth | None, aim: AimOnEarth | None, home: float) -> lis
     if aim == before:
         return []
     if aim is None:
-        return [Item(NO_REGION, MISSION, (0.0,) * 7)]
-    return [Item(REGION, RELATIVE, (0.0, 0.0, 0.0, 0.0, aim.latitude, aim.longitude, aim.height - home))]
-
-
-def courses_of(places: Float64[np.ndarray, "n 3"]) -> list[float]:
-    """Course of the way to each point, and from the first one [degrees from true north, 0 to 360].
-
-    An upright way has that of the one before, the first ones that of the first that leads anywhere; without any, 0.
-
-    Args:
-        places: latitude, longitude [degrees] and height [m].
-    """
-    found: list[float | None] = [None]
-    for here, there in itertools.pairwise(places):
-        ((east, north, _),) = TangentPlane(*here.tolist()).local(there[None]).tolist()
-        upright = math.hypot(east, north) < _UPRIGHT
-        found.append(found[-1] if upright else math.degrees(math.atan2(east, north)) % 360.0)
-    first = next((course for course in found if course is not None), 0.0)
-    return [first if course is None else course for course in found]
+        return [Item(ROI_NONE, MISSION, (0.0,) * 7)]
+    return [Item(ROI, RELATIVE, (0.0, 0.0, 0.0, 0.0, aim.latitude, aim.longitude, aim.height - home))]

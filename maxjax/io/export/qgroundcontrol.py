@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.fences import Fence
-from maxjax.io.export.items import RELATIVE, Item, Items
+from maxjax.io.export.items import Items
+from maxjax.io.export.mission_item import RELATIVE, Item
 
 _FIRMWARE = {"px4": 12, "arducopter": 3}  # MAV_AUTOPILOT
 _QUADROTOR = 2  # MAV_TYPE
@@ -63,7 +65,8 @@ def _item(number: int, item: Item) -> dict[str, Any]:
         "command": item.command,
         "doJumpId": number,
         "frame": item.frame,
-        "params": list(item.params),
+        # JSON has no NaN: QGroundControl takes null for it.
+        "params": [None if value is None or math.isnan(value) else value for value in item.params],
     }
     if item.frame == RELATIVE:
         height = item.params[-1]

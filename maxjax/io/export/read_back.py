@@ -15,6 +15,7 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,10 @@ from jaxtyping import Float64
 
 from maxjax.core.terrain import Terrain
 from maxjax.io.export.endings import ending_of, is_ned
+from maxjax.io.export.read_looks import Aimed, looks_in
 from maxjax.io.export.read_stops import ReadStops, read_litchi, read_wpml
 from maxjax.io.geo.earth import Earth, TangentPlane
+from maxjax.planning.look import AimedLook
 
 _TAKE_OFF, _LAND, _WAYPOINT, _CHANGE_SPEED, _RELATIVE = 22, 21, 16, 178, 3  # MAVLink's numbers
 _DIGITS = 1e-3  # by which those of a file may move a place [m]
@@ -101,6 +104,7 @@ class Lines:
         holds: how long each point of the only part is held [s], and
         accepted: within which it counts as reached [m], as its item says, and
         speeds: greatest on the way to it [m/s], NaN where nothing says it; None where the file has no such items.
+        looks: what is done with a camera at points of the only part, by number.
     """
 
     parts: tuple[Points, ...]
@@ -110,6 +114,7 @@ class Lines:
     holds: Float64[np.ndarray, " n"] | None = None
     accepted: Float64[np.ndarray, " n"] | None = None
     speeds: Float64[np.ndarray, " n"] | None = None
+    looks: Mapping[int, AimedLook] = dataclasses.field(default_factory=dict)
 
 
 def lines_in(file: Path, text: str | bytes, standing: Standing) -> Lines:
@@ -158,7 +163,10 @@ def lines_in_bag(folder: Path) -> Lines:
 
 def _plan(text: str, standing: Standing) -> Lines:
     mission = json.loads(text)["mission"]
-    items = [(item["command"], item["frame"], item["params"]) for item in mission["items"]]
+    items = [
+        (item["command"], item["frame"], [math.nan if value is None else float(value) for value in item["params"]])
+        for item in mission["items"]
+    ]
     return _items(np.array([mission["plannedHomePosition"]], np.float64), items, standing)
 
 
@@ -187,6 +195,7 @@ def _items(home: Points, items: list[tuple[int, int, list[float]]], standing: St
         holds=holds,
         accepted=accepted,
         speeds=speeds,
+        looks=looks_in(items, Aimed(standing.place, line, standing.lifted, home)),
     )
 
 
@@ -200,7 +209,8 @@ def _stops(found: ReadStops, standing: Standing) -> Lines:
         rise = np.concatenate([standing.placed(np.concatenate([foot, top])), line[:1]])
     if found.lands:
         descent = np.concatenate([line[-1:], standing.placed(standing.foot(*found.places[-1, :2].tolist()))])
-    return Lines((line,), rise=rise, descent=descent)
+    looks = {k: look.turned(standing.place, line[k]) for k, look in found.looks.items()}
+    return Lines((line,), rise=rise, descent=descent, looks=looks)
 
 
 def _geojson(text: str, standing: Standing) -> Lines:

@@ -9,11 +9,16 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import math
 import xml.etree.ElementTree as ElementTree
 import zipfile
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float64
+
+from maxjax.io.export.read_looks import HeadingLook
+from maxjax.planning.look import AimedLook
 
 _SPACES = {"k": "http://www.opengis.net/kml/2.2", "w": "http://www.dji.com/wpmz/1.0.6"}
 _STOPS = "toPointAndStopWithDiscontinuityCurvature"
@@ -29,11 +34,13 @@ class ReadStops:
         places: latitudes, longitudes [degrees] and heights above where it takes off [m].
         take_off: height to which it rises upright before it flies to the first one [m]; None: it does not take off.
         lands: whether it lands below the last one.
+        looks: what is done with a camera, by number of the waypoint.
     """
 
     places: Places
     take_off: float | None = None
     lands: bool = False
+    looks: Mapping[int, HeadingLook] = dataclasses.field(default_factory=dict)
 
 
 def read_wpml(content: bytes) -> ReadStops:
@@ -44,7 +51,7 @@ def read_wpml(content: bytes) -> ReadStops:
         )
     found, shown = _wpml(waylines, "executeHeight"), _wpml(template, "height")
     same = found.places.shape == shown.places.shape and bool((found.places == shown.places).all())
-    if not same or (found.take_off, found.lands) != (shown.take_off, shown.lands):
+    if not same or (found.take_off, found.lands, found.looks) != (shown.take_off, shown.lands, shown.looks):
         raise ValueError("expected the same waypoints in template.kml and waylines.wpml, found others")
     return found
 
@@ -67,7 +74,32 @@ def _wpml(root: ElementTree.Element, height: str) -> ReadStops:
     config = {child.tag.partition("}")[2]: child.text or "" for child in root.iterfind(".//w:missionConfig/*", _SPACES)}
     if config["flyToWaylineMode"] != "safely" or config["finishAction"] not in ("autoLand", "noAction"):
         raise ValueError("expected an upright take-off, and a landing or nothing at the end, found others")
-    return ReadStops(np.array(places), float(config["takeOffSecurityHeight"]), config["finishAction"] == "autoLand")
+    lands = config["finishAction"] == "autoLand"
+    return ReadStops(np.array(places), float(config["takeOffSecurityHeight"]), lands, _wpml_looks(root))
+
+
+def _wpml_looks(root: ElementTree.Element) -> dict[int, HeadingLook]:
+    """What is done with a camera at waypoints, and from one to another."""
+    found = dict[int, HeadingLook]()
+    for group in root.iterfind(".//w:actionGroup", _SPACES):
+        first, last = (int(group.findtext(f"w:actionGroup{end}Index", "-1", _SPACES)) for end in ("Start", "End"))
+        trigger = group.findtext("w:actionTrigger/w:actionTriggerType", "", _SPACES)
+        heading, pitch, photo = None, None, False
+        for action in group.iterfind("w:action", _SPACES):
+            name = action.findtext("w:actionActuatorFunc", "", _SPACES)
+            params = {child.tag.partition("}")[2]: child.text or "" for child in action.iterfind("*/*", _SPACES)}
+            photo |= name == "takePhoto"
+            heading = float(params["aircraftHeading"]) if name == "rotateYaw" else heading
+            pitch = math.radians(float(params["gimbalPitchRotateAngle"])) if name == "gimbalRotate" else pitch
+        own = found.get(first, HeadingLook(None, AimedLook()))
+        if trigger == "multipleDistance" and photo:
+            every = float(group.findtext("w:actionTrigger/w:actionTriggerParam", "nan", _SPACES))
+            found[first] = dataclasses.replace(own, look=dataclasses.replace(own.look, every=every))
+            end = found.get(last, HeadingLook(None, AimedLook()))
+            found[last] = dataclasses.replace(end, look=dataclasses.replace(end.look, every=0.0))
+        elif heading is not None or pitch is not None or photo:
+            found[first] = HeadingLook(heading, AimedLook(pitch=pitch, photo=photo, every=own.look.every))
+    return found
 
 
 def read_litchi(text: str) -> ReadStops:
@@ -76,5 +108,13 @@ def read_litchi(text: str) -> ReadStops:
     for name, said in (("curvesize(m)", "no curves"), ("altitudemode", "heights above where it takes off")):
         if any(float(row[name]) != 0.0 for row in rows):
             raise ValueError(f"expected {said} ({name} 0), found others")
-    columns = ("latitude", "longitude", "altitude(m)")
-    return ReadStops(np.array([[float(row[name]) for name in columns] for row in rows]))
+    columns, looks, every = ("latitude", "longitude", "altitude(m)"), dict[int, HeadingLook](), 0.0
+    for k, row in enumerate(rows):
+        photo = any(row[f"actiontype{n}"] == "1" for n in range(1, 16))
+        pitch = math.radians(float(row["gimbalpitchangle"])) if row["gimbalmode"] == "2" else None
+        now = max(float(row["photo_distinterval"]), 0.0)
+        if photo or pitch is not None or now != every:
+            heading = float(row["heading(deg)"]) if photo else None
+            looks[k] = HeadingLook(heading, AimedLook(pitch=pitch, photo=photo, every=now if now != every else None))
+        every = now
+    return ReadStops(np.array([[float(row[name]) for name in columns] for row in rows]), looks=looks)

@@ -17,9 +17,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.io.export.aiming import AimOnEarth, aims_of
-from maxjax.io.export.items import courses_of
+from maxjax.io.export.mission_item import courses_of, true_heading
 from maxjax.io.geo.earth import Earth
-from maxjax.planning.mission import Mission
+from maxjax.planning.look import AimedLook
+from maxjax.planning.mission import Mission, looks_of
 from maxjax.trajectories.clear_curve import project
 
 _ASIDE = 0.01  # of the line by which a waypoint may be missed that is left out [m]
@@ -63,6 +64,8 @@ class StopPoint:
         aim: what the nose points to on the way on, at the last one that to it; None: along the course.
         hover: how long [s].
         speed: of the way on [m/s].
+        look: what is done with the camera there; None: nothing.
+        heading: to look at [degrees from true north]; None: that of the way.
     """
 
     latitude: float
@@ -72,6 +75,8 @@ class StopPoint:
     hover: float
     speed: float
     aim: AimOnEarth | None = None
+    look: AimedLook | None = None
+    heading: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,14 +166,16 @@ def stop_points(
     courses, aims = courses_of(earth.geodetic(path)), aims_of(mission, earth)
     speeds = [min(waypoint.speed or speed, speed, limits.speed) for waypoint in mission.waypoints[1:]]
     hovers = dict(zip(mission.places.tolist(), (one.hover or 0.0 for one in mission.waypoints), strict=True))
-    found = []
+    found, looks = [], looks_of(mission)
     for k, (latitude, longitude, height) in enumerate(places.tolist()):
         leg = min(int(np.searchsorted(mission.places, k, side="right")) - 1, len(speeds) - 1)
         course = courses[min(k + 1, len(path) - 1)]
-        aim = aims[leg + 1]
+        aim, look = aims[leg + 1], looks.get(k)
         if aim is not None and aim.heading is not None:
             course = aim.heading
-        found.append(StopPoint(latitude, longitude, height, course, hovers.get(k, 0.0), speeds[leg], aim))
+        heading = None if look is None or look.yaw is None else true_heading(earth, path[k], look.yaw)
+        hover = hovers.get(k, 0.0)
+        found.append(StopPoint(latitude, longitude, height, course, hover, speeds[leg], aim, look, heading))
     return tuple(found)
 
 

@@ -34,7 +34,7 @@ from maxjax.io.export.thinning import thinning_remark
 from maxjax.io.export.waypoint_list import waypoint_text
 from maxjax.io.export.wpml import kmz_content, return_height_of
 from maxjax.io.geo.earth import Earth
-from maxjax.planning.mission import Mission
+from maxjax.planning.mission import Mission, looks_of
 
 _SHOWN = 3  # places that a sentence names
 
@@ -93,7 +93,8 @@ class WaypointFile:
             return dataclasses.replace(self, autopilots=())._stopping(back)
         hold = max(autopilot.rests_after for autopilot in self.autopilots)
         ends = [0] * self.feet.takes_off + [len(self.mission.path) - 1] * (self.feet.landing is not None)
-        stops = dict.fromkeys(ends, hold)
+        photos = [k for k, look in looks_of(self.mission).items() if look.photo]
+        stops = dict.fromkeys([*ends, *photos], hold)
         needed = dict[int, float]()
         while True:
             draft = self._draft(stops, back, needed)
@@ -131,9 +132,11 @@ class WaypointFile:
     def _draft(self, stops: Mapping[int, float], back: ReturnHeight, needed: Mapping[int, float]) -> Made:
         height = self._above_home(back.height)
         autopilots = tuple(autopilot.returning(height) for autopilot in self.autopilots)
-        items = items_of(self.mission, self.earth, self.speed, self.feet, stops)
+        names = tuple(autopilot.name for autopilot in self.autopilots)
+        items = items_of(self.mission, self.earth, self.speed, self.feet, stops, names)
         remarks = [
             *self.remarks,
+            *self._camera_remarks(),
             *self._stop_remarks(stops, needed),
             *self._return_remarks(back, height),
         ]
@@ -143,6 +146,15 @@ class WaypointFile:
         remarks = [*lost, *remarks]
         text = plan_text(self._with_rally(items, height), fences, autopilots, remarks)
         return Made(text, (*remarks, *map(_relies, autopilots)), tuple(needed), height, autopilots)
+
+    def _camera_remarks(self) -> list[str]:
+        aimed = [look for look in looks_of(self.mission).values() if look.photo and look.yaw is not None]
+        if len(self.autopilots) < 2 or not aimed:
+            return []
+        return [
+            "made for both autopilots it has places to look at, which leave the heading of photos straight down open; "
+            "a file for one of them has headings"
+        ]
 
     def _above_home(self, height: float) -> float:
         """A height of the map above the ground at home, as low as that may be [m], rounded up to 0.1 m."""

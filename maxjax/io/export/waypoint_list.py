@@ -5,7 +5,8 @@ number  current  frame  command  param1 … param4  latitude  longitude  height 
 
 from __future__ import annotations
 
-from maxjax.io.export.items import GLOBAL, WAYPOINT, Item, Items
+from maxjax.io.export.items import WAYPOINT, Items
+from maxjax.io.export.mission_item import GLOBAL, Item
 
 
 def waypoint_text(mission: Items) -> str:

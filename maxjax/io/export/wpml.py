@@ -9,6 +9,9 @@ straight to each waypoint and stops there (toPointAndStopWithDiscontinuityCurvat
 it hears nothing of its remote control it flies on, since its lines are what was judged; it returns home, on the
 pilot's demand, at the height that is clear from everywhere on the way. After the last waypoint it lands there or stays.
 
+Where a waypoint has a look, the aircraft turns there, aims its gimbal, waits, and takes a photo, in this order; photos
+by distance are an action of all waypoints from one to the other.
+
 Each archive of the same flight has the same bytes: it has no times.
 """
 
@@ -88,23 +91,24 @@ _OWN = """        <wpml:ellipsoidHeight>{height:.4f}</wpml:ellipsoidHeight>
         <wpml:useGlobalSpeed>0</wpml:useGlobalSpeed>
         <wpml:useGlobalHeadingParam>0</wpml:useGlobalHeadingParam>
         <wpml:useGlobalTurnParam>0</wpml:useGlobalTurnParam>"""
-_HOVER = """
+_GROUP = """
         <wpml:actionGroup>
           <wpml:actionGroupId>{group}</wpml:actionGroupId>
-          <wpml:actionGroupStartIndex>{number}</wpml:actionGroupStartIndex>
-          <wpml:actionGroupEndIndex>{number}</wpml:actionGroupEndIndex>
+          <wpml:actionGroupStartIndex>{first}</wpml:actionGroupStartIndex>
+          <wpml:actionGroupEndIndex>{last}</wpml:actionGroupEndIndex>
           <wpml:actionGroupMode>sequence</wpml:actionGroupMode>
           <wpml:actionTrigger>
-            <wpml:actionTriggerType>reachPoint</wpml:actionTriggerType>
+            <wpml:actionTriggerType>{trigger}</wpml:actionTriggerType>{param}
           </wpml:actionTrigger>
-          <wpml:action>
-            <wpml:actionId>0</wpml:actionId>
-            <wpml:actionActuatorFunc>hover</wpml:actionActuatorFunc>
-            <wpml:actionActuatorFuncParam>
-              <wpml:hoverTime>{hover:.6g}</wpml:hoverTime>
-            </wpml:actionActuatorFuncParam>
-          </wpml:action>
+{actions}
         </wpml:actionGroup>"""
+_ACTION = """          <wpml:action>
+            <wpml:actionId>{number}</wpml:actionId>
+            <wpml:actionActuatorFunc>{name}</wpml:actionActuatorFunc>
+            <wpml:actionActuatorFuncParam>
+{params}
+            </wpml:actionActuatorFuncParam>
+          </wpml:action>"""
 
 
 def kmz_content(flight: StopFlight) -> bytes:
@@ -127,8 +131,9 @@ def _text(flight: StopFlight, *, template: bool) -> str:
     speed = max(point.speed for point in flight.points)
     groups, points = 0, []
     for number, point in enumerate(flight.points):
-        points.append(_point(number, point, groups, template=template))
-        groups += point.hover > 0.0
+        actions = _groups(number, flight, groups)
+        points.append(_point(number, point, "".join(actions), template=template))
+        groups += len(actions)
     folder = _TEMPLATE if template else _WAYLINE
     return _FILE.format(
         finish="autoLand" if flight.lands else "noAction",
@@ -140,7 +145,62 @@ def _text(flight: StopFlight, *, template: bool) -> str:
     )
 
 
-def _point(number: int, point: StopPoint, group: int, *, template: bool) -> str:
+def _groups(number: int, flight: StopFlight, first: int) -> list[str]:
+    """Groups of actions of a waypoint: what is done there, and photos by the distance flown from there on."""
+    point, found = flight.points[number], list[str]()
+    actions = _actions(point)
+    if actions:
+        listed = "\n".join(
+            _ACTION.format(number=k, name=name, params="\n".join(_param(*pair) for pair in params.items()))
+            for k, (name, params) in enumerate(actions)
+        )
+        group = {"group": first, "first": number, "last": number, "trigger": "reachPoint", "param": ""}
+        found.append(_GROUP.format(**group, actions=listed))
+    if point.look is not None and point.look.every:
+        ends = (
+            k for k, other in enumerate(flight.points) if k > number and other.look and other.look.every is not None
+        )
+        last = next(ends, len(flight.points) - 1)
+        param = f"\n            <wpml:actionTriggerParam>{point.look.every:.6g}</wpml:actionTriggerParam>"
+        group = {
+            "group": first + len(found),
+            "first": number,
+            "last": last,
+            "trigger": "multipleDistance",
+            "param": param,
+        }
+        photo = _ACTION.format(number=0, name="takePhoto", params="\n".join(_param(*pair) for pair in _PHOTO.items()))
+        found.append(_GROUP.format(**group, actions=photo))
+    return found
+
+
+_PHOTO = {"payloadPositionIndex": "0", "useGlobalPayloadLensIndex": "0"}
+
+
+def _actions(point: StopPoint) -> list[tuple[str, dict[str, str]]]:
+    """What is done at a waypoint, in order: turn, aim, wait, photograph."""
+    look, found = point.look, list[tuple[str, dict[str, str]]]()
+    if point.heading is not None:
+        heading = (point.heading + 180.0) % 360.0 - 180.0
+        found.append(("rotateYaw", {"aircraftHeading": f"{heading:.2f}", "aircraftPathMode": "clockwise"}))
+    if look is not None and look.pitch is not None:
+        angles = {"gimbalPitchRotateEnable": "1", "gimbalPitchRotateAngle": f"{math.degrees(look.pitch):.2f}"}
+        others = {f"gimbal{axis}Rotate{what}": "0" for axis in ("Roll", "Yaw") for what in ("Enable", "Angle")}
+        how = {"gimbalHeadingYawBase": "north", "gimbalRotateMode": "absoluteAngle"}
+        time = {"gimbalRotateTimeEnable": "0", "gimbalRotateTime": "0", "payloadPositionIndex": "0"}
+        found.append(("gimbalRotate", {**how, **angles, **others, **time}))
+    if point.hover > 0.0:
+        found.append(("hover", {"hoverTime": f"{point.hover:.6g}"}))
+    if look is not None and look.photo:
+        found.append(("takePhoto", _PHOTO))
+    return found
+
+
+def _param(name: str, value: str) -> str:
+    return f"              <wpml:{name}>{value}</wpml:{name}>"
+
+
+def _point(number: int, point: StopPoint, action: str, *, template: bool) -> str:
     heights = _OWN if template else "        <wpml:executeHeight>{height:.4f}</wpml:executeHeight>"
     return _POINT.format(
         east=point.longitude,
@@ -151,5 +211,5 @@ def _point(number: int, point: StopPoint, group: int, *, template: bool) -> str:
         turn=_TURN,
         mode="followWayline" if point.aim is None else "towardPOI",
         aim="" if point.aim is None else _AIM.format(latitude=point.aim.latitude, longitude=point.aim.longitude),
-        action=_HOVER.format(group=group, number=number, hover=point.hover) if point.hover > 0.0 else "",
+        action=action,
     )

@@ -161,6 +161,29 @@ def test_a_mission_holds_and_changes_its_speed(tmp_path: Path, link: tuple[Any, 
         check_places(latitude, longitude, [item.z for item in places], tolerance=0.012)
 
 
+def test_mavsdk_reads_camera_and_gimbal(tmp_path: Path, link: tuple[Any, Any]) -> None:
+    look = maxjax.Look(pitch=-0.5, photo=True, every=6.0)
+    places = list(mission().waypoints)
+    places[1] = dataclasses.replace(places[1], heading=90.0, look=look)
+    aimed = dataclasses.replace(mission(), waypoints=tuple(places))
+    reader, _ = link
+    for autopilot, expected in (
+        (maxjax.Autopilot.px4(), [1000, 16, 2000, 206]),
+        (maxjax.Autopilot.arducopter(), [205, 115, 16, 2000, 206]),
+        (None, [195, 16, 2000, 206]),
+    ):
+        for name in ("c.plan", "c.waypoints"):
+            how = {"earth": EARTH, "ground": GROUND, "takeoff_and_landing": False, "autopilot": autopilot}
+            export(tmp_path / name, dataclasses.replace(trajectory(), plan=aimed), **how)
+        plans = reader.import_qgroundcontrol_mission(str(tmp_path / "c.plan")).mission_items
+        lists = reader.import_mission_planner_mission(str(tmp_path / "c.waypoints")).mission_items
+        for items in (plans, lists):
+            commands = [item.command for item in items]
+            last = commands.index(206)
+            assert commands[last + 1 - len(expected) : last + 1] == expected
+            assert items[last].param1 == 6.0
+
+
 def test_geojson_and_kml_hold_the_legs_of_a_mission(tmp_path: Path) -> None:
     for name in ("b.geojson", "b.kml"):
         export(tmp_path / name, of_mission(), earth=EARTH)

@@ -37,7 +37,21 @@ def house(tmp_path: Path) -> str:
     return str(file)
 
 
-SPARE = ("--ground", "0", "--height-of-zero", "0", "--distance", "6", "--overlap", "0.5", "0", "--spacing", "1", "--radius", "1")
+SPARE = (
+    "--ground",
+    "0",
+    "--height-of-zero",
+    "0",
+    "--distance",
+    "6",
+    "--overlap",
+    "0.5",
+    "0",
+    "--spacing",
+    "1",
+    "--radius",
+    "1",
+)
 
 
 def test_a_house_is_inspected_drawn_and_written(house: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
