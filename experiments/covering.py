@@ -123,7 +123,7 @@ def _block(geoms: Geoms, rng: np.random.Generator) -> tuple[Point3, Point3]:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Task:
+class CoverTask:
     """A surface, photos that show it, and where the vehicle begins."""
 
     surface: Surface
@@ -138,7 +138,7 @@ class Task:
         """Of legs between the start and all photos [s]."""
         return costs_between(np.vstack([[self.start], self.views.position]), self.free, TimeCost())
 
-    def of(self, photos: Int64[np.ndarray, " p"]) -> Task:
+    def of(self, photos: Int64[np.ndarray, " p"]) -> CoverTask:
         """With some of the photos."""
         return dataclasses.replace(self, views=self.views.some(photos), shows=self.shows[photos])
 
@@ -176,7 +176,7 @@ def compare(where: maxjax.VoxelMap, target: str | tuple[Point3, Point3], config:
     lowest = np.argwhere(free.free)[0]
     start = free.grid.to_metres(lowest.astype(float))
     shows = find_sights(views, surface, scenery, camera, limits).matrix
-    task = Task(surface, views, shows, capture.views, tuple(start.tolist()), free)
+    task = CoverTask(surface, views, shows, capture.views, tuple(start.tolist()), free)
     few = task.of(np.arange(len(chosen)))
     order = shortest_round(few.costs)[1:] - 1
     _, whole = few.shares(order, 1.0)

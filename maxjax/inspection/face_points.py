@@ -1,7 +1,7 @@
 """Points that stand for faces: each with its share of the area, none farther from its neighbours than a distance.
 
 Triangles are halved at the middle of their longest edge until none is longer than the distance; the halves of a cell of
-as many metres whose normals agree are then one point, in the middle of the largest, with the area of all.
+as many metres whose normals agree are then one point, that of the half nearest to their middle, with the area of all.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def points_on(
     ).astype(np.int64)
     _, group = np.unique(cell, axis=0, return_inverse=True)
     group = group.reshape(-1)
-    order = np.lexsort((-size, group))
-    largest = order[np.r_[True, group[order][1:] != group[order][:-1]][: len(order)]]
-    area = np.bincount(group, 0.5 * size, minlength=len(largest)).astype(np.float64)
-    return middle[largest], normal[largest], area, of[largest]
+    area = np.bincount(group, 0.5 * size).astype(np.float64)
+    centre = np.stack([np.bincount(group, 0.5 * size * side) / area for side in middle.T], axis=1)
+    order = np.lexsort((np.linalg.norm(middle - centre[group], axis=1), group))
+    chosen = order[np.r_[True, group[order][1:] != group[order][:-1]][: len(order)]]
+    return middle[chosen], normal[chosen], area, of[chosen]

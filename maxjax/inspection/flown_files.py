@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +67,14 @@ def export_inspection(file: str | Path, inspection: Inspection, **options: Any) 
     stem = path.name[: len(path.name) - len(ending)]
     files = [path.with_name(f"{stem}_{k + 1}{ending}") if several else path for k in range(len(inspection.missions))]
     flown = [export(one, mission, **options) for one, mission in zip(files, inspection.missions, strict=True)]
+    return flown_files(files, flown, inspection)
+
+
+def flown_files(files: Sequence[Path], flown: Sequence[AsFlown], inspection: Inspection) -> FlownFiles:
+    """What the photos of files that are written show together; one file a flight, all of one format."""
     photos = functools.reduce(Views.joined, (photos_along(one.line, one.looks) for one in flown))
-    return FlownFiles(tuple(files), tuple(flown), photos, _seen(photos, inspection) if ending in FROM_HOME else None)
+    held = ending_of(files[0]) in FROM_HOME
+    return FlownFiles(tuple(files), tuple(flown), photos, _seen(photos, inspection) if held else None)
 
 
 def _seen(photos: Views, inspection: Inspection) -> Coverage:

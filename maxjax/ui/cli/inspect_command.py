@@ -20,6 +20,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.inspection.capture import Capture
+from maxjax.inspection.flown_files import flown_files
 from maxjax.inspection.inspect_target import inspect
 from maxjax.inspection.inspection import Inspection
 from maxjax.inspection.photo_camera import Camera
@@ -109,8 +110,15 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[[Vo
     if options.out is not None:
         files += _written(options.out, content, found, given)
     if found.status == Status.OK:
-        for number, mission in enumerate(found.missions, 1):
-            files += _exported(request, given, mission, number if len(found.missions) > 1 else None)
+        written = [
+            _exported(request, given, mission, number if len(found.missions) > 1 else None)
+            for number, mission in enumerate(found.missions, 1)
+        ]
+        for flights in zip(*written, strict=True):
+            photos = flown_files([one.file for one in flights], [one.flown for one in flights], found)
+            files += [*flights, photos]
+            if options.json:
+                report.complain(str(photos))
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
@@ -206,16 +214,14 @@ def _task(where: VoxelMap, request: Request) -> MapTask:
     return MapTask(Task.of(where, ends, ends, request.distances), where.terrain, earth=request.earth(None))
 
 
-def _exported(request: Request, given: MapTask, mission: Mission, number: int | None) -> list[object]:
+def _exported(request: Request, given: MapTask, mission: Mission, number: int | None) -> list[exporting.Exported]:
     """The files of a flight; of several they are numbered."""
     if not request.export:
         return []
     files = tuple(file if number is None else _numbered(file, number) for file in request.export)
     ends = mission.path[[0, -1]]
     own = dataclasses.replace(given, task=given.task.with_ends(ends[:1], ends[1:]))
-    return list(
-        exporting.write_all(dataclasses.replace(request, export=files), own, trajectory(mission, request.limits))
-    )
+    return exporting.write_all(dataclasses.replace(request, export=files), own, trajectory(mission, request.limits))
 
 
 def _numbered(file: Path, number: int) -> Path:

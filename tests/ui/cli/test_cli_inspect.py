@@ -59,7 +59,10 @@ def test_a_house_is_inspected_drawn_and_written(house: str, tmp_path: Path, caps
     out, plan = tmp_path / "out", tmp_path / "way.plan"
     where = ["--at", "84004", "446003"]
     assert main(["inspect", house, *where, *SPARE, "--json", "--out", str(out), "--export", str(plan)]) == 0
-    content = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    assert "way.plan: as flown" in told.err
+    assert " photos: " in told.err
+    content = json.loads(told.out)
     assert content == json.loads((out / "inspection.json").read_text())
     assert (out / "inspection.png").stat().st_size > 10_000
     assert content["status"] == "OK"
