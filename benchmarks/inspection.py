@@ -5,8 +5,8 @@
 
 A building is looked at from 8 m with overlaps of 0.6 and 0.5, which asks for 4 photos of each point: near 400
 viewpoints, chosen, ordered, planned, certified and verified. The hectare lies about the middle of
-`docs/samples/quarter.geojson`, and is surveyed from 50 m. The 50 places are drawn in the free air of that map, 3 to 35 m above the ground; costs between
-them are found around its houses, and each of the vehicles' rounds is planned and verified.
+`docs/samples/quarter.geojson`, and is surveyed from 50 m. The 50 places are drawn in the free air of that map, 3 to 35
+metres above the ground; costs between them are found around its houses, and each round is planned and verified.
 
 Beside it stands OR-Tools, where it is installed: its guided local search on the same costs for as many seconds as
 `rival_seconds` says, from its own first solution. A row tells both costs; the building's round is its own problem, that
@@ -18,6 +18,7 @@ Expected: the building within 20 s, the hectare within 10 s, the places within 6
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import time
 from pathlib import Path
 from typing import Any
@@ -103,7 +104,11 @@ def _building(config: Config) -> list[Row]:
     costs = costs_between(np.concatenate([home, found.photos.position]), free, TimeCost())
     begin = time.perf_counter()
     own = round_cost(costs, shortest_round(costs))
-    round_row = {"what": "round through the viewpoints", "seconds": time.perf_counter() - begin, "cost_s": own}
+    round_row: dict[str, Any] = {
+        "what": "round through the viewpoints",
+        "seconds": time.perf_counter() - begin,
+        "cost_s": own,
+    }
     return [row, round_row | _rival(costs, 1, config)]
 
 
@@ -130,7 +135,7 @@ def _places(config: Config) -> list[Row]:
     def planned() -> tuple[Any, ...]:
         costs = costs_between(places, free, TimeCost(stay=2.0))
         rounds = share_places(Sharing(costs, 1, (0,) * config.vehicles))
-        return costs, rounds, [plan_round(city, views, one, homes, DISTANCES) for one in rounds]  # type: ignore[arg-type]
+        return costs, rounds, [plan_round(city, views, one, homes, DISTANCES) for one in rounds]
 
     (costs, rounds, missions), first, second = _twice(planned)
     row: dict[str, Any] = {
@@ -161,8 +166,8 @@ def _rival(costs: np.ndarray, vehicles: int, config: Config) -> dict[str, Any]:
     """Cost of the longest round by OR-Tools; nothing where it is missing."""
     if not config.rival_seconds or package("ortools") is None:
         return {"ortools_cost_s": None}
-    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
-
+    pywrapcp: Any = importlib.import_module("ortools.constraint_solver.pywrapcp")
+    kinds: Any = importlib.import_module("ortools.constraint_solver.routing_enums_pb2")
     manager = pywrapcp.RoutingIndexManager(len(costs), vehicles, 0)
     model = pywrapcp.RoutingModel(manager)
     matrix = np.round(1e3 * costs).astype(int).tolist()
@@ -172,8 +177,8 @@ def _rival(costs: np.ndarray, vehicles: int, config: Config) -> dict[str, Any]:
     if vehicles > 1:
         model.GetDimensionOrDie("cost").SetGlobalSpanCostCoefficient(100)
     settings = pywrapcp.DefaultRoutingSearchParameters()
-    settings.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PARALLEL_CHEAPEST_INSERTION
-    settings.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
+    settings.first_solution_strategy = kinds.FirstSolutionStrategy.PARALLEL_CHEAPEST_INSERTION
+    settings.local_search_metaheuristic = kinds.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
     settings.time_limit.seconds = config.rival_seconds
     solution = model.SolveWithParameters(settings)
     longest = 0.0

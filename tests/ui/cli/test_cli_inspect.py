@@ -57,7 +57,7 @@ SPARE = (
 def test_a_house_is_inspected_drawn_and_written(house: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     out, plan = tmp_path / "out", tmp_path / "way.plan"
-    where = ["--at", "84004", "446003"]
+    where = ["--at", "84004", "446003", "--accuracy", "0.2"]
     assert main(["inspect", house, *where, *SPARE, "--json", "--out", str(out), "--export", str(plan)]) == 0
     told = capsys.readouterr()
     assert "way.plan: as flown" in told.err
