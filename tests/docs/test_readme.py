@@ -68,7 +68,7 @@ def test_every_command_line_parses(monkeypatch: pytest.MonkeyPatch) -> None:
             assert program == "make"
             assert re.search(rf"^{arguments[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
     first = ["map", "mission", "mission"]
-    assert calls == [*first, "check", "scan", "plan", "plan", "fly", "plan", "plan", "fly"]
+    assert calls == [*first, "check", "scan", "plan", "plan", "fly", "plan", "plan", "fly", "inspect"]
 
 
 def test_scans_maps_and_plans_run_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
