@@ -14,7 +14,7 @@ from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.core.voxel_map import VoxelMap, check_map, check_single_map
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
 from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.io.airspace.airspace import Airspace
@@ -68,7 +68,7 @@ def plan(
         RuntimeError: in a process that was forked after JAX had run.
     """
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
-    return plan_task(_task(_single(where), *ends, distances, airspace), check_planner(planner))[0]
+    return plan_task(_task(check_single_map(where), *ends, distances, airspace), check_planner(planner))[0]
 
 
 def plan_route(
@@ -159,7 +159,7 @@ def plan_to_goal(
     """
     climber = check_climber(planner)
     ends = points_of("starts", starts, ("n", 3)), points_of("goal", goal, (3,))
-    return plan_starts(_task(_single(where), *ends, distances, airspace), climber)
+    return plan_starts(_task(check_single_map(where), *ends, distances, airspace), climber)
 
 
 def plan_to_nearest(
@@ -226,7 +226,7 @@ def plan_scan(
         ValueError: as `plan`, and for points that are not (n, 3).
     """
     cloud, finder = points_of("points", points, ("n", 3), least=0), check_planner(planner)
-    known = VoxelMap.on(where, np.zeros(where.shape, bool)) if isinstance(where, Grid) else _single(where)
+    known = VoxelMap.on(where, np.zeros(where.shape, bool)) if isinstance(where, Grid) else check_single_map(where)
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
         with time_stage("voxelise"):
@@ -269,7 +269,7 @@ def plan_mission(
     places = [given if isinstance(given, Waypoint) else Waypoint(_place(given)) for given in waypoints]
     if return_to_start and places:
         places.append(Waypoint(places[0].position))
-    task = _task(_single(where), *legs_of(places), distances, airspace)
+    task = _task(check_single_map(where), *legs_of(places), distances, airspace)
     return missions.plan_mission(task, places, check_planner(planner))
 
 
@@ -298,7 +298,7 @@ def plan_flights(
         ValueError: as `plan_mission`, and if the wind, or a flight in it, is faster than the airframe.
     """
     places = [given if isinstance(given, Waypoint) else Waypoint(_place(given)) for given in waypoints]
-    task = _task(_single(where), *legs_of(places), distances)
+    task = _task(check_single_map(where), *legs_of(places), distances)
     return split_mission(task, places, check_planner(planner), limits, supply)
 
 
@@ -337,14 +337,6 @@ def _task(where: Any, starts: np.ndarray, goals: np.ndarray, distances: Any, air
         raise ValueError(f"airspace: expected a maxjax.Airspace, given {airspace!r}")
     given = check_map(where)
     return Task.of(given if airspace is None else airspace.closing(given), starts, goals, distances)
-
-
-def _single(where: Any) -> VoxelMap:
-    """The map itself; raises a ValueError unless it is a single one."""
-    given = check_map(where)
-    if given.batch is not None:
-        raise ValueError(f"map: expected one map, given a batch of {given.batch}; take one, as map[0]")
-    return given
 
 
 def _place(given: Sequence[float]) -> Point3:

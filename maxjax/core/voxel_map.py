@@ -185,6 +185,18 @@ def check_map(given: Any, name: str = "map") -> VoxelMap:
     return given
 
 
+def check_single_map(given: Any) -> VoxelMap:
+    """The map itself.
+
+    Raises:
+        ValueError: as `check_map`, and for a batch.
+    """
+    where = check_map(given)
+    if where.batch is not None:
+        raise ValueError(f"map: expected one map, given a batch of {where.batch}; take one, as map[0]")
+    return where
+
+
 def _volume(name: str, given: Any) -> Any:
     """Bool voxels of one map or several; arrays of JAX stay where they are."""
     try:

@@ -21,7 +21,7 @@ from maxjax.inspection.seen_area import Coverage
 from maxjax.inspection.views import Views
 from maxjax.inspection.visibility import find_sights
 from maxjax.io.export.as_flown import AsFlown
-from maxjax.io.export.endings import FROM_HOME, ending_of
+from maxjax.io.export.endings import FROM_HOME, ending_of, number_file
 from maxjax.io.export.export import export
 
 
@@ -40,6 +40,13 @@ class FlownFiles:
     flown: tuple[AsFlown, ...]
     photos: Views
     coverage: Coverage | None
+
+    @classmethod
+    def of(cls, files: Sequence[Path], flown: Sequence[AsFlown], inspection: Inspection) -> FlownFiles:
+        """What the photos of files that are written show together; one file a flight, all of one format."""
+        photos = functools.reduce(Views.joined, (photos_along(one.line, one.looks) for one in flown))
+        held = ending_of(files[0]) in FROM_HOME
+        return cls(tuple(files), tuple(flown), photos, _seen(photos, inspection) if held else None)
 
     def __str__(self) -> str:
         names = ", ".join(file.name for file in self.files)
@@ -62,19 +69,10 @@ def export_inspection(file: str | Path, inspection: Inspection, **options: Any) 
     Raises:
         ValueError, ImportError, OSError: as `maxjax.export`.
     """
-    path, several = Path(file), len(inspection.missions) > 1
-    ending = ending_of(path)
-    stem = path.name[: len(path.name) - len(ending)]
-    files = [path.with_name(f"{stem}_{k + 1}{ending}") if several else path for k in range(len(inspection.missions))]
+    path, count = Path(file), len(inspection.missions)
+    files = [path] if count == 1 else [number_file(path, number) for number in range(1, count + 1)]
     flown = [export(one, mission, **options) for one, mission in zip(files, inspection.missions, strict=True)]
-    return flown_files(files, flown, inspection)
-
-
-def flown_files(files: Sequence[Path], flown: Sequence[AsFlown], inspection: Inspection) -> FlownFiles:
-    """What the photos of files that are written show together; one file a flight, all of one format."""
-    photos = functools.reduce(Views.joined, (photos_along(one.line, one.looks) for one in flown))
-    held = ending_of(files[0]) in FROM_HOME
-    return FlownFiles(tuple(files), tuple(flown), photos, _seen(photos, inspection) if held else None)
+    return FlownFiles.of(files, flown, inspection)
 
 
 def _seen(photos: Views, inspection: Inspection) -> Coverage:

@@ -16,7 +16,7 @@ from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.inspection.candidates import Aim
 from maxjax.inspection.capture import Capture
 from maxjax.inspection.free_space import FreeSpace
@@ -76,7 +76,7 @@ def inspect(
             than a flight may cost.
     """
     refuse_after_fork()
-    where, camera = single_map(city), Camera.named(camera) if isinstance(camera, str) else camera
+    where, camera = check_single_map(city).on_host(), Camera.named(camera) if isinstance(camera, str) else camera
     margin = max(distances.radius, min(distances.margin, 0.5 * capture.distance))
     distances = dataclasses.replace(distances, margin=margin).within(where.grid)
     check_distance(capture, distances.radius)
@@ -158,11 +158,3 @@ def scenery_of(where: VoxelMap) -> tuple[Faces, Scenery]:
     faces = city_faces(where)
     by_voxels = not (isinstance(where, LoadedMap) and where.file.contents is not None)
     return faces, Scenery.of(where, faces, by_voxels=by_voxels)
-
-
-def single_map(given: VoxelMap) -> VoxelMap:
-    """The map itself, on the host; raises a ValueError for a batch."""
-    where = check_map(given).on_host()
-    if where.batch is not None:
-        raise ValueError(f"map: expected one map, given a batch of {where.batch}; take one, as map[0]")
-    return where

@@ -19,10 +19,10 @@ from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
-from maxjax.core.voxel_map import VoxelMap
+from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.inspection.free_space import FreeSpace
 from maxjax.inspection.height_profile import Below
-from maxjax.inspection.inspect_target import DISTANCES, ONE, check_distance, scenery_of, single_map
+from maxjax.inspection.inspect_target import DISTANCES, ONE, check_distance, scenery_of
 from maxjax.inspection.inspection import Inspection
 from maxjax.inspection.leg_costs import TimeCost, costs_between
 from maxjax.inspection.mission_photos import photos_of
@@ -80,7 +80,7 @@ def survey(
             nothing above it may be flown to; if a home is not free, or a line takes more than a flight may cost.
     """
     refuse_after_fork()
-    where, camera = single_map(city), Camera.named(camera) if isinstance(camera, str) else camera
+    where, camera = check_single_map(city).on_host(), Camera.named(camera) if isinstance(camera, str) else camera
     distances = distances.within(where.grid)
     check_distance(sweep, distances.radius)
     with recording() as recorder:

@@ -29,7 +29,7 @@ import math
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int64, Integer
 
-from maxjax.core.voxel_map import VoxelMap, check_map
+from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.verification import compiled
 from maxjax.verification.asked import Asked
 from maxjax.verification.clearance import clearances, distances_at
@@ -63,9 +63,7 @@ def verify(
             shape, the path is float32 in a grid so far from the world's origin that float32 cannot tell its voxels
             apart, or a radius is negative or not finite.
     """
-    single, paths = check_map(where), Paths.of([np.asarray(path)])
-    if single.batch is not None:
-        raise ValueError(f"map: expected one map, given a batch of {single.batch}; take one, as map[0]")
+    single, paths = check_single_map(where), Paths.of([np.asarray(path)])
     further = None if blocked is None else np.asarray(blocked)[None]
     return verify_paths(paths, single, radius=radius, exemptions=np.array([exemptions]), blocked=further)[0]
 

@@ -20,6 +20,13 @@ def ending_of(file: Path) -> str:
     return "_litchi.csv" if name.endswith("_litchi.csv") else file.suffix.lower()
 
 
+def number_file(file: Path, number: int) -> Path:
+    """The file of one of several flights: `way.plan` as `way_2.plan`, `way_ned.csv` as `way_2_ned.csv`."""
+    ending = "_ned.csv" if is_ned(file) else ending_of(file)
+    stem, kept = file.name[: len(file.name) - len(ending)], file.name[len(file.name) - len(ending) :]
+    return file.with_name(f"{stem}_{number}{kept}")
+
+
 def is_ned(file: Path) -> bool:
     """Whether a file holds set-points in NED."""
     return file.name.lower().endswith("_ned.csv")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from maxjax.core.status import Status
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
-from maxjax.io.export.endings import ending_of, is_ned
+from maxjax.io.export.endings import number_file
 from maxjax.planning.mission import legs_of
 from maxjax.planning.planner import Planner
 from maxjax.ui.cli import report
@@ -53,16 +53,11 @@ def _answer_of(whole: MissionAnswer, flight: BatteryFlight, number: int) -> Miss
     request, stops = whole.request, flight.mission.waypoints
     given = dataclasses.replace(whole.given, task=whole.given.task.with_ends(*legs_of(stops)), frame="map")
     out = None if request.out is None else request.out / f"flight_{number}"
-    exports = tuple(_numbered(file, number) for file in request.export)
+    exports = tuple(number_file(file, number) for file in request.export)
     asked = dataclasses.replace(
         request, waypoints=stops, return_to_start=False, frame="map", out=out, export=exports, json=request.json
     )
     return MissionAnswer(flight.mission, flight, given, asked)
-
-
-def _numbered(file: Path, number: int) -> Path:
-    ending = "_ned.csv" if is_ned(file) else ending_of(file)
-    return file.with_name(f"{file.name[: len(file.name) - len(ending)]}_{number}{file.name[-len(ending) :]}")
 
 
 def _refused(whole: MissionAnswer, last: BatteryFlight) -> int:

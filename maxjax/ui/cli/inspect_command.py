@@ -20,7 +20,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.inspection.capture import Capture
-from maxjax.inspection.flown_files import flown_files
+from maxjax.inspection.flown_files import FlownFiles
 from maxjax.inspection.inspect_target import inspect
 from maxjax.inspection.inspection import Inspection
 from maxjax.inspection.photo_camera import Camera
@@ -29,6 +29,7 @@ from maxjax.inspection.sweep import Sweep
 from maxjax.inspection.targets import Target, choose
 from maxjax.inspection.vehicles import Vehicles
 from maxjax.io import Window, map_of
+from maxjax.io.export.endings import number_file
 from maxjax.io.kinds.faces import Faces, faces_of
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.kinds.mesh import Mesh
@@ -115,7 +116,7 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[[Vo
             for number, mission in enumerate(found.missions, 1)
         ]
         for flights in zip(*written, strict=True):
-            photos = flown_files([one.file for one in flights], [one.flown for one in flights], found)
+            photos = FlownFiles.of([one.file for one in flights], [one.flown for one in flights], found)
             files += [*flights, photos]
             if options.json:
                 report.complain(str(photos))
@@ -218,16 +219,10 @@ def _exported(request: Request, given: MapTask, mission: Mission, number: int | 
     """The files of a flight; of several they are numbered."""
     if not request.export:
         return []
-    files = tuple(file if number is None else _numbered(file, number) for file in request.export)
+    files = tuple(file if number is None else number_file(file, number) for file in request.export)
     ends = mission.path[[0, -1]]
     own = dataclasses.replace(given, task=given.task.with_ends(ends[:1], ends[1:]))
     return exporting.write_all(dataclasses.replace(request, export=files), own, trajectory(mission, request.limits))
-
-
-def _numbered(file: Path, number: int) -> Path:
-    """`way.plan` as `way_2.plan`; `way_ned.csv` as `way_2_ned.csv`."""
-    ending = next((one for one in ("_ned.csv", "_litchi.csv") if file.name.endswith(one)), file.suffix)
-    return file.with_name(f"{file.name.removesuffix(ending)}_{number}{ending}")
 
 
 def _table(found: Inspection, title: str) -> Table:
