@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.inspection.sweep_lines import Line
 
@@ -54,8 +55,7 @@ class Below:
         if above == "ground":
             return cls(ground, where)
         occupied, grid = np.asarray(where.occupied), where.grid
-        top = grid.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
-        highest = np.where(occupied.any(axis=2), grid.lower[2] + grid.spacing * top, -np.inf)
+        highest = Terrain.of(occupied, grid).heights
         # What is only ground has its own height, which voxels overstate.
         stands = (occupied & ~np.asarray(where.ground)).any(axis=2)
         roofs = np.where(stands, np.maximum(highest, ground), ground)

@@ -27,7 +27,7 @@ from maxjax.inspection.scenery import Scenery
 from maxjax.inspection.sharing import Round, Sharing, share_places
 from maxjax.inspection.target_surface import city_faces, surface_of
 from maxjax.inspection.targets import Target
-from maxjax.inspection.vehicles import Vehicles, choose_home
+from maxjax.inspection.vehicles import Vehicles, check_homes, choose_home
 from maxjax.inspection.viewpoints import find_viewpoints
 from maxjax.inspection.views import Views
 from maxjax.io.kinds.faces import Faces
@@ -124,17 +124,9 @@ def order_views(
     Raises:
         ValueError: as `share_places`; for a home that is not free.
     """
-    at = np.array(homes, np.float64)
-    fits = free.holds(at)
-    if not fits.all():
-        x, y, z = homes[int(np.argmin(fits))]
-        raise ValueError(
-            f"home: expected a place in the map that keeps the radius of {free.radius:g} m and is joined to the "
-            f"others, given ({x:g}, {y:g}, {z:g})"
-        )
+    at = check_homes(homes, free)
     costs = costs_between(np.concatenate([at, views.position]), free, vehicles.leg_cost(stay))
-    capacity = np.inf if vehicles.capacity is None else vehicles.capacity
-    return share_places(Sharing(costs, len(homes), vehicles.home_of, capacity))
+    return share_places(Sharing(costs, len(homes), vehicles.home_of, vehicles.most))
 
 
 def plan_round(where: VoxelMap, views: Views, one: Round, homes: Sequence[Point3], distances: Distances) -> Mission:

@@ -7,7 +7,6 @@ Photos are triggered by the distance flown; what they show is counted where the 
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from typing import Any
@@ -35,7 +34,7 @@ from maxjax.inspection.sweep import Sweep
 from maxjax.inspection.sweep_lines import Line, Rows, beside, lawn_mower
 from maxjax.inspection.target_surface import Surface, area_surface
 from maxjax.inspection.targets import check_line, check_outline
-from maxjax.inspection.vehicles import Vehicles, choose_home
+from maxjax.inspection.vehicles import Vehicles, check_homes, choose_home
 from maxjax.inspection.views import Views
 from maxjax.inspection.visibility import find_sights
 from maxjax.planners import Field
@@ -102,40 +101,34 @@ def survey(
             for one in rounds
         ]
         with time_stage("coverage"):
-            found = _taken(missions, surface, scenery, camera, sweep)
-    spent = functools.reduce(sum_reports, (mission.timings for mission in missions), recorder.report())
-    return dataclasses.replace(
-        found,
+            photos = [photos_of(mission) for mission in missions]
+            taken = functools.reduce(Views.joined, photos)
+            coverage = _shown(taken, surface, scenery, camera, sweep)
+    return Inspection(
+        status=next((mission.status for mission in missions if mission.status != Status.OK), Status.OK),
+        photos=taken,
+        flight=np.repeat(np.arange(len(photos)), [len(some) for some in photos]),
+        coverage=coverage,
+        missions=tuple(missions),
         vehicles=tuple(one.vehicle for one in rounds),
-        remarks=(*map(str, lost), *found.remarks),
-        timings=spent,
+        camera=camera,
+        capture=sweep,
+        tried=len(taken),
+        least=0,
+        remarks=(*map(str, lost), *map(str, coverage.unseen)),
+        timings=functools.reduce(sum_reports, (mission.timings for mission in missions), recorder.report()),
+        scenery=scenery,
     )
 
 
-def _taken(missions: list[Mission], surface: Surface, scenery: Scenery, camera: Camera, sweep: Sweep) -> Inspection:
-    """The photos of some missions, and what they show."""
-    photos = [photos_of(mission) for mission in missions]
-    taken = functools.reduce(Views.joined, photos)
+def _shown(taken: Views, surface: Surface, scenery: Scenery, camera: Camera, sweep: Sweep) -> Coverage:
+    """What some photos show, and the parts of the surface that none of them does."""
     limits = sweep.limits(camera)
     sights = find_sights(taken, surface, scenery, camera, limits)
     unseen = np.flatnonzero(np.bincount(sights.point, minlength=len(surface)) == 0)
     apart = _BESIDE * min(camera.footprint(sweep.distance)) / _POINTS
     parts = unseen_parts(surface, unseen, ["missed"] * len(unseen), apart)
-    return Inspection(
-        status=next((mission.status for mission in missions if mission.status != Status.OK), Status.OK),
-        photos=taken,
-        flight=np.repeat(np.arange(len(photos)), [len(some) for some in photos]),
-        coverage=Coverage.of(surface, sights, sweep.views, limits.resolution, parts),
-        missions=tuple(missions),
-        vehicles=(0,) * len(missions),
-        camera=camera,
-        capture=sweep,
-        tried=len(taken),
-        least=0,
-        remarks=tuple(map(str, parts)),
-        timings={},
-        scenery=scenery,
-    )
+    return Coverage.of(surface, sights, sweep.views, limits.resolution, parts)
 
 
 def _speed(sweep: Sweep, camera: Camera) -> float:
@@ -164,11 +157,7 @@ def _rounds(
     runs: list[Run], free: FreeSpace, homes: tuple[Point3, ...], vehicles: Vehicles, speed: float
 ) -> tuple[Round, ...]:
     """Flights that fly the runs in their order."""
-    at, count = np.array(homes, np.float64), len(runs)
-    fits = free.holds(at)
-    if not fits.all():
-        x, y, z = homes[int(np.argmin(fits))]
-        raise ValueError(f"home: expected a place in the map that keeps the radius, given ({x:g}, {y:g}, {z:g})")
+    at, count = check_homes(homes, free), len(runs)
     cost = TimeCost(FlightLimits(speed=speed)) if vehicles.cost is None else vehicles.cost
     ends = np.concatenate([at, *(run.points[[0, -1]] for run in runs)])
     between = costs_between(ends, free, vehicles.leg_cost(0.0))
@@ -179,8 +168,7 @@ def _rounds(
     table[len(at) :, len(at) :] = between[np.ix_(end, begin)] + own
     table[: len(at), len(at) :] = between[np.ix_(np.arange(len(at)), begin)] + own
     table[len(at) :, : len(at)] = between[np.ix_(end, np.arange(len(at)))]
-    capacity = math.inf if vehicles.capacity is None else vehicles.capacity
-    return cut_order(Sharing(table, len(at), vehicles.home_of, capacity), range(count))
+    return cut_order(Sharing(table, len(at), vehicles.home_of, vehicles.most), range(count))
 
 
 def _mission(where: VoxelMap, runs: list[Run], home: Point3, how: tuple[Sweep, Camera, Distances]) -> Mission:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float64
 
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
@@ -57,9 +59,27 @@ class Vehicles:
         """Of each vehicle, the number of its home."""
         return tuple(range(self.count)) if len(self.homes) == self.count else (0,) * self.count
 
+    @property
+    def most(self) -> float:
+        """What a flight may cost; infinite: any."""
+        return math.inf if self.capacity is None else self.capacity
+
     def leg_cost(self, stay: float) -> LegCost:
         """What legs cost, where each ends with a stay [s]."""
         return TimeCost(stay=stay) if self.cost is None else self.cost
+
+
+def check_homes(homes: Sequence[Point3], free: FreeSpace) -> Float64[np.ndarray, "h 3"]:
+    """Homes [m]; raises a ValueError for one that is not free."""
+    at = np.array(homes, np.float64)
+    fits = free.holds(at)
+    if not fits.all():
+        x, y, z = homes[int(np.argmin(fits))]
+        raise ValueError(
+            f"home: expected a place in the map that keeps the radius of {free.radius:g} m and is joined to the "
+            f"others, given ({x:g}, {y:g}, {z:g})"
+        )
+    return at
 
 
 def choose_home(where: VoxelMap, free: FreeSpace, near: np.ndarray, away: float) -> Point3:

@@ -6,6 +6,7 @@ map → what is photographed, with room → viewpoints or lines → flights → 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -56,19 +57,7 @@ def run_inspect(options: InspectOptions) -> int:
     """
     target, reach = _target(options), options.distance + _ROOM
     capture = Capture(options.distance, options.overlap, options.incidence, options.resolution)
-    return _run(
-        options,
-        target,
-        reach,
-        lambda where: inspect(
-            where,
-            target,
-            Camera.named(options.camera),
-            capture=capture,
-            vehicles=_vehicles(options),
-            distances=Distances(options.radius, options.margin),
-        ),
-    )
+    return _run(options, target, reach, functools.partial(inspect, capture=capture))
 
 
 def run_survey(options: SurveyOptions) -> int:
@@ -80,24 +69,13 @@ def run_survey(options: SurveyOptions) -> int:
     area = _corners("--area", options.area, 2 if options.width is not None else 3)
     sweep = Sweep(**{field.name: getattr(options, field.name) for field in dataclasses.fields(Sweep)})
     reach = options.distance + options.beyond + options.turn + _ROOM
-    return _run(
-        options,
-        area,
-        reach,
-        lambda where: survey(
-            where,
-            area,
-            Camera.named(options.camera),
-            sweep=sweep,
-            vehicles=_vehicles(options),
-            distances=Distances(options.radius, options.margin),
-        ),
-    )
+    return _run(options, area, reach, functools.partial(survey, sweep=sweep))
 
 
-def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[[VoxelMap], Inspection]) -> int:
+def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[..., Inspection]) -> int:
     """Read the map around a target, take photos of it, show and write."""
     report.check_output(options.out)
+    camera = Camera.named(options.camera)
     request = _request(options)
     exporting.check_exports(request)
     request.check()
@@ -105,7 +83,13 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[[Vo
         given = _map_around(request, target, reach)
     exporting.check_place(request, given)
     with progress("Choosing photos and planning their flights"):
-        found = take(given.task.map)
+        found = take(
+            given.task.map,
+            target,
+            camera,
+            vehicles=Vehicles(options.home, options.vehicles, options.longest),
+            distances=Distances(options.radius, options.margin),
+        )
     content = report.plain({**found.to_dict(), "configuration": dataclasses.asdict(options)})
     files: list[object] = []
     if options.out is not None:
@@ -155,10 +139,6 @@ def _corners(name: str, numbers: tuple[float, ...], least: int) -> np.ndarray:
     if len(numbers) % 2 or len(numbers) < 2 * least:
         raise ValueError(f"{name}: expected x and y of {least} corners at least, given {len(numbers)} numbers")
     return np.array(numbers).reshape(-1, 2)
-
-
-def _vehicles(options: PhotoOptions) -> Vehicles:
-    return Vehicles(options.home, options.vehicles, options.longest)
 
 
 def _request(options: PhotoOptions) -> Request:

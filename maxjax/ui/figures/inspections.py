@@ -50,11 +50,12 @@ def figure_inspection(found: Inspection, title: str = "") -> Figure:
             if len(mission.path):
                 space.plot(*mission.path.T, color=PATHS[k % len(PATHS)][0], lw=0.9, label=f"flight {k + 1}")
         ends = photos.position + _LOOK * photos.axes[:, 2]
-        for place, end in zip(photos.position, ends, strict=True):
-            space.plot(*np.stack([place, end]).T, color=ARRIVED, lw=0.7)
+        gaps = np.full_like(ends, np.nan)
+        space.plot(*np.stack([photos.position, ends, gaps], axis=1).reshape(-1, 3).T, color=ARRIVED, lw=0.7)
         space.scatter(*photos.position.T, c=ARRIVED, s=3.0, linewidths=0, label="photos")
         space.set_aspect("equal")
         space.view_init(*_VIEW)
+        space.locator_params(nbins=5)
         space.set_xlabel("x [m]")
         space.set_ylabel("y [m]")
         space.set_zlabel("z [m]")

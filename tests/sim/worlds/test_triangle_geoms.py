@@ -11,18 +11,12 @@ import trimesh
 
 from maxjax.sim.worlds.raycast import cast_rays
 from maxjax.sim.worlds.triangle_geoms import triangle_geoms
+from tests.inspection.towns import ray_model
 
 
 def by_mujoco(corners: np.ndarray, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """C `mj_ray` on a mesh of the triangles, ray by ray; infinity on a miss."""
-    vertices = " ".join(f"{x:.9g}" for x in corners.ravel())
-    faces = " ".join(str(k) for k in range(3 * len(corners)))
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><asset><mesh name="m" vertex="{vertices}" face="{faces}" inertia="shell"/></asset>'
-        '<worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    model, data = ray_model(corners)
     geom = np.zeros(1, np.int32)
     # MuJoCo moves a mesh to its own middle and axes, and the geom with it: the world's coordinates stay.
     found = np.array([mujoco.mj_ray(model, data, origin, ray, None, 1, -1, geom) for ray in rays])
