@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from maxjax.io.geo.triangles import Triangles
+from maxjax.io.geo.triangles import Triangles, area_normals
 
 _NEXT = np.array([1, 2, 0])
 _ALIKE = 4.0  # steps of a normal's components that count as one direction, from 0 to 1
@@ -50,7 +50,7 @@ def points_on(
         Points [m], unit normals, areas [m²], and what each is of.
     """
     pieces, of = halve(np.asarray(triangles, np.float64), owner, apart)
-    normal = np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])
+    normal = area_normals(pieces)
     size = np.linalg.norm(normal, axis=1)
     kept = size > 2.0 * _LEAST
     pieces, of, size, normal = pieces[kept], of[kept], size[kept], normal[kept] / size[kept, None]

@@ -19,6 +19,7 @@ from jaxtyping import Float64
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.inspection.sweep_lines import Line
+from maxjax.trajectories.envelope import least_envelope
 
 Above = Literal["ground", "roof"]
 
@@ -84,10 +85,7 @@ def lift(line: Line, below: Below, distance: float) -> Points:
     """Samples of a line at heights above what lies below, no steeper than `SLOPE` [m]."""
     places = samples(line)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    wanted = below.at(places) + distance
-    rising = np.maximum.accumulate(wanted + SLOPE * along) - SLOPE * along
-    sinking = np.maximum.accumulate((wanted - SLOPE * along)[::-1])[::-1] + SLOPE * along
-    return np.column_stack([places, np.maximum(rising, sinking)])
+    return np.column_stack([places, least_envelope(below.at(places) + distance, along, SLOPE)])
 
 
 def legs_along(points: Points, distance: float) -> list[int]:

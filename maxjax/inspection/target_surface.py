@@ -18,6 +18,7 @@ from maxjax.inspection.face_points import points_on
 from maxjax.inspection.scenery import Scenery
 from maxjax.inspection.targets import Chosen, Target, choose
 from maxjax.inspection.voxel_faces import voxel_faces
+from maxjax.io.geo.triangles import area_normals
 from maxjax.io.kinds.faces import Faces, faces_of
 from maxjax.io.load import LoadedMap
 
@@ -155,7 +156,7 @@ def _points(where: VoxelMap, faces: Faces, chosen: Chosen, apart: float) -> Surf
     triangles, part = triangles[near], part[near]
     doubtful = ~faces.closed[part]
     triangles[doubtful] = _towards_air(triangles[doubtful], where)
-    size = 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    size = 0.5 * np.linalg.norm(area_normals(triangles), axis=1)
     apart = max(apart, float(np.sqrt(size.sum() / _MOST)))
     points, normals, areas, of = points_on(triangles, part, apart)
     kept = chosen.holds(points) & ((points >= low) & (points <= high)).all(axis=1) & (normals[:, 2] > -_LEVEL)
@@ -165,7 +166,7 @@ def _points(where: VoxelMap, faces: Faces, chosen: Chosen, apart: float) -> Surf
 
 def _towards_air(triangles: Float64[np.ndarray, "n 3 3"], where: VoxelMap) -> Float64[np.ndarray, "n 3 3"]:
     """Triangles of parts that do not close, turned to the side where the map is free; level ones upwards."""
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = area_normals(triangles)
     unit = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     middle, step = triangles.mean(axis=1), 0.9 * where.grid.spacing
     before, behind = (_occupied(middle + way * step * unit, where) for way in (1.0, -1.0))

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from maxjax.io.geo.rings import signed_area
 from maxjax.io.kinds.faces import Faces
 from maxjax.sim.worlds.real_city import inside
 
@@ -92,8 +93,7 @@ def check_outline(name: str, corners: Any) -> Float64[np.ndarray, "k 2"]:
             f"{name}: expected an outline that does not cross itself, given one whose edges {i + 1} and {j + 1} do, "
             f"at x {x:.1f}, y {y:.1f}; put its corners in order"
         )
-    x, y = (outline - outline[0]).T
-    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    area = signed_area(outline)
     if len(outline) < 3 or area == 0.0:
         raise ValueError(f"{name}: expected an outline with an area, given {len(outline)} corners on a line")
     return outline if area > 0 else outline[::-1]

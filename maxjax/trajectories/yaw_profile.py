@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from maxjax.planning.mission import Waypoint
+from maxjax.trajectories.envelope import least_envelope
 from maxjax.trajectories.spline import average_neighbours
 
 # Horizontal speed below which a course says nothing [m/s], and width of the average [s].
@@ -59,9 +60,10 @@ def headings(
     moves = np.linalg.norm(course, axis=1) > _SLOW * step
     wanted = _filled(np.where(moves, np.arctan2(course[:, 1], course[:, 0]), np.nan))
     wanted = _aimed(wanted, control, step, rate, aims)
-    limit = rate * step * (1.0 - _SLACK)
+    steps, limit = np.arange(len(wanted), dtype=np.float64), rate * step * (1.0 - _SLACK)
     count = 2 * math.ceil(0.5 * _ROUNDING / step) + 1
-    rounded = average_neighbours(0.5 * (_upper(wanted, limit) - _upper(-wanted, limit)), count)
+    upper, lower = least_envelope(wanted, steps, limit), -least_envelope(-wanted, steps, limit)
+    rounded = average_neighbours(0.5 * (upper + lower), count)
     half = count // 2
     found: Float64[np.ndarray, " n"] = rounded[half : len(rounded) - half]
     return found
@@ -101,12 +103,3 @@ def _aimed(
         turn = rate * step * np.clip(np.arange(len(wanted) - last) - math.ceil(0.5 * _ROUNDING / step) - 1, 0, None)
         wanted[last:] = np.clip(wanted[last:], wanted[last - 1] - turn, wanted[last - 1] + turn)
     return wanted
-
-
-def _upper(values: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:
-    """The least envelope above some values that changes by at most `limit` a step."""
-    ramp = limit * np.arange(len(values))
-    rising = np.maximum.accumulate(values + ramp) - ramp
-    falling = np.maximum.accumulate((values - ramp)[::-1])[::-1] + ramp
-    upper: Float64[np.ndarray, " n"] = np.maximum(rising, falling)
-    return upper

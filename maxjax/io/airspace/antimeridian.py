@@ -12,11 +12,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
 
 from maxjax.io.airspace.zone import Polygon, UnclearError
 from maxjax.io.geo.columns import Ring
-from maxjax.io.geo.rings import chain
+from maxjax.io.geo.rings import chain, signed_area
 
 _SEAM = 180.0  # [degrees]
 _ON = 1e-9  # of the seam [degrees]; a tenth of a millimetre
@@ -95,9 +94,4 @@ def _split(ring: Ring, levels: list[float]) -> Iterator[_Edge]:
 
 def _outline_first(rings: list[list[_Point]]) -> Polygon:
     """The ring that surrounds the others before these."""
-    return sorted(map(np.array, rings), key=lambda ring: -abs(_area(ring)))
-
-
-def _area(ring: Float[np.ndarray, "n 2"]) -> float:
-    x, y = (ring - ring[0]).T
-    return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    return sorted(map(np.array, rings), key=lambda ring: -abs(signed_area(ring)))

@@ -26,6 +26,7 @@ from maxjax.io.airspace.zone import MALFORMED, Polygon, Published, Zone, sentenc
 from maxjax.io.airspace.zone_heights import heights_in, remarks_on
 from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.earth import Earth, on_own_zero
+from maxjax.io.geo.rings import signed_area
 from maxjax.io.geo.vertical_zero import UnknownZeroError
 
 _ROOM = 0.1  # around the map [degrees]; some 10 km
@@ -180,9 +181,7 @@ def _counts(counted: Mapping[str, int]) -> str:
 
 def _is_flat(ring: Ring) -> bool:
     """Whether an outline has no area."""
-    x, y = (ring - ring.mean(axis=0)).T
-    area = 0.5 * abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()))
-    return area <= _THIN * float(np.ptp(x) + np.ptp(y))
+    return abs(signed_area(ring)) <= _THIN * float(np.ptp(ring, axis=0).sum())
 
 
 def _swapped(polygons: list[Polygon], box: Box) -> bool:

@@ -13,9 +13,9 @@ import dataclasses
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
-from maxjax.io.geo.earth import Earth, TangentPlane
+from maxjax.io.export.mission_item import courses_of
+from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Mission, Waypoint
 
 _AHEAD = 10_000.0  # [m]
@@ -55,10 +55,5 @@ def _aim(waypoint: Waypoint, earth: Earth) -> AimOnEarth:
     ahead = here + _AHEAD * np.array([[math.cos(yaw), math.sin(yaw), 0.0]])
     there = ahead if waypoint.look_at is None else np.array([waypoint.look_at])
     ((latitude, longitude, height),) = earth.geodetic(there).tolist()
-    heading = None if math.isnan(yaw) else _heading(earth.geodetic(here), earth.geodetic(there))
+    heading = None if math.isnan(yaw) else courses_of(earth.geodetic(np.concatenate([here, there])))[1]
     return AimOnEarth(latitude, longitude, height, heading)
-
-
-def _heading(here: Float64[np.ndarray, "1 3"], there: Float64[np.ndarray, "1 3"]) -> float:
-    ((east, north, _),) = TangentPlane(*here[0].tolist()).local(there).tolist()
-    return math.degrees(math.atan2(east, north)) % 360.0

@@ -26,6 +26,12 @@ def surrounds(ring: Float[np.ndarray, "n 2"], point: Float[np.ndarray, " 2"]) ->
     return bool((spans & (x > point[0])).sum() % 2)
 
 
+def signed_area(ring: Float[np.ndarray, "n 2"]) -> float:
+    """Area of a ring, positive where it goes around counter-clockwise; its last point is not repeated."""
+    x, y = (ring - ring[0]).T
+    return 0.5 * float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+
 def chain(edges: Iterable[tuple[T, T]]) -> list[list[T]] | None:
     """Edges to closed rings, edges that occur an even number of times left out.
 

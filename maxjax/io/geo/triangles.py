@@ -31,6 +31,11 @@ _SLAB = 2**24  # voxels filled at a time
 _EDGES = ((0, 1), (1, 2), (2, 0))
 
 
+def area_normals(triangles: Float[np.ndarray, "t 3 3"]) -> Float[np.ndarray, "t 3"]:
+    """Twice the areas of triangles, as vectors along their normals."""
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
 def voxels_touched(triangles: Triangles, grid: Grid) -> Volume:
     """Voxels whose closed cube a triangle meets, exactly up to a millionth of a voxel outwards.
 

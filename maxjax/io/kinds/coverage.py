@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from maxjax.core.grid import Grid
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.io.geo.rings import signed_area
 from maxjax.io.kinds.boxes import Boxes
 from maxjax.io.kinds.contents import Contents
 from maxjax.io.kinds.footprints import Footprints
@@ -76,8 +77,7 @@ def _seen(cloud: PointCloud, grid: Grid) -> Bool[np.ndarray, "nx ny"]:
 
     places = cloud.points[np.isfinite(cloud.points).all(axis=1), :2].astype(np.float64) + cloud.offset[:2]
     outline = _outline(places)
-    x, y = outline.T
-    area = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    area = abs(signed_area(outline))
     reach = max(_COLUMNS * grid.spacing, _TIMES * math.sqrt(area / max(len(places), 1)))
     around = math.ceil(reach / grid.spacing)
     index = np.floor((places - np.array(grid.lower[:2])) / grid.spacing).astype(np.int64) + around

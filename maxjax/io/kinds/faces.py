@@ -14,10 +14,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from maxjax.io.geo.columns import Ring
 from maxjax.io.geo.polygons import covering
-from maxjax.io.geo.rings import surrounds
-from maxjax.io.geo.triangles import Triangles
+from maxjax.io.geo.rings import signed_area, surrounds
+from maxjax.io.geo.triangles import Triangles, area_normals
 from maxjax.io.kinds.bodies import OPEN
 from maxjax.io.kinds.footprints import Fill, Footprint, Footprints
 from maxjax.io.kinds.mesh import Mesh
@@ -85,7 +84,7 @@ def _prism(building: Footprint) -> Triangles:
     for k, ring in enumerate(building.rings):
         others = [other for j, other in enumerate(building.rings) if j != k]
         outline = sum(surrounds(other, 0.5 * (ring[0] + ring[1])) for other in others) % 2 == 0
-        a = ring if (_area(ring) > 0) == outline else ring[::-1]
+        a = ring if (signed_area(ring) > 0) == outline else ring[::-1]
         b = np.roll(a, -1, axis=0)
         low_a, low_b, high_a, high_b = (
             np.column_stack([side, np.full(len(a), z)]) for z in (building.base, building.top) for side in (a, b)
@@ -93,19 +92,8 @@ def _prism(building: Footprint) -> Triangles:
         found += [np.stack([low_a, low_b, high_b], axis=1), np.stack([low_a, high_b, high_a], axis=1)]
     for z, way in ((building.top, 1.0), (building.base, -1.0)):
         level = covering([np.column_stack([ring, np.full(len(ring), z)]) for ring in building.rings])
-        found.append(np.where((way * _normals(level)[:, 2] < 0)[:, None, None], level[:, ::-1], level))
+        found.append(np.where((way * area_normals(level)[:, 2] < 0)[:, None, None], level[:, ::-1], level))
     return np.concatenate(found)
-
-
-def _area(ring: Ring) -> float:
-    local = ring - ring[0]
-    x, y = local.T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def _normals(triangles: Triangles) -> Float[np.ndarray, "n 3"]:
-    """Twice the areas of triangles as vectors along their normals."""
-    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
 def _outward(triangles: Triangles, part: Int64[np.ndarray, " n"], closed: Bool[np.ndarray, " p"]) -> Triangles:
@@ -119,4 +107,4 @@ def _outward(triangles: Triangles, part: Int64[np.ndarray, " n"], closed: Bool[n
 
 
 def _upward(triangles: Triangles) -> Triangles:
-    return np.where((_normals(triangles)[:, 2] < 0)[:, None, None], triangles[:, ::-1], triangles)
+    return np.where((area_normals(triangles)[:, 2] < 0)[:, None, None], triangles[:, ::-1], triangles)

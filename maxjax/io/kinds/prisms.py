@@ -19,7 +19,7 @@ from jaxtyping import Float, Int64
 
 from maxjax.core.grid import Grid
 from maxjax.io.geo.columns import columns_of
-from maxjax.io.geo.triangles import Triangles, Volume, column_spans, fill_columns, voxels_touched, wound
+from maxjax.io.geo.triangles import Triangles, Volume, area_normals, column_spans, fill_columns, voxels_touched, wound
 from maxjax.io.kinds.airborne import NONE, from_nearest
 from maxjax.io.kinds.footprints import Fill, Footprints, Shells
 
@@ -121,7 +121,7 @@ def _roofless(
     low, high = np.full(len(shells.fill), np.inf), np.full(len(shells.fill), -np.inf)
     np.minimum.at(low, shells.of_face, height.min(axis=1))
     np.maximum.at(high, shells.of_face, height.max(axis=1))
-    normal = np.cross(shells.faces[:, 1] - shells.faces[:, 0], shells.faces[:, 2] - shells.faces[:, 0])
+    normal = area_normals(shells.faces)
     size = np.linalg.norm(normal, axis=1)
     walled = np.zeros(len(shells.fill), bool)
     walled[shells.of_face[(size > 0.0) & (np.abs(normal[:, 2]) <= _UPRIGHT * size)]] = True

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from maxjax.io.geo.triangles import area_normals
 from maxjax.sim.worlds.geoms import TRIANGLE, Geoms
 
 _NOWHERE = -1e4  # of padding, below everything [m]
@@ -28,7 +29,7 @@ def triangle_geoms(corners: Float[np.ndarray, "n 3 3"], slots: int) -> Geoms:
     if len(corners) > slots:
         raise ValueError(f"slots: expected at least {len(corners)}, one a triangle, given {slots}")
     padding = np.array([[0.0, 0.0, _NOWHERE], [1.0, 0.0, _NOWHERE], [0.0, 1.0, _NOWHERE]])
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_normals(corners)
     flat = np.einsum("nk,nk->n", normal, normal) <= _LEAST
     whole = np.concatenate(
         [np.where(flat[:, None, None], padding, corners), np.tile(padding, (slots - len(corners), 1, 1))]

@@ -113,17 +113,7 @@ def _document(answer: MissionAnswer) -> dict[str, Any]:
 def table_of(answer: MissionAnswer, title: str) -> Table:
     """One row a leg, and one for all."""
     mission, flown = answer.mission, answer.flown
-    heads = (
-        "leg",
-        "to",
-        "status",
-        "length\n[m]",
-        "clearance\n[m]",
-        "speed\n[m/s]",
-        "arrives\n[s]",
-        "hovers\n[s]",
-        *HEADS,
-    )
+    heads = (*_HEADS, *HEADS)
     rows, energies = [], energy_cells(answer.flight, answer.request.supply)
     for k, leg in enumerate(mission.legs):
         waypoint, ok = mission.waypoints[k + 1], leg.status == Status.OK
