@@ -15,7 +15,6 @@ import numpy as np
 from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
-from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.inspection.candidates import Aim
 from maxjax.inspection.capture import Capture
@@ -92,7 +91,6 @@ def inspect(
             rounds = order_views(found.views, free, homes, vehicles)
         missions = [plan_round(where, found.views, one, homes, distances) for one in rounds]
     return Inspection(
-        status=next((mission.status for mission in missions if mission.status != Status.OK), Status.OK),
         photos=found.views.some(np.array([k for one in rounds for k in one.places], np.int64)),
         flight=np.repeat(np.arange(len(rounds)), [len(one.places) for one in rounds]),
         coverage=found.coverage,

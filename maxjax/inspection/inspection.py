@@ -23,7 +23,6 @@ class Inspection:
     """Photos of a surface, and the missions that take them.
 
     Attributes:
-        status: OK if every mission is; else that of the first that is not.
         photos: in the order in which they are taken, flight by flight.
         flight: (n,) number of the flight that takes each photo.
         coverage: what they show, and what cannot be seen.
@@ -32,13 +31,12 @@ class Inspection:
         camera: that takes the photos.
         capture: what was asked of them.
         tried: how many views the photos were chosen from.
-        least: no fewer of these show as much.
         remarks: sentences that a user should know.
         timings: seconds by stage.
         scenery: what hides.
+        least: no fewer of the views that were tried show as much; 0: not known.
     """
 
-    status: Status
     photos: Views
     flight: Int64[np.ndarray, " n"]
     coverage: Coverage
@@ -47,10 +45,15 @@ class Inspection:
     camera: Camera
     capture: Capture
     tried: int
-    least: int
     remarks: tuple[str, ...]
     timings: Mapping[str, float]
     scenery: Scenery = dataclasses.field(repr=False)
+    least: int = 0
+
+    @property
+    def status(self) -> Status:
+        """OK if every mission is; else that of the first that is not."""
+        return next((mission.status for mission in self.missions if mission.status != Status.OK), Status.OK)
 
     @property
     def mission(self) -> Mission:

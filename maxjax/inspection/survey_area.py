@@ -12,12 +12,11 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
-from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.inspection.free_space import FreeSpace
 from maxjax.inspection.height_profile import Below
@@ -29,7 +28,7 @@ from maxjax.inspection.photo_camera import Camera
 from maxjax.inspection.scenery import Scenery
 from maxjax.inspection.seen_area import Coverage, unseen_parts
 from maxjax.inspection.sharing import Round, Sharing, cut_order
-from maxjax.inspection.survey_runs import Run, runs_of
+from maxjax.inspection.survey_runs import Lost, Run, runs_of
 from maxjax.inspection.sweep import Sweep
 from maxjax.inspection.sweep_lines import Line, Rows, beside, lawn_mower
 from maxjax.inspection.target_surface import Surface, area_surface
@@ -89,36 +88,33 @@ def survey(
             surface = area_surface(where, faces, scenery, outline, min(camera.footprint(sweep.distance)) / _POINTS)
         with time_stage("lines"):
             free = FreeSpace.of(where, distances.radius, np.array(vehicles.homes[0]) if vehicles.homes else None)
-            below = Below.of(where, sweep.above, distances.radius)
-            runs, lost = runs_of(lines, below, free, sweep, sweep.every(camera))
-        if not runs:
-            raise ValueError(f"area: expected air to fly in above it, found none: {lost[0]}")
+            runs, lost = _runs(where, lines, free, sweep, camera)
         homes = vehicles.homes or (choose_home(where, free, np.concatenate([run.points for run in runs]), 0.0),)
         with time_stage("order"):
             rounds = _rounds(runs, free, homes, vehicles, _speed(sweep, camera))
-        missions = [
-            _mission(where, [runs[k] for k in one.places], homes[one.home], (sweep, camera, distances))
-            for one in rounds
-        ]
+        missions = [_mission(where, runs, one, homes, (sweep, camera, distances)) for one in rounds]
         with time_stage("coverage"):
-            photos = [photos_of(mission) for mission in missions]
-            taken = functools.reduce(Views.joined, photos)
+            taken, flight = _photos(missions)
             coverage = _shown(taken, surface, scenery, camera, sweep)
     return Inspection(
-        status=next((mission.status for mission in missions if mission.status != Status.OK), Status.OK),
         photos=taken,
-        flight=np.repeat(np.arange(len(photos)), [len(some) for some in photos]),
+        flight=flight,
         coverage=coverage,
         missions=tuple(missions),
         vehicles=tuple(one.vehicle for one in rounds),
         camera=camera,
         capture=sweep,
         tried=len(taken),
-        least=0,
         remarks=(*map(str, lost), *map(str, coverage.unseen)),
         timings=functools.reduce(sum_reports, (mission.timings for mission in missions), recorder.report()),
         scenery=scenery,
     )
+
+
+def _photos(missions: list[Mission]) -> tuple[Views, Int64[np.ndarray, " n"]]:
+    """The photos of some missions, and of each the number of its mission."""
+    photos = [photos_of(mission) for mission in missions]
+    return functools.reduce(Views.joined, photos), np.repeat(np.arange(len(photos)), [len(some) for some in photos])
 
 
 def _shown(taken: Views, surface: Surface, scenery: Scenery, camera: Camera, sweep: Sweep) -> Coverage:
@@ -153,6 +149,16 @@ def _lines(area: Any, camera: Camera, sweep: Sweep) -> tuple[Float64[np.ndarray,
     return outline, lines
 
 
+def _runs(
+    where: VoxelMap, lines: list[Line], free: FreeSpace, sweep: Sweep, camera: Camera
+) -> tuple[list[Run], list[Lost]]:
+    """What is flown of some lines, and the photos that are lost; raises a ValueError where nothing is."""
+    runs, lost = runs_of(lines, Below.of(where, sweep.above, free.radius), free, sweep, sweep.every(camera))
+    if not runs:
+        raise ValueError(f"area: expected air to fly in above it, found none: {lost[0]}")
+    return runs, lost
+
+
 def _rounds(
     runs: list[Run], free: FreeSpace, homes: tuple[Point3, ...], vehicles: Vehicles, speed: float
 ) -> tuple[Round, ...]:
@@ -171,10 +177,12 @@ def _rounds(
     return cut_order(Sharing(table, len(at), vehicles.home_of, vehicles.most), range(count))
 
 
-def _mission(where: VoxelMap, runs: list[Run], home: Point3, how: tuple[Sweep, Camera, Distances]) -> Mission:
-    """The mission of a flight: from home along each run, and back home."""
-    sweep, camera, distances = how
+def _mission(
+    where: VoxelMap, runs: list[Run], one: Round, homes: tuple[Point3, ...], how: tuple[Sweep, Camera, Distances]
+) -> Mission:
+    """The mission of a flight: from home along each of its runs, and back home."""
+    home, (sweep, camera, distances) = homes[one.home], how
     every, speed = sweep.every(camera), _speed(sweep, camera)
-    along = [waypoint for run in runs for waypoint in run.waypoints(sweep, every, speed, distances.radius)]
+    along = [waypoint for k in one.places for waypoint in runs[k].waypoints(sweep, every, speed, distances.radius)]
     waypoints = [Waypoint(home), *along, Waypoint(home)]
     return plan_mission(Task.of(where, *legs_of(waypoints), distances), waypoints, Field())
