@@ -27,6 +27,7 @@ from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
 from maxjax.compile.stage_timer import Recorder, recording, time_stage
 from maxjax.compile.threads import concurrently
+from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, equal_shares, no_route
@@ -39,12 +40,15 @@ from maxjax.planning.run import pipeline
 from maxjax.planning.run.stages import STAGED, status_of_climb
 from maxjax.planning.run.verifying import verify_routes, with_closures
 from maxjax.planning.windows.corridor import find_in_corridor
-from maxjax.planning.windows.focus_window import View, find_in_windows
+from maxjax.planning.windows.focus_window import View
+from maxjax.planning.windows.growth import ViewSolver, find_in_windows
 
 # Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
 _CHUNK = 32
 # Windows are small, and their kernels short: as many at a time as have so many voxels, and how many those may be.
-_VOXELS, _WINDOWS = 2**26, 512
+_VOXELS, _WINDOWS = 2**25, 256
+# Views at a time: while the device is busy with one, the host cuts, sends and reads another.
+_TOGETHER = 2
 # Voxels of the largest map that is solved as a whole where no window answers.
 _LARGEST_WHOLE = 2**22
 # Steps of the further ascents, in terms of those of the first one, until one arrives.
@@ -83,9 +87,14 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
     def find(view: View) -> Routes:
         return _in_chunks(view, planner, chunk) if chunked else find_one_by_one(view, planner)
 
-    def find_all(views: list[View]) -> list[Routes]:
-        # One shape is compiled beside the others.
-        return list(concurrently(find, views, len(views))) if chunked and len(views) > 1 else list(map(find, views))
+    solver = ViewSolver(find)
+    if chunked:
+        solver = ViewSolver(
+            find,
+            lambda shape: _most(shape, chunk),
+            _TOGETHER,
+            lambda views: _prepare(views, planner, chunk),
+        )
 
     def otherwise(some: Task) -> Routes:
         """Routes of what no window answers."""
@@ -98,12 +107,12 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def find_route(one: Task) -> Routes:
         """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        guided = find_in_corridor(one, find_all, formulate_view)
+        guided = find_in_corridor(one, solver, formulate_view)
         if guided.ok.all():
             return guided
         return find(View(one)).add_seconds(np.arange(1), guided.timings)
 
-    return find_in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
+    return find_in_windows(task, solver, otherwise) if plans_in_windows(planner) else find(View(task))
 
 
 def with_largest_radii(plans: Plans) -> Plans:
@@ -244,7 +253,9 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
             if len(which) == 1:
                 route = pipeline.run_one(some, longer)
             else:
-                route = pipeline.run_chunks(some, longer, _sizes(some, chunk, longer == planner))
+                route = pipeline.run_chunks(
+                    some, longer, _sizes(some, chunk, longer == planner and not plans_in_windows(planner))
+                )
         return Routes(route, equal_shares(recorder, len(which)))
 
     if climber is None:
@@ -252,14 +263,37 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
     return with_longer_ascents(attempt, len(view), climber.ascent)
 
 
-def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:
-    """How many problems each chunk has room for: few different numbers, since each is a program by itself."""
+def _sizes(view: View, chunk: int | None, exactly: bool) -> list[int]:
+    """How many problems each chunk has room for: few different numbers, since each is a program by itself.
+
+    Args:
+        view: of windows, or of whole maps.
+        chunk: as of `plan_task`.
+        exactly: whether whole maps may have a program for just this batch.
+    """
     count, small = len(view), chunk or _CHUNK
     if view.windows is None:
-        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
-        most = count if first else 1 << (count - 1).bit_length()
+        most = count if exactly else 1 << (count - 1).bit_length()
         return [-(-most // -(-most // small))] * -(-most // small)
-    large = max(min(_VOXELS // math.prod(view.grid.shape), _WINDOWS), small) if chunk is None else small
+    large = _most(view.grid.shape, chunk)
     few, rest = divmod(count, large)
     # A problem takes up to twice as long in a small chunk; one that fills up a large chunk takes as long as any.
     return [large] * few + ([large] if 2 * rest > large else [small] * -(-rest // small))
+
+
+def _most(shape: Index3, chunk: int | None) -> int:
+    """How many windows of a shape a device is shown at a time."""
+    return chunk or max(min(_VOXELS // math.prod(shape), _WINDOWS), _CHUNK)
+
+
+def _prepare(views: list[View], planner: Planner, chunk: int | None) -> None:
+    """Compile what views need, side by side."""
+    needed = {
+        (pipeline.layout_of(view), size): None for view in views if len(view) > 1 for size in _sizes(view, chunk, False)
+    }
+
+    def compile_one(program: tuple[pipeline.Layout, int]) -> None:
+        pipeline.prepare(*program, planner)
+
+    if len(needed) > 1:
+        list(concurrently(compile_one, needed, len(needed)))

@@ -114,16 +114,23 @@ def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
     return view.in_map(messages.unpack(np.concatenate(rows), _answer_layout(planner, layout)))
 
 
+def prepare(layout: Layout, size: int, planner: Planner) -> None:
+    """Compile the program of chunks of so many windows."""
+    sent = messages.size_of(part_shapes(layout))
+    shared, own = jax.ShapeDtypeStruct((0,), np.uint8), jax.ShapeDtypeStruct((size, sent), np.uint8)
+    _MANY.prepare(shared, own, shared=(), layout=layout, planner=planner)
+
+
 def _pack(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
     """The messages of some problems, cut and packed on all cores."""
-    packed = in_parts(lambda part: messages.pack(_own(view, rows[part]), axes=1), len(rows), _TOGETHER)
+    packed = in_parts(lambda part: messages.pack(_own(view, rows[part], as_bits=True), axes=1), len(rows), _TOGETHER)
     return np.concatenate(packed)
 
 
-def _own(view: View, rows: Rows) -> Parts:
-    """Arrays of some problems beside the maps that all problems share."""
+def _own(view: View, rows: Rows, *, as_bits: bool = False) -> Parts:
+    """Arrays of some problems beside the maps that all problems share; `as_bits` as of `View.own`."""
     rim = {} if view.windows is None else {"rim": view.rim(rows)}
-    return view.own(rows) | rim | {"ends": view.ends(rows)}
+    return view.own(rows, as_bits=as_bits) | rim | {"ends": view.ends(rows)}
 
 
 def part_shapes(layout: Layout) -> Parts:

@@ -19,15 +19,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
+from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped, UInt8
 
-from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid, Index3
-from maxjax.planning.path.route import Route, Routes, trim_padding
+from maxjax.planning.path.route import Route, trim_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
 from maxjax.planning.windows.geometry import (
@@ -35,13 +33,9 @@ from maxjax.planning.windows.geometry import (
     costs_over_faces,
     ellipsoid_box,
     ends_inside,
-    guess_costs,
-    is_proved,
-    next_costs,
-    path_costs,
     worthwhile,
 )
-from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
+from maxjax.planning.windows.subvolumes import Boxes, bits_in, lowest_open, voxels_in
 
 # Shapes of windows, flat as cities are [voxels]. Of five small ones these take the fewest voxels a problem of the
 # offline protocol, until one proves the path: 83,000 in the mean, where four squares took 107,000.
@@ -58,8 +52,6 @@ SHAPES: tuple[Index3, ...] = (
 )
 # To multiples of what shapes of whole maps are rounded up, where their programs are to serve others.
 _ROUNDED = 32, 32, 16
-# Windows that a thread chooses in one go: of fewer, NumPy's calls would cost more than what they find.
-_TOGETHER = 64
 # By name.
 Volumes = dict[str, np.ndarray]
 
@@ -108,6 +100,13 @@ class Windows(NamedTuple):
                 shown = voxels_in(Boxes(maps, map_of[rows], low, low + self.sizes[rows] + 2 * halo - 1), beyond)
                 found[rows] = shown.swapaxes(1, 2) if self.turned[rows[0]] else shown
         return found
+
+    def cut_bits(
+        self, maps: Bool[np.ndarray, "m nx ny nz"], map_of: Int64[np.ndarray, " b"], halo: int
+    ) -> UInt8[np.ndarray, "b bytes"]:
+        """`cut` of truth values, False beyond a map, each volume as one row of bits."""
+        low = self.corners - halo
+        return bits_in(Boxes(maps, map_of, low, low + self.sizes + 2 * halo - 1), self.turned)
 
     def some(self, rows: Rows) -> Windows:
         """Those of some of the problems."""
@@ -216,18 +215,26 @@ class View:
         """The volumes that all problems are shown alike, by name: `occupied`, `ground` and `price`."""
         return {name: volume for name, volume in self._volumes.items() if self.windows is None and volume.ndim == 3}
 
-    def own(self, rows: Rows) -> Volumes:
-        """Those that are not shared, for some of the problems."""
+    def own(self, rows: Rows, *, as_bits: bool = False) -> Volumes:
+        """Those that are not shared, for some of the problems.
+
+        Args:
+            rows: which problems.
+            as_bits: whether what windows show of truth values comes as rows of bits, as `compile.message` has them.
+        """
         shared, some = self.shared, self.some(rows)
         volumes = {name: volume for name, volume in self._volumes.items() if name not in shared}
-        if some.windows is None:
+        windows = some.windows
+        if windows is None:
             return {name: some.task.each(volume) for name, volume in volumes.items()}
-        # A price ends with a window, and beyond the map a metre costs 1.
-        around = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
-        return {
-            name: some.windows.cut(*some.task.stacked(volumes[name]), halo, beyond)
-            for name, (halo, beyond) in around.items()
-        }
+
+        def cut(name: str, volume: np.ndarray) -> np.ndarray:
+            maps, map_of = some.task.stacked(volume)
+            if name == "price":  # It ends with a window, and beyond the map a metre costs 1.
+                return windows.cut(maps, map_of, 0, 1.0)
+            return windows.cut_bits(maps, map_of, self.halo) if as_bits else windows.cut(maps, map_of, self.halo, 0.0)
+
+        return {name: cut(name, volume) for name, volume in volumes.items()}
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""
@@ -268,66 +275,3 @@ def round_up(task: Task) -> View:
     x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
     corners = np.zeros((len(task), 3), np.int64)
     return View(task, Windows.upright(corners, corners + np.array([x, y, z]), np.full(len(task), math.inf)))
-
-
-# Views, in each windows of one shape, ↦ the routes of each, in index coordinates of the whole map.
-RouteViews = Callable[[list[View]], list[Routes]]
-
-
-def find_in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) -> Routes:
-    """Routes of a task by windows that grow until they prove what they show, at last by whole maps.
-
-    Args:
-        task: what to plan.
-        find: routes of what a device is shown.
-        whole: routes of what no window answers.
-
-    Returns:
-        One route a problem, with the timings of all its windows.
-    """
-    found = Routes.blank(len(task))
-    costs, asked = guess_costs(task.index, np), np.arange(len(task))
-    while asked.size:
-        windows = _windows_of_all(task.some(asked), costs[asked])
-        groups = [rows for shape in SHAPES if (rows := np.flatnonzero((windows.shapes == shape).all(axis=1))).size]
-        views = [View(task.some(asked[rows]), windows.some(rows)) for rows in groups]
-        for rows, routes in zip(groups, find(views) if views else [], strict=True):
-            found = found.put(asked[rows], routes)
-        rest = asked[np.isnan(windows.bounds)]
-        if rest.size:
-            answers = whole(task.some(rest))
-            # A path that a window did not prove the cheapest is better than none.
-            better = answers.ok | ~found.ok[rest]
-            found = found.put(rest[better], answers.some(better))
-            found = found.add_seconds(rest[~better], answers.some(~better).timings)
-        costs[asked] = _costs_to_try(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
-        asked = asked[~np.isnan(costs[asked])]
-    return found
-
-
-def _windows_of_all(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
-    """`windows_around`, on all cores."""
-    parts = in_parts(lambda rows: windows_around(task.some(rows), costs[rows]), len(task), _TOGETHER)
-    return Windows(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _costs_to_try(
-    route: Route,
-    asked: Int64[np.ndarray, " r"],
-    bounds: Float64[np.ndarray, " r"],
-    costs: Float64[np.ndarray, " r"],
-    spacing: float,
-) -> Float64[np.ndarray, " r"]:
-    """The costs whose windows are the next to look at; NaN where the last one proves what it shows.
-
-    Args:
-        route: what was found for all problems.
-        asked: which of them were looked at.
-        bounds: of their windows; NaN for the whole map.
-        costs: by which these were chosen.
-        spacing: of the grid [m].
-    """
-    status, path = np.asarray(route.status)[asked], np.asarray(route.path)[asked]
-    found = path_costs(path, np.asarray(route.cost, np.float64)[asked] / spacing, np)
-    done = np.isnan(bounds) | is_proved(status, found, bounds)
-    return np.where(done, math.nan, next_costs(status, found, costs, np))
