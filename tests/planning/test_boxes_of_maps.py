@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxjax.compile import native
-from maxjax.planning.windows.subvolumes import Boxes, bits_in, lowest_open, voxels_in
+from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
 
 
 @pytest.fixture(params=[True, False])
@@ -31,21 +31,6 @@ def test_voxels_are_those_of_the_padded_map(size: tuple[int, int, int]) -> None:
         prices = np.where(maps, np.float32(2.5), np.float32(1.5))
         outside = ~np.pad(np.ones_like(maps), [(0, 0), *[(40, 60)] * 3])[map_of[:, None, None, None], x, y, z]
         assert np.array_equal(voxels_in(boxes._replace(maps=prices), 1.0), np.where(outside, 1.0, 1.5 + expected))
-
-
-@pytest.mark.parametrize("size", [(8, 7, 16), (5, 7, 9), (3, 30, 4), (1, 1, 1)])
-def test_bits_are_those_of_the_voxels_also_where_x_and_y_are_exchanged(
-    either: None, size: tuple[int, int, int]
-) -> None:
-    rng = np.random.default_rng(4)
-    maps = rng.random((3, 20, 21, 22)) < 0.5
-    low, map_of, turned = rng.integers(-12, 28, (60, 3)), rng.integers(0, 3, 60), rng.random(60) < 0.5
-    sizes = np.where(turned[:, None], np.array(size)[[1, 0, 2]], np.array(size))
-    found = bits_in(Boxes(maps, map_of, low, low + sizes - 1), turned)
-    padded = np.pad(maps, [(0, 0), *[(40, 60)] * 3])
-    for bits, m, (x, y, z), (i, j, k), other in zip(found, map_of, low + 40, sizes, turned, strict=True):
-        shown = padded[m, x : x + i, y : y + j, z : z + k]
-        assert np.array_equal(bits, np.packbits(shown.swapaxes(0, 1) if other else shown))
 
 
 def test_the_lowest_open_layer_is_the_first_that_is_not_all_occupied(either: None) -> None:

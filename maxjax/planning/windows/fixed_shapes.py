@@ -30,7 +30,7 @@ from maxjax.planning.run.execution import find_one_by_one, stage_finder
 from maxjax.planning.windows import focus_window
 from maxjax.planning.windows.focus_window import View, Windows
 from maxjax.planning.windows.geometry import worthwhile
-from maxjax.planning.windows.growth import ViewSolver, find_in_windows
+from maxjax.planning.windows.growth import WindowFinder, find_in_windows
 
 LONGER = 4
 # By what the time of a shape shrinks when it is not asked: one slow turn is not held against it for ever.
@@ -97,7 +97,7 @@ class FixedShapes:
             return find(View(some))
 
         try:
-            return find_in_windows(task, ViewSolver(find), whole) if self.planner.focus else whole(task)
+            return find_in_windows(task, WindowFinder(find), whole) if self.planner.focus else whole(task)
         except _LateError:
             return best
 

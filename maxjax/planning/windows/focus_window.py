@@ -22,20 +22,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped, UInt8
+from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
 
 from maxjax.core.grid import Grid, Index3
 from maxjax.planning.path.route import Route, trim_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
-from maxjax.planning.windows.geometry import (
-    centre,
-    costs_over_faces,
-    ellipsoid_box,
-    ends_inside,
-    worthwhile,
-)
-from maxjax.planning.windows.subvolumes import Boxes, bits_in, lowest_open, voxels_in
+from maxjax.planning.windows.choice import Choice, LowestOpen, choose
+from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
 
 # Shapes of windows, flat as cities are [voxels]. Of five small ones these take the fewest voxels a problem of the
 # offline protocol, until one proves the path: 83,000 in the mean, where four squares took 107,000.
@@ -78,6 +72,14 @@ class Windows(NamedTuple):
         """Windows that are shown as they lie."""
         return cls(corners, sizes, bounds, np.zeros(len(bounds), bool))
 
+    @classmethod
+    def of(cls, chosen: Choice) -> Windows:
+        """Windows that were chosen, turned where they are longer along y; none where there is none."""
+        corners, sizes, bounds = (np.asarray(x) for x in chosen)
+        return cls(
+            corners.astype(np.int64), sizes.astype(np.int64), bounds.astype(np.float64), sizes[:, 0] < sizes[:, 1]
+        )
+
     @property
     def shapes(self) -> Int64[np.ndarray, "b 3"]:
         """Voxels along the axes of what is shown."""
@@ -101,13 +103,6 @@ class Windows(NamedTuple):
                 found[rows] = shown.swapaxes(1, 2) if self.turned[rows[0]] else shown
         return found
 
-    def cut_bits(
-        self, maps: Bool[np.ndarray, "m nx ny nz"], map_of: Int64[np.ndarray, " b"], halo: int
-    ) -> UInt8[np.ndarray, "b bytes"]:
-        """`cut` of truth values, False beyond a map, each volume as one row of bits."""
-        low = self.corners - halo
-        return bits_in(Boxes(maps, map_of, low, low + self.sizes + 2 * halo - 1), self.turned)
-
     def some(self, rows: Rows) -> Windows:
         """Those of some of the problems."""
         return Windows(*(numbers[rows] for numbers in self))
@@ -128,53 +123,18 @@ def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     Returns:
         The windows; none where there is no smaller one than the whole map, or an end is not inside it.
     """
-    limits, shapes = (
-        np.array(task.grid.shape),
-        np.array([turn for x, y, z in SHAPES for turn in ((x, y, z), (y, x, z))]),
-    )
-    rows = np.flatnonzero(ends_inside(task.index, limits, np))
-    some = task.some(rows)
-    low, high = ellipsoid_box(some.index, costs[rows], limits, np)
-    low[:, 2] = np.minimum(lowest_open(Boxes(*some.stacked(task.barred), low, high)), high[:, 2])
-    fits = (high - low < shapes[:, None]).all(axis=2) & worthwhile(shapes, task.grid.shape)[:, None]
-    sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
-    rows, low, high, sizes = rows[fitting], low[fitting], high[fitting], sizes[fitting]
-    none = np.zeros((len(task), 3), np.int64)
-    found = Windows.upright(none, none.copy(), np.full(len(task), math.nan))
-    found.sizes[rows], found.corners[rows] = sizes, _corners(task.some(rows), low, high, sizes)
-    found.turned[rows] = sizes[:, 0] < sizes[:, 1]
-    found.bounds[rows] = ways_out(task.some(rows), found.corners[rows], sizes)
-    return found
+    return Windows.of(choose(task.index, costs, task.grid.shape, SHAPES, search_maps(task), np))
 
 
-def _corners(
-    task: Task, low: Int64[np.ndarray, "b 3"], high: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
-) -> Int64[np.ndarray, "b 3"]:
-    """Lowest voxels of windows around boxes: these in the middle, and below them only layers that are all occupied."""
-    limits = np.array(task.grid.shape)
-    corners: Int64[np.ndarray, "b 3"] = centre(low, high, sizes, limits, np)
-    top = corners + sizes - 1
-    top[:, 2] = low[:, 2]
-    floor = lowest_open(Boxes(*task.stacked(task.barred), corners, top))
-    corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), np.maximum(limits - sizes, 0)[:, 2])
-    return corners
-
-
-def ways_out(
-    task: Task, corners: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
-) -> Float64[np.ndarray, " b"]:
-    """The least cost of a way that leaves each window; infinite if none can."""
-    limits, own = np.array(task.grid.shape), np.eye(3, dtype=bool)
+def search_maps(task: Task) -> LowestOpen:
+    """How the lowest open layers of boxes are found in the maps of a task."""
     maps, map_of = task.stacked(task.barred)
-    beyond = np.stack([corners - 1, corners + sizes], axis=1)[:, :, None]
-    lowest = np.where(own, beyond, corners[:, None, None])
-    highest = np.where(own, beyond, np.minimum(corners + sizes, limits)[:, None, None] - 1)
-    # The layers beyond the faces: those within the map that are not all occupied are crossed.
-    within = ((lowest >= 0) & (highest < limits)).all(axis=3)
-    layers = Boxes(maps, np.repeat(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3))
-    crossed = within & (lowest_open(layers).reshape(within.shape) <= highest[..., 2])
-    costs: Float64[np.ndarray, "b 2 3"] = np.where(crossed, costs_over_faces(task.index, corners, sizes, np), math.inf)
-    return np.asarray(costs.min(axis=(1, 2)))
+
+    def lowest(low: Int64[np.ndarray, "b k 3"], high: Int64[np.ndarray, "b k 3"]) -> Int64[np.ndarray, "b k"]:
+        boxes = Boxes(maps, np.repeat(map_of, low.shape[1]), low.reshape(-1, 3), high.reshape(-1, 3))
+        return lowest_open(boxes).reshape(low.shape[:2])
+
+    return lowest
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -215,26 +175,18 @@ class View:
         """The volumes that all problems are shown alike, by name: `occupied`, `ground` and `price`."""
         return {name: volume for name, volume in self._volumes.items() if self.windows is None and volume.ndim == 3}
 
-    def own(self, rows: Rows, *, as_bits: bool = False) -> Volumes:
-        """Those that are not shared, for some of the problems.
-
-        Args:
-            rows: which problems.
-            as_bits: whether what windows show of truth values comes as rows of bits, as `compile.message` has them.
-        """
+    def own(self, rows: Rows) -> Volumes:
+        """Those that are not shared, for some of the problems."""
         shared, some = self.shared, self.some(rows)
         volumes = {name: volume for name, volume in self._volumes.items() if name not in shared}
-        windows = some.windows
-        if windows is None:
+        if some.windows is None:
             return {name: some.task.each(volume) for name, volume in volumes.items()}
-
-        def cut(name: str, volume: np.ndarray) -> np.ndarray:
-            maps, map_of = some.task.stacked(volume)
-            if name == "price":  # It ends with a window, and beyond the map a metre costs 1.
-                return windows.cut(maps, map_of, 0, 1.0)
-            return windows.cut_bits(maps, map_of, self.halo) if as_bits else windows.cut(maps, map_of, self.halo, 0.0)
-
-        return {name: cut(name, volume) for name, volume in volumes.items()}
+        # A price ends with a window, and beyond the map a metre costs 1.
+        around = {name: (0, 1.0) if name == "price" else (self.halo, 0.0) for name in volumes}
+        return {
+            name: some.windows.cut(*some.task.stacked(volumes[name]), halo, beyond)
+            for name, (halo, beyond) in around.items()
+        }
 
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""

@@ -1,27 +1,23 @@
-"""Boxes of maps, many at a time: their voxels, these as bits, and where they lie open.
+"""Boxes of maps, many at a time: their voxels, and where they lie open.
 
     lowest open layer = min { z : some voxel (x, y, z) of the box is not occupied },  one above the box where all are
 
 It tells how high the ground is under a box, and whether a way may cross a layer of voxels. `subvolumes.cpp` finds the
-same where there is a compiler (`compile.native`), without the interpreter and on all cores.
+same where there is a compiler (`compile.native`), without the interpreter.
 """
 
 from __future__ import annotations
 
 import ctypes
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int64, Shaped, UInt8
+from jaxtyping import Bool, Int64, Shaped
 
 from maxjax.compile import native
-from maxjax.compile.threads import in_parts
 
 SOURCE = Path(__file__).with_name("subvolumes.cpp")
-# Boxes that a thread searches in one go, which takes a few milliseconds.
-_TOGETHER = 64
 
 
 class Boxes(NamedTuple):
@@ -62,18 +58,12 @@ def voxels_in(boxes: Boxes, beyond: float) -> Shaped[np.ndarray, "n bx by bz"]:
 def lowest_open(boxes: Boxes) -> Int64[np.ndarray, " n"]:
     """The lowest layer of each box that is not all occupied; one above the highest in the map where all are."""
     boxes, found = boxes.within, np.empty(len(boxes.low), np.int64)
-    library = _library(boxes.maps)
+    library = native.at_hand(SOURCE) if boxes.maps.strides[3] == 1 else None
     if library is not None:
         numbers = [np.ascontiguousarray(rows, np.int64) for rows in boxes[1:]]
-
-        def search(rows: slice) -> None:
-            some, out = [values[rows] for values in numbers], found[rows]
-            addresses = (values.ctypes.data for values in some)
-            maps = boxes.maps.ctypes.data, boxes.maps.strides[:3]
-            library.lowest_open(ctypes.byref(_Request(*maps, *addresses, len(out), out.ctypes.data)))
-
-        if len(found):
-            in_parts(search, len(found), _TOGETHER)
+        addresses = (rows.ctypes.data for rows in numbers)
+        maps = boxes.maps.ctypes.data, boxes.maps.strides[:3]
+        library.lowest_open(ctypes.byref(_Request(*maps, *addresses, len(found), found.ctypes.data)))
         return found
     corners = boxes.low.tolist(), (boxes.high + 1).tolist()
     for k, (m, (x, y, z), (end_x, end_y, end_z)) in enumerate(zip(boxes.map_of.tolist(), *corners, strict=True)):
@@ -82,43 +72,6 @@ def lowest_open(boxes: Boxes) -> Int64[np.ndarray, " n"]:
         solid: Bool[np.ndarray, " layers"] = np.logical_and.reduce(np.logical_and.reduce(box, axis=0), axis=0)
         found[k] = z + (len(solid) if solid.all() else int(np.argmin(solid)))
     return found
-
-
-def bits_in(boxes: Boxes, turned: Bool[np.ndarray, " n"]) -> UInt8[np.ndarray, "n bytes"]:
-    """Voxels of boxes of one size, eight a byte in the order of `numpy.packbits`; where a map ends, 0.
-
-    Args:
-        boxes: of maps of truth values, at least one.
-        turned: whether x and y are exchanged in what is returned, after which all have one size.
-    """
-    sizes = boxes.high + 1 - boxes.low
-    x, y, z = (sizes[0, [1, 0, 2]] if turned[0] else sizes[0]).tolist()
-    library = _library(boxes.maps)
-    if library is None:
-        shown = np.empty((len(turned), x, y, z), bool)
-        for rows in filter(np.size, (np.flatnonzero(~turned), np.flatnonzero(turned))):
-            found = voxels_in(Boxes(boxes.maps, *(numbers[rows] for numbers in boxes[1:])), 0.0)
-            shown[rows] = found.swapaxes(1, 2) if turned[rows[0]] else found
-        return np.packbits(shown.reshape(len(turned), -1), axis=1)
-    bits = np.empty((len(turned), -(-x * y * z // 8)), np.uint8)
-    map_of, low = (np.ascontiguousarray(numbers, np.int64) for numbers in (boxes.map_of, boxes.low))
-    exchanged = np.ascontiguousarray(turned, np.uint8)
-    asked = _BitsRequest(
-        boxes.maps.ctypes.data,
-        boxes.maps.strides[:3],
-        *(numbers.ctypes.data for numbers in (map_of, low, exchanged)),
-        boxes.maps.shape[1:],
-        (x, y, z),
-        len(bits),
-        bits.ctypes.data,
-    )
-    library.bits_in(ctypes.byref(asked))
-    return bits
-
-
-def _library(maps: Shaped[np.ndarray, "m nx ny nz"]) -> ctypes.CDLL | None:
-    """What was compiled, if it is there and can read these maps; bits are put together as little-endian machines do."""
-    return native.at_hand(SOURCE) if maps.strides[3] == 1 and sys.byteorder == "little" else None
 
 
 class _Request(ctypes.Structure):
@@ -130,18 +83,4 @@ class _Request(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("map_of", "low", "high")),
         ("boxes", ctypes.c_int64),
         ("found", ctypes.c_void_p),
-    )
-
-
-class _BitsRequest(ctypes.Structure):
-    """`BitsRequest` of the source."""
-
-    _fields_ = (
-        ("maps", ctypes.c_void_p),
-        ("next", 3 * ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("map_of", "low", "turned")),
-        ("limits", 3 * ctypes.c_int64),
-        ("size", 3 * ctypes.c_int64),
-        ("boxes", ctypes.c_int64),
-        ("bits", ctypes.c_void_p),
     )
