@@ -51,7 +51,7 @@ def run_view(options: ViewOptions) -> int:
     server = serve(city, host=options.host, port=options.port, dark=options.dark)
     page = PlanPage(server, city, request, earth, dark=options.dark)
     wait(server)
-    page.worker.close()
+    page.close()
     return 0
 
 

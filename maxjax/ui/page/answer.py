@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.planning.mission import Mission, legs_of, plan_mission
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
@@ -90,12 +91,24 @@ def task_of(city: City, request: Request, ends: slice = slice(None)) -> Task:
         ValueError: for distances or rules that the map cannot have.
     """
     starts, goals = legs_of(request.stops)
-    task = Task.of(city.voxels, starts[ends], goals[ends], request.distances)
-    highest = city.highest(request.places[0])
-    if (*request.altitudes, highest) == (None, None, None) and not city.areas:
-        return task
-    closed = _closed(city, request.altitudes, highest)
-    return dataclasses.replace(task, map=task.map.closing(closed))
+    where = close_air(city, request.altitudes, city.highest(request.places[0]))
+    return Task.of(where, starts[ends], goals[ends], request.distances)
+
+
+def close_air(city: City, band: Band, highest: float | None) -> VoxelMap:
+    """The map with what the rules of the air close.
+
+    Args:
+        city: the map, with its areas.
+        band: least and greatest height above ground [m].
+        highest: greatest z [m]; None: any.
+
+    Raises:
+        ValueError: for rules that the map cannot have.
+    """
+    if (*band, highest) == (None, None, None) and not city.areas:
+        return city.voxels
+    return city.voxels.closing(_closed(city, band, highest))
 
 
 @functools.lru_cache(maxsize=8)
