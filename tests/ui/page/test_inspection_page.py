@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import maxjax
+from maxjax.inspection.target_surface import city_faces
+from maxjax.inspection.targets import choose
 from maxjax.io.airspace.airspace import Area
+from maxjax.io.geo.earth import TangentPlane
 from maxjax.ui.page.building_inspector import BuildingInspector
 from maxjax.ui.page.colors import FAILED, NO_SURFACE
 from maxjax.ui.page.download import inspection_files
@@ -30,6 +33,7 @@ from maxjax.ui.request import Request
 from tests.inspection.towns import rectangle, town
 from tests.ui.page.test_surface import area_vectors
 
+IMAGE_START_CAPTURE = 2000  # of MAVLink
 HOUSE, HEIGHT = (0.0, 0.0, 12.0, 9.0), 14.0
 RULES = Request(map="town", radius=1.5)
 ASKED = InspectionRequest((6.0, 4.0), None, "DJI M3E", maxjax.Capture(8.0, (0.3, 0.3)), RULES)
@@ -54,12 +58,14 @@ def faces() -> PhotographedFaces:
 
 
 def test_a_click_on_a_wall_or_a_roof_names_the_building() -> None:
-    """A ray ends in the voxels that it meets, not before them, where the next building may be nearer."""
+    """A ray ends within the voxels that it meets, not before them, where another building may be nearer."""
+    built = (city().occupied & ~city().ground).any(axis=2)
     for origin, direction in (((-20.0, 4.0, 5.0), (1.0, 0.0, 0.0)), ((6.0, -20.0, 40.0), (0.0, 0.6, -0.7))):
         place = building_at(city(), origin, direction)
         assert place is not None
-        assert 0.0 <= place[0] <= 12.0
-        assert 0.0 <= place[1] <= 9.0
+        i, j = np.floor((np.array(place) - city().grid.lower[:2]) / city().grid.spacing).astype(int)
+        assert built[i, j]
+        assert choose(city_faces(city().voxels), place).name == "house 0"
     assert building_at(city(), (0.0, 0.0, 50.0), (0.0, 0.0, 1.0)) is None
 
 
@@ -109,8 +115,9 @@ def test_viewpoints_and_flights_are_drawn_where_they_are() -> None:
     assert isinstance(line, Lines)
     np.testing.assert_allclose(city().frame.map(places.points), photos.position)
     way = sights.points[:, 1] - sights.points[:, 0]
-    assert (np.arctan2(way[:, 1], way[:, 0]) - photos.yaw) % (2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)
-    np.testing.assert_allclose(way[:, 2] / np.linalg.norm(way, axis=1), np.sin(photos.pitch), atol=1e-9)
+    level = np.cos(photos.pitch)
+    looks = np.stack([level * np.cos(photos.yaw), level * np.sin(photos.yaw), np.sin(photos.pitch)], axis=1)
+    np.testing.assert_allclose(way / np.linalg.norm(way, axis=1, keepdims=True), looks, atol=1e-9)
     np.testing.assert_allclose(city().frame.map(line.points[:, 0]), found().verified.mission.path[:-1], atol=1e-9)
 
 
@@ -155,8 +162,11 @@ def test_what_is_downloaded_is_the_flight_with_its_photos() -> None:
     assert name == "inspection.csv"
     assert float(content.decode().splitlines()[-1].split(",")[0]) == pytest.approx(found().duration, abs=0.1)
     assert "holds no photos" in said
-    earth = maxjax.Earth.of(51.0, 4.0) if hasattr(maxjax.Earth, "of") else None
-    assert earth is None or earth
+    (plan,), said = inspection_files(city(), TangentPlane(51.0, 4.0, 10.0), ".plan", found(), RULES)
+    count = len(found().verified.photos)
+    shutters = [item for item in json.loads(plan[1])["mission"]["items"] if item["command"] == IMAGE_START_CAPTURE]
+    assert len(shutters) == count
+    assert f"as flown {count} photos: " in said
     with pytest.raises(ValueError, match="no building was inspected"):
         inspection_files(city(), None, ".csv", None, RULES)
 
