@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.status import Status
+from maxjax.ui.page.charge_chart import charge_chart
 from maxjax.ui.page.inspection_answer import InspectionAnswer, InspectionRequest, describe_inspection, inspect_building
 from maxjax.ui.page.inspection_controls import InspectionControls
 from maxjax.ui.page.inspection_scene import PhotographedFaces, inspection_legend, inspection_scene, without_building
@@ -72,5 +73,6 @@ class BuildingInspector:
             faces = PhotographedFaces.of(self._city.voxels, asked.place, inspection.coverage)
             scene = inspection_scene(faces, inspection, self._city.frame)
             legend, drawn = inspection_legend(faces, inspection.coverage), without_building(self._city, faces)
+            legend += charge_chart(found.flights, asked.rules.supply)
         self._show(scene, drawn)
         self._controls.tell(describe_inspection(found), legend)

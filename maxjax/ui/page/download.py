@@ -50,13 +50,16 @@ def file_of(city: City, earth: Earth | None, ending: str, found: Answer) -> tupl
         found: the answer.
 
     Raises:
-        ValueError: if the format needs a place on Earth or ground that is missing, or the file would lead elsewhere.
+        ValueError: if the format needs a place on Earth or ground that is missing, the file would lead elsewhere, or
+            the battery does not last for it.
     """
     if ending == ".html":
         return "plan.html", page_of(city, found).encode()
     if ending == ".toml":
         return "mission.toml", mission_text(found.request).encode()
     flight = trajectory(found.verified, found.request.limits)
+    if found.flight is not None and found.flight.status != Status.OK and found.flight.verdict is not None:
+        raise ValueError(f"{found.flight.status.name}: {found.flight.verdict.describe()}")
     # The folder is made for this file alone; nothing that a browser says becomes part of its path.
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"plan{ending}"

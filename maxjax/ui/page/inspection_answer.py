@@ -15,7 +15,7 @@ from maxjax.inspection.capture import Capture
 from maxjax.inspection.inspect_target import inspect
 from maxjax.inspection.inspection import Inspection
 from maxjax.inspection.vehicles import Vehicles
-from maxjax.ui.page.answer import close_air
+from maxjax.ui.page.answer import close_air, describe_battery
 from maxjax.ui.page.page_map import City
 from maxjax.ui.request import Request
 
@@ -124,11 +124,3 @@ def describe_inspection(found: InspectionAnswer) -> str:
     rows += [f"{len(more)} more parts, {sum(part.area for part in more):.1f} m², are unseen."] if more else []
     rows += [f"Battery: {describe_battery(flight)}." for flight in found.flights if flight.verdict is not None]
     return "\n\n".join(rows)
-
-
-def describe_battery(flight: BatteryFlight) -> str:
-    """What a battery says of a flight, without its full stop; empty where none is given."""
-    if flight.verdict is None:
-        return ""
-    said = flight.verdict.describe()
-    return said if flight.verdict.status == Status.OK else f"**{flight.verdict.status.name}** {said}"

@@ -20,6 +20,7 @@ from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.building_inspector import BuildingInspector
 from maxjax.ui.page.camera import hiding
+from maxjax.ui.page.charge_chart import charge_chart
 from maxjax.ui.page.controls import add_controls, legend, place_text, reach, text_place
 from maxjax.ui.page.download import downloading, file_of, inspection_files
 from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
@@ -314,6 +315,7 @@ class PlanPage:
     def _say_legend(self, found: Answer, wanted: Slice | None) -> None:
         request = found.request
         text = legend(request, wanted, air_lines(self._city, request), path=found.ok)
+        text += charge_chart([found.flight], request.supply)
         if self.controls.legend.content != text:
             self.controls.legend.content = text
 
