@@ -227,17 +227,20 @@ def _document(
 
 
 def _table(found: Inspection, title: str, flights: Sequence[BatteryFlight], supply: Supply | None) -> Table:
-    """One row a flight."""
-    heads = ("flight", "vehicle", "status", "photos", "length\n[m]", "clearance\n[m]", "takes\n[s]")
+    """One row a flight; the vehicle is left out where there is one."""
+    several = any(found.vehicles)
+    heads = ["flight", *(["vehicle"] if several else []), "status", "photos", "length\n[m]", "clearance\n[m]"]
     table = Table(title=title, title_justify="left")
-    for head in heads if supply is None else (*heads, *HEADS):
-        table.add_column(head, justify="left" if head == "status" else "right")
+    for head in (*heads, "takes\n[s]", *(() if supply is None else HEADS)):
+        table.add_column(head, justify="left" if head == "status" else "right", overflow="fold")
     for k, (flight, vehicle) in enumerate(zip(flights, found.vehicles, strict=True)):
-        mission, ok = flight.mission, flight.trajectory is not None
-        cells = [f"{x:.1f}" if ok else "" for x in (mission.length, mission.clearance)]
-        cells += ["" if flight.trajectory is None else f"{flight.trajectory.duration:.0f}"]
-        cells += [] if supply is None else energy_cells(flight, supply)(None)
-        table.add_row(str(k + 1), str(vehicle + 1), flight.status.name, str(int((found.flight == k).sum())), *cells)
+        cells = [str(k + 1), *([str(vehicle + 1)] if several else []), flight.status.name]
+        cells += [str(int((found.flight == k).sum()))]
+        if flight.trajectory is not None:
+            cells += [f"{flight.mission.length:.1f}", f"{flight.mission.clearance:.1f}"]
+            cells += [f"{flight.trajectory.duration:.0f}"]
+        cells += energy_cells(flight, supply)(None) if flight.taken is not None else ()
+        table.add_row(*cells)
     return table
 
 

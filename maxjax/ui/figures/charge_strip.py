@@ -8,20 +8,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxjax.energy.charge_profile import ChargeProfile
-from maxjax.ui.figures.style import ARRIVED, FAILED, PATHS
+from maxjax.ui.figures.style import FAILED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_RESERVE = (0, (4, 2))
 _EMPTY = -5.0  # where an axis of charge begins [%]; an empty battery is drawn there
 
 
-def draw_charge(axes: Axes, charges: Sequence[ChargeProfile]) -> None:
-    """The charge of some flights over their times [%]; take-off and landing are steps at the ends."""
+def draw_charge(axes: Axes, charges: Sequence[ChargeProfile], colors: Sequence[str]) -> None:
+    """The charge of some flights over their times [%]; take-off and landing are steps at the ends.
+
+    Args:
+        axes: to draw in.
+        charges: of each flight.
+        colors: of their lines, in turn.
+    """
     for k, one in enumerate(charges):
-        color = ARRIVED if len(charges) == 1 else PATHS[k % len(PATHS)][0]
+        color = colors[k % len(colors)]
         axes.plot(one.time, np.maximum(100.0 * one.left, _EMPTY), color=color, linewidth=1.2)
-    axes.axhline(100.0 * charges[0].reserve, color=FAILED, linewidth=0.9, linestyle=_RESERVE, label="reserve")
+    axes.axhspan(_EMPTY, 100.0 * charges[0].reserve, color=FAILED, alpha=0.25, linewidth=0.0, label="reserve")
     axes.set_ylim(_EMPTY, 108.0)
     axes.set_ylabel("Charge\n[%]")

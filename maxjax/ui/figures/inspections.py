@@ -46,7 +46,8 @@ def figure_inspection(found: Inspection, title: str = "", charges: Sequence[Char
         share = figure.add_subplot(grid[0, 1])
         if charges:
             battery = figure.add_subplot(grid[1, 1])
-            draw_charge(battery, charges)
+            draw_charge(battery, charges, [color for color, _ in PATHS])
+            battery.legend(loc="lower left", fontsize=7.0)
             battery.set_xlabel("Time [s]")
             battery.spines[["top", "right"]].set_visible(False)
         space.set_title(title, loc="left")

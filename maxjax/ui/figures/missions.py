@@ -138,7 +138,7 @@ def figure_mission(
         _draw_clearance(over[1], course, mission, trajectory)
         _draw_speed(over[2], course, mission, trajectory)
         if charge is not None:
-            draw_charge(over[3], [charge])
+            draw_charge(over[3], [charge], [ARRIVED])
         over[-1].set_xlabel("Time [s]")
         _draw_passes(over, mission, trajectory)
         if title:
