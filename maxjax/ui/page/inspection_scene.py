@@ -27,7 +27,7 @@ from maxjax.ui.page.page_map import City
 
 _MOST = 20_000  # pieces of a surface, about
 _SUN, _SHADE = np.array([-0.5, -0.8, 1.2]) / math.sqrt(2.33), 0.25  # towards it, and how much darker it is elsewhere
-_DOT, _LOOK = 0.8, 2.5  # size of a viewpoint, and length of its line of sight [m]
+_DOT, _LOOK = 0.6, 2.5  # size of a viewpoint, and length of its line of sight [m]
 _LINE, _SIGHT = 4.0, 2.0  # widths [px]
 _BEHIND = 0.02  # a face, its column is asked for [m]
 
