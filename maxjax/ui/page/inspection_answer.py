@@ -110,11 +110,11 @@ def describe_inspection(found: InspectionAnswer) -> str:
     if status != Status.OK:
         return f"{head}: no flight\n**{status.name}** {status.advice}"
     unseen = sum(part.area for part in coverage.unseen)
+    overlap = f"{100.0 * coverage.share(coverage.wanted):.1f} % of it in {coverage.wanted} photos or more"
     rows = [
         head,
-        f"**{100.0 * coverage.share():.1f} %** of {coverage.surface.area:,.0f} m² seen, "
-        f"{100.0 * coverage.share(coverage.wanted):.1f} % of it in {coverage.wanted} photos or more; "
-        f"**{unseen:.1f} m²** unseen.",
+        f"**{100.0 * coverage.share():.1f} %** of {coverage.surface.area:,.0f} m² seen"
+        f"{f', {overlap}' if coverage.wanted > 1 else ''}; **{unseen:.1f} m²** unseen.",
         f"**{len(inspection.photos)} photos** by {inspection.camera.name}, at most {1e3 * coverage.limit:.3g} mm a "
         f"pixel; **{inspection.length:,.0f} m**, flown in **{found.duration:.0f} s**, verified; "
         f"computed in {found.seconds:.0f} s.",
