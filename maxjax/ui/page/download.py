@@ -133,5 +133,7 @@ def page_of(city: City, found: Answer, *, dark: bool = False) -> str:
     ]
     if found.beside is not None and found.beside.status == Status.OK:
         lines.append(f"Blue: A*, {found.beside.length:.1f} m, {found.beside.cruise_clearance:.1f} m clear")
+    if found.flight is not None and found.flight.verdict is not None:
+        lines.append(f"Battery: {found.flight.verdict.describe()}")
     lines += air_lines(city, found.request)
     return playing_page(city, film, "\n".join(lines), dark=dark)

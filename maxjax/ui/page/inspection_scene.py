@@ -29,7 +29,7 @@ _MOST = 20_000  # pieces of a surface, about
 _SUN, _SHADE = np.array([-0.5, -0.8, 1.2]) / math.sqrt(2.33), 0.25  # towards it, and how much darker it is elsewhere
 _DOT, _LOOK = 0.6, 2.5  # size of a viewpoint, and length of its line of sight [m]
 _LINE, _SIGHT = 4.0, 2.0  # widths [px]
-_BEHIND = 0.02  # a face, its column is asked for [m]
+_BESIDE = 0.02  # how far beside a face its columns are asked for [m]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -140,15 +140,15 @@ def inspection_legend(faces: PhotographedFaces, coverage: Coverage) -> str:
 
 
 def without_building(city: City, faces: PhotographedFaces) -> City:
-    """The map without the voxels of a building, for drawing: those of the columns that its faces pass or enclose."""
+    """The map without the voxels of a building, for drawing: those of the columns that its faces touch or enclose."""
     from scipy.ndimage import binary_fill_holes
 
     grid = city.grid
     pieces, _ = halve(faces.pieces, np.zeros(len(faces.pieces), np.int64), grid.spacing)
-    # A little behind each face: a wall between two columns is of the one that it encloses.
-    behind = pieces.mean(axis=1, keepdims=True) - _BEHIND * _unit_normals(pieces)[:, None]
-    places = (0.99 * pieces + 0.01 * behind - 0.99 * _BEHIND * _unit_normals(pieces)[:, None]).reshape(-1, 3)
-    column = np.floor((places - np.array(grid.lower)) / grid.spacing).astype(np.int64)[:, :2]
+    # On all sides of a face's corners: a wall between two columns makes voxels of both occupied.
+    around = np.array([(x, y) for x in (-_BESIDE, _BESIDE) for y in (-_BESIDE, _BESIDE)])
+    places = (pieces.reshape(-1, 1, 3)[:, :, :2] + around).reshape(-1, 2)
+    column = np.floor((places - np.array(grid.lower[:2])) / grid.spacing).astype(np.int64)
     inside = ((column >= 0) & (column < np.array(grid.shape[:2]))).all(axis=1)
     passed: Bool[np.ndarray, "nx ny"] = np.zeros(grid.shape[:2], bool)
     passed[tuple(column[inside].T)] = True

@@ -12,7 +12,7 @@ import maxjax
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.charge_chart import charge_chart
-from maxjax.ui.page.download import file_of
+from maxjax.ui.page.download import file_of, page_of
 from maxjax.ui.page.inspection_answer import describe_inspection, inspect_building
 from maxjax.ui.request import Request
 from tests.ui.page.test_inspection_page import ASKED, RULES, city
@@ -37,6 +37,7 @@ def test_each_leg_has_its_energy_and_the_whole_its_verdict() -> None:
     for leg, left in zip(taken.legs, taken.charge_after(maxjax.Battery(77.0, 0.25)), strict=True):
         assert f"{leg:.1f} Wh, {100.0 * left:.0f} % left" in words
     assert f"Battery: the flight takes {taken.total:.1f} of {0.75 * 77.0:.1f} Wh above the reserve." in words
+    assert f"Battery: the flight takes {taken.total:.1f} of" in page_of(town(), found)
     assert "Wh" not in describe_answer(planned(None))
     assert charge_chart([planned(None).flight], None) == ""
 

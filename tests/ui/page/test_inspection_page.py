@@ -129,16 +129,23 @@ def test_colours_tell_none_few_many_and_no_surface_apart() -> None:
     np.testing.assert_array_equal(colors[4], colors[5])
 
 
-def test_the_map_is_drawn_without_the_voxels_of_the_house_alone() -> None:
-    """All of it, nothing of the lower one, and no ground; plans still keep clear of it."""
-    left, grid = without_building(city(), faces()), city().grid
-    gone = np.argwhere(city().occupied & ~left.occupied)
-    lower = np.array(grid.lower) + grid.spacing * gone
-    assert (lower[:, :2] + grid.spacing >= np.array(HOUSE[:2])).all()
-    assert (lower[:, :2] <= np.array(HOUSE[2:])).all()
-    rest = np.argwhere(left.occupied & ~left.ground)
-    assert (np.array(grid.lower) + grid.spacing * rest)[:, 0].min() >= 12.0 + grid.spacing
-    np.testing.assert_array_equal(left.ground, city().ground)
+@pytest.mark.parametrize("shift", [0.0, 0.5])
+def test_the_map_is_drawn_without_the_voxels_of_the_house_alone(shift: float) -> None:
+    """All that touch it, nothing of the lower one, and no ground; its walls lie in voxels or between two of them."""
+    outline = rectangle(*(edge + shift for edge in HOUSE))
+    whole = City("town", town((outline, HEIGHT), (rectangle(20.0, 0.0, 26.0, 9.0), 6.0)))
+    coverage, grid = found().verified.coverage, whole.grid
+    left = without_building(whole, PhotographedFaces.of(whole.voxels, "house 0", coverage))
+    gone, rest = (
+        np.array(grid.lower[:2]) + grid.spacing * np.argwhere(volume)[:, :2]
+        for volume in (whole.occupied & ~left.occupied, left.occupied & ~left.ground)
+    )
+    assert (gone + grid.spacing >= outline[0]).all()
+    assert (gone <= outline[2]).all()
+    touches = (rest + grid.spacing >= outline[0]).all(axis=1) & (rest <= outline[2]).all(axis=1)
+    assert len(rest)
+    assert not touches.any()
+    np.testing.assert_array_equal(left.ground, whole.ground)
 
 
 def test_rules_of_the_air_hold_and_a_refusal_is_told() -> None:
