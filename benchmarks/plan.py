@@ -6,9 +6,9 @@
 Random problems of the three maps (offline protocol, margin 8 m), after a warm-up; compilation apart.
 
 `plan` rows: `maxjax.plan`, and A* on the same problems in the same run; where an accelerator answers in one program,
-`stages` rows say what each stage takes when it is waited for. `batch` rows: `plan_batch`, wall-clock time a
-plan from arrays on the host to verified plans on the host, and the stages' shares of it (means over the batch). Each
-batch is planned twice before it is timed.
+`stages` rows say what each stage takes when it is waited for. `batch` rows: `plan_batch`, wall-clock time a plan from
+arrays on the host to verified plans on the host, and the stages' shares of it (means over the batch): of problems that
+have a map each, and of as many in the first city of the first map. Each batch is planned twice before it is timed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import jax
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, save
-from benchmarks.common.problems import joined, planned, problems
+from benchmarks.common.problems import joined, planned, problems, problems_in_one_city
 from maxjax.core.grid import Index3
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run.execution import find_one_by_one, plans_of
@@ -81,7 +81,10 @@ def main(config: Config) -> list[Row]:
     rows = _plan_rows(_drawn(config.problems, config, grid))
     for size in config.batches:
         keep("plan", config, rows, config.out)  # compiling the next may take long
-        rows += _batch_rows(joined(_drawn(-(-size // len(config.maps)), config, grid)[:size]), config.repeats)
+        each = joined(_drawn(-(-size // len(config.maps)), config, grid)[:size])
+        rows += _batch_rows(f"batch of {size}", each, config.repeats)
+        one = problems_in_one_city(config.maps[0], size, config.seed, grid, config.margin)
+        rows += _batch_rows(f"batch of {size} in one city", one, config.repeats)
     rows.append(
         {"what": "peak memory of a process that plans once", "unit": "MB", "median": _peak_memory(config.shape)}
     )
@@ -124,7 +127,7 @@ def _plan_rows(tasks: list[Task]) -> list[Row]:
     return rows
 
 
-def _batch_rows(task: Task, repeats: int) -> list[Row]:
+def _batch_rows(what: str, task: Task, repeats: int) -> list[Row]:
     def run() -> maxjax.Plans:
         return maxjax.plan_batch(task.map, task.starts, task.goals, distances=task.distances)
 
@@ -135,7 +138,6 @@ def _batch_rows(task: Task, repeats: int) -> list[Row]:
         start = time.perf_counter()
         plans.append(run())
         walls.append((time.perf_counter() - start) / len(task))
-    what = f"batch of {len(task)}"
     stages = [
         _milliseconds(f"{what}: {stage}", [statistics.fmean(plan.timings[stage] for plan in batch) for batch in plans])
         for stage in plans[0][0].timings

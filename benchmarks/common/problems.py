@@ -51,6 +51,14 @@ def problems(name: str, count: int, seed: int, grid: maxjax.Grid, margin: float 
     return found[:count]
 
 
+def problems_in_one_city(name: str, count: int, seed: int, grid: maxjax.Grid, margin: float = 8.0) -> Task:
+    """`count` problems in the first city of a map, as one task; arguments as of `problems`."""
+    rng = np.random.default_rng([seed, MAPS.index(name), 0])
+    occupied, ground = occupancy(make_scene(name, seed).geoms, grid)
+    ends = np.stack([draw_ends(rng, occupied, grid) for _ in range(count)])
+    return Task.of(VoxelMap.on(grid, occupied, ground), ends[:, 0], ends[:, 1], Distances(min(1.0, margin), margin))
+
+
 def draw_ends(rng: np.random.Generator, occupied: np.ndarray, grid: maxjax.Grid) -> tuple[np.ndarray, np.ndarray]:
     """Two free points [m], 20 to 50 voxels apart, 3 to 15 m high."""
     (west, south, _), (east, north, _) = grid.lower, grid.upper

@@ -28,9 +28,9 @@ from maxjax.planning.planner import Planner
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
 from maxjax.planning.windows import focus_window
-from maxjax.planning.windows.choice import Choice, choose
 from maxjax.planning.windows.column_counts import Table, count_columns, lowest_open_layers
 from maxjax.planning.windows.focus_window import View, Windows
+from maxjax.planning.windows.window_choice import Choice, choose
 
 # Problems whose windows are chosen in one go, and bytes of maps that a thread makes bits of.
 _BLOCK, _BYTES = 256, 2**22
@@ -109,14 +109,13 @@ class DeviceMaps:
 
     def _message(self, view: View) -> UInt8[np.ndarray, "b sent"]:
         """What the device is told of windows."""
-        windows, every = view.windows, slice(None)
-        assert windows is not None
+        every = slice(None)
         shown = {
-            "corner": windows.corners.astype(np.int32),
+            "corner": view.corners.astype(np.int32),
             "ends": view.ends(every),
             "map": self._place[view.task.map_of],
             "rim": view.rim(every),
-            "turned": windows.turned[:, None],
+            "turned": view.turned[:, None],
         }
         return np.asarray(messages.pack(shown, axes=1))
 

@@ -28,8 +28,8 @@ from maxjax.core.grid import Grid, Index3
 from maxjax.planning.path.route import Route, trim_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
-from maxjax.planning.windows.choice import Choice, LowestOpen, choose
 from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
+from maxjax.planning.windows.window_choice import Choice, LowestOpen, choose
 
 # Shapes of windows, flat as cities are [voxels]. Of five small ones these take the fewest voxels a problem of the
 # offline protocol, until one proves the path: 83,000 in the mean, where four squares took 107,000.
@@ -191,24 +191,24 @@ class View:
     def rim(self, rows: Rows) -> Int32[np.ndarray, "b 3"]:
         """How many voxels of the windows of some of the problems belong to the map, along each axis."""
         left = np.array(self.task.grid.shape) - self.corners[rows].astype(np.int64)
-        filled: Int32[np.ndarray, "b 3"] = np.minimum(_exchange(left, self._turned[rows]), self.grid.shape)
+        filled: Int32[np.ndarray, "b 3"] = np.minimum(_exchange(left, self.turned[rows]), self.grid.shape)
         return filled.astype(np.int32)
 
     def ends(self, rows: Rows) -> Float[np.ndarray, "b 2 3"]:
         """Starts and goals of some of the problems, in index coordinates of the grid."""
         ends: Float[np.ndarray, "b 2 3"] = self.task.index[rows] - self.corners[rows][:, None]
-        return _exchange(ends, self._turned[rows]).astype(np.float32)
+        return _exchange(ends, self.turned[rows]).astype(np.float32)
 
     def in_map(self, route: Route) -> Route:
         """Routes of all problems on the host, in index coordinates of the whole map."""
         route = trim_padding(route)
         if self.windows is None:
             return route
-        path = _exchange(np.asarray(route.path, np.float64), self._turned) + self.corners[:, None]
+        path = _exchange(np.asarray(route.path, np.float64), self.turned) + self.corners[:, None]
         return dataclasses.replace(route, path=path)
 
     @property
-    def _turned(self) -> Bool[np.ndarray, " b"]:
+    def turned(self) -> Bool[np.ndarray, " b"]:
         """Whether what is shown has x and y exchanged."""
         return np.zeros(len(self), bool) if self.windows is None else self.windows.turned
 

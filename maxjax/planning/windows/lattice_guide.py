@@ -23,9 +23,9 @@ from maxjax.core.status import Status
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.search import astar_compiled
-from maxjax.planning.windows.choice import ways_out
 from maxjax.planning.windows.focus_window import View, Windows, search_maps
 from maxjax.planning.windows.geometry import GROWTH, centre, ellipsoid_box, guess_costs
+from maxjax.planning.windows.window_choice import ways_out
 
 # Boxes are of multiples of these voxels, so that few shapes are compiled for.
 _ROUNDED = 64, 64, 16
