@@ -344,7 +344,7 @@ def test_points_too_near_to_one_another_are_left_out_where_the_line_is_the_same(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_bends_too_near_to_one_another_are_left_out_where_the_lines_are_as_clear(tmp_path: Path, name: str) -> None:
-    """Of two bends 0.4 m apart one is left out far from everything; not around a post that lines then come nearer to."""
+    """Of two bends 0.4 m apart one is left out far from everything; not around a post."""
     earth = TangentPlane(52.07, 4.3, 10.0)
     bent = np.array([[40.0, 20.0, 12.0], [50.0, 24.0, 12.0], [50.4, 24.0, 12.0], [60.0, 20.0, 12.0]])
     maps = []
