@@ -18,6 +18,7 @@ what shows most, and then pays for what it left.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import sys
 from collections.abc import Iterator
@@ -95,10 +96,11 @@ def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tup
     """Maps around random buildings, and the buildings."""
     rng = np.random.default_rng([config.seed, len(name)])
     if name in ("downtown", "suburb"):
-        for k in range(config.targets):
-            scene = make_scene(name, config.seed + k)
-            grid = maxjax.Grid.centered((0.0, 0.0, 40.0), (61, 61, 51), 2.0)
-            yield maxjax.VoxelMap.on(grid, *map(np.asarray, occupancy(scene.geoms, grid))), _block(scene.geoms, rng)
+        grid = maxjax.Grid.centered((0.0, 0.0, 40.0), (61, 61, 51), 2.0)
+        scenes = (make_scene(name, config.seed + k).geoms for k in itertools.count())
+        drawn = ((geoms, block) for geoms in scenes if (block := _block(geoms, rng)) is not None)
+        for geoms, block in itertools.islice(drawn, config.targets):
+            yield maxjax.VoxelMap.on(grid, *map(np.asarray, occupancy(geoms, grid))), block
         return
     for path in city_files(name, config.data):
         whole = maxjax.load_map(path, spacing=4.0)
@@ -121,10 +123,12 @@ def city_files(name: str, data: Path) -> list[Path]:
     return sorted(file.glob("*.osm"))[:1] if file.is_dir() else [file] if file.exists() else []
 
 
-def _block(geoms: Geoms, rng: np.random.Generator) -> tuple[Point3, Point3]:
-    """A box around a random solid near the middle of a simulated city."""
+def _block(geoms: Geoms, rng: np.random.Generator) -> tuple[Point3, Point3] | None:
+    """A box around a random solid near the middle of a simulated city; None without one."""
     middle, size = np.asarray(geoms.position), np.asarray(geoms.size)
     near = np.flatnonzero((np.abs(middle[:, :2]).max(axis=1) < 35.0) & (size[:, 2] > 3.0) & (size[:, 0] < 30.0))
+    if not len(near):
+        return None
     k = int(rng.choice(near))
     (a, b, c), (d, e, f) = (middle[k] - size[k] - 1.0).tolist(), (middle[k] + size[k] + 1.0).tolist()
     return (a, b, c), (d, e, f)
