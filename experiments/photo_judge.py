@@ -9,7 +9,6 @@ hits       straight legs that pass through a triangle, by rays
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import itertools
 import math
@@ -20,13 +19,14 @@ from jaxtyping import Bool, Float64, Int64
 
 from benchmarks.common.mesh_rays import MeshRays
 from maxjax.inspection.capture import Capture
+from maxjax.inspection.face_points import halve
 from maxjax.inspection.photo_camera import Camera
 from maxjax.inspection.scenery import TOUCH
 from maxjax.inspection.target_surface import Surface
 from maxjax.inspection.views import Views
 
 _EXACT = 1e-3  # of a clearance [m]
-_LONGEST = 4.0  # of a segment at first [m]
+_LONGEST = 4.0  # of a segment, and of the edges of triangles, at first [m]
 
 
 def count_photos(
@@ -69,19 +69,19 @@ def _framed(
 
 def find_clearance(path: Float64[np.ndarray, "t 3"], triangles: Float64[np.ndarray, "n 3 3"]) -> float:
     """Least distance from a polyline to triangles, to a millimetre [m]; infinite without any."""
-    near = _Triangles(triangles)
-    points = _cut(path)
+    if not len(triangles):
+        return math.inf
+    near, points = _Triangles(triangles), _cut(path)
     a, b = points[:-1], points[1:]
-    at = near.distances(points)
-    d_a, d_b, least = at[:-1], at[1:], float(at.min(initial=math.inf))
+    at, least = near.distances(points, math.inf)
+    d_a, d_b = at[:-1], at[1:]
     while True:
         nearer = 0.5 * (d_a + d_b - np.linalg.norm(b - a, axis=1)) < least - _EXACT
         if not nearer.any():
             return least
         a, b, d_a, d_b = a[nearer], b[nearer], d_a[nearer], d_b[nearer]
         middle = 0.5 * (a + b)
-        d = near.distances(middle)
-        least = min(least, float(d.min()))
+        d, least = near.distances(middle, least)
         a, b = np.concatenate([a, middle]), np.concatenate([middle, b])
         d_a, d_b = np.concatenate([d_a, d]), np.concatenate([d, d_b])
 
@@ -95,24 +95,36 @@ def _cut(path: Float64[np.ndarray, "t 3"]) -> Float64[np.ndarray, "s 3"]:
     return np.concatenate(found)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class _Triangles:
-    """Triangles to which distances are asked for."""
+    """Triangles to which distances are asked for, in pieces whose corners lie no farther from their middle than so."""
 
-    corners: Float64[np.ndarray, "n 3 3"]
+    def __init__(self, triangles: Float64[np.ndarray, "n 3 3"]) -> None:
+        from scipy.spatial import cKDTree
 
-    def distances(self, points: Float64[np.ndarray, "p 3"]) -> Float64[np.ndarray, " p"]:
-        """From each point to the nearest [m]."""
-        found = np.full(len(points), math.inf)
-        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
-        for k, point in enumerate(points):
-            # No triangle is nearer than its box, or farther than any of its corners.
-            box = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
-            most = np.linalg.norm(self.corners[:, 0] - point, axis=1).min(initial=math.inf)
-            rows = box <= most
-            if rows.any():
-                found[k] = _to_triangles(point, self.corners[rows]).min()
-        return found
+        self._pieces, _ = halve(triangles, np.zeros(len(triangles), np.int64), _LONGEST)
+        middle = self._pieces.mean(axis=1)
+        self._reach = float(np.linalg.norm(self._pieces - middle[:, None], axis=2).max())
+        self._tree = cKDTree(middle)
+
+    def distances(self, points: Float64[np.ndarray, "p 3"], least: float) -> tuple[Float64[np.ndarray, " p"], float]:
+        """Distances of points to the nearest triangle [m], or bounds from below that are no less than the least.
+
+        Args:
+            points: [m].
+            least: distance that is known of other points [m].
+
+        Returns:
+            The distances, and the least of these and of the one that was known.
+        """
+        to_middle = np.asarray(self._tree.query(points)[0])
+        found = np.maximum(to_middle - self._reach, 0.0)
+        for k in np.argsort(found):
+            if found[k] > least:
+                break
+            rows = self._tree.query_ball_point(points[k], to_middle[k] + self._reach + _EXACT)
+            found[k] = _to_triangles(points[k], self._pieces[rows]).min()
+            least = min(least, float(found[k]))
+        return found, least
 
 
 def _to_triangles(point: Float64[np.ndarray, "3"], corners: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, " n"]:
