@@ -141,7 +141,7 @@ TINY = Config(cities=("sample",), targets=1, overlap=(0.3, 0.3), side=30.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Scene:
+class Subject:
     """What is photographed, and what stands around it."""
 
     where: maxjax.VoxelMap
@@ -168,7 +168,7 @@ class Scene:
         return MeshRays(np.concatenate([self.near, _near(self.faces.terrain, self.where)]))
 
     @classmethod
-    def of(cls, found: maxjax.Inspection, radius: float) -> Scene:
+    def of(cls, found: maxjax.Inspection, radius: float) -> Subject:
         """That of an inspection or a survey."""
         mission = found.missions[0]
         home, surface = mission.waypoints[0].position, found.coverage.surface
@@ -183,20 +183,20 @@ def _near(triangles: Float64[np.ndarray, "n 3 3"], where: maxjax.VoxelMap) -> Fl
     return found
 
 
-def judge(scene: Scene, path: Float64[np.ndarray, "t 3"], photos: Views, seconds: float) -> dict[str, Any]:
+def judge(subject: Subject, path: Float64[np.ndarray, "t 3"], photos: Views, seconds: float) -> dict[str, Any]:
     """What a flight comes to.
 
     Args:
-        scene: that is photographed.
+        subject: that is photographed.
         path: as flown [m].
         photos: that are taken.
         seconds: that it takes.
     """
-    surface, camera, capture = scene.surface, scene.camera, scene.capture
+    surface, camera, capture = subject.surface, subject.camera, subject.capture
     limits = capture.limits(camera)
-    sights = find_sights(photos, surface, scene.scenery, camera, limits)
+    sights = find_sights(photos, surface, subject.scenery, camera, limits)
     coverage = Coverage.of(surface, sights, capture.views, limits.resolution)
-    counts = count_photos(photos, surface, scene.rays, camera, capture)
+    counts = count_photos(photos, surface, subject.rays, camera, capture)
     other = dataclasses.replace(coverage, counts=counts)
     walls, areas = ~surface.roof, surface.areas
     weight = areas[sights.point]
@@ -211,9 +211,9 @@ def judge(scene: Scene, path: Float64[np.ndarray, "t 3"], photos: Views, seconds
         "share_rays": round(other.share(), 4),
         "share_wanted_rays": round(other.share(capture.views), 4),
         "incidence_deg": round(float(weight @ sights.incidence / max(weight.sum(), 1e-9)), 2),
-        "clearance_m": round(find_clearance(path, scene.near), 3),
-        "legs_hit": count_hits(path, scene.rays),
-        "verified": bool(verify(path, scene.where, radius=scene.radius).ok),
+        "clearance_m": round(find_clearance(path, subject.near), 3),
+        "legs_hit": count_hits(path, subject.rays),
+        "verified": bool(verify(path, subject.where, radius=subject.radius).ok),
     }
 
 
@@ -229,21 +229,21 @@ def building(number: int, where: maxjax.VoxelMap, target: Target, config: Config
     begin = time.perf_counter()
     found = maxjax.inspect(where, target, config.camera, capture=capture, distances=config.distances)
     took = time.perf_counter() - begin
-    scene = Scene.of(found, config.radius)
+    subject = Subject.of(found, config.radius)
     files = _of_files(found) if number < config.files else {}
-    yield {"way": "maxjax", "least": found.least, **_of_mission(scene, found.mission, took), **files}
+    yield {"way": "maxjax", "least": found.least, **_of_mission(subject, found.mission, took), **files}
     begin = time.perf_counter()
     free = FreeSpace.of(where, config.radius)
-    aim = Aim(scene.surface, free, scene.camera, capture)
-    views, sights = find_candidates(aim, scene.scenery)
-    chosen = choose_photos(sights.matrix, scene.surface.points, scene.surface.areas, capture.views, seconds=0.0)
+    aim = Aim(subject.surface, free, subject.camera, capture)
+    views, sights = find_candidates(aim, subject.scenery)
+    chosen = choose_photos(sights.matrix, subject.surface.points, subject.surface.areas, capture.views, seconds=0.0)
     views = views.some(chosen.photos)
-    (one,) = order_views(views, free, (scene.home,), Vehicles())
-    mission = plan_round(scene.where, views, one, (scene.home,), config.distances)
-    yield {"way": "greedy", **_of_mission(scene, mission, time.perf_counter() - begin)}
-    outline, heights = _structure(scene, target)
-    pattern = scan_structure(outline, heights, scene.home, scene.camera, capture)
-    yield {"way": "structure scan", **_of_pattern(scene, pattern)}
+    (one,) = order_views(views, free, (subject.home,), Vehicles())
+    mission = plan_round(subject.where, views, one, (subject.home,), config.distances)
+    yield {"way": "greedy", **_of_mission(subject, mission, time.perf_counter() - begin)}
+    outline, heights = _structure(subject, target)
+    pattern = scan_structure(outline, heights, subject.home, subject.camera, capture)
+    yield {"way": "structure scan", **_of_pattern(subject, pattern)}
 
 
 def area(where: maxjax.VoxelMap, middle: tuple[float, float], config: Config) -> Iterator[dict[str, Any]]:
@@ -252,32 +252,32 @@ def area(where: maxjax.VoxelMap, middle: tuple[float, float], config: Config) ->
     begin = time.perf_counter()
     distances = maxjax.Distances(config.radius)
     found = maxjax.survey(where, outline, config.camera, sweep=sweep, distances=distances)
-    scene = Scene.of(found, config.radius)
+    subject = Subject.of(found, config.radius)
     took = time.perf_counter() - begin
-    yield {"way": "maxjax", **_of_mission(scene, found.mission, took), **_of_files(found)}
-    ground = where.terrain.at(*scene.home[:2])
+    yield {"way": "maxjax", **_of_mission(subject, found.mission, took), **_of_files(found)}
+    ground = where.terrain.at(*subject.home[:2])
     wide = _square(middle, 0.5 * config.side + sweep.beyond)
-    yield {"way": "survey", **_of_pattern(scene, survey_polygon(wide, ground, scene.home, scene.camera, sweep))}
+    yield {"way": "survey", **_of_pattern(subject, survey_polygon(wide, ground, subject.home, subject.camera, sweep))}
 
 
 def _square(middle: tuple[float, float], half: float) -> Float64[np.ndarray, "4 2"]:
     return np.array(middle) + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-def _of_mission(scene: Scene, mission: maxjax.Mission, took: float) -> dict[str, Any]:
+def _of_mission(subject: Subject, mission: maxjax.Mission, took: float) -> dict[str, Any]:
     """A row of a mission that was planned in so many seconds."""
     if mission.status != maxjax.Status.OK:
         return {"status": mission.status.name, "plan_s": round(took, 2)}
     looks = [waypoint.look for waypoint in mission.waypoints if waypoint.look is not None]
     speeds = [waypoint.speed for waypoint in mission.waypoints if waypoint.speed is not None]
     seconds = flight_time(mission.path, min([PX4_MISSION.speed, *speeds]), sum(look.photo for look in looks))
-    return {"status": "OK", "plan_s": round(took, 2), **judge(scene, mission.path, photos_of(mission), seconds)}
+    return {"status": "OK", "plan_s": round(took, 2), **judge(subject, mission.path, photos_of(mission), seconds)}
 
 
-def _of_pattern(scene: Scene, pattern: Pattern) -> dict[str, Any]:
+def _of_pattern(subject: Subject, pattern: Pattern) -> dict[str, Any]:
     """A row of a pattern."""
     seconds = flight_time(pattern.path, min(PX4_MISSION.speed, pattern.speed))
-    return {"status": "OK", "plan_s": None, **judge(scene, pattern.path, pattern.photos, seconds)}
+    return {"status": "OK", "plan_s": None, **judge(subject, pattern.path, pattern.photos, seconds)}
 
 
 def _of_files(found: maxjax.Inspection) -> dict[str, Any]:
@@ -311,17 +311,17 @@ def _read_back(file: Path) -> int | None:
     return sum(bool(loader.wp(k).command == _TAKE_PHOTO) for k in range(loader.count()))
 
 
-def _structure(scene: Scene, target: Target) -> tuple[Float64[np.ndarray, "k 2"], Point3]:
+def _structure(subject: Subject, target: Target) -> tuple[Float64[np.ndarray, "k 2"], Point3]:
     """What a user draws around a building; heights of the ground, and of what of it is to be seen [m]."""
     import shapely
 
-    chosen, surface = choose(scene.faces, target), scene.surface.points
-    plan = shapely.union_all(shapely.buffer(shapely.polygons(scene.faces.triangles[chosen.faces][:, :, :2]), 0.0))
+    chosen, surface = choose(subject.faces, target), subject.surface.points
+    plan = shapely.union_all(shapely.buffer(shapely.polygons(subject.faces.triangles[chosen.faces][:, :, :2]), 0.0))
     low, high = surface.min(axis=0), surface.max(axis=0)
     plan = plan.intersection(shapely.box(*(low[:2] - _SIMPLE), *(high[:2] + _SIMPLE)))
     plan = plan.buffer(_SIMPLE, join_style="mitre").buffer(-_SIMPLE, join_style="mitre").simplify(_SIMPLE)
     whole = plan if plan.geom_type == "Polygon" else plan.convex_hull
-    ground = scene.where.terrain.at(*scene.home[:2])
+    ground = subject.where.terrain.at(*subject.home[:2])
     return np.asarray(whole.exterior.coords)[:-1], (ground, float(low[2]), float(high[2]))
 
 
