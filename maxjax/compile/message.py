@@ -59,6 +59,11 @@ def unpack(message: UInt8[AnyArray, "*batch bytes"], like: Tree) -> Tree:
     return tree
 
 
+def size_of(like: Any) -> int:
+    """Bytes of the message that holds a pytree, of which only shapes and dtypes are read."""
+    return sum(map(_size_of, jax.tree.leaves(like)))
+
+
 def _size_of(like: Any) -> int:
     """Bytes of a leaf."""
     count: int = math.prod(like.shape)

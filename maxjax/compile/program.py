@@ -32,6 +32,10 @@ class Program:
         """Run without waiting for the result; only compilation is timed."""
         return self._stored.executable(arrays, static, _compile)(*arrays)
 
+    def prepare(self, *arrays: Any, **static: Any) -> None:
+        """Compile for arguments like these, of which only shapes and dtypes are read."""
+        self._stored.executable(arrays, static, _compile)
+
 
 def _compile() -> Any:
     return time_stage("compile")

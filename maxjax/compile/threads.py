@@ -82,3 +82,45 @@ def interruptible(function: Callable[[], Result]) -> Result:
     """The value of `function()`, called in a daemon thread while this one stays open to KeyboardInterrupt."""
     (result,) = concurrently(lambda _: function(), [None], 1)
     return result
+
+
+def as_finished(
+    take: Callable[[], Item | None], function: Callable[[Item], Result], threads: int
+) -> Iterator[tuple[Item, Result]]:
+    """Items and results in the order in which they are finished, where results may make new items.
+
+    Args:
+        take: the next item; None: there is none now. Called in the thread that iterates, whenever another item could
+            be worked on, and after each result again.
+        function: called in daemon threads; what it raises is raised here. With one thread it is called in this one.
+        threads: at most so many items at a time.
+    """
+    finished: queue.SimpleQueue[tuple[Item, Future[Result]]] = queue.SimpleQueue()
+
+    def work(item: Item) -> None:
+        future: Future[Result] = Future()
+        try:
+            future.set_result(function(item))
+        except BaseException as error:
+            future.set_exception(error)
+        finished.put((item, future))
+
+    busy = 0
+    while True:
+        while busy < threads and (item := take()) is not None:
+            busy += 1
+            if threads > 1:
+                threading.Thread(target=work, args=(item,), daemon=True).start()
+            else:
+                finished.put((item, _done(function(item))))
+        if not busy:
+            return
+        item, future = finished.get()
+        busy -= 1
+        yield item, future.result()
+
+
+def _done(result: Result) -> Future[Result]:
+    future: Future[Result] = Future()
+    future.set_result(result)
+    return future

@@ -18,6 +18,7 @@ from maxjax.planning.problem.task import Task
 from maxjax.planning.run import execution as execute
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.windows import focus_window as focus
+from maxjax.planning.windows import growth
 from maxjax.ui.methods import planner_named
 
 SMALL = ((12, 8, 8), (18, 14, 12))
@@ -350,7 +351,7 @@ def test_a_batch_in_chunks_of_windows_is_what_single_plans_are(monkeypatch: pyte
 
 def test_the_public_argument_chooses_the_whole_map(small_windows: None, monkeypatch: pytest.MonkeyPatch) -> None:
     planned: list[bool] = []
-    real = focus.find_in_windows
+    real = growth.find_in_windows
     monkeypatch.setattr(execute, "find_in_windows", lambda *given: planned.append(True) or real(*given))
     occupied = np.zeros(GRID.shape, bool)
     occupied[16:18, 12:16, :18] = True

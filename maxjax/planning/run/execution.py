@@ -27,6 +27,7 @@ from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
 from maxjax.compile.stage_timer import Recorder, recording, time_stage
 from maxjax.compile.threads import concurrently
+from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, equal_shares, no_route
@@ -36,15 +37,19 @@ from maxjax.planning.problem.occupied_end import plans_of_occupied_ends
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
+from maxjax.planning.run.device_maps import DeviceMaps
 from maxjax.planning.run.stages import STAGED, status_of_climb
 from maxjax.planning.run.verifying import verify_routes, with_closures
 from maxjax.planning.windows.corridor import find_in_corridor
-from maxjax.planning.windows.focus_window import View, find_in_windows
+from maxjax.planning.windows.focus_window import View
+from maxjax.planning.windows.growth import WindowFinder, find_in_windows
 
 # Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
 _CHUNK = 32
 # Windows are small, and their kernels short: as many at a time as have so many voxels, and how many those may be.
-_VOXELS, _WINDOWS = 2**26, 512
+_VOXELS, _WINDOWS = 2**25, 256
+# Views at a time: while the device is busy with one, the host cuts, sends and reads another.
+_TOGETHER = 2
 # Voxels of the largest map that is solved as a whole where no window answers.
 _LARGEST_WHOLE = 2**22
 # Steps of the further ascents, in terms of those of the first one, until one arrives.
@@ -83,9 +88,15 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
     def find(view: View) -> Routes:
         return _in_chunks(view, planner, chunk) if chunked else find_one_by_one(view, planner)
 
-    def find_all(views: list[View]) -> list[Routes]:
-        # One shape is compiled beside the others.
-        return list(concurrently(find, views, len(views))) if chunked and len(views) > 1 else list(map(find, views))
+    sent: list[DeviceMaps] = []
+
+    def finder_of(some: Task) -> WindowFinder:
+        """Of several problems an accelerator has the maps itself, which legs of a corridor share."""
+        if not chunked or len(some) == 1:
+            return WindowFinder(find)
+        if not (sent and sent[0].hold(some)):
+            sent[:] = [DeviceMaps(some)]
+        return finder_on_device(sent[0], planner, chunk)
 
     def otherwise(some: Task) -> Routes:
         """Routes of what no window answers."""
@@ -98,12 +109,12 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def find_route(one: Task) -> Routes:
         """The route of a problem in a map too large to be solved as a whole, if a corridor has one."""
-        guided = find_in_corridor(one, find_all, formulate_view)
+        guided = find_in_corridor(one, finder_of, formulate_view)
         if guided.ok.all():
             return guided
         return find(View(one)).add_seconds(np.arange(1), guided.timings)
 
-    return find_in_windows(task, find_all, otherwise) if plans_in_windows(planner) else find(View(task))
+    return find_in_windows(task, finder_of(task), otherwise) if plans_in_windows(planner) else find(View(task))
 
 
 def with_largest_radii(plans: Plans) -> Plans:
@@ -240,11 +251,13 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
     def attempt(which: Int64[np.ndarray, " n"], settings: Ascent | None) -> Routes:
         some = view.some(which)
         longer = climber.with_ascent(settings) if climber is not None and settings is not None else planner
+        # The first attempt of a planner of whole maps has a program for just this batch; all others share a few.
+        exactly = longer == planner and not plans_in_windows(planner)
         with recording() as recorder:
             if len(which) == 1:
                 route = pipeline.run_one(some, longer)
             else:
-                route = pipeline.run_chunks(some, longer, _sizes(some, chunk, longer == planner))
+                route = pipeline.run_chunks(some, longer, _sizes(len(some), chunk or _CHUNK, exactly))
         return Routes(route, equal_shares(recorder, len(which)))
 
     if climber is None:
@@ -252,14 +265,38 @@ def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
     return with_longer_ascents(attempt, len(view), climber.ascent)
 
 
-def _sizes(view: View, chunk: int | None, first: bool) -> list[int]:
-    """How many problems each chunk has room for: few different numbers, since each is a program by itself."""
-    count, small = len(view), chunk or _CHUNK
-    if view.windows is None:
-        # The first attempt in whole maps compiles a program for just this batch; all others share a few.
-        most = count if first else 1 << (count - 1).bit_length()
-        return [-(-most // -(-most // small))] * -(-most // small)
-    large = max(min(_VOXELS // math.prod(view.grid.shape), _WINDOWS), small) if chunk is None else small
-    few, rest = divmod(count, large)
-    # A problem takes up to twice as long in a small chunk; one that fills up a large chunk takes as long as any.
-    return [large] * few + ([large] if 2 * rest > large else [small] * -(-rest // small))
+def _sizes(count: int, chunk: int, exactly: bool) -> list[int]:
+    """How many whole maps each chunk has room for: the same number for all, exactly as many or a power of two."""
+    most = count if exactly else 1 << (count - 1).bit_length()
+    return [-(-most // -(-most // chunk))] * -(-most // chunk)
+
+
+def finder_on_device(maps: DeviceMaps, planner: Planner, chunk: int | None) -> WindowFinder:
+    """Finds windows and their routes in maps on a device, chunks of them at a time; `chunk` as of `plan_task`."""
+    climber = field_climber(planner)
+    assert climber is not None
+
+    def full(shape: Index3) -> int:
+        return chunk or max(min(_VOXELS // math.prod(shape), _WINDOWS), _CHUNK)
+
+    def size_of(view: View) -> int:
+        # Each size is a program by itself; a problem takes up to twice as long in a small chunk.
+        small, large = chunk or _CHUNK, full(view.grid.shape)
+        return small if len(view) <= small else large
+
+    def find(view: View) -> Routes:
+        def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
+            some = view.some(which)
+            with recording() as recorder:
+                route = maps.routes(some, climber.with_ascent(settings), size_of(some))
+            return Routes(route, equal_shares(recorder, len(which)))
+
+        return with_longer_ascents(attempt, len(view), climber.ascent)
+
+    def prepare(views: list[View]) -> None:
+        """Compile what the first windows need, side by side."""
+        sizes = {pipeline.layout_of(view): min(size_of(view), full(view.grid.shape)) for view in views}
+        for _ in concurrently(lambda one: maps.prepare(one, climber, sizes[one]), sizes, len(sizes) or 1):
+            pass
+
+    return WindowFinder(find, maps.choose, full, _TOGETHER, prepare)

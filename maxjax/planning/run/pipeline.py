@@ -86,7 +86,7 @@ def run_one(view: View, planner: Planner) -> Route:
     layout = layout_of(view)
     with time_stage("device"):
         message = np.asarray(_ONE.start(messages.pack(parts_of(view)), layout=layout, planner=planner))
-        found = messages.unpack(message, _answer_layout(planner, layout))
+        found = messages.unpack(message, answer_layout(planner, layout))
     return view.in_map(found)
 
 
@@ -111,7 +111,7 @@ def run_chunks(view: View, planner: Planner, sizes: Sequence[int]) -> Route:
             started = _MANY.start(*sent, shared=tuple(shared), layout=layout, planner=planner)
             answers.append(pool.submit(np.asarray, started))
         rows = [answer.result()[: len(chunk)] for answer, chunk in zip(answers, chunks, strict=True)]
-    return view.in_map(messages.unpack(np.concatenate(rows), _answer_layout(planner, layout)))
+    return view.in_map(messages.unpack(np.concatenate(rows), answer_layout(planner, layout)))
 
 
 def _pack(view: View, rows: Int64[np.ndarray, " b"]) -> UInt8[np.ndarray, "b sent"]:
@@ -129,21 +129,21 @@ def _own(view: View, rows: Rows) -> Parts:
 def part_shapes(layout: Layout) -> Parts:
     """Shapes and types of the parts of one problem."""
     seen = [n + 2 * layout.halo for n in layout.grid.shape]
-    rim = {"rim": _blank(np.int32, 3)} if layout.halo else {}
-    price = {"price": _blank(np.float32, *layout.grid.shape)} if layout.priced else {}
-    volumes = {"occupied": _blank(bool, *seen), "ground": _blank(bool, *seen)}
-    return volumes | price | {"ends": _blank(np.float32, 2, 3)} | rim
+    rim = {"rim": blank(np.int32, 3)} if layout.halo else {}
+    price = {"price": blank(np.float32, *layout.grid.shape)} if layout.priced else {}
+    volumes = {"occupied": blank(bool, *seen), "ground": blank(bool, *seen)}
+    return volumes | price | {"ends": blank(np.float32, 2, 3)} | rim
 
 
 @functools.cache
-def _answer_layout(planner: Planner, layout: Layout) -> Route:
+def answer_layout(planner: Planner, layout: Layout) -> Route:
     """Shapes and types of the answer to one problem: a route with its exact ends."""
-    number, flag = _blank(np.float32), _blank(bool)
+    number, flag = blank(np.float32), blank(bool)
     return Route(
-        path=_blank(np.float32, _points(planner, layout) + 2, 3),
-        status=_blank(np.int32),
+        path=blank(np.float32, _points(planner, layout) + 2, 3),
+        status=blank(np.int32),
         certified=flag,
-        exemptions=_blank(np.float32, 2),
+        exemptions=blank(np.float32, 2),
         geodesic=flag,
         cost=number,
     )
@@ -157,8 +157,8 @@ def _points(planner: Planner, layout: Layout) -> int:
     return int(path.shape[0])
 
 
-def _blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
-    """An array of a shape and type, without memory of its own."""
+def blank(dtype: Any, *shape: int) -> Shaped[np.ndarray, "..."]:
+    """An array of a shape and type without memory of its own, of which only these are read."""
     return np.broadcast_to(np.zeros((), dtype), shape)
 
 

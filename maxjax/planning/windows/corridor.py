@@ -30,8 +30,9 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.planning.path.route import Route, Routes, equal_shares
 from maxjax.planning.problem.task import Task
-from maxjax.planning.windows.focus_window import SHAPES, RouteViews, find_in_windows, round_up
+from maxjax.planning.windows.focus_window import SHAPES, round_up
 from maxjax.planning.windows.geometry import ellipsoid_box, guess_costs
+from maxjax.planning.windows.growth import FinderOf, find_in_windows
 from maxjax.planning.windows.lattice_guide import Show, lattice_path
 
 # Voxels of a coarse map that is solved as a whole, and the length of a leg [voxels].
@@ -48,12 +49,12 @@ Points = Float64[np.ndarray, "_ 3"]
 Volume = Bool[np.ndarray, "nx ny nz"]
 
 
-def find_in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
+def find_in_corridor(task: Task, finder_of: FinderOf, show: Show) -> Routes:
     """The route of the only problem of a task, in a corridor of windows.
 
     Args:
         task: whose map is too large to be solved as a whole.
-        find: routes of what a device is shown.
+        finder_of: a task ↦ what finds the routes of windows of its maps.
         show: the only problem of what a device is shown.
 
     Returns:
@@ -64,25 +65,25 @@ def find_in_corridor(task: Task, find: RouteViews, show: Show) -> Routes:
         guide = lattice_path(task, show)
     spent = Routes.blank(1).add_seconds(_ONLY, equal_shares(recorder, 1))
     if guide is not None:
-        route, spent = _along(task, task.grid.to_metres(guide.points), _BESIDE, find, spent)
+        route, spent = _along(task, task.grid.to_metres(guide.points), _BESIDE, finder_of, spent)
         if route is not None:
             spacing = task.grid.spacing
             return spent.put(_ONLY, Routes(route, ratio=np.array([_cost(route, spacing) / (spacing * guide.cost)])))
-    return _coarsely(task, find, spent)
+    return _coarsely(task, finder_of, spent)
 
 
-def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
+def _coarsely(task: Task, finder_of: FinderOf, spent: Routes) -> Routes:
     """The cheapest of the routes that paths in coarse maps guide to; the first that is nearly straight will do."""
     best, least = None, math.inf
     straight_line = float(np.linalg.norm(task.goals[0] - task.starts[0]))
     for share, factor in itertools.product((0.0, 0.5), _factors(task)):
         coarse_map = coarsen_task(task, share, factor)
-        guide = _guide(coarse_map, find)
+        guide = _guide(coarse_map, finder_of)
         spent = spent.add_seconds(_ONLY, guide.timings)
         if not guide.ok.all():
             continue
         points = coarse_map.grid.to_metres(_path(guide, 0))
-        route, spent = _along(task, points, _ASIDE * factor, find, spent)
+        route, spent = _along(task, points, _ASIDE * factor, finder_of, spent)
         if route is not None and (cost := _cost(route, task.grid.spacing)) < least:
             best, least = route, cost
             if least <= NEARLY * straight_line:
@@ -92,11 +93,11 @@ def _coarsely(task: Task, find: RouteViews, spent: Routes) -> Routes:
     return spent.put(_ONLY, Routes(best, ratio=np.array([least / straight_line])))
 
 
-def _along(task: Task, guide: Points, reach: float, find: RouteViews, spent: Routes) -> tuple[Route | None, Routes]:
+def _along(task: Task, guide: Points, reach: float, finder_of: FinderOf, spent: Routes) -> tuple[Route | None, Routes]:
     """The route that a path [m] guides to, hand-overs so far beside it [voxels]; and the seconds that it took."""
     points = _handovers(task, guide, reach)
     for k in range(1, _PASSES + 1):
-        legs = _legs(task, points, find)
+        legs = _legs(task, points, finder_of)
         spent = spent.add_seconds(_ONLY, {name: np.nansum(s, keepdims=True) for name, s in legs.timings.items()})
         if not _sound(legs):
             return None, spent
@@ -109,11 +110,10 @@ def _cost(route: Route, spacing: float) -> float:
     return float(route.cost[0]) or spacing * _length(np.asarray(route.path[0], np.float64))
 
 
-def _legs(task: Task, points: Points, find: RouteViews) -> Routes:
+def _legs(task: Task, points: Points, finder_of: FinderOf) -> Routes:
     """Routes from each point to the next."""
-    starts, goals = points[:-1], points[1:]
-    some = dataclasses.replace(task, starts=starts, goals=goals, map_of=np.zeros(len(starts), np.int64))
-    return find_in_windows(some, find, _nothing)
+    some = task.with_ends(points[:-1], points[1:])
+    return find_in_windows(some, finder_of(some), _nothing)
 
 
 def _sound(legs: Routes) -> bool:
@@ -138,10 +138,11 @@ def _factors(task: Task) -> list[int]:
     return sorted({max(factor, 2) for factor in (min(window, whole), whole)})
 
 
-def _guide(coarse_map: Task, find: RouteViews) -> Routes:
+def _guide(coarse_map: Task, finder_of: FinderOf) -> Routes:
     """The route in a coarse map (`coarsen_task`)."""
+    finder = finder_of(coarse_map)
     small = math.prod(coarse_map.grid.shape) <= 2 * _COARSE
-    return find_in_windows(coarse_map, find, (lambda whole: find([round_up(whole)])[0]) if small else _nothing)
+    return find_in_windows(coarse_map, finder, (lambda whole: finder.find(round_up(whole))) if small else _nothing)
 
 
 def coarsen_task(task: Task, share: float, factor: int) -> Task:

@@ -28,8 +28,9 @@ from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
 from maxjax.planning.run.execution import find_one_by_one, stage_finder
 from maxjax.planning.windows import focus_window
-from maxjax.planning.windows.focus_window import View, Windows, find_in_windows
+from maxjax.planning.windows.focus_window import View, Windows
 from maxjax.planning.windows.geometry import worthwhile
+from maxjax.planning.windows.growth import WindowFinder, find_in_windows
 
 LONGER = 4
 # By what the time of a shape shrinks when it is not asked: one slow turn is not held against it for ever.
@@ -83,21 +84,20 @@ class FixedShapes:
         """
         best = Routes.blank(1, Status.TIMEOUT)
 
-        def find(views: list[View]) -> list[Routes]:
+        def find(view: View) -> Routes:
             nonlocal best
-            (view,) = views
             if time.perf_counter() + self._seconds[view.grid.shape] > until:
                 self._seconds[view.grid.shape] *= _FORGOTTEN
                 raise _LateError
             found = self._ask(view)
             best = found if found.ok.all() else best
-            return [found]
+            return found
 
         def whole(some: Task) -> Routes:
-            return find([View(some)])[0]
+            return find(View(some))
 
         try:
-            return find_in_windows(task, find, whole) if self.planner.focus else whole(task)
+            return find_in_windows(task, WindowFinder(find), whole) if self.planner.focus else whole(task)
         except _LateError:
             return best
 

@@ -19,28 +19,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int32, Int64, Shaped
 
-from maxjax.compile.threads import in_parts
 from maxjax.core.grid import Grid, Index3
-from maxjax.planning.path.route import Route, Routes, trim_padding
+from maxjax.planning.path.route import Route, trim_padding
 from maxjax.planning.problem.surroundings import halo_of
 from maxjax.planning.problem.task import Rows, Task
-from maxjax.planning.windows.geometry import (
-    centre,
-    costs_over_faces,
-    ellipsoid_box,
-    ends_inside,
-    guess_costs,
-    is_proved,
-    next_costs,
-    path_costs,
-    worthwhile,
-)
+from maxjax.planning.windows.choice import Choice, LowestOpen, choose
 from maxjax.planning.windows.subvolumes import Boxes, lowest_open, voxels_in
 
 # Shapes of windows, flat as cities are [voxels]. Of five small ones these take the fewest voxels a problem of the
@@ -58,8 +46,6 @@ SHAPES: tuple[Index3, ...] = (
 )
 # To multiples of what shapes of whole maps are rounded up, where their programs are to serve others.
 _ROUNDED = 32, 32, 16
-# Windows that a thread chooses in one go: of fewer, NumPy's calls would cost more than what they find.
-_TOGETHER = 64
 # By name.
 Volumes = dict[str, np.ndarray]
 
@@ -85,6 +71,14 @@ class Windows(NamedTuple):
     ) -> Windows:
         """Windows that are shown as they lie."""
         return cls(corners, sizes, bounds, np.zeros(len(bounds), bool))
+
+    @classmethod
+    def of(cls, chosen: Choice) -> Windows:
+        """Windows that were chosen, turned where they are longer along y; none where there is none."""
+        corners, sizes, bounds = (np.asarray(x) for x in chosen)
+        return cls(
+            corners.astype(np.int64), sizes.astype(np.int64), bounds.astype(np.float64), sizes[:, 0] < sizes[:, 1]
+        )
 
     @property
     def shapes(self) -> Int64[np.ndarray, "b 3"]:
@@ -129,53 +123,18 @@ def windows_around(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
     Returns:
         The windows; none where there is no smaller one than the whole map, or an end is not inside it.
     """
-    limits, shapes = (
-        np.array(task.grid.shape),
-        np.array([turn for x, y, z in SHAPES for turn in ((x, y, z), (y, x, z))]),
-    )
-    rows = np.flatnonzero(ends_inside(task.index, limits, np))
-    some = task.some(rows)
-    low, high = ellipsoid_box(some.index, costs[rows], limits, np)
-    low[:, 2] = np.minimum(lowest_open(Boxes(*some.stacked(task.barred), low, high)), high[:, 2])
-    fits = (high - low < shapes[:, None]).all(axis=2) & worthwhile(shapes, task.grid.shape)[:, None]
-    sizes, fitting = shapes[fits.argmax(axis=0)], fits.any(axis=0)
-    rows, low, high, sizes = rows[fitting], low[fitting], high[fitting], sizes[fitting]
-    none = np.zeros((len(task), 3), np.int64)
-    found = Windows.upright(none, none.copy(), np.full(len(task), math.nan))
-    found.sizes[rows], found.corners[rows] = sizes, _corners(task.some(rows), low, high, sizes)
-    found.turned[rows] = sizes[:, 0] < sizes[:, 1]
-    found.bounds[rows] = ways_out(task.some(rows), found.corners[rows], sizes)
-    return found
+    return Windows.of(choose(task.index, costs, task.grid.shape, SHAPES, search_maps(task), np))
 
 
-def _corners(
-    task: Task, low: Int64[np.ndarray, "b 3"], high: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
-) -> Int64[np.ndarray, "b 3"]:
-    """Lowest voxels of windows around boxes: these in the middle, and below them only layers that are all occupied."""
-    limits = np.array(task.grid.shape)
-    corners: Int64[np.ndarray, "b 3"] = centre(low, high, sizes, limits, np)
-    top = corners + sizes - 1
-    top[:, 2] = low[:, 2]
-    floor = lowest_open(Boxes(*task.stacked(task.barred), corners, top))
-    corners[:, 2] = np.minimum(np.minimum(floor, low[:, 2]), np.maximum(limits - sizes, 0)[:, 2])
-    return corners
-
-
-def ways_out(
-    task: Task, corners: Int64[np.ndarray, "b 3"], sizes: Int64[np.ndarray, "b 3"]
-) -> Float64[np.ndarray, " b"]:
-    """The least cost of a way that leaves each window; infinite if none can."""
-    limits, own = np.array(task.grid.shape), np.eye(3, dtype=bool)
+def search_maps(task: Task) -> LowestOpen:
+    """How the lowest open layers of boxes are found in the maps of a task."""
     maps, map_of = task.stacked(task.barred)
-    beyond = np.stack([corners - 1, corners + sizes], axis=1)[:, :, None]
-    lowest = np.where(own, beyond, corners[:, None, None])
-    highest = np.where(own, beyond, np.minimum(corners + sizes, limits)[:, None, None] - 1)
-    # The layers beyond the faces: those within the map that are not all occupied are crossed.
-    within = ((lowest >= 0) & (highest < limits)).all(axis=3)
-    layers = Boxes(maps, np.repeat(map_of, 6), lowest.reshape(-1, 3), highest.reshape(-1, 3))
-    crossed = within & (lowest_open(layers).reshape(within.shape) <= highest[..., 2])
-    costs: Float64[np.ndarray, "b 2 3"] = np.where(crossed, costs_over_faces(task.index, corners, sizes, np), math.inf)
-    return np.asarray(costs.min(axis=(1, 2)))
+
+    def lowest(low: Int64[np.ndarray, "b k 3"], high: Int64[np.ndarray, "b k 3"]) -> Int64[np.ndarray, "b k"]:
+        boxes = Boxes(maps, np.repeat(map_of, low.shape[1]), low.reshape(-1, 3), high.reshape(-1, 3))
+        return lowest_open(boxes).reshape(low.shape[:2])
+
+    return lowest
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -268,66 +227,3 @@ def round_up(task: Task) -> View:
     x, y, z = (-(-n // step) * step for n, step in zip(task.grid.shape, _ROUNDED, strict=True))
     corners = np.zeros((len(task), 3), np.int64)
     return View(task, Windows.upright(corners, corners + np.array([x, y, z]), np.full(len(task), math.inf)))
-
-
-# Views, in each windows of one shape, ↦ the routes of each, in index coordinates of the whole map.
-RouteViews = Callable[[list[View]], list[Routes]]
-
-
-def find_in_windows(task: Task, find: RouteViews, whole: Callable[[Task], Routes]) -> Routes:
-    """Routes of a task by windows that grow until they prove what they show, at last by whole maps.
-
-    Args:
-        task: what to plan.
-        find: routes of what a device is shown.
-        whole: routes of what no window answers.
-
-    Returns:
-        One route a problem, with the timings of all its windows.
-    """
-    found = Routes.blank(len(task))
-    costs, asked = guess_costs(task.index, np), np.arange(len(task))
-    while asked.size:
-        windows = _windows_of_all(task.some(asked), costs[asked])
-        groups = [rows for shape in SHAPES if (rows := np.flatnonzero((windows.shapes == shape).all(axis=1))).size]
-        views = [View(task.some(asked[rows]), windows.some(rows)) for rows in groups]
-        for rows, routes in zip(groups, find(views) if views else [], strict=True):
-            found = found.put(asked[rows], routes)
-        rest = asked[np.isnan(windows.bounds)]
-        if rest.size:
-            answers = whole(task.some(rest))
-            # A path that a window did not prove the cheapest is better than none.
-            better = answers.ok | ~found.ok[rest]
-            found = found.put(rest[better], answers.some(better))
-            found = found.add_seconds(rest[~better], answers.some(~better).timings)
-        costs[asked] = _costs_to_try(found.route, asked, windows.bounds, costs[asked], task.grid.spacing)
-        asked = asked[~np.isnan(costs[asked])]
-    return found
-
-
-def _windows_of_all(task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
-    """`windows_around`, on all cores."""
-    parts = in_parts(lambda rows: windows_around(task.some(rows), costs[rows]), len(task), _TOGETHER)
-    return Windows(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _costs_to_try(
-    route: Route,
-    asked: Int64[np.ndarray, " r"],
-    bounds: Float64[np.ndarray, " r"],
-    costs: Float64[np.ndarray, " r"],
-    spacing: float,
-) -> Float64[np.ndarray, " r"]:
-    """The costs whose windows are the next to look at; NaN where the last one proves what it shows.
-
-    Args:
-        route: what was found for all problems.
-        asked: which of them were looked at.
-        bounds: of their windows; NaN for the whole map.
-        costs: by which these were chosen.
-        spacing: of the grid [m].
-    """
-    status, path = np.asarray(route.status)[asked], np.asarray(route.path)[asked]
-    found = path_costs(path, np.asarray(route.cost, np.float64)[asked] / spacing, np)
-    done = np.isnan(bounds) | is_proved(status, found, bounds)
-    return np.where(done, math.nan, next_costs(status, found, costs, np))

@@ -23,7 +23,8 @@ from maxjax.core.status import Status
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.search import astar_compiled
-from maxjax.planning.windows.focus_window import View, Windows, ways_out
+from maxjax.planning.windows.choice import ways_out
+from maxjax.planning.windows.focus_window import View, Windows, search_maps
 from maxjax.planning.windows.geometry import GROWTH, centre, ellipsoid_box, guess_costs
 
 # Boxes are of multiples of these voxels, so that few shapes are compiled for.
@@ -72,7 +73,7 @@ def _box(task: Task, costs: Float64[np.ndarray, " 1"]) -> Windows:
     low[:, 2] = 0  # the ground is its own bound
     sizes = -(-(high + 1 - low) // step) * step
     corners = centre(low, high, sizes, limits, np)
-    return Windows.upright(corners, sizes, ways_out(task, corners, sizes))
+    return Windows.upright(corners, sizes, ways_out(task.index, corners, sizes, limits, search_maps(task), np))
 
 
 def _search(problem: Problem, window: Windows) -> LatticePath | None:

@@ -1,4 +1,4 @@
-// boxes.py, compiled: a column of a box is searched no higher than another column of it is known to be open.
+// subvolumes.py, compiled: a column of a box is searched no higher than another column of it is known to be open.
 
 #include <cstdint>
 #include <cstring>

@@ -171,7 +171,9 @@ def fly_batch(
     geoms: Geoms = jax.tree.map(lambda *x: jnp.stack(x)[places], *each)
     keys = jax.vmap(functools.partial(jax.random.fold_in, campaign.key))(jnp.asarray(filled + campaign.trials.start))
     movers = None if campaign.movers is None else _movers(campaign, campaign.movers, drawn, filled)
-    batch = geoms, jnp.asarray(drawn["start"][filled]), jnp.asarray(drawn["goal"][filled]), keys
+    # A flight without a place to start from has ended before its first iteration: what fills up a batch costs nothing.
+    start = np.where((np.arange(size) < len(rows))[:, None], drawn["start"][filled], np.nan)
+    batch = geoms, jnp.asarray(start, jnp.float32), jnp.asarray(drawn["goal"][filled]), keys
     logs = _fly_split(batch, campaign.flight, devices, movers)
     if movers is not None:
         logs |= beside_movers(logs, geoms, movers)
