@@ -283,9 +283,9 @@ def _of_pattern(subject: Subject, pattern: Pattern) -> dict[str, Any]:
 def _of_files(found: maxjax.Inspection) -> dict[str, Any]:
     """Photos and share of the surface of what the files of each format make a vehicle fly, or why there is none."""
     row = dict[str, Any]()
-    loaded = isinstance(found.mission.map, maxjax.LoadedMap)
+    where = found.mission.map
     # Simulated cities stand on level ground; voxels tell it to a voxel.
-    earth, ground = (None, None) if loaded else (_EARTH, 0.0)
+    earth, ground = (where.earth or _EARTH, None) if isinstance(where, maxjax.LoadedMap) else (_EARTH, 0.0)
     with tempfile.TemporaryDirectory() as folder:
         for ending, autopilot in _FILES.items() if found.status == maxjax.Status.OK else ():
             file = Path(folder) / f"flight{ending}"
