@@ -17,8 +17,8 @@ from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, Routes, no_route, route_of
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.problem import Problem
-from maxjax.planning.run.execution import with_longer_ascents
 from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.longer_ascents import with_longer_ascents
 from maxjax.planning.run.stages import STAGED, PotentialFn
 from maxjax.ui.methods import ALIASES, METHODS, planner_named
 

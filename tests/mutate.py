@@ -37,8 +37,8 @@ TESTS = {
         *("solvers/test_potential.py", "solvers/test_newton.py"),
     ),
     "windows": (
-        *(f"planning/test_{name}.py" for name in ("boxes_of_maps", "window_geometry", "focus_window", "corridor")),
-        "planning/test_planning_execution.py",
+        *(f"planning/test_{name}.py" for name in ("boxes_of_maps", "window_geometry", "device_maps", "growth")),
+        *(f"planning/test_{name}.py" for name in ("focus_window", "corridor", "planning_execution")),
     ),
     "sets": (
         *("sim/movers/test_reachable_sets.py", "sim/movers/test_hard_set.py", "sim/movers/test_body_marks.py"),

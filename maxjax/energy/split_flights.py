@@ -47,7 +47,7 @@ class BatteryFlight:
     Attributes:
         mission: from home; its status says whether it was planned.
         trajectory: of it; None where it was not.
-        taken: its energy; None likewise.
+        taken: its energy; None likewise, and where nothing is known of what flies it.
         verdict: of the battery; None likewise.
     """
 
@@ -62,8 +62,8 @@ class BatteryFlight:
         return self.mission.status if self.verdict is None else self.verdict.status
 
 
-def weigh_flight(mission: Mission, limits: FlightLimits, supply: Supply) -> BatteryFlight:
-    """A mission in time, with its energy.
+def weigh_flight(mission: Mission, limits: FlightLimits, supply: Supply | None) -> BatteryFlight:
+    """A mission in time, with its energy where it is known what flies it.
 
     Raises:
         ValueError: if the wind, or the flight in it, is faster than the airframe.
@@ -71,6 +71,8 @@ def weigh_flight(mission: Mission, limits: FlightLimits, supply: Supply) -> Batt
     if mission.status != Status.OK:
         return BatteryFlight(mission)
     trajectory = schedule_mission(mission, limits)
+    if supply is None:
+        return BatteryFlight(mission, trajectory)
     taken = measure_consumption(trajectory, supply.airframe, supply.wind)
     return BatteryFlight(mission, trajectory, taken, judge_battery(trajectory, taken, supply.battery))
 

@@ -100,8 +100,8 @@ def choose_home(where: VoxelMap, free: FreeSpace, near: np.ndarray, away: float)
     level = np.floor((heights + _HEIGHT - grid.origin[2]) / grid.spacing + 0.5)
     known = np.isfinite(level) & (level >= 0) & (level < grid.shape[2])
     layer = np.where(known, level, 0).astype(np.int64)
-    # Free from there to the top of the map, which the largest free part reaches.
-    from_top = np.logical_and.accumulate(free.free[:, :, ::-1], axis=2)[:, :, ::-1]
+    # Nothing stands from there to the top of the map; air above a ceiling is no obstacle, but no home either.
+    from_top = np.logical_and.accumulate(free.open[:, :, ::-1], axis=2)[:, :, ::-1] & free.free
     open_sky = np.take_along_axis(from_top, layer[:, :, None], axis=2)[:, :, 0] & known
     columns = np.argwhere(open_sky)
     places = np.array(grid.origin[:2]) + grid.spacing * columns

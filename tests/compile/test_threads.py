@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from maxjax.compile.threads import concurrently, interruptible
+from maxjax.compile.threads import as_finished, concurrently, interruptible
 
 
 def test_results_keep_the_order_of_the_items() -> None:
@@ -76,3 +76,40 @@ def test_an_interrupt_ends_the_wait_and_not_the_work() -> None:
     finally:
         signal.signal(signal.SIGINT, handler)
     assert ended.wait(10.0)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_results_that_make_items_come_as_they_are_finished(threads: int) -> None:
+    """Numbers below a hundred make their double; each is worked on once, however many threads there are."""
+    waiting, seen = [3, 5, 7], []
+    for item, result in as_finished(lambda: waiting.pop(0) if waiting else None, lambda k: 2 * k, threads):
+        assert result == 2 * item
+        seen.append(item)
+        if result < 100:
+            waiting.append(result)
+    assert sorted(seen) == sorted(k * 2**n for k in (3, 5, 7) for n in range(6) if k * 2**n < 100)
+
+
+def test_no_more_items_are_taken_than_there_are_threads() -> None:
+    taken, allowed = [], threading.Semaphore(0)
+
+    def take() -> int | None:
+        if len(taken) == 5:
+            return None
+        taken.append(len(taken))
+        return taken[-1]
+
+    finished = as_finished(take, lambda k: allowed.acquire() and k, 2)
+    threading.Timer(0.05, allowed.release).start()
+    next(finished)
+    assert len(taken) == 2
+    for _ in range(4):
+        allowed.release()
+    assert len(list(finished)) == 4
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_an_item_raises_is_raised_to_whom_asks(threads: int) -> None:
+    waiting = [1, 0]
+    with pytest.raises(ZeroDivisionError):
+        list(as_finished(lambda: waiting.pop(0) if waiting else None, lambda k: 1 // k, threads))

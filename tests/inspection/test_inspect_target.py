@@ -149,6 +149,21 @@ def test_a_city_under_a_zone(where: maxjax.LoadedMap) -> None:
         maxjax.inspect(closed, "house 0", "DJI M3E", capture=CAPTURE, distances=DISTANCES)
 
 
+def test_home_under_a_ceiling(where: maxjax.LoadedMap) -> None:
+    """Air that is closed above is no obstacle, but no home: all is below, and home not in the closed west."""
+    closed = np.full(where.grid.shape, Closure.OPEN, np.uint8)
+    top = where.grid.lower[2] + where.grid.spacing * 16
+    closed[:, :, 16:] = Closure.AREA
+    east = where.grid.lower[0] + where.grid.spacing * 40
+    closed[:40, :, :9] = Closure.AREA
+    low = maxjax.inspect(where.closing(closed), "house 0", "DJI M3E", capture=CAPTURE, distances=DISTANCES)
+    assert low.status == maxjax.Status.OK
+    assert low.mission.path[:, 2].max() < top
+    x, y, z = low.mission.waypoints[0].position
+    assert x > east
+    assert maxjax.verify(np.array([[x, y, z], [x, y, where.grid.upper[2] - 0.6]]), where, radius=1.5).ok
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -18,8 +18,9 @@ from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import execution as execute
-from maxjax.planning.run.execution import plan_task, with_longer_ascents
+from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.field_planner import FieldPlanner
+from maxjax.planning.run.longer_ascents import with_longer_ascents
 from maxjax.planning.run.shared_goal import plan_to_goal
 from maxjax.planning.run.stages import PotentialFn
 from maxjax.planning.run.verifying import verify_routes

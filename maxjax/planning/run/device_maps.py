@@ -66,7 +66,7 @@ class DeviceMaps:
         occupied, ground = _distinct(task.barred, used), _distinct(task.kept_off, used)
         shapes = tuple(volume.shape for volume in (occupied, ground))
         bits = jax.device_put([_bits_of(volume) for volume in (occupied, ground)])
-        self._occupied, self._ground, self._table = _RECEIVE(*bits, shapes=shapes)
+        self._occupied, self._ground, self._table = _RECEIVE.start(*bits, shapes=shapes)
         self._price = None if task.price is None else jax.device_put(task.price)
 
     def hold(self, task: Task) -> bool:

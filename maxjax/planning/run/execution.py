@@ -3,12 +3,12 @@
     staged           formulate | solve | ascend | tighten | price, each by itself    a CPU
     on the host      formulate | the planner's own search                            planners that are not batched
     single program   all of it in one, one message in, one out                       one problem, accelerator
-    in chunks        chunks of problems (`planning.run.pipeline`)                    many problems, accelerator
+    in chunks        chunks of problems in whole maps (`planning.run.pipeline`)      many problems, accelerator
+    on its maps      chunks of windows that it cuts (`planning.run.device_maps`)     many problems, accelerator
 
 and in all of them the verifier at the end, once for all paths. On a CPU a few problems are planned at a time, each on a
 core. A field is solved in a window of the map wherever that proves the same (`planning.windows.focus_window`). Where an
-ascent runs out of steps, it is made again with four times as many, in every way by `with_longer_ascents`: a maze can
-need more of them than a city.
+ascent runs out of steps, it is made again with more, in every way by `with_longer_ascents`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -27,7 +27,6 @@ from maxjax.compile.lowering import target
 from maxjax.compile.program import Program
 from maxjax.compile.stage_timer import Recorder, recording, time_stage
 from maxjax.compile.threads import concurrently
-from maxjax.core.grid import Index3
 from maxjax.core.status import Status
 from maxjax.planning.path.ascent import Ascent
 from maxjax.planning.path.route import Route, RouteFn, Routes, complete_path, equal_shares, no_route
@@ -38,22 +37,18 @@ from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
 from maxjax.planning.run import pipeline
 from maxjax.planning.run.device_maps import DeviceMaps
+from maxjax.planning.run.device_windows import finder_on_device
+from maxjax.planning.run.longer_ascents import FACTORS, with_longer_ascents
 from maxjax.planning.run.stages import STAGED, status_of_climb
 from maxjax.planning.run.verifying import verify_routes, with_closures
 from maxjax.planning.windows.corridor import find_in_corridor
 from maxjax.planning.windows.focus_window import View
 from maxjax.planning.windows.growth import WindowFinder, find_in_windows
 
-# Problems that an accelerator plans at a time: of whole maps more would gain little, and wait longer for the slowest.
+# Problems in whole maps that an accelerator plans at a time: more would gain little, and wait longer for the slowest.
 _CHUNK = 32
-# Windows are small, and their kernels short: as many at a time as have so many voxels, and how many those may be.
-_VOXELS, _WINDOWS = 2**25, 256
-# Views at a time: while the device is busy with one, the host cuts, sends and reads another.
-_TOGETHER = 2
 # Voxels of the largest map that is solved as a whole where no window answers.
 _LARGEST_WHOLE = 2**22
-# Steps of the further ascents, in terms of those of the first one, until one arrives.
-_FACTORS = (4, 16, 64, 256, 1024)
 
 
 def plan_task(task: Task, planner: Planner, *, chunk: int | None = None) -> Plans:
@@ -92,11 +87,12 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
 
     def finder_of(some: Task) -> WindowFinder:
         """Of several problems an accelerator has the maps itself, which legs of a corridor share."""
-        if not chunked or len(some) == 1:
+        climber = field_climber(planner)
+        if climber is None or not chunked or len(some) == 1:
             return WindowFinder(find)
         if not (sent and sent[0].hold(some)):
             sent[:] = [DeviceMaps(some)]
-        return finder_on_device(sent[0], planner, chunk)
+        return finder_on_device(sent[0], climber, chunk)
 
     def otherwise(some: Task) -> Routes:
         """Routes of what no window answers."""
@@ -204,7 +200,7 @@ def fetch(tree: Any) -> Any:
         return jax.device_get(tree)
 
 
-def stage_finder(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> RouteFn:
+def stage_finder(planner: FieldClimber, factors: Sequence[int] = FACTORS) -> RouteFn:
     """How a field is climbed by programs of their own, each timed; `factors` as of `with_longer_ascents`."""
 
     def find(problem: Problem) -> Route:
@@ -219,29 +215,6 @@ def stage_finder(planner: FieldClimber, factors: Sequence[int] = _FACTORS) -> Ro
         return with_longer_ascents(attempt, 1, planner.ascent, factors).one(0)
 
     return find
-
-
-def with_longer_ascents(
-    attempt: Callable[[Int64[np.ndarray, " n"], Ascent], Routes],
-    count: int,
-    settings: Ascent,
-    factors: Sequence[int] = _FACTORS,
-) -> Routes:
-    """Attempt several problems; those that stall go again, by themselves, with longer ascents.
-
-    Args:
-        attempt: (which of them, settings) ↦ a route for each.
-        count: how many there are.
-        settings: of the first attempt.
-        factors: how many times as many steps each further attempt has.
-    """
-    results = attempt(np.arange(count), settings)
-    for factor in factors:
-        waiting = np.flatnonzero(results.route.status == Status.PATH_STALLED)
-        if not waiting.size:
-            break
-        results = results.put(waiting, attempt(waiting, dataclasses.replace(settings, steps=settings.steps * factor)))
-    return results
 
 
 def _in_chunks(view: View, planner: Planner, chunk: int | None) -> Routes:
@@ -269,34 +242,3 @@ def _sizes(count: int, chunk: int, exactly: bool) -> list[int]:
     """How many whole maps each chunk has room for: the same number for all, exactly as many or a power of two."""
     most = count if exactly else 1 << (count - 1).bit_length()
     return [-(-most // -(-most // chunk))] * -(-most // chunk)
-
-
-def finder_on_device(maps: DeviceMaps, planner: Planner, chunk: int | None) -> WindowFinder:
-    """Finds windows and their routes in maps on a device, chunks of them at a time; `chunk` as of `plan_task`."""
-    climber = field_climber(planner)
-    assert climber is not None
-
-    def full(shape: Index3) -> int:
-        return chunk or max(min(_VOXELS // math.prod(shape), _WINDOWS), _CHUNK)
-
-    def size_of(view: View) -> int:
-        # Each size is a program by itself; a problem takes up to twice as long in a small chunk.
-        small, large = chunk or _CHUNK, full(view.grid.shape)
-        return small if len(view) <= small else large
-
-    def find(view: View) -> Routes:
-        def attempt(which: Int64[np.ndarray, " n"], settings: Ascent) -> Routes:
-            some = view.some(which)
-            with recording() as recorder:
-                route = maps.routes(some, climber.with_ascent(settings), size_of(some))
-            return Routes(route, equal_shares(recorder, len(which)))
-
-        return with_longer_ascents(attempt, len(view), climber.ascent)
-
-    def prepare(views: list[View]) -> None:
-        """Compile what the first windows need, side by side."""
-        sizes = {pipeline.layout_of(view): min(size_of(view), full(view.grid.shape)) for view in views}
-        for _ in concurrently(lambda one: maps.prepare(one, climber, sizes[one]), sizes, len(sizes) or 1):
-            pass
-
-    return WindowFinder(find, maps.choose, full, _TOGETHER, prepare)

@@ -37,7 +37,8 @@ from maxjax.planning.problem.exemptions import Radius, exemptions
 from maxjax.planning.problem.problem import Problem, fault_of_ends, inner_places, locate_all, problem_in
 from maxjax.planning.problem.surroundings import Surroundings, surroundings
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run.execution import plans_of, with_longer_ascents
+from maxjax.planning.run.execution import plans_of
+from maxjax.planning.run.longer_ascents import with_longer_ascents
 from maxjax.planning.run.stages import potential_field, status_of_climb
 
 # Starts that climb at a time; fewer are filled up to the lesser number, so that fleets of all sizes share two programs.

@@ -4,8 +4,8 @@
       ↑                └→ not: a higher cost, a larger window, at last the whole map
       └──────────────────────┘
 
-Each problem goes its own way. Those that wait for windows of one shape are shown together: as many as make a full view
-at once, fewer only when there is nothing fuller to do, the largest first, so that others may still join them.
+Each problem goes its own way. Those that wait for windows of one shape are shown together, and of all shapes the view
+comes next that is fullest, so that others may still join the rest.
 
 Costs and bounds [voxels].
 """
@@ -91,11 +91,11 @@ class _Growth:
     def __init__(self, task: Task, choose: Callable[[Task, Float64[np.ndarray, " b"]], Windows]) -> None:
         count = len(task)
         self.task, self.found, self._choose = task, Routes.blank(count), choose
-        # By which the windows are chosen; the windows; problems that wait for theirs, by shape, the largest first; and
+        # By which the windows are chosen; the windows; problems that wait for theirs, by shape, the smallest first; and
         # those that wait for the whole map.
         self._costs = guess_costs(task.index, np)
         self._windows = Windows.upright(np.zeros((count, 3), np.int64), np.zeros((count, 3), np.int64), np.zeros(count))
-        self._waiting: dict[Index3, list[int]] = {shape: [] for shape in reversed(focus_window.SHAPES)}
+        self._waiting: dict[Index3, list[int]] = {shape: [] for shape in focus_window.SHAPES}
         self._beyond: list[int] = []
         self._ask(np.arange(count))
 
@@ -108,18 +108,15 @@ class _Growth:
         return [self.view(np.array(rows)) for rows in self._waiting.values() if rows]
 
     def take(self, full: Callable[[Index3], float]) -> _Asked | None:
-        """What to show next: a full view, else whole maps, else the largest windows; None: nothing waits."""
+        """What to show next: the fullest view, whole maps where no window waits; None: nothing waits."""
         shapes = [shape for shape, rows in self._waiting.items() if rows]
-        filled = next((shape for shape in shapes if len(self._waiting[shape]) >= full(shape)), None)
-        if filled is None and self._beyond:
-            rows, self._beyond = np.array(self._beyond), []
-            return _Asked(rows, True)
-        if not shapes:
-            return None
-        shape = filled or shapes[0]
-        count = int(min(full(shape), len(self._waiting[shape])))
-        taken, self._waiting[shape] = self._waiting[shape][:count], self._waiting[shape][count:]
-        return _Asked(np.array(taken), False)
+        if shapes:
+            shape = max(shapes, key=lambda shape: min(len(self._waiting[shape]) / full(shape), 1.0))
+            count = int(min(full(shape), len(self._waiting[shape])))
+            taken, self._waiting[shape] = self._waiting[shape][:count], self._waiting[shape][count:]
+            return _Asked(np.array(taken), False)
+        rows, self._beyond = np.array(self._beyond, np.int64), []
+        return _Asked(rows, True) if rows.size else None
 
     def answer(self, asked: _Asked, routes: Routes) -> None:
         """Routes of some problems; those that their windows do not prove are asked again."""

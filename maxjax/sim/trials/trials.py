@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -103,25 +103,17 @@ def draw_many(name: str, seed: int, indices: Sequence[int]) -> Trial:
         raise ValueError(f"trial: expected seed and indices from 0 to 2^31 - 1, given seed {seed} and {indices}")
     groups, place = np.unique(wanted // CITY_TRIALS, return_inverse=True)
     key = named_key(jax.random.key(seed), f"trials {name}")
-    tables = [
-        draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * group))
-        for group, (geoms, air) in zip(groups, _truths(name, [int(seed + group) for group in groups]), strict=True)
-    ]
-    rows = jnp.asarray(CITY_TRIALS * place + wanted % CITY_TRIALS)
-    start, goal, valid, excluded = (jnp.concatenate(column)[rows] for column in zip(*tables, strict=True))
+
+    def draw_group(group: int) -> tuple[np.ndarray, ...]:
+        geoms = make_scene(name, seed + group).geoms
+        air = open_air(*map(jnp.asarray, occupancy(geoms, TRUTH)))
+        return tuple(map(np.asarray, draw_in(geoms, air, key, jnp.int32(CITY_TRIALS * group))))
+
+    # A city leaves cores and accelerators idle most of the time.
+    tables = concurrently(draw_group, groups.tolist(), os.cpu_count() or 1)
+    rows = CITY_TRIALS * place + wanted % CITY_TRIALS
+    start, goal, valid, excluded = (jnp.asarray(np.concatenate(column)[rows]) for column in zip(*tables, strict=True))
     return Trial(start, goal, jnp.asarray(seed + wanted // CITY_TRIALS, jnp.int32), valid, excluded)
-
-
-def _truths(name: str, cities: list[int]) -> Iterator[tuple[Geoms, Bool[Array, "nx ny nz"]]]:
-    """Solids of each city, and its open air; the voxel maps of later cities are computed in threads meanwhile."""
-
-    def voxels(geoms: Geoms) -> tuple[np.ndarray, np.ndarray]:
-        return occupancy(geoms, TRUTH)
-
-    geoms = [make_scene(name, city).geoms for city in cities]
-    maps = concurrently(voxels, geoms, os.cpu_count() or 1)
-    for solids, (occupied, ground) in zip(geoms, maps, strict=True):
-        yield solids, open_air(jnp.asarray(occupied), jnp.asarray(ground))
 
 
 @stored("open air")

@@ -8,18 +8,19 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from maxjax.api import trajectory
 from maxjax.core.files import atomic_write
 from maxjax.core.grid import Grid
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.energy.charge_profile import ChargeProfile
+from maxjax.energy.split_flights import BatteryFlight, Supply, weigh_flight
 from maxjax.inspection.capture import Capture
 from maxjax.inspection.flown_files import FlownFiles
 from maxjax.inspection.inspect_target import inspect
@@ -34,7 +35,6 @@ from maxjax.io.export.endings import number_file
 from maxjax.io.kinds.faces import Faces, faces_of
 from maxjax.io.kinds.footprints import Footprints
 from maxjax.io.kinds.mesh import Mesh
-from maxjax.planning.mission import Mission
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import Scene
@@ -42,6 +42,7 @@ from maxjax.ui.cli import exporting, report
 from maxjax.ui.cli.map_task import MapTask, earth_in, load_source
 from maxjax.ui.cli.photo_options import InspectOptions, PhotoOptions, SurveyOptions
 from maxjax.ui.cli.progress import progress
+from maxjax.ui.energy_rows import HEADS, energy_cells, flight_energy
 from maxjax.ui.request import Request, reading_of
 
 _ROOM = 15.0  # around what is photographed, beyond the distance of photos [m]
@@ -78,6 +79,7 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[...
     camera = Camera.named(options.camera)
     request = _request(options)
     exporting.check_exports(request)
+    limits, supply = request.limits, request.supply
     request.check()
     with progress(f"Reading {options.map}"):
         given = _map_around(request, target, reach)
@@ -90,32 +92,38 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[...
             vehicles=Vehicles(options.home, options.vehicles, options.longest),
             distances=Distances(options.radius, options.margin),
         )
-    content = report.plain({**found.to_dict(), "configuration": dataclasses.asdict(options)})
+    with progress("Timing"):
+        flights = [weigh_flight(mission, limits, supply) for mission in found.missions]
+    content = _document(options, found, flights, supply)
     files: list[object] = []
     if options.out is not None:
-        files += _written(options.out, content, found, given)
-    if found.status == Status.OK:
+        files += _written(options.out, content, found, [ChargeProfile.of(flight, supply) for flight in flights])
+    status = Status[content["status"]]
+    if status == Status.OK:
         written = [
-            _exported(request, given, mission, number if len(found.missions) > 1 else None)
-            for number, mission in enumerate(found.missions, 1)
+            _exported(request, given, flight, number if len(flights) > 1 else None)
+            for number, flight in enumerate(flights, 1)
         ]
-        for flights in zip(*written, strict=True):
-            photos = FlownFiles.of([one.file for one in flights], [one.flown for one in flights], found)
-            files += [*flights, photos]
+        for alike in zip(*written, strict=True):
+            photos = FlownFiles.of([one.file for one in alike], [one.flown for one in alike], found)
+            files += [*alike, photos]
             if options.json:
                 report.complain(str(photos))
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(_table(found, Path(options.map).name))
+        report.show(_table(found, Path(options.map).name, flights, supply))
         print(found)
         if files:
             print(*files, sep="\n")
     for remark in found.remarks:
         report.complain(f"Note: {remark}.")
-    if found.status == Status.OK:
+    if status == Status.OK:
         return 0
-    report.complain(f"{found.status.name}: {found.status.advice}")
+    for number, flight in enumerate(flights, 1):
+        if flight.status != Status.OK and flight.verdict is not None:
+            report.complain(f"Flight {number}: {flight.verdict.describe()}; --longest S makes flights shorter.")
+    report.complain(f"{status.name}: {status.advice}")
     return 1
 
 
@@ -195,35 +203,57 @@ def _task(where: VoxelMap, request: Request) -> MapTask:
     return MapTask(Task.of(where, ends, ends, request.distances), where.terrain, earth=request.earth(None))
 
 
-def _exported(request: Request, given: MapTask, mission: Mission, number: int | None) -> list[exporting.Exported]:
+def _exported(request: Request, given: MapTask, flight: BatteryFlight, number: int | None) -> list[exporting.Exported]:
     """The files of a flight; of several they are numbered."""
-    if not request.export:
+    if not request.export or flight.trajectory is None:
         return []
     files = tuple(file if number is None else number_file(file, number) for file in request.export)
-    ends = mission.path[[0, -1]]
+    ends = flight.mission.path[[0, -1]]
     own = dataclasses.replace(given, task=given.task.with_ends(ends[:1], ends[1:]))
-    return exporting.write_all(dataclasses.replace(request, export=files), own, trajectory(mission, request.limits))
+    return exporting.write_all(dataclasses.replace(request, export=files), own, flight.trajectory)
 
 
-def _table(found: Inspection, title: str) -> Table:
-    """One row a flight."""
+def _document(
+    options: PhotoOptions, found: Inspection, flights: Sequence[BatteryFlight], supply: Supply | None
+) -> dict[str, Any]:
+    """The content of inspection.json."""
+    status = next((flight.status for flight in flights if flight.status != Status.OK), Status.OK)
+    content = {**found.to_dict(), "status": status.name}
+    for told, flight in zip(content["flights"], flights, strict=True):
+        told["duration"] = None if flight.trajectory is None else flight.trajectory.duration
+        told |= flight_energy(flight, supply)
+    filled: dict[str, Any] = report.plain({**content, "configuration": dataclasses.asdict(options)})
+    return filled
+
+
+def _table(found: Inspection, title: str, flights: Sequence[BatteryFlight], supply: Supply | None) -> Table:
+    """One row a flight; the vehicle is left out where there is one."""
+    several = any(found.vehicles)
+    heads = ["flight", *(["vehicle"] if several else []), "status", "photos", "length\n[m]", "clearance\n[m]"]
     table = Table(title=title, title_justify="left")
-    for head in ("flight", "vehicle", "status", "photos", "length\n[m]", "clearance\n[m]"):
-        table.add_column(head, justify="left" if head == "status" else "right")
-    for k, (mission, vehicle) in enumerate(zip(found.missions, found.vehicles, strict=True)):
-        ok = mission.status == Status.OK
-        lengths = [f"{x:.1f}" if ok else "" for x in (mission.length, mission.clearance)]
-        table.add_row(str(k + 1), str(vehicle + 1), mission.status.name, str(int((found.flight == k).sum())), *lengths)
+    for head in (*heads, "takes\n[s]", *(() if supply is None else HEADS)):
+        table.add_column(head, justify="left" if head == "status" else "right", overflow="fold")
+    for k, (flight, vehicle) in enumerate(zip(flights, found.vehicles, strict=True)):
+        cells = [str(k + 1), *([str(vehicle + 1)] if several else []), flight.status.name]
+        cells += [str(int((found.flight == k).sum()))]
+        if flight.trajectory is not None:
+            cells += [f"{flight.mission.length:.1f}", f"{flight.mission.clearance:.1f}"]
+            cells += [f"{flight.trajectory.duration:.0f}"]
+        cells += energy_cells(flight, supply)(None) if flight.taken is not None else ()
+        table.add_row(*cells)
     return table
 
 
-def _written(out: Path, content: dict[str, Any], found: Inspection, given: MapTask) -> list[Path]:
+def _written(
+    out: Path, content: dict[str, Any], found: Inspection, charges: Sequence[ChargeProfile | None]
+) -> list[Path]:
     """The files of an inspection in a folder, the picture first."""
     from maxjax.ui.figures.inspections import figure_inspection
     from maxjax.ui.figures.style import save_figure
 
     out.mkdir(parents=True, exist_ok=True)
     with progress("Drawing"):
-        save_figure(figure_inspection(found), out / "inspection.png")
+        known = [charge for charge in charges if charge is not None]
+        save_figure(figure_inspection(found, charges=known), out / "inspection.png")
     atomic_write(out / "inspection.json", report.dumps(content))
     return [out / "inspection.json", out / "inspection.png"]

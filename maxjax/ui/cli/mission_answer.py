@@ -10,13 +10,14 @@ import numpy as np
 from rich.table import Table
 
 from maxjax.core.status import Status
+from maxjax.energy.charge_profile import ChargeProfile
 from maxjax.energy.split_flights import BatteryFlight
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.cli import exporting, report
-from maxjax.ui.cli.energy_rows import HEADS, energy_cells, flight_energy, leg_energies
 from maxjax.ui.cli.map_task import MapTask
 from maxjax.ui.cli.progress import progress
+from maxjax.ui.energy_rows import HEADS, energy_cells, flight_energy, leg_energies
 from maxjax.ui.looks import waypoint_table
 from maxjax.ui.request import Request
 
@@ -146,5 +147,6 @@ def _written(out: Path, content: dict[str, Any], answer: MissionAnswer) -> list[
     from maxjax.ui.figures.missions import figure_mission
 
     with progress("Drawing"):
-        figure = figure_mission(mission, flown, Path(answer.request.map).name, answer.given.within)
+        charge = ChargeProfile.of(answer.flight, answer.request.supply)
+        figure = figure_mission(mission, flown, Path(answer.request.map).name, answer.given.within, charge)
     return report.write_plan(out, content, figure, "mission")

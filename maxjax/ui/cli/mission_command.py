@@ -10,12 +10,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from maxjax.api import trajectory
 from maxjax.compile.stage_timer import recording, sum_reports
 from maxjax.core.status import Status
-from maxjax.energy.split_flights import BatteryFlight, Supply, weigh_flight
+from maxjax.energy.split_flights import weigh_flight
 from maxjax.planning.mission import Mission, first_legs, plan_mission
-from maxjax.trajectories.limits import FlightLimits
 from maxjax.ui.cli import exporting, report
 from maxjax.ui.cli.flights_command import run_flights
 from maxjax.ui.cli.load_request import load_request
@@ -70,7 +68,8 @@ def run_request(request: Request) -> int:
         shown = first_legs(mission, given.task) if request.partial else None
     if request.keep_radius and shown is not None and shown.near:
         return report.refuse_near(shown.near, given.places, request.out, "mission")
-    flight = None if shown is None else _in_time(shown, limits, supply)
+    with progress("Timing"):
+        flight = None if shown is None else weigh_flight(shown, limits, supply)
     answer = MissionAnswer(mission, flight, given, request)
     if flight is not None and flight.status == Status.CANNOT_RETURN and supply is not None:
         return run_flights(answer, planner, supply)
@@ -83,16 +82,6 @@ def run_request(request: Request) -> int:
             print(*files, sep="\n")
     warn_of(answer)
     return _told(mission, content, request)
-
-
-def _in_time(mission: Mission, limits: FlightLimits, supply: Supply | None) -> BatteryFlight:
-    """A mission in time, with its energy where that is asked for."""
-    if mission.status != Status.OK:
-        return BatteryFlight(mission)
-    with progress("Timing"):
-        if supply is not None:
-            return weigh_flight(mission, limits, supply)
-        return BatteryFlight(mission, trajectory(mission, limits))
 
 
 def plan_request(request: Request) -> tuple[Mission, MapTask]:

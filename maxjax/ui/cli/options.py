@@ -203,7 +203,7 @@ class FlyOptions(ReadOptions):
 
 
 @dataclasses.dataclass(frozen=True)
-class ViewOptions(ReadOptions, RouteOptions):
+class ViewOptions(ReadOptions, RouteOptions, EnergyOptions):
     """Plan by hand in a map, or play flights, on a page in the browser (extra view).
 
     Start and goal are dragged, waypoints added by click; the path, its figures and slices of the field follow.

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from maxjax.ui.option_groups import (
+    EnergyOptions,
     ExportOptions,
     Flag,
     LimitOptions,
@@ -27,7 +28,7 @@ _Degrees = Annotated[float | None, optional(metavar="DEG")]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PhotoOptions(ReadOptions, LimitOptions, ExportOptions):
+class PhotoOptions(ReadOptions, LimitOptions, EnergyOptions, ExportOptions):
     """What photos are taken with, and by whom.
 
     Attributes:

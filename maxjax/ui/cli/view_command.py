@@ -51,7 +51,7 @@ def run_view(options: ViewOptions) -> int:
     server = serve(city, host=options.host, port=options.port, dark=options.dark)
     page = PlanPage(server, city, request, earth, dark=options.dark)
     wait(server)
-    page.worker.close()
+    page.close()
     return 0
 
 
@@ -95,6 +95,7 @@ def request_shown(options: ViewOptions) -> Request:
 def open_request(request: Request) -> tuple[City, Request, Earth | None]:
     """The map of a request, its first stops in it, and where the map lies on Earth."""
     request.check()
+    request.supply  # noqa: B018 (raises)
     source = load_source(request.map, reading_of(request))
     bare = not request.waypoints
     given = _small_enough(_without_ends(source, request) if bare else task_in(source, request))

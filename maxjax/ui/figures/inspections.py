@@ -1,12 +1,18 @@
-"""An inspection drawn: how many photos show each point of a surface, where they are taken, and the flights (`viz`)."""
+"""An inspection drawn: how many photos show each point of a surface, where they are taken, and the flights (`viz`).
+
+Where a battery is given, the state of charge over each flight stands beside it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maxjax.energy.charge_profile import ChargeProfile
 from maxjax.inspection.inspection import Inspection
+from maxjax.ui.figures.charge_strip import draw_charge
 from maxjax.ui.figures.style import ARRIVED, FAILED, PATHS, STYLE, load_matplotlib
 
 if TYPE_CHECKING:
@@ -20,12 +26,13 @@ _LOOK = 2.0  # length of a line of sight that is drawn [m]
 _VIEW = (24.0, -58.0)  # elevation and azimuth of the eye [deg]
 
 
-def figure_inspection(found: Inspection, title: str = "") -> Figure:
+def figure_inspection(found: Inspection, title: str = "", charges: Sequence[ChargeProfile] = ()) -> Figure:
     """The surface in space, coloured by its photos, with viewpoints and flights; and its area by the number of photos.
 
     Args:
         found: to draw.
         title: above all.
+        charges: of the battery over each flight; none: none is given.
 
     Raises:
         ImportError: without matplotlib.
@@ -34,9 +41,15 @@ def figure_inspection(found: Inspection, title: str = "") -> Figure:
     coverage, photos = found.coverage, found.photos
     with rc_context(STYLE):
         figure = figure_class(figsize=_SIZE, layout="constrained")
-        grid = figure.add_gridspec(1, 2, width_ratios=(2.3, 1.0))
-        space: Any = figure.add_subplot(grid[0, 0], projection="3d")
+        grid = figure.add_gridspec(2 if charges else 1, 2, width_ratios=(2.3, 1.0))
+        space: Any = figure.add_subplot(grid[:, 0], projection="3d")
         share = figure.add_subplot(grid[0, 1])
+        if charges:
+            battery = figure.add_subplot(grid[1, 1])
+            draw_charge(battery, charges, [color for color, _ in PATHS])
+            battery.legend(loc="lower left", fontsize=7.0)
+            battery.set_xlabel("Time [s]")
+            battery.spines[["top", "right"]].set_visible(False)
         space.set_title(title, loc="left")
         every = max(1, -(-len(coverage.surface) // _DRAWN))
         points, counts = coverage.surface.points[::every], coverage.counts[::every]

@@ -1,7 +1,8 @@
 """Figures of missions (extra `viz`): from above, and over time.
 
 from above: the map with the flown way, coloured by clearance, its numbered waypoints and their heights
-over time:  height above ground, or z where the map knows no ground; clearance; speed; and when waypoints are passed
+over time:  height above ground, or z where the map knows no ground; clearance; speed; state of charge, where a battery
+            is given; and when waypoints are passed
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from jaxtyping import Bool, Float64
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.energy.charge_profile import ChargeProfile
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Motion, Trajectory
 from maxjax.ui.figures.areas import draw_closed, draw_outside
+from maxjax.ui.figures.charge_strip import draw_charge
 from maxjax.ui.figures.drawable import drawable, title_with_remark, voxels_to_draw
 from maxjax.ui.figures.marks import draw_colored, draw_halo
 from maxjax.ui.figures.plan_view import draw_plan, level_of, view_around
@@ -86,6 +89,7 @@ def figure_mission(
     trajectory: Trajectory,
     title: str | None = None,
     within: Bool[np.ndarray, "nx ny"] | None = None,
+    charge: ChargeProfile | None = None,
 ) -> Figure:
     """A mission from above and over time.
 
@@ -94,6 +98,7 @@ def figure_mission(
         trajectory: of it.
         title: headline.
         within: columns of the map that lie within its data; the others are drawn as unknown. None: all do.
+        charge: of the battery over the trajectory; None: none is given.
 
     Raises:
         ImportError: if matplotlib is missing; names the extra.
@@ -105,7 +110,8 @@ def figure_mission(
     view = view_around(where.grid, course.motion.position, _AROUND)
     lower, upper = view
     width, height = _WIDTH * (upper - lower) / (upper - lower).max()
-    strips = 3 * (_STRIP + _GAP)
+    count = 3 if charge is None else 4
+    strips = count * (_STRIP + _GAP)
     size = (_LEFT + _WIDTH + _RIGHT, _BOTTOM + strips + _BETWEEN + height + _TOP)
 
     def share(left: float, bottom: float, wide: float, high: float) -> tuple[float, float, float, float]:
@@ -126,11 +132,14 @@ def figure_mission(
         draw_closed(plan, _closed_columns(where, course), where.grid)
         _draw_way(plan, bars[1], course, trajectory.passes)
         _draw_waypoints(plan, mission)
-        bottoms = [_BOTTOM + k * (_STRIP + _GAP) for k in (2, 1, 0)]
+        bottoms = [_BOTTOM + k * (_STRIP + _GAP) for k in reversed(range(count))]
         over = [figure.add_axes(share(_LEFT, bottom, _WIDTH, _STRIP)) for bottom in bottoms]
         _draw_height(over[0], course)
         _draw_clearance(over[1], course, mission, trajectory)
         _draw_speed(over[2], course, mission, trajectory)
+        if charge is not None:
+            draw_charge(over[3], [charge], [ARRIVED])
+        over[-1].set_xlabel("Time [s]")
         _draw_passes(over, mission, trajectory)
         if title:
             figure.suptitle(title, x=_LEFT / size[0], y=1 - 0.1 / size[1], ha="left", va="top", fontsize=9)
@@ -226,7 +235,6 @@ def _draw_speed(axes: Axes, course: _Course, mission: Mission, trajectory: Traje
     axes.lines[-1].set_label("greatest, by leg")
     axes.set_ylim(0.0, 1.15 * max(asked))
     axes.set_ylabel("Speed\n[m/s]")
-    axes.set_xlabel("Time [s]")
 
 
 def _draw_passes(over: list[Axes], mission: Mission, trajectory: Trajectory) -> None:

@@ -14,11 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from maxjax.core.status import Status
+from maxjax.core.voxel_map import VoxelMap
+from maxjax.energy.split_flights import BatteryFlight, weigh_flight
 from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.planning.mission import Mission, legs_of, plan_mission
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
 from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
+from maxjax.ui.energy_rows import leg_energies
 from maxjax.ui.methods import planner_named
 from maxjax.ui.page.page_map import Band, City
 from maxjax.ui.request import Request
@@ -43,6 +46,7 @@ class Answer:
         dense: points along the path, no farther apart than half a voxel [m].
         refusal: why the request cannot be planned, or what is in the way of an end; empty else.
         seconds: from request to answer.
+        flight: the mission in time with its energy; None where no battery is given, or there is no path.
     """
 
     request: Request
@@ -52,6 +56,7 @@ class Answer:
     clearance: Float[np.ndarray, " n"]
     refusal: str
     seconds: float
+    flight: BatteryFlight | None = None
 
     @property
     def ok(self) -> bool:
@@ -73,6 +78,8 @@ def answer(city: City, request: Request) -> Answer:
     try:
         mission = _planned(city, request, request.method)
         rival = _planned(city, request, "astar") if request.beside and request.method != "astar" else None
+        supply = request.supply
+        flight = None if supply is None else weigh_flight(mission, request.limits, supply)
     except (ValueError, ImportError, MemoryError, RuntimeError) as error:
         return Answer(request, None, None, *nothing, str(error).partition("\n")[0], time.perf_counter() - began)
     along = nothing
@@ -80,7 +87,7 @@ def answer(city: City, request: Request) -> Answer:
         dense = densify(mission.path, 0.5 * city.grid.spacing)
         along = dense, verify(dense, city.voxels).clearance_at
     why = _closed_end(city, request, mission)
-    return Answer(request, mission, rival, *along, why, time.perf_counter() - began)
+    return Answer(request, mission, rival, *along, why, time.perf_counter() - began, flight)
 
 
 def task_of(city: City, request: Request, ends: slice = slice(None)) -> Task:
@@ -90,12 +97,24 @@ def task_of(city: City, request: Request, ends: slice = slice(None)) -> Task:
         ValueError: for distances or rules that the map cannot have.
     """
     starts, goals = legs_of(request.stops)
-    task = Task.of(city.voxels, starts[ends], goals[ends], request.distances)
-    highest = city.highest(request.places[0])
-    if (*request.altitudes, highest) == (None, None, None) and not city.areas:
-        return task
-    closed = _closed(city, request.altitudes, highest)
-    return dataclasses.replace(task, map=task.map.closing(closed))
+    where = close_air(city, request.altitudes, city.highest(request.places[0]))
+    return Task.of(where, starts[ends], goals[ends], request.distances)
+
+
+def close_air(city: City, band: Band, highest: float | None) -> VoxelMap:
+    """The map with what the rules of the air close.
+
+    Args:
+        city: the map, with its areas.
+        band: least and greatest height above ground [m].
+        highest: greatest z [m]; None: any.
+
+    Raises:
+        ValueError: for rules that the map cannot have.
+    """
+    if (*band, highest) == (None, None, None) and not city.areas:
+        return city.voxels
+    return city.voxels.closing(_closed(city, band, highest))
 
 
 @functools.lru_cache(maxsize=8)
@@ -155,7 +174,8 @@ def describe_answer(found: Answer) -> str:
         f"{mission.clearance:.1f} m at the least; radius {mission.radius:g} m, "
         f"planned in {1e3 * mission.timings['total']:.0f} ms.",
     ]
-    rows += _legs(mission) if found.request.is_mission else []
+    rows += _legs(found, mission) if found.request.is_mission else []
+    rows += [] if found.flight is None else [f"Battery: {describe_battery(found.flight)}."]
     rows += [f"**Radius not kept:** {one}." for one in mission.near]
     if found.beside is not None:
         rival = found.beside
@@ -167,13 +187,23 @@ def describe_answer(found: Answer) -> str:
     return "\n\n".join(rows)
 
 
-def _legs(mission: Mission) -> list[str]:
+def describe_battery(flight: BatteryFlight) -> str:
+    """What a battery says of a flight, without its full stop; empty where none is given."""
+    if flight.verdict is None:
+        return ""
+    said = flight.verdict.describe()
+    return said if flight.verdict.status == Status.OK else f"**{flight.verdict.status.name}** {said}"
+
+
+def _legs(found: Answer, mission: Mission) -> list[str]:
     """A line for each leg."""
-    rows = []
+    rows, energies = [], leg_energies(found.flight, found.request.supply)
     for k, (leg, stop) in enumerate(zip(mission.legs, mission.waypoints[1:], strict=True), 1):
         words = [f"{leg.length:.1f} m"]
         words += [f"at most {stop.speed:g} m/s"] if stop.speed is not None else []
         words += [f"hovers {stop.hover:g} s"] if stop.hover is not None else []
         words += [f"radius {leg.radius:g} m"] if stop.radius is not None else []
+        energy = energies(k - 1)
+        words += [f"{energy['energy']:.1f} Wh, {100.0 * energy['charge']:.0f} % left"] if energy else []
         rows.append(f"{k}. {', '.join(words)}")
     return ["\n".join(rows)]

@@ -15,12 +15,21 @@ VEHICLE, FLOWN, FAILED, PLANNED, RETURN = (213, 94, 0), (0, 114, 178), (213, 94,
 KEEP_OUT, KEEP_IN, BAND = (200, 40, 40), (0, 158, 115), (70, 130, 200)
 KNOWN, REFERENCE, MOVER = (86, 180, 233), (204, 121, 167), (168, 72, 208)
 EARTH, EARTH_AT_NIGHT = (196, 184, 160), (72, 68, 60)
+PHOTO, NO_SURFACE = (190, 20, 110), (150, 150, 150)
+FLIGHTS: tuple[Rgb, ...] = ((0, 114, 178), (86, 180, 233), (230, 159, 0), (0, 158, 115))
 
-# From low to high roofs, in one hue as in `viz`; from near to far; from the goal outwards; from cheap to dear.
+# From low to high roofs, in one hue as in `viz`; from near to far; from the goal outwards; from cheap to dear; from one
+# photo on.
 HEIGHTS = ("#DADFE4", "#A3AFBC", "#6E7F92", "#465669")
 CLEARANCES = ("#B2182B", "#EF8A62", "#F0C24B", "#5AAE61", "#1B7837")
 FIELD = ("#FDE725", "#5EC962", "#21918C", "#3B528B", "#440154")
 PRICE = ("#FFFFFF", "#FDDBC7", "#F4A582", "#D6604D", "#8E0C25")
+PHOTOS = FIELD[::-1]
+
+
+def html_color(color: Rgb) -> str:
+    """A colour as HTML has it."""
+    return "#{:02X}{:02X}{:02X}".format(*color)
 
 
 def ramp(colors: tuple[str, ...], values: Float[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n 3"]:

@@ -13,6 +13,7 @@ from maxjax.io.export.endings import IN_TIME, ON_EARTH
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE
+from maxjax.ui.page.inspection_controls import InspectionControls, add_answer, add_inspection
 from maxjax.ui.page.page_map import Band, City
 from maxjax.ui.page.slices import Axis, Slice
 from maxjax.ui.page.waypoint_editor import WaypointEditor
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 _SLICES = {"none": None, "cost to the goal, −ℓ log φ": "cost", "price of a metre": "price"}
 _AXES: dict[str, Axis] = {"horizontal": "z", "along y": "x", "along x": "y"}
 _TYPED = "x, y, z"
-_CLICKS = ("only turns the view", "adds a waypoint", "moves the goal")
+_CLICKS = ("only turns the view", "adds a waypoint", "moves the goal", "inspects a building")
 _AUTOPILOTS: dict[str, Literal["px4", "arducopter"] | None] = {"any": None, "PX4": "px4", "ArduCopter": "arducopter"}
 _MOST = 30.0  # of radius and margin [m]
 _HIGHEST = 150.0  # of the altitude band [m]
@@ -57,6 +58,7 @@ class Controls:
     landing: Any
     autopilot: Any
     share: Any
+    inspection: InspectionControls
 
     def request(self, stops: tuple[Waypoint, ...]) -> Request:
         """The request of the controls, through these waypoints; the margin is the radius at least."""
@@ -84,6 +86,11 @@ class Controls:
     def moves_goal(self) -> bool:
         """Whether a click moves the goal."""
         return bool(self.click.value == _CLICKS[2])
+
+    @property
+    def inspects(self) -> bool:
+        """Whether a click inspects a building."""
+        return bool(self.click.value == _CLICKS[3])
 
     def _band(self) -> Band:
         """The first request's own until the slider is moved; an end of the slider is no limit."""
@@ -120,6 +127,8 @@ def add_controls(
     step = 0.25
     parts: dict[str, Any] = {"first": request}
     parts |= {"status": gui.add_markdown("### Planning …"), "legend": gui.add_html("")}
+    inspected = add_answer(gui)
+    formats = tuple(ending for ending in (*(ON_EARTH if on_earth else ()), *IN_TIME) if ending != ".rosbag")
     with gui.add_folder("Where"):
         # As text: three boxes are too narrow for national coordinates.
         parts["start"] = gui.add_text("Start [m]", place_text(request.places[0]), hint=_TYPED)
@@ -139,6 +148,7 @@ def add_controls(
         low, high = min(0.0, band[0]), max(_HIGHEST, band[1])
         parts["band"] = gui.add_multi_slider(_band_label(*band, high), min=low, max=high, step=1.0, initial_value=band)
         parts["beside"] = gui.add_checkbox("A* beside it", request.beside)
+    parts["inspection"] = add_inspection(gui, inspected, formats)
     with gui.add_folder("Look inside", expand_by_default=False):
         parts["slice"] = gui.add_dropdown("Slice of", tuple(_SLICES), initial_value="none")
         parts["axis"] = gui.add_dropdown("Plane", tuple(_AXES), initial_value="horizontal")
@@ -148,7 +158,6 @@ def add_controls(
         parts["through"] = gui.add_checkbox("See-through buildings", False)
         parts["dark"] = gui.add_checkbox("Dark page", dark)
     with gui.add_folder("Take away", expand_by_default=False):
-        formats = tuple(ending for ending in (*(ON_EARTH if on_earth else ()), *IN_TIME) if ending != ".rosbag")
         own = next((name for name, one in _AUTOPILOTS.items() if one == request.autopilot), "any")
         parts["autopilot"] = gui.add_dropdown("For the autopilot", tuple(_AUTOPILOTS), initial_value=own)
         parts["landing"] = gui.add_checkbox("Take-off and landing", request.takeoff_and_landing)
@@ -196,18 +205,24 @@ def _reach(city: City, axis: Axis) -> tuple[float, float]:
 
 def legend(request: Request, wanted: Slice | None, rules: Sequence[str] = (), *, path: bool = True) -> str:
     """The legend of colours, of a path where there is one, and the rules of the air that hold, as HTML."""
-    rows = [_bar(CLEARANCES, "path: clearance 0 m", f"{request.margin:g} m and more")] if path else []
+    rows = [color_bar(CLEARANCES, "path: clearance 0 m", f"{request.margin:g} m and more")] if path else []
     if wanted is not None and wanted.of == "cost":
-        rows.append(_bar(FIELD, "cost to the goal 0 m, a line every 10 m", "far"))
+        rows.append(color_bar(FIELD, "cost to the goal 0 m, a line every 10 m", "far"))
     if wanted is not None and wanted.of == "price":
-        rows.append(_bar(PRICE, "price of a metre 1", "dear"))
+        rows.append(color_bar(PRICE, "price of a metre 1", "dear"))
     if request.beside:
         rows.append('<div style="margin-top:4px"><b style="color:#0072B2">━━</b> A*</div>')
     rows += [f'<div style="margin-top:4px">{html.escape(rule)}</div>' for rule in rules]
+    return legend_box(rows)
+
+
+def legend_box(rows: Sequence[str]) -> str:
+    """Rows of a legend as a panel holds them, as HTML."""
     return f'<div style="font-size:0.8em;padding:0 0.9em 0.4em">{"".join(rows)}</div>'
 
 
-def _bar(colors: tuple[str, ...], low: str, high: str) -> str:
+def color_bar(colors: tuple[str, ...], low: str, high: str) -> str:
+    """A ramp of colours with what its ends mean, as HTML."""
     return (
         f'<div style="height:8px;border-radius:4px;margin-top:6px;background:linear-gradient(90deg,{",".join(colors)})"'
         f'></div><div style="display:flex;justify-content:space-between"><span>{low}</span><span>{high}</span></div>'

@@ -61,11 +61,13 @@ class Dots:
         points: [m].
         color: of all of them.
         size: [m].
+        round: whether they are discs; else squares, which a browser draws faster.
     """
 
     points: Float[np.ndarray, "n 3"]
     color: Rgb
     size: float
+    round: bool = False
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -80,6 +80,16 @@ class City:
         return self.grid.lower[2] + self.grid.spacing * layers
 
 
+def building_at(city: City, origin: Point3, direction: Point3) -> tuple[float, float] | None:
+    """Where in plan a ray goes into what it first meets, half a voxel on [m]; None where it meets nothing."""
+    met = hit(city, origin, direction)
+    if met is None:
+        return None
+    way = np.asarray(direction, np.float64)
+    x, y, _ = (np.array(met) + 0.5 * city.grid.spacing * way / np.linalg.norm(way)).tolist()
+    return x, y
+
+
 def hit(city: City, origin: Point3, direction: Point3) -> Point3 | None:
     """Where a ray first meets an occupied voxel, or the map's lowest layer [m]; None where it misses both."""
     grid = city.grid

@@ -18,12 +18,14 @@ from maxjax.io.geo.earth import Earth
 from maxjax.planning.mission import Waypoint
 from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.answer import Answer, answer, describe_answer
+from maxjax.ui.page.building_inspector import BuildingInspector
 from maxjax.ui.page.camera import hiding
+from maxjax.ui.page.charge_chart import charge_chart
 from maxjax.ui.page.controls import add_controls, legend, place_text, reach, text_place
-from maxjax.ui.page.download import file_of
+from maxjax.ui.page.download import downloading, file_of, inspection_files
 from maxjax.ui.page.draw import THROUGH, answer_scene, city_scene, end_name, end_scene, root_of
-from maxjax.ui.page.nodes import point3
-from maxjax.ui.page.page_map import City, hit
+from maxjax.ui.page.nodes import Scene, point3
+from maxjax.ui.page.page_map import City, building_at, hit
 from maxjax.ui.page.server import look_at, set_theme
 from maxjax.ui.page.slices import Field, Slice, field_of, picture
 from maxjax.ui.page.stage import Stage
@@ -67,6 +69,7 @@ class PlanPage:
         look_at(server, city, _surroundings(city, request))
         self._eye: Point3 = point3(np.asarray(server.initial_camera.position))
         self._hiding = np.zeros(city.grid.shape[:2], bool)
+        self._drawn = city  # without the voxels of a building that is drawn as it was inspected
         self._resting = threading.Timer(_REST, self.ask)
         self._stops = list(request.stops)
         self._arrow = max(_HANDLE, _REACH * float(np.ptp(np.array(request.places), axis=0).max()))
@@ -77,9 +80,15 @@ class PlanPage:
         """The last one; None before the first."""
         self.controls = add_controls(server.gui, city, request, self._listed, on_earth=earth is not None, dark=dark)
         self.worker: Worker[tuple[Request, Slice | None]] = Worker(self._work)
+        self.inspector = BuildingInspector(city, self.controls.inspection, self._show_inspection)
         self._listen()
         self._place_handles()
         self.ask()
+
+    def close(self) -> None:
+        """End its threads."""
+        self.worker.close()
+        self.inspector.worker.close()
 
     @property
     def waypoints(self) -> tuple[Point3, ...]:
@@ -89,7 +98,9 @@ class PlanPage:
     def ask(self) -> None:
         """Ask what handles and controls say."""
         with self._lock:
-            self.worker.ask((self.controls.request(tuple(self._stops)), self.controls.wanted(self._city)))
+            request = self.controls.request(tuple(self._stops))
+            self.worker.ask((request, self.controls.wanted(self._city)))
+            self.inspector.ask(request)
 
     def change(self, stops: Sequence[Waypoint]) -> None:
         """Visit these waypoints, the start first, and plan anew."""
@@ -176,6 +187,8 @@ class PlanPage:
         ):
             control.on_update(lambda _: self.ask())
         controls.band.on_update(lambda _: controls.say_band())
+        for control in controls.inspection.asking:
+            control.on_update(lambda _: self.ask())
         for control in (controls.slice, controls.place):
             control.on_update(lambda _: self.ask())
         for k, control in ((0, controls.start), (-1, controls.goal)):
@@ -188,6 +201,7 @@ class PlanPage:
         self._server.scene.on_click()(self._clicked)
         controls.export.on_click(lambda event: self._download(event, event.target.value))
         controls.share.on_click(lambda event: self._download(event, ".html"))
+        controls.inspection.export.on_click(self._download_inspection)
 
     def _turned(self) -> None:
         reach(self._city, self.controls)
@@ -211,22 +225,29 @@ class PlanPage:
 
     def _show_map(self) -> None:
         opacity = THROUGH if self.controls.through.value else 1.0
-        self._stage.show("/map", city_scene(self._city, opacity, self._hiding, dark=self.controls.dark.value))
+        self._stage.show("/map", city_scene(self._drawn, opacity, self._hiding, dark=self.controls.dark.value))
 
     def _see_through(self) -> None:
-        """Draw the buildings see-through that hide the path from where the camera is."""
-        if self.answer is None or not self.answer.ok:
-            return
-        between = hiding(self._city, self._eye, self._city.frame.page(self.answer.dense))
+        """Draw the buildings see-through that hide the path, or viewpoints, from where the camera is."""
+        between = np.zeros_like(self._hiding)
+        path = self.answer.dense if self.answer is not None and self.answer.ok else np.zeros((0, 3))
+        for points in (path, self.inspector.points):
+            if len(points):
+                between |= hiding(self._drawn, self._eye, self._city.frame.page(points))
         if (between != self._hiding).any():
             self._hiding = between
             self._show_map()
 
     def _clicked(self, event: Any) -> None:
-        """A place to visit or the goal above what is clicked, where clicks say so."""
+        """A building to inspect, or a place to visit or the goal above what is clicked, where clicks say so."""
+        origin = point3(self._city.frame.map(np.asarray(event.ray_origin)))
+        if self.controls.inspects:
+            place = building_at(self._city, origin, event.ray_direction)
+            if place is not None:
+                self.inspector.choose(place, self.controls.request(tuple(self._stops)))
+            return
         if not (self.controls.adds or self.controls.moves_goal):
             return
-        origin = point3(self._city.frame.map(np.asarray(event.ray_origin)))
         met = hit(self._city, origin, event.ray_direction)
         if met is not None:
             above = met[0], met[1], met[2] + float(self.controls.above.value)
@@ -246,15 +267,25 @@ class PlanPage:
             self._say(describe_answer(self.answer))
 
     def _download(self, event: Any, ending: str) -> None:
-        """Send a file to the browser that asked for it, or say why there is none."""
-        try:
+        with downloading(event.client) as send:
             if self.answer is None or not self.answer.ok:
                 raise ValueError("there is no path to take away; move an end, or lower the radius")
-            name, content = file_of(self._city, self._earth, ending, self.answer)
-        except (ValueError, ImportError) as error:
-            event.client.add_notification("Nothing to download", str(error), color="orange", auto_close_seconds=8.0)
-            return
-        event.client.send_file_download(name, content)
+            send(*file_of(self._city, self._earth, ending, self.answer))
+
+    def _download_inspection(self, event: Any) -> None:
+        with downloading(event.client) as send:
+            request = self.controls.request(tuple(self._stops))
+            files, said = inspection_files(self._city, self._earth, event.target.value, self.inspector.answer, request)
+            for name, content in files:
+                send(name, content)
+            event.client.add_notification("Inspection", said, auto_close_seconds=8.0)
+
+    def _show_inspection(self, scene: Scene, drawn: City) -> None:
+        with self._server.atomic():
+            self._stage.show("/inspection", scene)
+            self._drawn = drawn
+            self._show_map()
+        self.ask()
 
     def _work(self, asked: tuple[Request, Slice | None]) -> None:
         request, wanted = asked
@@ -284,6 +315,7 @@ class PlanPage:
     def _say_legend(self, found: Answer, wanted: Slice | None) -> None:
         request = found.request
         text = legend(request, wanted, air_lines(self._city, request), path=found.ok)
+        text += charge_chart([found.flight], request.supply)
         if self.controls.legend.content != text:
             self.controls.legend.content = text
 

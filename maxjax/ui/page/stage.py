@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,15 +25,17 @@ class Stage:
 
     def __init__(self, scene: SceneApi) -> None:
         self._scene, self._shown = scene, dict[str, tuple[Node, Any]]()
+        self._lock = threading.RLock()  # several threads of a page show their parts
 
     def show(self, part: str, nodes: Scene) -> None:
         """Show these nodes in place of all below `part`; nodes that are the same object stay."""
-        # What lies below a node goes before it.
-        for name in sorted((n for n in self._shown if _within(n, part) and n not in nodes), reverse=True):
-            self._shown.pop(name)[1].remove()
-        for name, node in nodes.items():
-            if name not in self._shown or self._shown[name][0] is not node:
-                self._shown[name] = node, _add(self._scene, name, node)
+        with self._lock:
+            # What lies below a node goes before it.
+            for name in sorted((n for n in self._shown if _within(n, part) and n not in nodes), reverse=True):
+                self._shown.pop(name)[1].remove()
+            for name, node in nodes.items():
+                if name not in self._shown or self._shown[name][0] is not node:
+                    self._shown[name] = node, _add(self._scene, name, node)
 
     def move(self, name: str, position: tuple[float, float, float]) -> None:
         """Move a node [m]."""
@@ -55,7 +58,8 @@ def _add(scene: SceneApi, name: str, node: Node) -> Any:
             )
         case Dots():
             points = node.points.astype(np.float32)
-            return scene.add_point_cloud(name, points, node.color, point_size=node.size, precision="float32")
+            form: dict[str, Any] = {"point_shape": "circle", "point_shading": "flat"} if node.round else {}
+            return scene.add_point_cloud(name, points, node.color, point_size=node.size, precision="float32", **form)
         case Picture():
             picture: dict[str, Any] = {"position": node.position, "wxyz": node.turn, "format": "png", **_PLAIN}
             return scene.add_image(name, node.pixels, node.width, node.height, **picture)

@@ -85,6 +85,27 @@ def test_several_flights_are_numbered_files(house: str, tmp_path: Path, capsys: 
     assert sorted(file.name for file in tmp_path.glob("way*")) == [f"way_{k}_ned.csv" for k in range(1, count + 1)]
 
 
+def test_a_battery_counts_and_what_it_does_not_last_for_is_not_written(
+    house: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Energy stands beside each flight and in the file; a battery that is too small says how much is missing."""
+    where = ["inspect", house, "--at", "84004", "446003", *SPARE, "--airframe", "mavic_3_enterprise"]
+    file = ["--reserve", "0.25", "--export", str(tmp_path / "way_ned.csv")]
+    assert main([*where, *file, "--battery", "77", "--json"]) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    energy = flight["energy"]
+    assert energy["charge"] == pytest.approx(1.0 - energy["needed"] / 77.0)
+    # Near 100 W for as long as it flies, and for the take-off and the landing.
+    assert 60.0 < (energy["needed"] - energy["takeoff"] - energy["landing"]) * 3600.0 / flight["duration"] < 200.0
+    (tmp_path / "way_ned.csv").unlink()
+    assert main([*where, *file, "--battery", "2"]) == 1
+    told = capsys.readouterr()
+    assert "Flight 1: the flight takes" in told.err
+    assert "the battery has 1.5 Wh above its reserve" in told.err
+    assert "CANNOT_RETURN" in told.out
+    assert not (tmp_path / "way_ned.csv").exists()
+
+
 def test_an_area_is_surveyed(house: str, capsys: pytest.CaptureFixture[str]) -> None:
     area = ["--area", "83990", "445990", "84030", "445990", "84030", "446020", "83990", "446020"]
     options = ["--ground", "0", "--distance", "30", "--overlap", "0.5", "0.3", "--turn", "0"]

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import maxjax
+from maxjax.energy.charge_profile import ChargeProfile
+from maxjax.energy.split_flights import weigh_flight
 from maxjax.planning.mission import Mission
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -67,8 +69,25 @@ def test_waypoints_are_numbered_with_their_heights() -> None:
     assert [text.get_text() for text in plan.texts if text.get_text()] == ["0, 3:  z 12 m", "1:  z 20 m", "2:  z 30 m"]
 
 
-def test_nothing_overlaps_or_leaves_the_page(tmp_path: Path) -> None:
-    drawn = figure_mission(*flown(), "Town")
+def test_a_battery_has_a_strip_of_its_own() -> None:
+    """Charge over time with the reserve; times stand below it, and not twice."""
+    mission, _ = flown()
+    supply = maxjax.Supply(maxjax.Airframe.mavic_3_enterprise(), maxjax.Battery(20.0, reserve=0.3))
+    charge = ChargeProfile.of(weigh_flight(mission, LIMITS, supply), supply)
+    assert charge is not None
+    speed, battery = figure_mission(*flown(), charge=charge).axes[5:]
+    np.testing.assert_allclose(battery.lines[0].get_ydata(), 100.0 * charge.left)
+    assert battery.patches[0].get_xy()[1] + battery.patches[0].get_height() == pytest.approx(30.0)
+    assert (speed.get_xlabel(), battery.get_xlabel()) == ("", "Time [s]")
+
+
+@pytest.mark.parametrize("capacity", [None, 20.0])
+def test_nothing_overlaps_or_leaves_the_page(tmp_path: Path, capacity: float | None) -> None:
+    charge = None
+    if capacity is not None:
+        supply = maxjax.Supply(maxjax.Airframe.mavic_3_enterprise(), maxjax.Battery(capacity, reserve=0.3))
+        charge = ChargeProfile.of(weigh_flight(flown()[0], LIMITS, supply), supply)
+    drawn = figure_mission(*flown(), "Town", charge=charge)
     renderer = FigureCanvasAgg(drawn).get_renderer()
     boxes = [axes.get_tightbbox(renderer) for axes in drawn.axes]
     for first, second in itertools.combinations(boxes, 2):

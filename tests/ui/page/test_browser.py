@@ -6,6 +6,7 @@ Screenshots lie in the tests' temporary folder (`--basetemp`), or where MAXJAX_S
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,9 +23,11 @@ from maxjax.planning.mission import Waypoint
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.ui.cli.viewing_flights import caption
+from maxjax.ui.page import building_inspector
 from maxjax.ui.page.answer import answer
 from maxjax.ui.page.download import file_of
 from maxjax.ui.page.flight_page import FlightPage
+from maxjax.ui.page.inspection_answer import InspectionAnswer, inspect_building
 from maxjax.ui.page.page_map import City
 from maxjax.ui.page.plan_page import PlanPage
 from maxjax.ui.page.server import serve
@@ -64,7 +67,7 @@ def page(city: City) -> Iterator[PlanPage]:
     server = serve(city, port=0)
     shown = PlanPage(server, city, Request.between("town", START, GOAL))
     yield shown
-    shown.worker.close()
+    shown.close()
     server.stop()
 
 
@@ -145,6 +148,52 @@ def test_a_click_adds_a_waypoint_and_a_status_says_why_there_is_no_path(
     window.wait("() => !document.body.innerText.includes('path: clearance')")
     window.wait("() => window.__viserSceneTree.getState()['/plan/path'] === undefined")
     window.picture(pages / "no_path.png")
+    assert window.errors == []
+
+
+def test_a_click_inspects_a_building_while_paths_are_planned(
+    window: Window, page: PlanPage, pages: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long inspection holds no plan up; then it is drawn, told, and taken away by one click."""
+    gate = threading.Event()
+
+    def inspect_later(*asked: Any) -> InspectionAnswer:
+        assert gate.wait(60.0)
+        return inspect_building(*asked)
+
+    monkeypatch.setattr(building_inspector, "inspect_building", inspect_later)
+    controls = page.controls.inspection
+    page.controls.click.value = "inspects a building"
+    controls.distance.value, controls.forward.value, controls.sideways.value = 10.0, 30.0, 0.0
+    time.sleep(0.5)
+    roof = page._city.frame.page((22.0, 30.0, 28.0))
+    window.page.mouse.click(*window.on_screen("/map", tuple(roof.tolist())))
+    window.wait("() => document.body.innerText.includes('Inspecting …')")
+    page.move(0, (8.0, 6.0, 10.0))
+    until(lambda: page.answer.request.places[0] == (8.0, 6.0, 10.0))
+    assert page.answer.ok
+    assert not gate.is_set()
+    gate.set()
+    window.shown("/inspection/surface", 120.0)
+    window.wait("() => document.body.innerText.includes('Inspection of part 1')")
+    inspected = page.inspector.answer.verified
+    assert inspected.coverage.share() > 0.99
+    assert len(window.points("/inspection/sights")) == 6 * len(inspected.photos)
+    assert window.node("/inspection/places") == "PointCloudMessage"
+    until(lambda: page.worker.rest(60.0))
+    window.picture(pages / "inspection.png")
+    tab = window.page
+    tab.get_by_text("Inspect a building", exact=True).click()
+    tab.get_by_role("button", name=".tum", exact=True).first.click()
+    with tab.expect_download() as download:
+        tab.get_by_role("button", name="inspection.tum").click()
+    places = np.loadtxt(download.value.path())[:, 1:4]
+    np.testing.assert_allclose(places[[0, -1]], inspected.mission.path[[0, -1]], atol=1e-3)
+
+    free = page._city.frame.page((60.0, 8.0, 2.0))
+    window.page.mouse.click(*window.on_screen("/map", tuple(free.tolist())))
+    window.wait("() => document.body.innerText.includes('Cannot be inspected')")
+    window.wait("() => window.__viserSceneTree.getState()['/inspection/surface'] === undefined")
     assert window.errors == []
 
 
