@@ -18,6 +18,7 @@ what shows most, and then pays for what it left.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import sys
 from collections.abc import Iterator
@@ -66,6 +67,7 @@ class Config:
         share: from which on a photo is a source.
         camera: by its name.
         half: half extent of what is flown in around a building [m].
+        step: extents of maps of files are multiples of it, so that few shapes are compiled [m].
         seed: of the buildings, and of simulated cities.
         data: folder of public cities.
         name: of the result file.
@@ -80,6 +82,7 @@ class Config:
     share: float = 0.5
     camera: str = "DJI M3E"
     half: float = 60.0
+    step: float = 2.0
     seed: int = 0
     data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
     name: str = "covering"
@@ -93,14 +96,14 @@ def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tup
     """Maps around random buildings, and the buildings."""
     rng = np.random.default_rng([config.seed, len(name)])
     if name in ("downtown", "suburb"):
-        for k in range(config.targets):
-            scene = make_scene(name, config.seed + k)
-            grid = maxjax.Grid.centered((0.0, 0.0, 40.0), (61, 61, 51), 2.0)
-            yield maxjax.VoxelMap.on(grid, *map(np.asarray, occupancy(scene.geoms, grid))), _block(scene.geoms, rng)
+        grid = maxjax.Grid.centered((0.0, 0.0, 40.0), (61, 61, 51), 2.0)
+        scenes = (make_scene(name, config.seed + k).geoms for k in itertools.count())
+        drawn = ((geoms, block) for geoms in scenes if (block := _block(geoms, rng)) is not None)
+        for geoms, block in itertools.islice(drawn, config.targets):
+            yield maxjax.VoxelMap.on(grid, *map(np.asarray, occupancy(geoms, grid))), block
         return
-    file = Path(_FILES[name]) if name == "sample" else config.data / _FILES[name]
-    for path in sorted(file.glob("*.osm"))[:1] if file.is_dir() else [file] if file.exists() else []:
-        whole = maxjax.load_map(path, ground=None if name == "The Hague" else 0.0, spacing=4.0)
+    for path in city_files(name, config.data):
+        whole = maxjax.load_map(path, spacing=4.0)
         faces = city_faces(whole)
         height = np.array([np.ptp(faces.triangles[faces.part == p, :, 2]) for p in range(len(faces.names))])
         names = [faces.buildings[p] for p in rng.permutation(np.flatnonzero(height > 5.0))]
@@ -108,15 +111,24 @@ def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tup
             own = np.isin(faces.part, [p for p, one in enumerate(faces.buildings) if one == building])
             corners = faces.triangles[own].reshape(-1, 3)
             low, high = corners.min(axis=0) - config.half / 3, corners.max(axis=0) + config.half / 3
-            bounds = (*low[:2].tolist(), float(corners[:, 2].min()) - 4.0, *high.tolist())
-            ground = None if name == "The Hague" else 0.0
-            yield maxjax.load_map(path, ground=ground, spacing=2.0, bounds=bounds), building
+            low[2] = corners[:, 2].min() - 4.0
+            high = low + config.step * np.ceil((high - low) / config.step)
+            bounds = (*low.tolist(), *high.tolist())
+            yield maxjax.load_map(path, spacing=2.0, bounds=bounds), building
 
 
-def _block(geoms: Geoms, rng: np.random.Generator) -> tuple[Point3, Point3]:
-    """A box around a random solid near the middle of a simulated city."""
+def city_files(name: str, data: Path) -> list[Path]:
+    """The file of a city that is read from one; none where its data is absent."""
+    file = Path(_FILES[name]) if name == "sample" else data / _FILES[name]
+    return sorted(file.glob("*.osm"))[:1] if file.is_dir() else [file] if file.exists() else []
+
+
+def _block(geoms: Geoms, rng: np.random.Generator) -> tuple[Point3, Point3] | None:
+    """A box around a random solid near the middle of a simulated city; None without one."""
     middle, size = np.asarray(geoms.position), np.asarray(geoms.size)
     near = np.flatnonzero((np.abs(middle[:, :2]).max(axis=1) < 35.0) & (size[:, 2] > 3.0) & (size[:, 0] < 30.0))
+    if not len(near):
+        return None
     k = int(rng.choice(near))
     (a, b, c), (d, e, f) = (middle[k] - size[k] - 1.0).tolist(), (middle[k] + size[k] + 1.0).tolist()
     return (a, b, c), (d, e, f)

@@ -55,6 +55,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trajectories_many", "trajectories"),
         ("follower", "follower"),
         ("covering", "covering"),
+        ("inspecting", "inspecting"),
         ("onboard_loop", "onboard_loop"),
     ),
     "A world that moves": (
@@ -88,6 +89,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.scaling, ("training_h200", "city_scale_h200")),
     (tables.cities, ("city_plan",)),
     (tables.lidar, ("lidar", "lidar_h200")),
+    (tables.inspection, ("inspection",)),
     (tables.onboard_movers, ("onboard_movers",)),
     (tables.ros_node, ("ros_node",)),
     (tables.link_loss, ("link_loss",)),

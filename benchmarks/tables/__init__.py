@@ -5,6 +5,7 @@ Each function takes the documents of one table, those that there are: CPU first,
 
 from benchmarks.tables.flights import flights, lidar, scaling
 from benchmarks.tables.onboard import link_loss, onboard_movers, ros_node
+from benchmarks.tables.photographs import inspection
 from benchmarks.tables.plans import cities, plans, verdicts
 from benchmarks.tables.processes import first_hour, fuzz, history, mutations, page, service, startup
 from benchmarks.tables.rivals import rivals
@@ -16,6 +17,7 @@ __all__ = [
     "flights",
     "fuzz",
     "history",
+    "inspection",
     "lidar",
     "link_loss",
     "mutations",

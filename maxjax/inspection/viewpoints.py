@@ -44,21 +44,34 @@ def find_viewpoints(aim: Aim, scenery: Scenery) -> Viewpoints:
     Raises:
         ValueError: if nothing that may be flown to shows anything of it.
     """
-    surface, limits, wanted = aim.surface, aim.capture.limits(aim.camera), aim.capture.views
-    views = aim.first_views()
-    sights = find_sights(views, surface, scenery, aim.camera, limits)
-    missing = np.bincount(sights.point, minlength=len(surface)) < wanted
-    if missing.any():
-        more = aim.more_views(missing, views)
-        views, sights = views.joined(more), _both(sights, find_sights(more, surface, scenery, aim.camera, limits))
+    surface, wanted = aim.surface, aim.capture.views
+    views, sights = find_candidates(aim, scenery)
     unseen = np.flatnonzero(np.bincount(sights.point, minlength=len(surface)) == 0)
     parts = unseen_parts(surface, unseen, aim.reasons(unseen), aim.spacing)
     if len(unseen) == len(surface):
         raise ValueError(f"target: expected something of {surface.name} to be seen from where may be flown: {parts[0]}")
     choice = choose_photos(sights.matrix, surface.points, surface.areas, wanted)
     chosen = choice.photos
-    coverage = Coverage.of(surface, _of(sights, chosen), wanted, limits.resolution, parts)
+    resolution = aim.capture.limits(aim.camera).resolution
+    coverage = Coverage.of(surface, _of(sights, chosen), wanted, resolution, parts)
     return Viewpoints(views.some(chosen), coverage, len(views), choice.least)
+
+
+def find_candidates(aim: Aim, scenery: Scenery) -> tuple[Views, Sights]:
+    """Views that photos are chosen from, and what they show.
+
+    Args:
+        aim: surface, free space, camera and what photos are to be like.
+        scenery: what hides.
+    """
+    surface, limits = aim.surface, aim.capture.limits(aim.camera)
+    views = aim.first_views()
+    sights = find_sights(views, surface, scenery, aim.camera, limits)
+    missing = np.bincount(sights.point, minlength=len(surface)) < aim.capture.views
+    if not missing.any():
+        return views, sights
+    more = aim.more_views(missing, views)
+    return views.joined(more), _both(sights, find_sights(more, surface, scenery, aim.camera, limits))
 
 
 def _both(first: Sights, second: Sights) -> Sights:

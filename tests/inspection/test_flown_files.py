@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from maxjax.inspection.flown_files import _seen
 from maxjax.inspection.mission_photos import photos_along
 from maxjax.planning.mission import looks_of
 from tests.inspection.towns import rectangle, town
+from tests.io.export.test_exports import link  # noqa: F401 (a fixture)
 
 EARTH = maxjax.TangentPlane(47.0, 8.0, 400.0)
 
@@ -49,6 +51,34 @@ def test_the_files_show_what_was_planned(
     np.testing.assert_allclose(flown.photos.position, found.photos.position, atol=1e-3)
     assert flown.coverage.share() == pytest.approx(found.coverage.share(), abs=1e-3)
     assert "as flown" in str(flown)
+
+
+@pytest.mark.parametrize("autopilot", [maxjax.Autopilot.px4(), maxjax.Autopilot.arducopter()])
+def test_pymavlink_and_mavsdk_find_each_photo(
+    tmp_path: Path,
+    found: maxjax.Inspection,
+    link: tuple[Any, Any],  # noqa: F811 (the fixture)
+    autopilot: maxjax.Autopilot,
+) -> None:
+    """In both formats, flight by flight, each at a waypoint that is held at."""
+    mavwp = pytest.importorskip("pymavlink.mavwp", reason="needs pymavlink (extra dev)")
+    plans, lists = (
+        maxjax.export_inspection(tmp_path / f"house{ending}", found, earth=EARTH, autopilot=autopilot).files
+        for ending in (".plan", ".waypoints")
+    )
+    for k, (plan, waypoints) in enumerate(zip(plans, lists, strict=True)):
+        loader = mavwp.MAVWPLoader()
+        loader.load(str(waypoints))
+        given = [
+            link[0].import_qgroundcontrol_mission(str(plan)).mission_items,
+            link[0].import_mission_planner_mission(str(waypoints)).mission_items,
+            [loader.wp(number) for number in range(loader.count())],
+        ]
+        for items in given:
+            photos = [number for number, item in enumerate(items) if item.command == 2000]
+            assert len(photos) == int((found.flight == k).sum())
+            before = [next(item for item in items[number::-1] if item.command == 16) for number in photos]
+            assert min(item.param1 for item in before) >= 2.0
 
 
 def test_what_a_file_does_not_aim_it_does_not_show(found: maxjax.Inspection) -> None:

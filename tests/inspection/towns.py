@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
+from benchmarks.common.mesh_rays import MeshRays
 from maxjax.io.kinds.footprints import Footprint, Footprints
 from maxjax.io.load import LoadedMap, map_of
 from maxjax.io.reading import PLAIN
@@ -30,25 +30,11 @@ def town(*houses: tuple[np.ndarray, float], spacing: float = 1.0, room: float = 
     return map_of(Footprints(found, np.zeros((0, 3, 3)), "a town"), Window(spacing, bounds, ground=0.0), PLAIN)
 
 
-def ray_model(triangles: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A mesh of some triangles for C `mj_ray`."""
-    vertices = " ".join(f"{x:.9g}" for x in triangles.ravel())
-    faces = " ".join(str(k) for k in range(3 * len(triangles)))
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><asset><mesh name="m" vertex="{vertices}" face="{faces}" inertia="shell"/></asset>'
-        '<worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return model, data
+def ray_model(triangles: np.ndarray) -> MeshRays:
+    """A mesh of some triangles for C MuJoCo."""
+    return MeshRays(triangles)
 
 
-def hits(where: tuple[mujoco.MjModel, mujoco.MjData], origin: np.ndarray, ends: np.ndarray) -> np.ndarray:
+def hits(where: MeshRays, origin: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """How far short of some ends C MuJoCo's rays from a place meet something [m]; negative: they do not."""
-    ways = ends - origin
-    length = np.linalg.norm(ways, axis=1)
-    found = [
-        mujoco.mj_ray(*where, origin, way / far, None, 1, -1, np.zeros(1, np.int32))
-        for way, far in zip(ways, length, strict=True)
-    ]
-    return length - np.where(np.array(found) < 0.0, np.inf, found)
+    return np.linalg.norm(ends - origin, axis=1) - where.first_hits(origin, ends)

@@ -34,7 +34,7 @@ from maxjax.io.export.home_ground import feet_of, origin_of, standings_of
 from maxjax.io.export.read_back import lines_in_bag
 from maxjax.io.export.rosbag import check_rosbags, write_bag
 from maxjax.io.export.setpoints import LocalOrigin, setpoint_text, tum_text
-from maxjax.io.export.stops import LIMITS, space_out
+from maxjax.io.export.stops import LIMITS, space_out, spacing_remarks
 from maxjax.io.export.waypoint_file import Made, WaypointFile
 from maxjax.io.geo.accuracy import Accuracy, accuracy_of
 from maxjax.io.geo.earth import Earth, on_own_zero
@@ -162,6 +162,7 @@ def _write(file: Path, flight: Plan | Mission | Trajectory, options: ExportOptio
     true = Accuracy() if place is None or ending not in ON_EARTH else _accuracy(file, place, mission)
     asked = _asked(file, mission, true)
     near += (str(true),) if true.metres else ()
+    near += spacing_remarks(mission, asked, LIMITS[ending]) if ending in STOPPING else ()
     if ending == ".rosbag" and timed is not None:
         return dataclasses.replace(_bag(file, timed, mission), remarks=near)
     in_time = timed is not None and ending in IN_TIME

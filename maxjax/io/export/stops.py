@@ -4,6 +4,8 @@
 
 Nothing is rounded at a corner: the lines between the waypoints are what is flown. These programs take waypoints that
 are not too near to one another: one that lies on the line between its neighbours, to `_ASIDE`, is left out where it is.
+Where that is not enough, bends of the path are left out as in files of waypoints (`io.export.thinning`), by the least
+tolerance that is: lines that remain come no nearer to anything.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from jaxtyping import Float64
 
 from maxjax.io.export.aiming import AimOnEarth, aims_of
 from maxjax.io.export.mission_item import courses_of, true_heading
+from maxjax.io.export.thinning import thinnings
 from maxjax.io.geo.earth import Earth
 from maxjax.planning.look import AimedLook
 from maxjax.planning.mission import Mission, looks_of
@@ -95,28 +98,26 @@ class StopFlight:
 
 
 def space_out(file: Path, mission: Mission, limits: StopLimits) -> Mission:
-    """The mission without points of its path that stand too near to others, where the line stays the same.
+    """The mission without points of its path that stand too near to others, if lines without them are as clear.
 
     Raises:
-        ValueError: where it would not, or there are too many points or too long a hover for a program.
+        ValueError: where they are not, or there are too many points or too long a hover for a program.
     """
-    kept = list[int]()
-    for first, last in zip(mission.places[:-1].tolist(), mission.places[1:].tolist(), strict=True):
-        kept += _kept(mission.path, first, last, limits.apart)
-    kept.append(len(mission.path) - 1)
-    path = mission.path[kept]
-    gaps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    left_out = project(mission.path, path)[0]
-    at = path[int(gaps.argmin())] if gaps.min() < limits.apart else mission.path[int(left_out.argmax())]
-    if gaps.min() < limits.apart or left_out.max() > _ASIDE:
-        x, y, z = at.tolist()
+    found, near = _spaced(mission, limits.apart)
+    if near is not None:
+        for thinned in reversed([*thinnings(mission)]):
+            found, nearer = _spaced(thinned, limits.apart)
+            if nearer is None:
+                break
+        else:
+            x, y, z = near.tolist()
+            raise ValueError(
+                f"{file}: expected waypoints {limits.apart:g} m apart for {limits.program}, given nearer ones at "
+                f"x {x:.1f}, y {y:.1f}, z {z:.1f}; choose other waypoints, or write a .plan"
+            )
+    if len(found.path) > limits.points:
         raise ValueError(
-            f"{file}: expected waypoints {limits.apart:g} m apart for {limits.program}, given nearer ones at "
-            f"x {x:.1f}, y {y:.1f}, z {z:.1f}; choose other waypoints, or write a .plan"
-        )
-    if len(path) > limits.points:
-        raise ValueError(
-            f"{file}: expected at most {limits.points} waypoints for {limits.program}, given {len(path)}; "
+            f"{file}: expected at most {limits.points} waypoints for {limits.program}, given {len(found.path)}; "
             "write a .kmz, or a mission of fewer legs"
         )
     hover = max((waypoint.hover or 0.0 for waypoint in mission.waypoints), default=0.0)
@@ -124,7 +125,24 @@ def space_out(file: Path, mission: Mission, limits: StopLimits) -> Mission:
         raise ValueError(
             f"{file}: expected a hover of at most {limits.hover:g} s for {limits.program}, given {hover:g}"
         )
-    return dataclasses.replace(mission, path=path, places=np.searchsorted(kept, mission.places))
+    return found
+
+
+def _spaced(mission: Mission, apart: float) -> tuple[Mission, Float64[np.ndarray, "3"] | None]:
+    """The mission without points that stand too near to others on its lines, and a place where some still do."""
+    kept = list[int]()
+    for first, last in zip(mission.places[:-1].tolist(), mission.places[1:].tolist(), strict=True):
+        kept += _kept(mission.path, first, last, apart)
+    kept.append(len(mission.path) - 1)
+    path = mission.path[kept]
+    gaps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    left_out = project(mission.path, path)[0]
+    near = None
+    if gaps.min() < apart:
+        near = path[int(gaps.argmin())]
+    elif left_out.max() > _ASIDE:
+        near = mission.path[int(left_out.argmax())]
+    return dataclasses.replace(mission, path=path, places=np.searchsorted(kept, mission.places)), near
 
 
 def _kept(path: Float64[np.ndarray, "n 3"], first: int, last: int, apart: float) -> list[int]:
@@ -177,6 +195,18 @@ def stop_points(
         hover = hovers.get(k, 0.0)
         found.append(StopPoint(latitude, longitude, height, course, hover, speeds[leg], aim, look, heading))
     return tuple(found)
+
+
+def spacing_remarks(mission: Mission, spaced: Mission, limits: StopLimits) -> tuple[str, ...]:
+    """A sentence where points are left out that do not lie on the lines that remain."""
+    aside = float(project(mission.path, spaced.path)[0].max())
+    if aside <= _ASIDE:
+        return ()
+    return (
+        f"{len(mission.path) - len(spaced.path)} of {len(mission.path)} waypoints are left out, since "
+        f"{limits.program} takes none nearer than {limits.apart:g} m to another: they lie up to {aside:.2f} m beside "
+        "its lines, which come no nearer to anything",
+    )
 
 
 def speed_remarks(mission: Mission, speed: float, limits: StopLimits) -> Sequence[str]:

@@ -340,10 +340,28 @@ def test_points_too_near_to_one_another_are_left_out_where_the_line_is_the_same(
     assert len(found) == len(PATH)
     line = LineString(found[:, :2])
     assert max(line.distance(Point(x, y)) for x, y, _ in near) < 0.01
-    aside = near.copy()
-    aside[1] = aside[0] + [0.0, 0.3, 0.0]
-    with pytest.raises(ValueError, match=r"expected waypoints 0\.5 m apart for .* at x 40\.0, y 20\.\d, z 12\.0"):
-        maxjax.export(tmp_path / name, planned(empty(), aside), earth=earth, ground=ground)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bends_too_near_to_one_another_are_left_out_where_the_lines_are_as_clear(tmp_path: Path, name: str) -> None:
+    """Of two bends 0.4 m apart one is left out far from everything; not around a post."""
+    earth = TangentPlane(52.07, 4.3, 10.0)
+    bent = np.array([[40.0, 20.0, 12.0], [50.0, 24.0, 12.0], [50.4, 24.0, 12.0], [60.0, 20.0, 12.0]])
+    maps = []
+    for column in ((18, 12), (25, 9)):  # from x 36, y 24 on, near the start; and from x 50, y 18 on
+        post = np.zeros((130, 60, 60), bool)
+        post[(*column, slice(0, 10))] = True
+        maps.append(maxjax.VoxelMap.of(post, spacing=2.0, origin=(1.0, 1.0, 1.0)))
+    far, beside = maps
+    found = maxjax.export(tmp_path / name, planned(far, bent), earth=earth, ground=0.0)
+    assert any("takes none nearer than 0.5 m" in one for one in found.remarks)
+    places = places_of(tmp_path / name, earth)
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() >= 0.5
+    line = LineString(places[:, :2])
+    assert max(line.distance(Point(x, y)) for x, y, _ in bent) <= 1.0
+    assert found.clearance >= maxjax.verify(bent, far).clearance - 0.01
+    with pytest.raises(ValueError, match=r"expected waypoints 0\.5 m apart for .* at x 50\.\d, y 24\.0, z 12\.0"):
+        maxjax.export(tmp_path / name, planned(beside, bent), earth=earth, ground=0.0)
 
 
 def test_what_the_programs_do_not_take_is_refused_or_said(tmp_path: Path) -> None:
