@@ -284,6 +284,22 @@ def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
+def test_what_fills_up_a_batch_has_ended_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign, real = Campaign("suburb", 0, range(2), config=CALM), module._fly_split
+    drawn, whole = module.draw_trials(campaign), []
+
+    def split(*given: Any) -> dict[str, np.ndarray]:
+        whole.append(real(*given))
+        return whole[-1]
+
+    monkeypatch.setattr(module, "_fly_split", split)
+    logs = module.fly_batch(campaign, drawn, [0, 1], 4, jax.devices()[:1])
+    assert all(len(values) == 2 for values in logs.values())
+    assert whole[0]["planning_iterations"].tolist() == [*logs["planning_iterations"].tolist(), 0, 0]
+    assert (logs["planning_iterations"] > 0).all()
+
+
+@pytest.mark.usefixtures("quick")
 def test_a_batch_that_does_not_fit_is_halved_until_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign, most, real = Campaign("suburb", 0, range(9), config=CALM), 2, module.fly_batch
     expected = flown(campaign, batch=2)
