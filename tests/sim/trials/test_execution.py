@@ -300,7 +300,8 @@ def test_what_fills_up_a_batch_has_ended_before_it_flies(monkeypatch: pytest.Mon
     assert np.isnan(start[2:]).all()
     world = world_of(campaign, module.draw_trials(campaign), 0)
     assert take_off(dataclasses.replace(world, start=jnp.asarray(start[2])), campaign.flight).done
-    assert not take_off(dataclasses.replace(world, start=jnp.asarray(start[0])), campaign.flight).done
+    fit = dataclasses.replace(world, start=jnp.array([0.0, 0.0, 5.0]), goal=jnp.array([20.0, 0.0, 5.0]))
+    assert not take_off(fit, campaign.flight).done
 
 
 @pytest.mark.usefixtures("quick")
