@@ -9,6 +9,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -38,9 +39,21 @@ def swept_prediction(name: str, sweeps: int) -> PotentialFn:
     return potential
 
 
+def solved_in_float64(sigma: Array, goal_index: Array, price: Array | None) -> Potential:
+    """The exact field of κ = 0 in double precision, for a process with JAX_ENABLE_X64=1.
+
+    Raises:
+        ValueError: in another process.
+    """
+    if not jax.config.jax_enable_x64:
+        raise ValueError("float64: expected a process with JAX_ENABLE_X64=1, given one without")
+    return solve_potential(sigma.astype(jnp.float64), goal_index, price, solver=PaperSetting())
+
+
 SOURCES: Mapping[str, Callable[[], PotentialFn]] = {
     **{name: functools.partial(network_potential, name, 0) for name in ("paper", "paper_difference", "maxjax")},
     "exact, κ = 0": lambda: functools.partial(solve_potential, solver=PaperSetting()),
+    "exact, κ = 0, float64": lambda: solved_in_float64,
     "exact": lambda: solve_potential,
     "paper, swept": functools.partial(swept_prediction, "paper", SWEEPS),
     "paper, certified": functools.partial(network_potential, "paper", SWEEPS),
