@@ -4,8 +4,8 @@
 
 On a GPU with 16 cores, each call below 10 minutes; any of them resumes what KEEP holds:
 
+    export JAX_EXPLICIT_X64_DTYPES=allow        # for the rows in float64
     for k in $(seq 0 15); do python -m experiments.paper_loop --shard $k 16 --batch 50 --keep KEEP; done
-    JAX_ENABLE_X64=1 python -m experiments.paper_loop --loops float64 --batch 50 --keep KEEP
     python -m experiments.paper_loop --loops --keep KEEP --record        # flies nothing: the table of what was flown
     for k in $(seq 0 21); do
         python -m experiments.paper_loop --rows layers --trials 1000 --shard $k 22 --batch 250 --keep KEEP

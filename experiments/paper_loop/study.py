@@ -153,12 +153,12 @@ def main(config: Config) -> list[Row]:
 
 def best_reading(rows: Sequence[Row]) -> Reading:
     """The reading by which the paper's own network arrives most often, of those flown on most maps; the first such."""
-    arrived: Counter[str] = Counter()
+    arrived: dict[str, float] = {}
     for row in rows:
         name, share = str(row["loop"]), float(row["arrived"] or 0) / float(row["trials"] or 1)
         if name in READINGS and READINGS[name].field == "paper":
-            arrived[name] += share
-    return READINGS[arrived.most_common(1)[0][0]]
+            arrived[name] = arrived.get(name, 0.0) + share
+    return READINGS[max(arrived, key=arrived.__getitem__)]
 
 
 def flight_of(loop: Loop | Whole, plans: int | None = None) -> FlightConfig:
