@@ -1,16 +1,18 @@
 """The paper's own loop in a grid of readings, and what each layer that maxjax adds to the best of them changes.
 
-    python -m experiments.paper_loop --loops "exact; last 3 m" --trials 6 --maps downtown    # two cores: 5 minutes
+    python -m experiments.paper_loop --loops exact --trials 6 --maps downtown    # two cores: 3 minutes
 
-On a GPU with 16 cores, each call below 10 minutes; any of them resumes what KEEP holds:
+On a GPU with 16 cores, each call below 10 minutes; any of them goes on with what KEEP holds:
 
     export JAX_EXPLICIT_X64_DTYPES=allow        # for the rows in float64
-    for k in $(seq 0 15); do python -m experiments.paper_loop --shard $k 16 --batch 50 --keep KEEP; done
-    python -m experiments.paper_loop --loops --keep KEEP --record        # flies nothing: the table of what was flown
+    for k in $(seq 0 17); do
+        python -m experiments.paper_loop --shard $k 18 --batch 50 --keep KEEP
+    done
+    python -m experiments.paper_loop --keep KEEP --record --loops        # flies nothing: the table of what was flown
     for k in $(seq 0 21); do
         python -m experiments.paper_loop --rows layers --trials 1000 --shard $k 22 --batch 250 --keep KEEP
     done
-    python -m experiments.paper_loop --rows layers --trials 1000 --loops --keep KEEP --record
+    python -m experiments.paper_loop --rows layers --trials 1000 --keep KEEP --record --loops
 
 The paper (Bong and Beltrame, arXiv:2605.10880) flies by a network's field alone: one scan a plan, the gradients
 smoothed by a Gaussian of 5 voxels, climbed by momentum, a reactive layer of 3 m behind it, at most 100 plans. It

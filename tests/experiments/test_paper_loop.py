@@ -19,10 +19,13 @@ from scipy import ndimage
 from experiments.paper_loop import stage
 from experiments.paper_loop.reading import BEFORE, READINGS, Reading
 from experiments.paper_loop.repulsion import Repulsion
+from experiments.paper_loop.sources import solved_in_float64
 from experiments.paper_loop.stage import Loop, Sought, dilated, period_of, smoothed_gradients
 from experiments.paper_loop.study import FEW, TINY, Config, Whole, best_reading, flight_of, layers, main, row_of
 from experiments.paper_loop.tables import section
+from maxjax.core.grid import Grid
 from maxjax.core.status import Status
+from maxjax.fields.conductivity import conductivity
 from maxjax.planners import Field
 from maxjax.sim.loop.flight import FlightConfig, World, take_off
 from maxjax.sim.sensors.lidar import Scan
@@ -103,6 +106,35 @@ def test_gradients_of_the_logarithm_are_as_large_far_from_the_goal_as_near_it() 
     np.testing.assert_allclose(of_log, of_log[0], rtol=0.3)
     assert (of_phi < 0).all()
     assert of_phi[0] / of_phi[-1] > 20  # over 11 voxels, after a smoothing by 5
+
+
+def test_a_field_in_double_precision_solves_the_same_equation() -> None:
+    """Each voxel holds the mean of its neighbours, weighted by the faces between: no leak."""
+    free = np.ones(SHAPE, bool)
+    free[10, :15] = False
+    goal = jnp.array([20, 5, 8], jnp.int32)
+    with jax.enable_x64(True):
+        sigma = conductivity(jnp.asarray(~free), goal, Grid(SHAPE, 1.0, (0.0, 0.0, 0.0)))
+        found = solved_in_float64(sigma, goal, None)
+        phi, sigma = np.asarray(found.phi), np.asarray(sigma, np.float64)
+    assert phi.dtype == np.float64
+    inflow, leaves = np.zeros(SHAPE), np.zeros(SHAPE)
+    outside = np.pad(phi, 1), np.pad(sigma, 1, mode="edge")
+    for axis, step in itertools.product(range(3), (0, 2)):
+        beside = tuple(slice(step, step + n) if a == axis else slice(1, 1 + n) for a, n in enumerate(SHAPE))
+        other, near = (one[beside] for one in outside)
+        face = 2 * sigma * near / np.maximum(sigma + near, 1e-300)
+        inflow, leaves = inflow + face * other, leaves + face
+    inner = free.copy()
+    inner[tuple(goal)] = False
+    for axis in range(3):  # how a face to the ground outside conducts is the solver's own
+        inner[(slice(None),) * axis + ([0, -1],)] = False
+    np.testing.assert_allclose((inflow / np.where(leaves > 0, leaves, 1))[inner], phi[inner], rtol=1e-9)
+
+
+def test_double_precision_is_refused_where_it_would_be_single() -> None:
+    with pytest.warns(UserWarning, match="float64"), pytest.raises(ValueError, match="JAX_EXPLICIT_X64_DTYPES"):
+        solved_in_float64(jnp.ones(SHAPE), jnp.array([1, 1, 1]), None)
 
 
 CONFIG = FlightConfig(planner=Field(), shape=(41, 21, 21))
