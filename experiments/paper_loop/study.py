@@ -138,15 +138,16 @@ def main(config: Config) -> list[Row]:
         raise ValueError(f"shard: expected k of n with 0 <= k < n, given {first} of {count}")
     asked = dict.fromkeys(name for names in named.values() for name in names)
     units = [(name, start) for name in asked for start in range(0, config.trials, BLOCK)]
-    with contextlib.nullcontext(config.keep) if config.keep else tempfile.TemporaryDirectory() as folder:
+    with contextlib.nullcontext(config.keep) if config.keep else tempfile.TemporaryDirectory() as kept:
+        folder = Path(kept) / config.rows  # a reading stands among both
         for name, start in units[first::count]:
             flight = flight_of(loops[name], config.plans)
             for place in config.maps:
                 trials = range(start, min(start + BLOCK, config.trials))
                 campaign = Campaign(place, config.seed, trials, config=flight)
-                _fly(campaign, config.batch, _folder(Path(folder), place, name) / f"{start:05}")
-                keep(config.name, config, _rows(Path(folder), loops, config.maps), config.out)
-        rows = _rows(Path(folder), loops, config.maps)
+                _fly(campaign, config.batch, _folder(folder, place, name) / f"{start:05}")
+                keep(config.name, config, _rows(folder, loops, config.maps), config.out)
+        rows = _rows(folder, loops, config.maps)
     save(config.name, config, rows, config.out)
     return rows
 

@@ -142,33 +142,37 @@ START, GOAL, PLATE = 4.0, 36.0, 20
 
 
 @pytest.fixture
-def straight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A field that falls with the distance to the goal, whatever is in the way."""
+def straight(monkeypatch: pytest.MonkeyPatch) -> list[tuple[np.ndarray, Array | None]]:
+    """A field that falls with the distance to the goal, whatever is in the way; open voxels and prices as asked."""
+    asked: list[tuple[np.ndarray, Array | None]] = []
 
     def potential(sigma: Array, goal_index: Array, price: Array | None) -> SimpleNamespace:
+        if not isinstance(sigma, jax.core.Tracer):
+            asked.append((np.asarray(sigma > 0), price))
         indices = jnp.stack(jnp.meshgrid(*map(jnp.arange, sigma.shape), indexing="ij"), axis=-1)
         distance = jnp.linalg.norm((indices - goal_index).astype(jnp.float32), axis=-1)
         return SimpleNamespace(log_phi=jnp.where(sigma > 0, -distance, -jnp.inf), certified=jnp.array(False))
 
     monkeypatch.setattr(stage, "potential_from", lambda _: potential)
+    return asked
 
 
-def path_of(reading: Reading) -> np.ndarray:
-    """The path along x towards a plate with a hole far aside, in index coordinates."""
+def path_of(loop: Loop, width: int = 19) -> np.ndarray:
+    """The path along x towards a plate of this width, in index coordinates."""
     occupied = np.zeros(CONFIG.shape, bool)
-    occupied[PLATE, :19] = True
+    occupied[PLATE, :width] = True
     ends = jnp.array([[START, 8, 10], [GOAL, 8, 10]], jnp.float32)
     no = jnp.array(False)
     nothing = Sought(no, jnp.broadcast_to(ends[0], (stage._STEPS + 3, 3)), no, no)
     given = jnp.asarray(occupied), jnp.zeros(CONFIG.shape, bool), ends
-    return np.asarray(Loop(reading).seek(CONFIG, given, nothing).path)
+    return np.asarray(loop.seek(CONFIG, given, nothing).path)
 
 
 @pytest.mark.usefixtures("straight")
 def test_a_path_ends_where_its_reading_says() -> None:
     """Before the dilated plate, within its dilation but before itself, or beyond it."""
     before, within, beyond = (
-        path_of(Reading(ends=ends, straight=3.0))[-1, 0] for ends in ("dilated", "occupied", "nowhere")
+        path_of(Loop(Reading(ends=ends, straight=3.0)))[-1, 0] for ends in ("dilated", "occupied", "nowhere")
     )
     assert START + 3 < before < PLATE - 1.5  # of the dilations the largest that joins the ends: one voxel, by the hole
     assert PLATE - 1.5 <= within < PLATE - 0.5
@@ -178,9 +182,35 @@ def test_a_path_ends_where_its_reading_says() -> None:
 @pytest.mark.usefixtures("straight")
 @pytest.mark.parametrize("metres", [3.0, 10.0])
 def test_the_last_metres_are_one_edge(metres: float) -> None:
-    path = path_of(Reading(ends="nowhere", straight=metres))
+    path = path_of(Loop(Reading(ends="nowhere", straight=metres)))
     longest = CONFIG.spacing * np.abs(np.diff(path, axis=0)).max()
     assert metres - CONFIG.spacing < longest <= metres
+
+
+@pytest.mark.usefixtures("straight")
+def test_string_pulling_leaves_the_corners_of_a_path_alone() -> None:
+    loop = Loop(Reading(), guarded=True)
+    slack, taut = (path_of(one, width=0) for one in (loop, dataclasses.replace(loop, taut=True)))
+    np.testing.assert_array_equal(slack[[0, -1]], taut[[0, -1]])
+    assert slack[-1, 0] == GOAL
+    (length, points), (shorter, corners) = (
+        (np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), len(np.unique(path, axis=0))) for path in (slack, taut)
+    )
+    assert shorter <= length
+    assert corners < points / 10
+
+
+def test_prices_take_the_place_of_the_dilation(straight: list[tuple[np.ndarray, Array | None]]) -> None:
+    loop = Loop(Reading(), guarded=True)
+    for one in (loop, dataclasses.replace(loop, priced=True)):
+        path_of(one, width=4)
+    (narrow, none), (wide, price) = straight
+    assert none is None
+    assert price is not None
+    assert narrow.sum() < wide.sum()
+    beside = np.asarray(price)[PLATE - 4 : PLATE, 1, 10]
+    assert (np.diff(beside) > 0).all()  # dearer towards the plate
+    np.testing.assert_array_equal(np.asarray(price)[2:10, 1, 10], 1)
 
 
 @pytest.mark.parametrize("segment", [1.0, 3.5, 20.0])
@@ -322,8 +352,8 @@ def test_every_loop_of_a_shard_is_flown_once(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setattr("experiments.paper_loop.study._fly", lambda _, __, folder: flown.append(folder))
     monkeypatch.setattr("experiments.paper_loop.study.flight_of", lambda *_: CONFIG)
     for k in range(3):
-        main(Config(rows="readings", trials=1200, shard=(k, 3), keep=tmp_path / "kept", out=tmp_path))
-    assert len(flown) == len(set(flown)) == 2 * 3 * len(READINGS)
+        main(Config(loops=("drifts",), trials=1200, shard=(k, 3), keep=tmp_path / "kept", out=tmp_path))
+    assert len(flown) == len(set(flown)) == 2 * 3 * sum("drifts" in name for name in READINGS)
 
 
 def test_a_loop_takes_the_place_of_the_planning_stage() -> None:
