@@ -51,8 +51,8 @@ def section(document: Document) -> str:
     text = _TOLD[document["name"]].format(devices=_of(rows)) + (
         "Lengths and plans: means ± standard deviations over arrivals; 95 %: the interval of Clopper and Pearson of\n"
         "the share that arrives; after / straight: what flights that did not arrive flew, over the straight line,\n"
-        "median. `paper` is the paper's network, trained by us: its weights, its cities and its vehicle are not to be\n"
-        "had, and are what differs where no reading reaches its figures.\n\n"
+        "median. `paper` is the paper's network, trained by us: its weights, its cities and its vehicle are not\n"
+        "public, and are what differs where no reading reaches its figures.\n\n"
     )
     last = {(row["map"], row["loop"]): row for row in rows}  # the row of most trials comes last
     few, many = (
@@ -76,7 +76,7 @@ def _of_the_paper() -> list[list[str]]:
 
 def _of(rows: Sequence[Row]) -> str:
     """The devices of rows."""
-    return ", ".join(dict.fromkeys(str(row["device"]).removeprefix("1 x ") for row in rows))
+    return ", ".join(dict.fromkeys(str(row["device"]).removeprefix("1 x ").replace("cpu", "CPU") for row in rows))
 
 
 def _line(row: Row) -> list[str]:
