@@ -32,8 +32,8 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop_disturbed_suburb", "closed_loop"),
         ("faults", "faults"),
         ("faults_random", "faults"),
+        ("paper_readings", "paper_loop.tables"),
         ("paper_loop", "paper_loop.tables"),
-        ("paper_loop_many", "paper_loop.tables"),
     ),
     "The networks": (
         ("network_training", "network_training"),
