@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from maxjax.inspection.flown_files import FlownFiles, export_inspection
     from maxjax.inspection.inspect_target import inspect
     from maxjax.inspection.inspection import Inspection
+    from maxjax.inspection.landing_place import Landing, LandingPlace, find_landing
     from maxjax.inspection.photo_camera import Camera
     from maxjax.inspection.survey_area import survey
     from maxjax.inspection.sweep import Sweep
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from maxjax.planning.planner import Planner
     from maxjax.planning.problem.distances import Distances
     from maxjax.planning.problem.problem import Problem
+    from maxjax.planning.touchdown import Touchdown
     from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.loop.trajectory_flight import Tracking, fly
     from maxjax.sim.movers.lookout import MoverSettings
@@ -95,6 +97,8 @@ __all__ = [
     "Follower",
     "Grid",
     "Inspection",
+    "Landing",
+    "LandingPlace",
     "LoadedMap",
     "Look",
     "Mission",
@@ -120,6 +124,7 @@ __all__ = [
     "Supply",
     "Sweep",
     "TangentPlane",
+    "Touchdown",
     "Tracking",
     "Traffic",
     "Trajectory",
@@ -133,6 +138,7 @@ __all__ = [
     "dilate",
     "export",
     "export_inspection",
+    "find_landing",
     "fly",
     "inspect",
     "judge_battery",
@@ -192,6 +198,7 @@ _MODULES = {
     "maxjax.inspection.flown_files": ("FlownFiles", "export_inspection"),
     "maxjax.inspection.inspect_target": ("inspect",),
     "maxjax.inspection.inspection": ("Inspection",),
+    "maxjax.inspection.landing_place": ("Landing", "LandingPlace", "find_landing"),
     "maxjax.inspection.photo_camera": ("Camera",),
     "maxjax.inspection.survey_area": ("survey",),
     "maxjax.inspection.sweep": ("Sweep",),
@@ -209,6 +216,7 @@ _MODULES = {
     "maxjax.planners": ("Field",),
     "maxjax.planning.look": ("Look",),
     "maxjax.planning.mission": ("Mission", "Waypoint"),
+    "maxjax.planning.touchdown": ("Touchdown",),
     "maxjax.planning.path.route": ("Route",),
     "maxjax.planning.plan": ("Plan", "Plans"),
     "maxjax.planning.planner": ("Planner",),

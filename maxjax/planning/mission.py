@@ -29,6 +29,7 @@ from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task, points_of
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.shared_goal import plan_to_goal
+from maxjax.planning.touchdown import Touchdown
 from maxjax.verification.verifier import verify
 
 LONGEST_HOVER = 3600.0  # [s]
@@ -51,11 +52,12 @@ class Waypoint:
             None: along the course.
         look_at: a point of interest that the nose points to instead [m], ENU.
         look: where the camera looks besides, and what it takes. None: nothing is said of it.
+        touchdown: of the last waypoint, what the vehicle lands on upright below it. None: nothing, or the ground.
 
     Raises:
         ValueError: if the position or the point of interest is not three finite numbers, the time negative or above an
             hour, the speed not positive, the heading not within ±360 degrees, both a heading and a point are given, or
-            the look is none.
+            the look is none; or the touchdown is none or not below the position.
     """
 
     position: Point3
@@ -66,6 +68,7 @@ class Waypoint:
     heading: float | None = None
     look_at: Point3 | None = None
     look: Look | None = None
+    touchdown: Touchdown | None = None
 
     def __post_init__(self) -> None:
         if self.look is not None and not isinstance(self.look, Look):
@@ -73,6 +76,12 @@ class Waypoint:
         for place in ("position",) if self.look_at is None else ("position", "look_at"):
             x, y, z = points_of(f"Waypoint.{place}", getattr(self, place), (3,)).tolist()
             object.__setattr__(self, place, (x, y, z))
+        if self.touchdown is not None and not (
+            isinstance(self.touchdown, Touchdown) and self.touchdown.height < self.position[2]
+        ):
+            raise ValueError(
+                f"Waypoint.touchdown: expected a Touchdown below z {self.position[2]:g}, given {self.touchdown!r}"
+            )
         if self.look_at is not None and not all(map(math.isfinite, self.look_at)):
             raise ValueError(f"Waypoint.look_at: expected three finite numbers, given {self.look_at}")
         if self.heading is not None and self.look_at is not None:
@@ -213,6 +222,17 @@ class Mission:
                     found[x, y, z] = NearWaypoint(number, (x, y, z), own, leg.radius, self.waypoints[number].hover)
         return tuple(found.values())
 
+    @property
+    def touchdown(self) -> Touchdown | None:
+        """What it ends on; None: nothing, or the ground."""
+        return self.waypoints[-1].touchdown if self.waypoints else None
+
+    @property
+    def landing_height(self) -> float:
+        """Of what is below its end [m]: what it lands on, else the ground; NaN where that is unknown."""
+        x, y, _ = self.path[-1].tolist()
+        return self.map.terrain.at(x, y) if self.touchdown is None else self.touchdown.height
+
     def leg_path(self, k: int) -> Float64[np.ndarray, "s 3"]:
         """The part of the path from waypoint k to waypoint k + 1."""
         return self.path[self.places[k] : self.places[k + 1] + 1]
@@ -255,8 +275,14 @@ def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) ->
         planner: as in `execution.plan_task`.
 
     Raises:
-        ValueError: if the distances of a leg cannot be kept.
+        ValueError: if the distances of a leg cannot be kept, or it lands before its end.
     """
+    early = next((k for k, waypoint in enumerate(waypoints[:-1]) if waypoint.touchdown is not None), None)
+    if early is not None:
+        raise ValueError(
+            f"waypoint {early}: expected a landing on a roof at the last waypoint only, which is {len(waypoints) - 1}; "
+            "leave out what follows, or the way back to the start"
+        )
     distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
     legs = plan_legs(task, distances, planner)
     spent = functools.reduce(sum_reports, (leg.timings for leg in legs))

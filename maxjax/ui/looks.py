@@ -32,9 +32,14 @@ def look_of(table: Mapping[str, Any]) -> Look | None:
 
 
 def waypoint_table(waypoint: Waypoint) -> dict[str, Any]:
-    """A waypoint as JSON holds it: what it has, by the keys of a mission's file, its place as `position`."""
+    """A waypoint as JSON holds it: what it has, by the keys of a mission's file, its place as `position`.
+
+    What it lands on is not in it: that is an option of the mission.
+    """
     table = {
-        field.name: getattr(waypoint, field.name) for field in dataclasses.fields(waypoint) if field.name != "look"
+        field.name: getattr(waypoint, field.name)
+        for field in dataclasses.fields(waypoint)
+        if field.name not in ("look", "touchdown")
     }
     look = waypoint.look
     if look is None:

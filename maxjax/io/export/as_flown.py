@@ -156,6 +156,8 @@ def judge_lines(
     if wrong and aside <= _ROUNDED:
         wrong = _verdict(_pieces(file, _meant(mission, trajectory), mission, trajectory), mission.map)[1]
     hint = "check the place on Earth and the ground at home, and state it where the map tells it by voxels only"
+    if not wrong:
+        wrong = _landed_elsewhere(lines, mission, away)
     for what, line, leg in (("take-off", lines.rise, 0), ("landing", lines.descent, -1)):
         if line is not None and not wrong:
             found = upright(line, mission, leg)
@@ -185,6 +187,17 @@ def judge_lines(
         raise ValueError(f"{file}: as flown {wrong}; nothing was written: {hint}")
     line = lines.parts[0] if len(lines.parts) == 1 else np.zeros((0, 3))
     return AsFlown(clearance, aside, flights=flights, line=line, looks=lines.looks)
+
+
+def _landed_elsewhere(lines: Lines, mission: Mission, away: float) -> str:
+    """What is wrong with the landing that a file has items for, in words; empty where nothing is."""
+    roof = mission.touchdown
+    if roof is None or lines.holds is None:
+        return ""
+    if lines.descent is None:
+        return f"it does not land on the roof at {roof.height:.2f} m"
+    off = float(lines.descent[-1, 2]) - roof.height
+    return "" if abs(off) <= away else f"it lands {abs(off):.2f} m {'above' if off > 0 else 'below'} the roof"
 
 
 def waypoints_of(lines: Lines) -> Waypoints:
@@ -312,15 +325,21 @@ def _complaint(found: Verification, radius: float) -> str:
 
 
 def upright(line: Points, mission: Mission, leg: int) -> Verification:
-    """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count."""
+    """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count.
+
+    Nor does the roof that a mission ends on, where it is clear around the place: the descent ends there.
+    """
     where, plan = mission.map, mission.legs[leg]
-    ground = np.asarray(where.ground)
+    ground, lowest = np.asarray(where.ground), where.grid.lower[2]
+    if leg and mission.touchdown is not None:
+        x, y, z = mission.path[-1].tolist()
+        ground, lowest = ground | mission.touchdown.surface(where, (x, y, z)), mission.touchdown.height
     obstacles = VoxelMap(np.asarray(where.occupied) & ~ground, np.zeros_like(ground), None, where.grid)
     if where.closed is not None:
         areas = np.where(np.asarray(where.closed) == Closure.AREA, np.uint8(Closure.AREA), np.uint8(Closure.OPEN))
         obstacles = obstacles.closing(areas)
     # Below the map's lowest layer is ground.
-    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], where.grid.lower[2])])
+    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], lowest)])
     # A rise ends where the plan starts, a descent begins where it ends.
     exemptions = (plan.exemptions[1], 0.0) if leg else (0.0, plan.exemptions[0])
     return verify(clipped, obstacles, radius=plan.radius, exemptions=exemptions)
