@@ -53,13 +53,14 @@ if TYPE_CHECKING:
     from maxjax.nn.network import Network
     from maxjax.planners import Field
     from maxjax.planning.look import Look
-    from maxjax.planning.mission import Mission, Waypoint
+    from maxjax.planning.mission import Mission
     from maxjax.planning.path.route import Route
     from maxjax.planning.plan import Plan, Plans
     from maxjax.planning.planner import Planner
     from maxjax.planning.problem.distances import Distances
     from maxjax.planning.problem.problem import Problem
     from maxjax.planning.touchdown import Touchdown
+    from maxjax.planning.waypoint import Waypoint
     from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.loop.trajectory_flight import Tracking, fly
     from maxjax.sim.movers.lookout import MoverSettings
@@ -215,8 +216,9 @@ _MODULES = {
     "maxjax.nn.network": ("Network",),
     "maxjax.planners": ("Field",),
     "maxjax.planning.look": ("Look",),
-    "maxjax.planning.mission": ("Mission", "Waypoint"),
+    "maxjax.planning.mission": ("Mission",),
     "maxjax.planning.touchdown": ("Touchdown",),
+    "maxjax.planning.waypoint": ("Waypoint",),
     "maxjax.planning.path.route": ("Route",),
     "maxjax.planning.plan": ("Plan", "Plans"),
     "maxjax.planning.planner": ("Planner",),

@@ -22,8 +22,8 @@ from maxjax.inspection.target_surface import city_faces
 from maxjax.inspection.targets import Chosen, Target, choose
 from maxjax.inspection.upright_lines import find_topmost
 from maxjax.io.kinds.faces import Faces
-from maxjax.planning.mission import Waypoint
 from maxjax.planning.touchdown import Touchdown
+from maxjax.planning.waypoint import Waypoint
 
 _FINEST, _PARTS = 0.25, 5  # between places where h is taken [m], and how many are on a clear radius at least
 _MOST = 250_000  # places of a roof; a larger one has them wider apart
@@ -157,8 +157,8 @@ def find_landing(where: VoxelMap, target: Target, landing: Landing | None = None
     ranked = np.where(fits, -np.round(steepest / _ALIKE) * 1e3 + np.minimum(clear, 900.0), -np.inf)
     i, j = np.unravel_index(int(ranked.argmax()), ranked.shape)
     x, y = (roof.corner + roof.apart * np.array([i, j])).tolist()
-    found = (float(rows[i, j]) for rows in (clear, edge, steepest))
-    return LandingPlace(chosen.name, (x, y, float(roof.height[i, j])), *found, asked)
+    free, apart, slope = (float(rows[i, j]) for rows in (clear, edge, steepest))
+    return LandingPlace(chosen.name, (x, y, float(roof.height[i, j])), free, apart, slope, asked)
 
 
 def _check(clear: Rows, edge: Rows, roof: _Roof, asked: Landing, name: str) -> None:
