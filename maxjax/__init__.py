@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
     from maxjax.inspection.capture import Capture
+    from maxjax.inspection.departures import Departures, keep_apart
     from maxjax.inspection.flown_files import FlownFiles, export_inspection
     from maxjax.inspection.inspect_target import inspect
     from maxjax.inspection.inspection import Inspection
@@ -90,6 +91,7 @@ __all__ = [
     "Capture",
     "ConjugateGradients",
     "Consumption",
+    "Departures",
     "Distances",
     "Field",
     "FileError",
@@ -143,6 +145,7 @@ __all__ = [
     "fly",
     "inspect",
     "judge_battery",
+    "keep_apart",
     "load_airspace",
     "load_map",
     "load_mission",
@@ -196,6 +199,7 @@ _MODULES = {
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
     "maxjax.inspection.capture": ("Capture",),
+    "maxjax.inspection.departures": ("Departures", "keep_apart"),
     "maxjax.inspection.flown_files": ("FlownFiles", "export_inspection"),
     "maxjax.inspection.inspect_target": ("inspect",),
     "maxjax.inspection.inspection": ("Inspection",),

@@ -137,7 +137,7 @@ def find_landing(where: VoxelMap, target: Target, landing: Landing | None = None
     asked, single = Landing() if landing is None else landing, check_single_map(where).on_host()
     faces = city_faces(single)
     chosen = choose(faces, target)
-    roof = _roof_of(single, faces, chosen, min(_FINEST, asked.radius / _PARTS), math.ceil(asked.slope))
+    roof = _roof_of(single, faces, chosen, min(_FINEST, asked.radius / _PARTS), asked.slope)
     if not roof.own.any():
         raise ValueError(f"{chosen.name}: expected a roof in the map to land on, found none")
     steep = roof.slope > asked.slope + 1e-6
