@@ -13,7 +13,7 @@ from maxjax.energy.split_flights import BatteryFlight, Supply, weigh_flight
 from maxjax.planning.mission import Mission, plan_mission
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.task import Task
-from maxjax.planning.waypoint import Waypoint
+from maxjax.planning.waypoint import Waypoint, legs_of
 from maxjax.trajectories.limits import FlightLimits
 
 
@@ -46,7 +46,8 @@ def end_within_battery(
         return first
     (choice,) = last
     for k in choice.by_cost[1:]:
-        other = plan_mission(task, [*mission.waypoints[:-1], choice.places[k]], planner)
+        stops = [*mission.waypoints[:-1], choice.places[k]]
+        other = plan_mission(task.with_ends(*legs_of(stops)), stops, planner)
         choices = (*mission.choices[:-1], choice.taking(k))
         flight = weigh_flight(dataclasses.replace(other, choices=choices), limits, supply)
         if flight.status == Status.OK:

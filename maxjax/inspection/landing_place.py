@@ -72,6 +72,7 @@ class LandingPlace:
         clear: distance in plan to the nearest thing that is not flat roof [m].
         edge: to where the roof falls [m].
         slope: greatest within the clear radius that was asked for [degrees].
+        rise: by which the roof is higher within the clear distance, at most [m].
         asked: what it was to have.
     """
 
@@ -80,14 +81,14 @@ class LandingPlace:
     clear: float
     edge: float
     slope: float
+    rise: float
     asked: Landing
 
     @property
     def waypoint(self) -> Waypoint:
         """The end of a mission, above the place, where the vehicle lands upright."""
         x, y, z = self.position
-        rise = self.asked.radius * math.tan(math.radians(self.slope))
-        return Waypoint((x, y, z + self.asked.height), touchdown=Touchdown(z, self.asked.radius, rise))
+        return Waypoint((x, y, z + self.asked.height), touchdown=Touchdown(z, self.clear, self.rise))
 
     def __str__(self) -> str:
         x, y, z = self.position
@@ -157,8 +158,10 @@ def find_landing(where: VoxelMap, target: Target, landing: Landing | None = None
     ranked = np.where(fits, -np.round(steepest / _ALIKE) * 1e3 + np.minimum(clear, 900.0), -np.inf)
     i, j = np.unravel_index(int(ranked.argmax()), ranked.shape)
     x, y = (roof.corner + roof.apart * np.array([i, j])).tolist()
-    free, apart, slope = (float(rows[i, j]) for rows in (clear, edge, steepest))
-    return LandingPlace(chosen.name, (x, y, float(roof.height[i, j])), free, apart, slope, asked)
+    free, apart, slope, z = (float(rows[i, j]) for rows in (clear, edge, steepest, roof.height))
+    rows, columns = np.indices(clear.shape)
+    rise = float(roof.height[roof.apart * np.hypot(rows - i, columns - j) < free].max()) - z
+    return LandingPlace(chosen.name, (x, y, z), free, apart, slope, rise, asked)
 
 
 def _check(clear: Rows, edge: Rows, roof: _Roof, asked: Landing, name: str) -> None:
