@@ -33,9 +33,11 @@ if TYPE_CHECKING:
     from maxjax.fields.occupancy import Occupancy, dilate, voxelize
     from maxjax.fields.price import Price
     from maxjax.inspection.capture import Capture
+    from maxjax.inspection.departures import Departures, keep_apart
     from maxjax.inspection.flown_files import FlownFiles, export_inspection
     from maxjax.inspection.inspect_target import inspect
     from maxjax.inspection.inspection import Inspection
+    from maxjax.inspection.landing_place import Landing, LandingPlace, find_landing
     from maxjax.inspection.photo_camera import Camera
     from maxjax.inspection.survey_area import survey
     from maxjax.inspection.sweep import Sweep
@@ -52,12 +54,14 @@ if TYPE_CHECKING:
     from maxjax.nn.network import Network
     from maxjax.planners import Field
     from maxjax.planning.look import Look
-    from maxjax.planning.mission import Mission, Waypoint
+    from maxjax.planning.mission import Mission
     from maxjax.planning.path.route import Route
     from maxjax.planning.plan import Plan, Plans
     from maxjax.planning.planner import Planner
     from maxjax.planning.problem.distances import Distances
     from maxjax.planning.problem.problem import Problem
+    from maxjax.planning.touchdown import Touchdown
+    from maxjax.planning.waypoint import Waypoint
     from maxjax.replanner import Replanned, Replanner
     from maxjax.sim.loop.trajectory_flight import Tracking, fly
     from maxjax.sim.movers.lookout import MoverSettings
@@ -87,6 +91,7 @@ __all__ = [
     "Capture",
     "ConjugateGradients",
     "Consumption",
+    "Departures",
     "Distances",
     "Field",
     "FileError",
@@ -95,6 +100,8 @@ __all__ = [
     "Follower",
     "Grid",
     "Inspection",
+    "Landing",
+    "LandingPlace",
     "LoadedMap",
     "Look",
     "Mission",
@@ -120,6 +127,7 @@ __all__ = [
     "Supply",
     "Sweep",
     "TangentPlane",
+    "Touchdown",
     "Tracking",
     "Traffic",
     "Trajectory",
@@ -133,9 +141,11 @@ __all__ = [
     "dilate",
     "export",
     "export_inspection",
+    "find_landing",
     "fly",
     "inspect",
     "judge_battery",
+    "keep_apart",
     "load_airspace",
     "load_map",
     "load_mission",
@@ -189,9 +199,11 @@ _MODULES = {
     "maxjax.fields.occupancy": ("Occupancy", "dilate", "voxelize"),
     "maxjax.fields.price": ("Price",),
     "maxjax.inspection.capture": ("Capture",),
+    "maxjax.inspection.departures": ("Departures", "keep_apart"),
     "maxjax.inspection.flown_files": ("FlownFiles", "export_inspection"),
     "maxjax.inspection.inspect_target": ("inspect",),
     "maxjax.inspection.inspection": ("Inspection",),
+    "maxjax.inspection.landing_place": ("Landing", "LandingPlace", "find_landing"),
     "maxjax.inspection.photo_camera": ("Camera",),
     "maxjax.inspection.survey_area": ("survey",),
     "maxjax.inspection.sweep": ("Sweep",),
@@ -208,7 +220,9 @@ _MODULES = {
     "maxjax.nn.network": ("Network",),
     "maxjax.planners": ("Field",),
     "maxjax.planning.look": ("Look",),
-    "maxjax.planning.mission": ("Mission", "Waypoint"),
+    "maxjax.planning.mission": ("Mission",),
+    "maxjax.planning.touchdown": ("Touchdown",),
+    "maxjax.planning.waypoint": ("Waypoint",),
     "maxjax.planning.path.route": ("Route",),
     "maxjax.planning.plan": ("Plan", "Plans"),
     "maxjax.planning.planner": ("Planner",),

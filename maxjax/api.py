@@ -15,20 +15,23 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_map, check_single_map
+from maxjax.energy.last_place import end_within_battery, ends_there
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
 from maxjax.fields.occupancy import pad_cloud, voxelize
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.planners import Field
 from maxjax.planning import mission as missions
-from maxjax.planning.mission import Mission, Waypoint, legs_of
+from maxjax.planning.mission import Mission
 from maxjax.planning.path.route import Route
 from maxjax.planning.plan import Plan, Plans, no_plans
 from maxjax.planning.planner import FieldClimber, Planner, check_climber, check_planner
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task, points_of
+from maxjax.planning.run.cheapest_goal import cheapest, costs_to
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.plan_route import plan_route as route_in
 from maxjax.planning.run.shared_goal import plan_to_goal as plan_starts
+from maxjax.planning.waypoint import Waypoint, legs_of
 from maxjax.trajectories.clear_curve import ClearCurve
 from maxjax.trajectories.limits import PX4, FlightLimits
 from maxjax.trajectories.mission_schedule import schedule_mission
@@ -189,13 +192,11 @@ def plan_to_nearest(
     Raises:
         ValueError: as `plan_to_goal`, for no goals.
     """
-    places = points_of("goals", goals, ("n", 3))
-    back = plan_to_goal(where, places, start, planner=planner, distances=distances, airspace=airspace)
-    paid = np.where(back.cost > 0.0, back.cost, back.length)
-    straight = np.linalg.norm(places - points_of("start", start, (3,)), axis=1)
-    k = int(np.argmin(np.where(back.ok, paid, np.inf) if back.ok.any() else straight))
-    x, y, z = places[k].tolist()
-    return plan(where, start, (x, y, z), planner=planner, distances=distances, airspace=airspace)
+    places, climber = points_of("goals", goals, ("n", 3)), check_climber(planner)
+    first = _place(points_of("start", start, (3,)).tolist())
+    task = _task(check_single_map(where), np.broadcast_to(first, places.shape), places, distances, airspace)
+    k = cheapest(costs_to(task, first, places, climber), first, places)
+    return plan_task(task.some(slice(k, k + 1)), climber)[0]
 
 
 plan_fleet = plan_to_goal
@@ -255,7 +256,8 @@ def plan_mission(
 
     Args:
         where, planner, distances, airspace: as in `plan`.
-        waypoints: at least two, the start first: `Waypoint`, or three coordinates [m].
+        waypoints: at least two, the start first: `Waypoint`, or three coordinates [m]. Of one with alternatives that
+            which costs least to reach from the waypoint before is taken (`Mission.choices`).
         return_to_start: whether a last leg leads back to the first waypoint.
 
     Returns:
@@ -291,15 +293,18 @@ def plan_flights(
         limits: of the flights.
 
     Returns:
-        A `BatteryFlight` each. If a place and back is too far for the battery, the last one is the flight there, whose
-        status is CANNOT_RETURN; what has no path has the status of its plan.
+        A `BatteryFlight` each. A mission whose last waypoint lands on a roof, or has alternatives, is one flight, to
+        that of these which costs least and the battery lasts to. If a place and back is too far for the battery, the
+        last one is the flight there, whose status is CANNOT_RETURN; what has no path has the status of its plan.
 
     Raises:
         ValueError: as `plan_mission`, and if the wind, or a flight in it, is faster than the airframe.
     """
     places = [given if isinstance(given, Waypoint) else Waypoint(_place(given)) for given in waypoints]
-    task = _task(check_single_map(where), *legs_of(places), distances)
-    return split_mission(task, places, check_planner(planner), limits, supply)
+    task, finder = _task(check_single_map(where), *legs_of(places), distances), check_planner(planner)
+    if ends_there(places):
+        return (end_within_battery(missions.plan_mission(task, places, finder), task, finder, limits, supply),)
+    return split_mission(task, places, finder, limits, supply)
 
 
 def trajectory(

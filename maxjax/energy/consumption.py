@@ -2,9 +2,9 @@
 
     E(t) = take-off + ∫ P dt,   P of the velocity through the air: that over ground less the wind's
 
-Take-off and landing are upright, from the ground below the start and to that below the goal, where the map knows it; at
-`RISE` and `SINK`, the speeds of autopilots near the ground. Hovers are part of the trajectory, and count with the leg
-that leads to them.
+Take-off and landing are upright, from the ground below the start and to that below the goal, where the map knows it, or
+to the roof that a mission ends on; at `RISE` and `SINK`, the speeds of autopilots near the ground. Hovers are part of
+the trajectory, and count with the leg that leads to them.
 """
 
 from __future__ import annotations
@@ -152,7 +152,10 @@ def _upright(trajectory: Trajectory, airframe: Airframe, wind: Wind) -> tuple[fl
     """Energy of take-off, of landing at the goal and of landing at the start [Wh]."""
     start, goal = trajectory.at([0.0, trajectory.duration]).position
     first, last = wind.at(np.array([0.0, trajectory.duration]))
-    heights = [_height(trajectory, place) for place in (start, goal, start)]
+    plan = trajectory.plan
+    roof = plan.touchdown if isinstance(plan, Mission) else None
+    end = _height(trajectory, goal) if roof is None else float(goal[2]) - roof.height
+    heights = [_height(trajectory, start), end, _height(trajectory, start)]
     speeds = RISE, -SINK, -SINK
     up, down, home = (
         _vertical(airframe, speed, height, air)

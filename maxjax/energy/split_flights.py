@@ -17,9 +17,10 @@ from maxjax.energy.battery import Battery
 from maxjax.energy.consumption import Consumption, measure_consumption
 from maxjax.energy.point_of_no_return import BatteryVerdict, judge_battery
 from maxjax.energy.wind import Wind
-from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.mission import Mission, plan_mission
 from maxjax.planning.planner import Planner
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import Waypoint, legs_of
 from maxjax.trajectories.limits import FlightLimits
 from maxjax.trajectories.mission_schedule import schedule_mission
 from maxjax.trajectories.trajectory import Trajectory

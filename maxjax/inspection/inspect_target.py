@@ -33,9 +33,10 @@ from maxjax.io.kinds.faces import Faces
 from maxjax.io.load import LoadedMap
 from maxjax.planners import Field
 from maxjax.planning.look import Look
-from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.mission import Mission, plan_mission
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import Waypoint, legs_of
 
 REST = 2.0
 """How long a vehicle rests for a photo [s]: PX4 comes to rest at a waypoint that it holds for so long."""

@@ -16,7 +16,8 @@ from jaxtyping import Float64
 
 from maxjax.inspection.views import Views
 from maxjax.planning.look import AimedLook
-from maxjax.planning.mission import Mission, Waypoint, looks_of
+from maxjax.planning.mission import Mission, looks_of
+from maxjax.planning.waypoint import Waypoint
 
 _UPRIGHT = 1e-3  # horizontal way below which a leg has no course [m]
 

@@ -37,9 +37,10 @@ from maxjax.inspection.vehicles import Vehicles, check_homes, choose_home
 from maxjax.inspection.views import Views
 from maxjax.inspection.visibility import find_sights
 from maxjax.planners import Field
-from maxjax.planning.mission import Mission, Waypoint, legs_of, plan_mission
+from maxjax.planning.mission import Mission, plan_mission
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import Waypoint, legs_of
 from maxjax.trajectories.limits import FlightLimits
 
 _POINTS = 24.0  # of the surface, across the smaller side of a photo

@@ -22,7 +22,7 @@ from maxjax.inspection.leg_costs import straight_legs
 from maxjax.inspection.sweep import Sweep
 from maxjax.inspection.sweep_lines import Line
 from maxjax.planning.look import Look
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 
 Points = Float64[np.ndarray, "n 3"]
 Reason = Literal["closed", "beyond", "blocked"]

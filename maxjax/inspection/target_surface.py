@@ -17,6 +17,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.inspection.face_points import points_on
 from maxjax.inspection.scenery import Scenery
 from maxjax.inspection.targets import Chosen, Target, choose
+from maxjax.inspection.upright_lines import count_above
 from maxjax.inspection.voxel_faces import voxel_faces
 from maxjax.io.geo.triangles import area_normals
 from maxjax.io.kinds.faces import Faces, faces_of
@@ -26,7 +27,6 @@ _LEVEL = 0.5  # vertical share of a normal, from which on a face is a roof, or l
 _AGAINST = 0.3  # how near something stands that covers a wall [m]
 _OFF = 0.02  # by which a point is moved off its face to ask what is there [m]
 _MOST = 40_000  # points; more are spread wider
-_PAIRS = 2**22  # of points and triangles at a time
 _ARRAYS = ("points", "normals", "areas", "part")
 GROUND = -1
 """Number of the part of points on the ground."""
@@ -190,7 +190,7 @@ def _within(surface: Surface, faces: Faces) -> Bool[np.ndarray, " n"]:
     tall = faces.triangles[:, :, 2].max(axis=1) >= low[2]
     beside = ((faces.triangles.max(axis=1) >= low) & (faces.triangles.min(axis=1) <= high))[:, :2].all(axis=1) & tall
     for part in np.unique(faces.part[beside]).tolist():
-        above = _count_above(points, faces.triangles[beside & (faces.part == part)])
+        above = count_above(points, faces.triangles[beside & (faces.part == part)])
         found |= above % 2 == 1 if faces.closed[part] else above > 0
     return found
 
@@ -200,38 +200,7 @@ def _below_ground(surface: Surface, faces: Faces) -> Bool[np.ndarray, " n"]:
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     flat = faces.terrain[:, :, :2]
     near = ((flat.max(axis=1) >= low) & (flat.min(axis=1) <= high)).all(axis=1)
-    return np.asarray(_count_above(points, faces.terrain[near]) > 0)
-
-
-def _count_above(
-    points: Float64[np.ndarray, "n 3"], triangles: Float64[np.ndarray, "m 3 3"]
-) -> Int64[np.ndarray, " n"]:
-    """How many triangles lie above each point."""
-    counts = np.zeros(len(points), np.int64)
-    if not len(triangles):
-        return counts
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
-    near = np.flatnonzero(
-        (points[:, :2] >= low.min(axis=0)[:2]).all(axis=1)
-        & (points[:, :2] <= high.max(axis=0)[:2]).all(axis=1)
-        & (points[:, 2] <= high[:, 2].max())
-    )
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    turn = _turn(b - a, c - a)
-    flat = np.abs(turn) <= 1e-9
-    a, b, c, turn = (side[~flat] for side in (a, b, c, turn))
-    for rows in np.array_split(near, max(1, -(-len(near) * max(len(a), 1) // _PAIRS))):
-        to = points[rows, None] - a
-        s, t = _turn(to, c - a) / turn, _turn(b - a, to) / turn
-        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
-        height = a[:, 2] + s * (b - a)[:, 2] + t * (c - a)[:, 2]
-        counts[rows] = (inside & (height > points[rows, None, 2])).sum(axis=1)
-    return counts
-
-
-def _turn(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Twice the area between two directions in plan."""
-    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+    return np.asarray(count_above(points, faces.terrain[near]) > 0)
 
 
 def _against(surface: Surface, scenery: Scenery) -> Bool[np.ndarray, " n"]:

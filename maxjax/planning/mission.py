@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -21,100 +20,21 @@ from maxjax.compile.stage_timer import recording, sum_reports, time_stage
 from maxjax.core.grid import Point3
 from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
-from maxjax.planning.look import AimedLook, Look
+from maxjax.planning.chosen_waypoints import WaypointChoice, choose_waypoints
+from maxjax.planning.look import AimedLook
 from maxjax.planning.plan import Plan
 from maxjax.planning.planner import Planner, field_climber
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.place_format import PlaceFormat
-from maxjax.planning.problem.task import Task, points_of
+from maxjax.planning.problem.task import Task
+from maxjax.planning.run.cheapest_goal import LARGEST_SHARED
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.shared_goal import plan_to_goal
+from maxjax.planning.touchdown import Touchdown
+from maxjax.planning.waypoint import Waypoint, legs_of
 from maxjax.verification.verifier import verify
 
-LONGEST_HOVER = 3600.0  # [s]
-# Voxels of the largest map in which legs of one goal share a field, which is one of the whole map.
-_LARGEST_SHARED = 2**22
-_BESIDE = 0.1  # from an upright line through a point, nearer to which no heading leads to it [m]
 _NEARLY = 2e-3  # by which a radius is still kept, as the verifier allows it [voxels]
-
-
-@dataclasses.dataclass(frozen=True)
-class Waypoint:
-    """A place to visit, and how to fly the leg that leads to it.
-
-    Attributes:
-        position: [m], ENU.
-        hover: seconds to rest there, 0 to stop without waiting. None: it is flown through.
-        speed: greatest speed on the leg [m/s]. None: that of the flight limits.
-        radius, margin: distances of the leg [m], as in `Distances`. None: those of the mission.
-        heading: where the nose points on the leg and at rest here [degrees], clockwise from north, the map's y axis.
-            None: along the course.
-        look_at: a point of interest that the nose points to instead [m], ENU.
-        look: where the camera looks besides, and what it takes. None: nothing is said of it.
-
-    Raises:
-        ValueError: if the position or the point of interest is not three finite numbers, the time negative or above an
-            hour, the speed not positive, the heading not within ±360 degrees, both a heading and a point are given, or
-            the look is none.
-    """
-
-    position: Point3
-    hover: float | None = None
-    speed: float | None = None
-    radius: float | None = None
-    margin: float | None = None
-    heading: float | None = None
-    look_at: Point3 | None = None
-    look: Look | None = None
-
-    def __post_init__(self) -> None:
-        if self.look is not None and not isinstance(self.look, Look):
-            raise ValueError(f"Waypoint.look: expected a maxjax.Look, given {self.look!r}")
-        for place in ("position",) if self.look_at is None else ("position", "look_at"):
-            x, y, z = points_of(f"Waypoint.{place}", getattr(self, place), (3,)).tolist()
-            object.__setattr__(self, place, (x, y, z))
-        if self.look_at is not None and not all(map(math.isfinite, self.look_at)):
-            raise ValueError(f"Waypoint.look_at: expected three finite numbers, given {self.look_at}")
-        if self.heading is not None and self.look_at is not None:
-            raise ValueError(f"Waypoint: expected heading or look_at, given both, {self.heading} and {self.look_at}")
-        limits = (
-            ("hover", 0.0, LONGEST_HOVER, "seconds"),
-            ("speed", 0.0, math.inf, "a positive number of m/s"),
-            ("heading", -360.0, 360.0, "degrees"),
-        )
-        for name, least, most, meaning in limits:
-            given = getattr(self, name)
-            number = isinstance(given, int | float) and not isinstance(given, bool)
-            fits = number and (least < given < most if name == "speed" else least <= given <= most)
-            if given is not None and not fits:
-                interval = f" from {least:g} to {most:g}" if math.isfinite(most) else ""
-                raise ValueError(f"Waypoint.{name}: expected {meaning}{interval}, given {given!r}")
-
-    @property
-    def aims(self) -> bool:
-        """Whether the nose points elsewhere than along the course."""
-        return self.heading is not None or self.look_at is not None
-
-    def yaw_from(self, places: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
-        """Where the nose points at some places of the leg [rad], from east to north; NaN where it is left open.
-
-        Args:
-            places: [m], ENU; above or below the point of interest nothing is asked for.
-        """
-        if self.look_at is None:
-            return np.full(len(places), math.nan if self.heading is None else math.radians(90.0 - self.heading))
-        east, north, _ = (np.asarray(self.look_at) - places).T
-        yaw: Float64[np.ndarray, " n"] = np.where(np.hypot(east, north) > _BESIDE, np.arctan2(north, east), math.nan)
-        return yaw
-
-    def distances(self, others: Distances) -> Distances:
-        """Those of the leg that leads here, where it has none of its own those of the mission.
-
-        Raises:
-            ValueError: as `Distances`.
-        """
-        radius = others.radius if self.radius is None else self.radius
-        return Distances(radius, others.margin if self.margin is None else self.margin, others.price)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,6 +83,7 @@ class Mission:
         clearance: least distance from the path to the cube of an occupied voxel [m], ground left out; NaN unless OK.
         timings: seconds by stage, as in `Plan`, over all legs, and `verify`.
         map: that it was planned and verified in.
+        choices: which of several places each waypoint with alternatives is.
     """
 
     status: Status
@@ -174,6 +95,7 @@ class Mission:
     clearance: float
     timings: Mapping[str, float]
     map: VoxelMap = dataclasses.field(repr=False)
+    choices: tuple[WaypointChoice, ...] = ()
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Mission:
@@ -213,6 +135,17 @@ class Mission:
                     found[x, y, z] = NearWaypoint(number, (x, y, z), own, leg.radius, self.waypoints[number].hover)
         return tuple(found.values())
 
+    @property
+    def touchdown(self) -> Touchdown | None:
+        """What it ends on; None: nothing, or the ground."""
+        return self.waypoints[-1].touchdown if self.waypoints else None
+
+    @property
+    def landing_height(self) -> float:
+        """Of what is below its end [m]: what it lands on, else the ground; NaN where that is unknown."""
+        x, y, _ = self.path[-1].tolist()
+        return self.map.terrain.at(x, y) if self.touchdown is None else self.touchdown.height
+
     def leg_path(self, k: int) -> Float64[np.ndarray, "s 3"]:
         """The part of the path from waypoint k to waypoint k + 1."""
         return self.path[self.places[k] : self.places[k + 1] + 1]
@@ -226,7 +159,7 @@ def plan_legs(task: Task, distances: Sequence[Distances], planner: Planner) -> l
         distances: of each leg.
         planner: as in `execution.plan_task`.
     """
-    small = math.prod(task.grid.shape) <= _LARGEST_SHARED
+    small = math.prod(task.grid.shape) <= LARGEST_SHARED
     climber = field_climber(planner) if small else None
     groups: dict[tuple[object, ...], list[int]] = {}
     for k, (kept, goal) in enumerate(zip(distances, task.goals.tolist(), strict=True)):
@@ -251,16 +184,25 @@ def plan_mission(task: Task, waypoints: Sequence[Waypoint], planner: Planner) ->
 
     Args:
         task: one problem a leg, from each waypoint to the next one, on one map, with the mission's distances.
-        waypoints: at least two.
+        waypoints: at least two; of one with alternatives that which costs least to reach is taken.
         planner: as in `execution.plan_task`.
 
     Raises:
-        ValueError: if the distances of a leg cannot be kept.
+        ValueError: if the distances of a leg cannot be kept, the start has alternatives, or it lands before its end.
     """
+    waypoints, choices = choose_waypoints(task, waypoints, planner)
+    if choices:
+        task = task.with_ends(*legs_of(waypoints))
+    early = next((k for k, waypoint in enumerate(waypoints[:-1]) if waypoint.touchdown is not None), None)
+    if early is not None:
+        raise ValueError(
+            f"waypoint {early}: expected a landing on a roof at the last waypoint only, which is {len(waypoints) - 1}; "
+            "leave out what follows, or the way back to the start"
+        )
     distances = [waypoint.distances(task.distances).within(task.grid) for waypoint in waypoints[1:]]
     legs = plan_legs(task, distances, planner)
     spent = functools.reduce(sum_reports, (leg.timings for leg in legs))
-    return join_legs(waypoints, legs, task, spent)
+    return dataclasses.replace(join_legs(waypoints, legs, task, spent), choices=choices)
 
 
 def join_legs(waypoints: Sequence[Waypoint], legs: Sequence[Plan], task: Task, spent: Mapping[str, float]) -> Mission:
@@ -329,15 +271,3 @@ def looks_of(mission: Mission) -> dict[int, AimedLook]:
             own = waypoint.look
             found[place] = AimedLook(None if math.isnan(yaw) else yaw, own.pitch, own.photo, own.every)
     return found
-
-
-def legs_of(waypoints: Sequence[Waypoint]) -> tuple[Float64[np.ndarray, "b 3"], Float64[np.ndarray, "b 3"]]:
-    """Starts and goals of the legs between some waypoints [m].
-
-    Raises:
-        ValueError: for fewer than two waypoints.
-    """
-    if len(waypoints) < 2:
-        raise ValueError(f"waypoints: expected at least two, the start first, given {len(waypoints)}")
-    pairs = np.array([(a.position, b.position) for a, b in itertools.pairwise(waypoints)], np.float64)
-    return pairs[:, 0], pairs[:, 1]

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.trajectories.envelope import least_envelope
 from maxjax.trajectories.spline import average_neighbours
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from maxjax.planning.look import Look
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 
 LOOK_KEYS = ("pitch", "photo", "photo_every")
 
@@ -32,10 +32,17 @@ def look_of(table: Mapping[str, Any]) -> Look | None:
 
 
 def waypoint_table(waypoint: Waypoint) -> dict[str, Any]:
-    """A waypoint as JSON holds it: what it has, by the keys of a mission's file, its place as `position`."""
+    """A waypoint as JSON holds it: what it has, by the keys of a mission's file, its place as `position`.
+
+    What it lands on is not in it: that is an option of the mission.
+    """
     table = {
-        field.name: getattr(waypoint, field.name) for field in dataclasses.fields(waypoint) if field.name != "look"
+        field.name: getattr(waypoint, field.name)
+        for field in dataclasses.fields(waypoint)
+        if field.name not in ("look", "touchdown", "alternatives")
     }
+    others = tuple(other.position for other in waypoint.choices[1:] if other.touchdown is None)
+    table |= {"alternatives": others} if others else {}
     look = waypoint.look
     if look is None:
         return table

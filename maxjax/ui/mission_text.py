@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.looks import waypoint_table
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import KEYS
@@ -24,18 +24,18 @@ def mission_text(request: Request) -> str:
     """The TOML of a mission.
 
     Args:
-        request: with two waypoints at least.
+        request: with two waypoints at least, or one and a roof to land on.
 
     Raises:
         ValueError: for fewer waypoints.
     """
-    if len(request.waypoints) < 2:
+    if len(request.waypoints) < (1 if request.roofs else 2):
         raise ValueError(f"waypoints: expected two at least, the start first, given {len(request.waypoints)}")
     name = os.path.basename(request.map) if os.path.exists(request.map) else request.map
     lines = [f"map = {_value(name)}"]
     for field in dataclasses.fields(Request):
         given = getattr(request, field.name)
-        if field.name in KEYS and field.name not in _NOT_SAID and given not in (field.default, None):
+        if field.name in KEYS and field.name not in _NOT_SAID and given not in (field.default, None, ()):
             lines.append(f"{field.name} = {_value(given)}")
     return "\n".join([*lines, *(line for waypoint in request.waypoints for line in _table(waypoint))]) + "\n"
 

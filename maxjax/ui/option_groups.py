@@ -165,6 +165,29 @@ class EnergyOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class LandingOptions:
+    """A roof to land on, at its flattest, freest spot (docs/missions.md).
+
+    Attributes:
+        land_on: Name of the building to end on; of several, each with its own --land-on, that which costs least to
+            reach, or that the battery lasts to.
+        land_at: A place on the roof to end on, x and y of the map [m]; with --frame agl, home and amsl its latitude and
+            longitude [deg].
+        landing_radius: Clear roof around the spot [m].
+        landing_slope: Greatest slope within that [deg].
+        landing_edge: Least distance to where the roof falls [m].
+        landing_height: Height of the end of the path above the roof [m]; exports land from there.
+    """
+
+    land_on: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="NAME")] = ()
+    land_at: Annotated[tuple[float, float] | None, optional(metavar="X Y")] = None
+    landing_radius: Metres = 1.5
+    landing_slope: Annotated[float, tyro.conf.arg(metavar="DEG")] = 5.0
+    landing_edge: Metres = 2.0
+    landing_height: Metres = 5.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportOptions:
     """Where a plan or a mission goes.
 

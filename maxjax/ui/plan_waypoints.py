@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from maxjax.core.files import MAX_TEXT_BYTES, FileError, parse_json, read_bytes
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 
 _WAYPOINT, _LOITER, _LAND, _TAKE_OFF, _SPEED = 16, 19, 21, 22, 178  # MAVLink's numbers
 _FRAMES = {0: "amsl", 5: "amsl", 3: "home", 6: "home", 10: "agl", 11: "agl"}

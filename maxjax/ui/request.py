@@ -15,21 +15,30 @@ from maxjax.energy.battery import Battery
 from maxjax.energy.split_flights import Supply
 from maxjax.energy.wind import Wind
 from maxjax.fields.price import Price
+from maxjax.inspection.landing_place import Landing
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.geo.earth import Earth, TangentPlane
 from maxjax.io.reading import Reading
-from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.distances import Distances
+from maxjax.planning.waypoint import Waypoint
 from maxjax.trajectories.limits import PX4, FlightLimits
-from maxjax.ui.option_groups import EnergyOptions, ExportOptions, LimitOptions, Point3, ReadOptions, RouteOptions
+from maxjax.ui.option_groups import (
+    EnergyOptions,
+    ExportOptions,
+    LandingOptions,
+    LimitOptions,
+    Point3,
+    ReadOptions,
+    RouteOptions,
+)
 
 # What says where an answer goes, and not what is asked.
 _OUTPUTS = tuple(field.name for field in dataclasses.fields(ExportOptions))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Request(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOptions):
+class Request(ReadOptions, RouteOptions, LandingOptions, LimitOptions, EnergyOptions, ExportOptions):
     """A path from place to place through a map, how to read that, what to keep, and where the answer goes.
 
     Attributes:
@@ -53,25 +62,56 @@ class Request(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOpti
         """The request of a command's options.
 
         Raises:
-            ValueError: for a start without a goal, or the other way round.
+            ValueError: for a start without a goal or a roof to land on, or the other way round.
         """
         given = {
             field.name: getattr(options, field.name)
             for field in dataclasses.fields(cls)
             if hasattr(options, field.name)
         }
-        if (options.start is None) != (options.goal is None):
+        lands = bool(getattr(options, "land_on", ())) or getattr(options, "land_at", None) is not None
+        if (options.start is None) != (options.goal is None) and not (lands and options.goal is None):
             raise ValueError("--start and --goal: expected both or none, given one")
-        via = getattr(options, "via", ())
+        via, others = getattr(options, "via", ()), getattr(options, "or_goal", ())
         if via and options.start is None:
             raise ValueError("--via: expected with --start and --goal, given without")
-        places = () if options.start is None else (options.start, *via, options.goal)
-        return cls.between(given.pop("map"), *places, **given)
+        places = (options.start, *via, options.goal)
+        return cls.between(given.pop("map"), *(one for one in places if one is not None), **given).or_ending(others)
 
     @classmethod
     def between(cls, map: str, *places: Point3, **options: Any) -> Request:
         """The request of a path through places of a map, the start first."""
         return cls(map=map, waypoints=tuple(Waypoint(place) for place in places), **options)
+
+    def or_ending(self, places: tuple[Point3, ...]) -> Request:
+        """The same with further alternatives of its last waypoint.
+
+        Raises:
+            ValueError: for some where there is no waypoint but the start.
+        """
+        if not places:
+            return self
+        if len(self.waypoints) < 2:
+            raise ValueError(f"--or-goal: expected with a goal, given {len(places)} and no waypoint after the start")
+        last = self.waypoints[-1]
+        last = dataclasses.replace(last, alternatives=(*last.alternatives, *places))
+        return dataclasses.replace(self, waypoints=(*self.waypoints[:-1], last))
+
+    @property
+    def landing(self) -> Landing:
+        """What a place to land on has to have; raises a ValueError for what is none."""
+        return Landing(self.landing_radius, self.landing_slope, self.landing_edge, self.landing_height)
+
+    @property
+    def roofs(self) -> tuple[str | tuple[float, float], ...]:
+        """What it may land on: names of buildings, and a place in its frame; raises a ValueError on the way back."""
+        found = (*self.land_on, *(() if self.land_at is None else (self.land_at,)))
+        if found and self.return_to_start:
+            raise ValueError(
+                f"--return-to-start: expected a mission that ends on a roof or at its start, given {found[0]!r} and "
+                "the way back; leave one out"
+            )
+        return found
 
     @property
     def stops(self) -> tuple[Waypoint, ...]:
@@ -85,9 +125,20 @@ class Request(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOpti
         return tuple(stop.position for stop in self.stops)
 
     @property
+    def every_place(self) -> tuple[Point3, ...]:
+        """Where the stops are, and then their alternatives."""
+        others = (other.position for stop in self.stops for other in stop.choices[1:])
+        return (*self.places, *others)
+
+    @property
     def flown(self) -> tuple[Waypoint, ...]:
         """The stops, each with the speed of the leg that leads to it, its own or the mission's."""
-        return tuple(dataclasses.replace(stop, speed=stop.speed or self.speed) for stop in self.stops)
+
+        def own(stop: Waypoint) -> Waypoint:
+            others = tuple(own(other) if isinstance(other, Waypoint) else other for other in stop.alternatives)
+            return dataclasses.replace(stop, speed=stop.speed or self.speed, alternatives=others)
+
+        return tuple(map(own, self.stops))
 
     @property
     def altitudes(self) -> tuple[float | None, float | None]:
@@ -97,13 +148,12 @@ class Request(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOpti
     @property
     def is_mission(self) -> bool:
         """Whether there is more to it than a path from a start to a goal."""
-        return len(self.stops) > 2 or any(stop != Waypoint(stop.position) for stop in self.stops)
+        return len(self.stops) > 2 or bool(self.roofs) or any(stop != Waypoint(stop.position) for stop in self.stops)
 
-    def through(self, places: Iterable[Point3], looked_at: Iterable[Point3 | None]) -> Request:
-        """The same with its stops and their points of interest at other places [m], in the coordinates of the map."""
-        moved = zip(self.stops, places, looked_at, strict=True)
-        stops = tuple(dataclasses.replace(stop, position=place, look_at=seen) for stop, place, seen in moved)
-        return dataclasses.replace(self, waypoints=stops, return_to_start=False, frame="map")
+    def visiting(self, stops: Iterable[Waypoint]) -> Request:
+        """The same with stops in the coordinates of the map [m], the roof that it ends on among them."""
+        found = tuple(stops)
+        return dataclasses.replace(self, waypoints=found, return_to_start=False, frame="map", land_on=(), land_at=None)
 
     @property
     def limits(self) -> FlightLimits:

@@ -11,6 +11,7 @@
     at = [0.0, 60.0, 30.0]
     hover = 5.0                    # to rest there [s]
     speed = 4.0                    # of the leg that leads here; likewise radius and margin
+    alternatives = [[9.0, 9.0, 5.0]]   # other places; the one that costs least to reach is flown to
     heading = 90.0                 # of the nose on that leg and at rest here, clockwise from north; or
     look_at = [10.0, 55.0, 20.0]   # a point of interest
 
@@ -34,7 +35,7 @@ from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from maxjax.core.files import read_bytes, read_text
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.looks import LOOK_KEYS, look_of
 from maxjax.ui.methods import ALIASES, METHODS, is_import_path
 from maxjax.ui.option_groups import Point3
@@ -64,8 +65,9 @@ KEYS: Mapping[str, Any] = {
     field.name: _without_none(_HINTS[field.name]) for field in dataclasses.fields(Request) if field.name not in _OTHERS
 }
 """Options that may stand in a file, and their types."""
-_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", "heading", "look_at", *LOOK_KEYS)
+_OF_WAYPOINTS = ("at", "hover", "speed", "radius", "margin", "heading", "look_at", "alternatives", *LOOK_KEYS)
 _OF_START = ("hover", "heading", "look_at", *LOOK_KEYS)  # keys that the start may have, to which no leg leads
+_ROOFS = {"land_on", "land_at"}  # keys that say where a mission ends without a waypoint there
 # What a plan.json says of the map beside the options: what came of them.
 _FOUND = ("grid", "returns")
 
@@ -98,7 +100,7 @@ def _waypoint_keys(file: Path, said: Any, given: Mapping[str, Any]) -> dict[str,
     """The options that the waypoints of a mission's file are: its tables, or a `.plan` of QGroundControl."""
     if isinstance(said, str):
         return plan_keys(file.parent / said, given)
-    return {"waypoints": waypoints_of(said)}
+    return {"waypoints": waypoints_of(said, 1 if given.keys() & _ROOFS else 2)}
 
 
 def read_plan(file: Path) -> Request | None:
@@ -135,7 +137,7 @@ def _of_configuration(configuration: Mapping[str, Any], folder: Path) -> Request
         if name in given and not os.path.exists(given[name]) and os.path.isfile(beside):
             given[name] = type(given[name])(beside)
     if "waypoints" in ends:
-        return Request(**given, waypoints=_written_waypoints(ends["waypoints"]))
+        return Request(**given, waypoints=_written_waypoints(ends["waypoints"], 1 if given.keys() & _ROOFS else 2))
     via = ends.get("via", [])
     between = [point_of("via", place) for place in (via if isinstance(via, list) else [via])]
     places = [point_of(name, ends[name]) for name in ("start", "goal") if name in ends]
@@ -145,13 +147,13 @@ def _of_configuration(configuration: Mapping[str, Any], folder: Path) -> Request
     return Request.between(given.pop("map"), *places, **given)
 
 
-def _written_waypoints(given: Any) -> tuple[Waypoint, ...]:
+def _written_waypoints(given: Any, least: int) -> tuple[Waypoint, ...]:
     """Those of a mission.json, which says None for what a mission's file leaves out."""
     names, tables = {"position": "at"}, []
     for table in given if isinstance(given, list) else [given]:
         pairs = table.items() if isinstance(table, dict) else []
         tables.append({names.get(key, key): value for key, value in pairs if value is not None})
-    return waypoints_of(tables)
+    return waypoints_of(tables, least)
 
 
 @contextmanager
@@ -200,6 +202,7 @@ def value_of(key: str, given: Any) -> Any:
         return _checked(key, given, lambda value: value in parts, "one of " + ", ".join(parts))
     if get_origin(hint) is tuple and parts[-1] is Ellipsis:
         expected = "whole numbers in brackets" if parts[0] is int else "texts in brackets"
+        given = [given] if key == "land_on" and isinstance(given, str) else given
         return tuple(_checked(key, given, lambda values: _is_list(values, parts[0]), expected))
     if get_origin(hint) is tuple:
         return numbers_of(key, given, len(parts))
@@ -213,14 +216,15 @@ def value_of(key: str, given: Any) -> Any:
     return hint(text)
 
 
-def waypoints_of(given: Any) -> tuple[Waypoint, ...]:
-    """Waypoints of tables, the start first.
+def waypoints_of(given: Any, least: int = 2) -> tuple[Waypoint, ...]:
+    """Waypoints of so many tables at least, the start first.
 
     Raises:
         ValueError: if there are none, with what was expected and what was given.
     """
-    if not isinstance(given, list) or len(given) < 2 or not all(isinstance(table, dict) for table in given):
-        raise ValueError("waypoint: expected at least two tables [[waypoint]], the start first, given " + _shown(given))
+    if not isinstance(given, list) or len(given) < least or not all(isinstance(table, dict) for table in given):
+        count = "two tables" if least > 1 else "one table"
+        raise ValueError(f"waypoint: expected at least {count} [[waypoint]], the start first, given {_shown(given)}")
     found = []
     for number, table in enumerate(given):
         name = f"waypoint {number}"
@@ -245,6 +249,9 @@ def _own(name: str, key: str, value: Any) -> Any:
     """The value of a waypoint's key."""
     if key == "photo":
         return _checked(name, value, lambda given: isinstance(given, bool), "true or false")
+    if key == "alternatives":
+        places = _checked(name, value, lambda given: isinstance(given, list), "places in brackets, as [[x, y, z]]")
+        return tuple(point_of(name, place) for place in places)
     return point_of(name, value) if key == "look_at" else _number(name, value)
 
 

@@ -13,10 +13,10 @@ from maxjax.energy.airframe import Airframe
 from maxjax.energy.battery import Battery
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
 from maxjax.energy.wind import Wind
-from maxjax.planning.mission import legs_of
 from maxjax.planning.path.route import Route
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import legs_of
 from tests.energy.scenes import HOME, LIMITS, field
 from tests.planners import ByFunction
 

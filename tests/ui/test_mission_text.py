@@ -29,7 +29,13 @@ AIMS = st.one_of(
     st.builds(lambda x: {"heading": x}, st.floats(-360.0, 360.0)),
     st.builds(lambda p: {"look_at": p}, PLACES),
 )
-WAYPOINTS = st.builds(lambda at, leg, aim: Waypoint(at, **leg, **aim), PLACES, st.fixed_dictionaries(OF_LEG), AIMS)
+WAYPOINTS = st.builds(
+    lambda at, leg, aim, others: Waypoint(at, **leg, **aim, alternatives=tuple(others)),
+    PLACES,
+    st.fixed_dictionaries(OF_LEG),
+    AIMS,
+    st.lists(PLACES, max_size=2),
+)
 OPTIONS = st.fixed_dictionaries(
     {},
     optional={
@@ -47,6 +53,7 @@ OPTIONS = st.fixed_dictionaries(
         "takeoff_and_landing": st.booleans(),
         "yaw_rate": st.floats(1.0, 90.0),
         "return_to_start": st.booleans(),
+        "landing_radius": st.floats(0.5, 5.0),
         "airframe": st.just("iris_plus"),
         "battery": st.floats(10.0, 500.0),
         "reserve": st.floats(0.05, 0.5),

@@ -16,7 +16,8 @@ import numpy as np
 
 from maxjax.io.export.mission_item import courses_of
 from maxjax.io.geo.earth import Earth
-from maxjax.planning.mission import Mission, Waypoint
+from maxjax.planning.mission import Mission
+from maxjax.planning.waypoint import Waypoint
 
 _AHEAD = 10_000.0  # [m]
 

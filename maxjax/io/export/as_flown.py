@@ -28,13 +28,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from maxjax.core.status import Closure
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.io.export.autopilot import BOTH, Autopilot
 from maxjax.io.export.corners import Waypoints, cut_corners
 from maxjax.io.export.flown_track import fly_track
 from maxjax.io.export.halts import Halts, halts_of
 from maxjax.io.export.read_back import Lines, Points
+from maxjax.io.export.upright_ways import landing_fault, upright
 from maxjax.planning.look import AimedLook
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.clear_curve import project
@@ -156,6 +156,8 @@ def judge_lines(
     if wrong and aside <= _ROUNDED:
         wrong = _verdict(_pieces(file, _meant(mission, trajectory), mission, trajectory), mission.map)[1]
     hint = "check the place on Earth and the ground at home, and state it where the map tells it by voxels only"
+    if not wrong:
+        wrong = landing_fault(lines, mission, away)
     for what, line, leg in (("take-off", lines.rise, 0), ("landing", lines.descent, -1)):
         if line is not None and not wrong:
             found = upright(line, mission, leg)
@@ -309,21 +311,6 @@ def _complaint(found: Verification, radius: float) -> str:
     if found.too_near:
         return f"{near}, where {radius:g} m are to be kept"
     return f"it comes onto the ground or touches something, voxel {found.first_hit}; {near or 'near nothing else'}"
-
-
-def upright(line: Points, mission: Mission, leg: int) -> Verification:
-    """Verdict on a rise to the first leg or a descent from the last one: neither ground nor altitude band count."""
-    where, plan = mission.map, mission.legs[leg]
-    ground = np.asarray(where.ground)
-    obstacles = VoxelMap(np.asarray(where.occupied) & ~ground, np.zeros_like(ground), None, where.grid)
-    if where.closed is not None:
-        areas = np.where(np.asarray(where.closed) == Closure.AREA, np.uint8(Closure.AREA), np.uint8(Closure.OPEN))
-        obstacles = obstacles.closing(areas)
-    # Below the map's lowest layer is ground.
-    clipped = np.column_stack([line[:, :2], np.maximum(line[:, 2], where.grid.lower[2])])
-    # A rise ends where the plan starts, a descent begins where it ends.
-    exemptions = (plan.exemptions[1], 0.0) if leg else (0.0, plan.exemptions[0])
-    return verify(clipped, obstacles, radius=plan.radius, exemptions=exemptions)
 
 
 def _aside(lines: Lines, mission: Mission, trajectory: Trajectory | None) -> float:

@@ -42,12 +42,11 @@ def home_height(file: Path, mission: Mission, ground: float | None) -> float:
 
 
 def feet_of(file: Path, mission: Mission, ground: float | None, landing: bool) -> Feet:
-    """Where the ground is; raises a `ValueError` where that is unknown."""
-    home, (x, y, _) = home_height(file, mission, ground), mission.path[-1].tolist()
-    goal = mission.map.terrain.at(x, y)
+    """Where the ground is, and the roof that a mission ends on; raises a `ValueError` where that is unknown."""
+    home, goal, lands = home_height(file, mission, ground), mission.landing_height, mission.touchdown is not None
     if landing and math.isnan(goal):
         raise ValueError(f"{file}: expected a map with ground below the goal, to land there; load it with ground=…")
-    return Feet(home, goal if landing else None, takes_off=landing)
+    return Feet(home, goal if landing or lands else None, takes_off=landing)
 
 
 def origin_of(file: Path, mission: Mission, ground: float | None, earth: Earth | None) -> LocalOrigin | None:

@@ -57,7 +57,7 @@ class Feet:
 
     Attributes:
         home: below the first point.
-        landing: below the last point, where there is a landing; None where there is none.
+        landing: of the ground or the roof below the last point, where there is a landing; None where there is none.
         takes_off: whether there is a take-off.
     """
 

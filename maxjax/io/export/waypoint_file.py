@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from maxjax.io.airspace.airspace import Airspace
-from maxjax.io.export.as_flown import upright, waypoints_of
+from maxjax.io.export.as_flown import waypoints_of
 from maxjax.io.export.autopilot import Autopilot
 from maxjax.io.export.corners import cut_corners
 from maxjax.io.export.endings import STOPPING, ending_of
@@ -31,6 +31,7 @@ from maxjax.io.export.read_back import Standing, lines_in
 from maxjax.io.export.return_height import ReturnHeight, return_height
 from maxjax.io.export.stops import LIMITS, StopFlight, speed_remarks, stop_points
 from maxjax.io.export.thinning import thinning_remark
+from maxjax.io.export.upright_ways import upright
 from maxjax.io.export.waypoint_list import waypoint_text
 from maxjax.io.export.wpml import kmz_content, return_height_of
 from maxjax.io.geo.earth import Earth

@@ -69,10 +69,15 @@ def courses(scheduled: Scheduled, look: Int32[Array, ""], sampled: Sampled) -> F
 
 def separation(one: Float[Array, "*a t 3"], other: Float[Array, "*b t 3"], sampled: Sampled) -> Float[Array, "*c"]:
     """No more than the least distance of two motions from the first sample on [m]; batch axes are broadcast."""
+    return jnp.sqrt(jnp.min(chord_squares(one, other), axis=-1)) - sampled.between
+
+
+def chord_squares(one: Float[Array, "*a t 3"], other: Float[Array, "*b t 3"]) -> Float[Array, "*c t-1"]:
+    """Square of how near the chords of two motions come between each two samples [m²]; batch axes are broadcast."""
     axes = [one[..., k] - other[..., k] for k in range(3)]
     begin, along = [x[..., :-1] for x in axes], [x[..., 1:] - x[..., :-1] for x in axes]
     length = sum(x * x for x in along)
     share = -sum(x * y for x, y in zip(begin, along, strict=True)) / jnp.where(length > 0.0, length, 1.0)
     share = jnp.clip(share, 0.0, 1.0)
-    squared = sum(jnp.square(x + share * y) for x, y in zip(begin, along, strict=True))
-    return jnp.sqrt(jnp.min(squared, axis=-1)) - sampled.between
+    squared: Array = sum(jnp.square(x + share * y) for x, y in zip(begin, along, strict=True))  # type: ignore[assignment]
+    return squared

@@ -12,8 +12,8 @@ from pathlib import Path
 from maxjax.core.status import Status
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
 from maxjax.io.export.endings import number_file
-from maxjax.planning.mission import legs_of
 from maxjax.planning.planner import Planner
+from maxjax.planning.waypoint import legs_of
 from maxjax.ui.cli import report
 from maxjax.ui.cli.mission_answer import MissionAnswer, table_of, warn_of, write_answer
 from maxjax.ui.cli.progress import progress

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from maxjax.core.voxel_map import VoxelMap
 from maxjax.energy.charge_profile import ChargeProfile
 from maxjax.energy.split_flights import BatteryFlight, Supply, weigh_flight
 from maxjax.inspection.capture import Capture
+from maxjax.inspection.departures import Departures, keep_apart
 from maxjax.inspection.flown_files import FlownFiles
 from maxjax.inspection.inspect_target import inspect
 from maxjax.inspection.inspection import Inspection
@@ -94,26 +95,21 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[...
         )
     with progress("Timing"):
         flights = [weigh_flight(mission, limits, supply) for mission in found.missions]
+        departures = _departures(found, flights, options.separation)
     content = _document(options, found, flights, supply)
+    if departures is not None:
+        content |= _told_departures(content, departures)
     files: list[object] = []
     if options.out is not None:
         files += _written(options.out, content, found, [ChargeProfile.of(flight, supply) for flight in flights])
     status = Status[content["status"]]
     if status == Status.OK:
-        written = [
-            _exported(request, given, flight, number if len(flights) > 1 else None)
-            for number, flight in enumerate(flights, 1)
-        ]
-        for alike in zip(*written, strict=True):
-            photos = FlownFiles.of([one.file for one in alike], [one.flown for one in alike], found)
-            files += [*alike, photos]
-            if options.json:
-                report.complain(str(photos))
+        files += _all_files(request, given, flights, found, departures)
     if options.json:
         sys.stdout.write(report.dumps(content))
     else:
-        report.show(_table(found, Path(options.map).name, flights, supply))
-        print(found)
+        report.show(_table(found, Path(options.map).name, flights, supply, departures))
+        print(found, *(() if departures is None else (departures,)), sep="\n")
         if files:
             print(*files, sep="\n")
     for remark in found.remarks:
@@ -213,6 +209,64 @@ def _exported(request: Request, given: MapTask, flight: BatteryFlight, number: i
     return exporting.write_all(dataclasses.replace(request, export=files), own, flight.trajectory)
 
 
+def _departures(found: Inspection, flights: Sequence[BatteryFlight], separation: float) -> Departures | None:
+    """When the flights of several vehicles depart; None of one vehicle, or where a flight has no trajectory.
+
+    Raises:
+        ValueError: as `keep_apart`.
+    """
+    timed = [flight.trajectory for flight in flights if flight.trajectory is not None]
+    if len(set(found.vehicles)) < 2 or len(timed) < len(flights):
+        return None
+    return keep_apart(timed, found.vehicles, separation)
+
+
+def _all_files(
+    request: Request,
+    given: MapTask,
+    flights: Sequence[BatteryFlight],
+    found: Inspection,
+    departures: Departures | None,
+) -> list[object]:
+    """The files of all flights, and what their photos show."""
+    files: list[object] = []
+    written = [
+        _exported(request, given, flight, number if len(flights) > 1 else None)
+        for number, flight in enumerate(flights, 1)
+    ]
+    for alike in zip(*written, strict=True):
+        photos = FlownFiles.of([one.file for one in alike], [one.flown for one in alike], found)
+        files += [*alike, photos]
+        if departures is not None:
+            _tell_times(alike, flights)
+        if request.json:
+            report.complain(str(photos))
+    return files
+
+
+def _tell_times(files: Sequence[exporting.Exported], flights: Sequence[BatteryFlight]) -> None:
+    """Say on stderr where files take other times than the trajectories by which vehicles keep apart."""
+    pairs = [
+        (one.file.name, max(part.duration for part in one.flown.flights), flight.trajectory.duration)
+        for one, flight in zip(files, flights, strict=True)
+        if one.flown.flights and flight.trajectory is not None
+    ]
+    if pairs:
+        name, taken, meant = max(pairs, key=lambda pair: abs(pair[1] - pair[2]))
+        report.complain(
+            f"Note: vehicles keep apart by the times of their trajectories, as set-points have them; {name} takes "
+            f"{taken:.0f} s in place of {meant:.0f}: fly such files one after the other, or at heights of their own."
+        )
+
+
+def _told_departures(content: Mapping[str, Any], departures: Departures) -> dict[str, Any]:
+    """What inspection.json has of departures: of each flight, and of all."""
+    rows = zip(content["flights"], departures.departs.tolist(), departures.waits.tolist(), strict=True)
+    flights = [{**flight, "departs": departs, "waits": waits} for flight, departs, waits in rows]
+    names = ("apart", "least", "before", "costs")
+    return {"flights": flights, "separation": report.plain({name: getattr(departures, name) for name in names})}
+
+
 def _document(
     options: PhotoOptions, found: Inspection, flights: Sequence[BatteryFlight], supply: Supply | None
 ) -> dict[str, Any]:
@@ -226,12 +280,19 @@ def _document(
     return filled
 
 
-def _table(found: Inspection, title: str, flights: Sequence[BatteryFlight], supply: Supply | None) -> Table:
-    """One row a flight; the vehicle is left out where there is one."""
+def _table(
+    found: Inspection,
+    title: str,
+    flights: Sequence[BatteryFlight],
+    supply: Supply | None,
+    departures: Departures | None,
+) -> Table:
+    """One row a flight; vehicle and departure are left out where there is one vehicle."""
     several = any(found.vehicles)
     heads = ["flight", *(["vehicle"] if several else []), "status", "photos", "length\n[m]", "clearance\n[m]"]
     table = Table(title=title, title_justify="left")
-    for head in (*heads, "takes\n[s]", *(() if supply is None else HEADS)):
+    departs = () if departures is None else ("departs\n[s]",)
+    for head in (*heads, "takes\n[s]", *departs, *(() if supply is None else HEADS)):
         table.add_column(head, justify="left" if head == "status" else "right", overflow="fold")
     for k, (flight, vehicle) in enumerate(zip(flights, found.vehicles, strict=True)):
         cells = [str(k + 1), *([str(vehicle + 1)] if several else []), flight.status.name]
@@ -239,6 +300,7 @@ def _table(found: Inspection, title: str, flights: Sequence[BatteryFlight], supp
         if flight.trajectory is not None:
             cells += [f"{flight.mission.length:.1f}", f"{flight.mission.clearance:.1f}"]
             cells += [f"{flight.trajectory.duration:.0f}"]
+            cells += [] if departures is None else [f"{departures.departs[k]:.1f}"]
         cells += energy_cells(flight, supply)(None) if flight.taken is not None else ()
         table.add_row(*cells)
     return table

@@ -18,6 +18,7 @@ from maxjax.core.files import FileError
 from maxjax.core.grid import Grid, Point3
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.inspection.landing_place import LandingPlace
 from maxjax.io import Contents, Window, map_of, read_map
 from maxjax.io.airspace.airspace import Airspace, Reasons
 from maxjax.io.airspace.zone_files import load_airspace
@@ -32,6 +33,7 @@ from maxjax.io.window import MOST_VOXELS as MOST_FOCUSED
 from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
 from maxjax.sim.worlds.scenes import MAPS, Scene, make_scene
+from maxjax.ui.cli.roofs import Roof, hints_of, land_on, roof_targets
 from maxjax.ui.methods import method_named
 from maxjax.ui.request import Request, reading_of
 
@@ -55,6 +57,7 @@ class MapTask:
         airspace: the rules of the air; None where there are none.
         within: columns that lie within the map's data; None: all do.
         frame: what places are given in, as the request says.
+        landings: places on roofs that it may end on, the first of which the last problem leads to; none: no roof.
     """
 
     task: Task
@@ -65,6 +68,7 @@ class MapTask:
     airspace: Airspace | None = None
     within: Bool[np.ndarray, "nx ny"] | None = None
     frame: str = "map"
+    landings: tuple[LandingPlace, ...] = ()
 
     @property
     def places(self) -> PlaceFormat:
@@ -78,17 +82,29 @@ class MapTask:
         return tuple((x, y, z) for x, y, z in places.tolist())
 
     def through(self, request: Request) -> Request:
-        """A request with its stops and their points of interest in the coordinates of the map [m].
+        """A request with its stops, their alternatives and points of interest in the coordinates of the map [m].
 
         Raises:
-            ValueError: for a point of interest that is nowhere, in the frame of the request.
+            ValueError: for one of these that is nowhere, in the frame of the request.
         """
+        first = request.places[0]
 
-        def placed(seen: Point3 | None) -> Point3 | None:
-            first = request.places[0]
-            return None if seen is None else points_at((first, seen), request.frame, self.earth, self.terrain)[1]
+        def placed(given: Point3) -> Point3:
+            return points_at((first, given), request.frame, self.earth, self.terrain)[1]
 
-        return request.through(self.stops, map(placed, (stop.look_at for stop in request.stops)))
+        stops = [
+            dataclasses.replace(
+                stop,
+                position=place,
+                look_at=None if stop.look_at is None else placed(stop.look_at),
+                alternatives=tuple(placed(other.position) for other in stop.choices[1:]),
+            )
+            for stop, place in zip(request.stops, self.stops, strict=False)
+        ]
+        roofs = [landing.waypoint for landing in self.landings]
+        if roofs:
+            stops.append(dataclasses.replace(roofs[0], alternatives=tuple(roofs[1:])))
+        return request.visiting(stops)
 
     @property
     def ends(self) -> tuple[Point3, Point3]:
@@ -175,18 +191,18 @@ def airspace_of(request: Request, given: MapTask) -> Airspace | None:
 def _in_file(source: Contents, request: Request) -> MapTask:
     earth = earth_in(source, request)
     most = MOST_FOCUSED if method_named(request.method).name == "field" else MOST_VOXELS
-    ends = request.places
-    window = Window(request.spacing, request.bounds, request.center, ends, request.ground, most)
+    roofs = roof_targets(request, earth)
+    around = (*request.every_place, *hints_of(source, roofs, request.frame, earth))
+    window = Window(request.spacing, request.bounds, request.center, around, request.ground, most)
     with time_stage("voxelise"):
         if request.frame == "map":
-            found = map_of(source, window, reading_of(request))
+            found, located = map_of(source, window, reading_of(request)), list(around)
         elif earth is None and request.frame != "local-agl":
             raise ValueError(f"--frame {request.frame}: the map does not say where it lies on Earth; {_PLACE}")
         else:
-            found, located = map_with(source, window, ends, request.frame, earth, reading_of(request))
-            ends = tuple(located)
-    given, file = _task(found, request, ends, earth), found.file
-    return dataclasses.replace(given, returns=file.counts, remarks=file.remarks, within=file.within)
+            found, located = map_with(source, window, around, request.frame, earth, reading_of(request))
+    given, file = _task(found, request, located[: len(request.places)], earth, roofs), found.file
+    return dataclasses.replace(given, returns=file.counts, remarks=(*file.remarks, *given.remarks), within=file.within)
 
 
 def earth_in(source: Contents, request: Request) -> Earth | None:
@@ -221,24 +237,28 @@ def _in_city(scene: Scene, request: Request) -> MapTask:
         if getattr(request, name) not in (None, ()):
             raise ValueError(f"--{name}: a simulated city has its own grid; leave the option out, or use --center")
     earth = request.earth(earth_of(request.crs, None, VerticalZero(request.height_of_zero), request.accuracy))
-    ends = request.places
+    around = request.every_place
     if request.frame != "map":
         if earth is None and request.frame != "local-agl":
             raise ValueError(f"--frame {request.frame}: a simulated city lies nowhere on Earth; {_PLACE}")
         flat = Terrain.flat(0.0, Grid((1, 1, 1), 2e5))
-        ends = tuple(points_at(ends, request.frame, earth, flat))
-    grid = Grid.centered(_middle(ends, request.center))
-    return dataclasses.replace(_task(scene.voxels(grid), request, ends, earth), terrain=Terrain.flat(0.0, grid))
+        around = tuple(points_at(around, request.frame, earth, flat))
+    grid, ends = Grid.centered(_middle(around, request.center)), around[: len(request.places)]
+    found = _task(scene.voxels(grid), request, ends, earth, roof_targets(request, earth))
+    return dataclasses.replace(found, terrain=Terrain.flat(0.0, grid))
 
 
-def _task(where: VoxelMap, request: Request, ends: Sequence[Point3], earth: Earth | None) -> MapTask:
-    """The task in a map; raises a ValueError for one that is far from its place on Earth."""
-    places = np.asarray(ends, np.float64)
+def _task(
+    where: VoxelMap, request: Request, ends: Sequence[Point3], earth: Earth | None, roofs: Sequence[Roof] = ()
+) -> MapTask:
+    """The task in a map, to the roof that it ends on; raises a ValueError for one far from its place on Earth."""
+    landings, remarks = land_on(where, roofs, request.landing, request.radius)
+    places = np.asarray([*ends, *(landing.waypoint.position for landing in landings[:1])], np.float64)
     starts, goals = places[:-1], places[1:]
     if earth is not None:
         earth.geodetic(np.array([where.grid.lower, where.grid.upper]))
     task = Task.of(where, starts, goals, request.distances)
-    return MapTask(task, where.terrain, earth=earth)
+    return MapTask(task, where.terrain, earth=earth, remarks=remarks, landings=landings)
 
 
 def _middle(ends: Sequence[Point3], center: Point3 | None) -> Point3:

@@ -12,6 +12,7 @@ from rich.table import Table
 from maxjax.core.status import Status
 from maxjax.energy.charge_profile import ChargeProfile
 from maxjax.energy.split_flights import BatteryFlight
+from maxjax.inspection.landing_place import LandingPlace
 from maxjax.planning.mission import Mission
 from maxjax.trajectories.trajectory import Trajectory
 from maxjax.ui.cli import exporting, report
@@ -49,6 +50,13 @@ class MissionAnswer:
         return None if self.flight is None else self.flight.mission
 
     @property
+    def landed(self) -> tuple[LandingPlace, ...]:
+        """The roof that what is shown ends on, if any."""
+        if self.shown is None or self.shown.touchdown is None:
+            return ()
+        return tuple(place for place in self.given.landings if place.waypoint.touchdown == self.shown.touchdown)
+
+    @property
     def flown(self) -> Trajectory | None:
         """The same in time; None where it has none."""
         return None if self.flight is None else self.flight.trajectory
@@ -67,7 +75,11 @@ def write_answer(answer: MissionAnswer) -> tuple[dict[str, Any], list[object]]:
 
 def warn_of(answer: MissionAnswer) -> None:
     """Say on stderr what a user should know of what was written."""
+    for choice in answer.mission.choices:
+        report.complain(f"Note: {choice.describe(answer.given.places)}.")
     if answer.shown is not None and answer.flown is not None:
+        for landing in answer.landed:
+            report.complain(f"Note: {landing}.")
         report.warn_near(answer.shown, answer.given.places)
         report.warn_outside(answer.shown.path, answer.given)
 
@@ -102,6 +114,16 @@ def _document(answer: MissionAnswer) -> dict[str, Any]:
         **flight_energy(answer.flight, request.supply),
         "waypoints": [list(waypoint.position) for waypoint in mission.waypoints],
         "times": times,
+        "landing": next((dataclasses.asdict(place) for place in answer.landed), None),
+        "choices": [
+            {
+                "waypoint": one.number,
+                "taken": one.taken,
+                "costs": one.costs.tolist(),
+                "places": [w.position for w in one.places],
+            }
+            for one in mission.choices
+        ],
         "near_waypoints": [vars(one) for one in whole.near],
         "legs": legs,
         "timings": mission.timings,

@@ -12,8 +12,10 @@ from typing import Any
 
 from maxjax.compile.stage_timer import recording, sum_reports
 from maxjax.core.status import Status
+from maxjax.energy.last_place import end_within_battery, ends_there
 from maxjax.energy.split_flights import weigh_flight
 from maxjax.planning.mission import Mission, first_legs, plan_mission
+from maxjax.planning.waypoint import legs_of
 from maxjax.ui.cli import exporting, report
 from maxjax.ui.cli.flights_command import run_flights
 from maxjax.ui.cli.load_request import load_request
@@ -22,6 +24,7 @@ from maxjax.ui.cli.mission_answer import MissionAnswer, table_of, warn_of, write
 from maxjax.ui.cli.options import MissionOptions
 from maxjax.ui.cli.progress import progress
 from maxjax.ui.methods import planner_named
+from maxjax.ui.option_groups import LandingOptions
 from maxjax.ui.request import Request
 from maxjax.ui.request_files import load_mission, options_as_keys
 
@@ -44,8 +47,13 @@ def run_mission(options: MissionOptions) -> int:
     flags = ("takeoff_and_landing", "params", "keep_radius")
     given = {name: getattr(options, name) or getattr(asked, name) for name in (*flags, "autopilot")}
     outputs = {name: getattr(options, name) for name in ("out", "json", "export", "partial")}
+    roof = {
+        field.name: getattr(options, field.name)
+        for field in dataclasses.fields(LandingOptions)
+        if getattr(options, field.name) != field.default
+    }
     with options_as_keys(options.file):
-        return run_request(dataclasses.replace(asked, **given, **outputs))
+        return run_request(dataclasses.replace(asked, **given, **outputs, **roof).or_ending(options.or_goal))
 
 
 def run_request(request: Request) -> int:
@@ -60,8 +68,13 @@ def run_request(request: Request) -> int:
     with recording() as recorder:
         given = load_request(request)
     exporting.check_place(request, given)
+    stops = given.through(request).flown
     with progress(f"Planning, method {request.method}"):
-        mission = plan_mission(given.task, given.through(request).flown, planner)
+        mission = plan_mission(given.task, stops, planner)
+    own_end = supply is not None and ends_there(stops)
+    if supply is not None and own_end:
+        mission = end_within_battery(mission, given.task, planner, limits, supply).mission
+    given = dataclasses.replace(given, task=given.task.with_ends(*legs_of(mission.waypoints)))
     mission = dataclasses.replace(mission, timings=sum_reports(recorder.report(), mission.timings))
     shown: Mission | None = mission
     if mission.failed:
@@ -72,6 +85,8 @@ def run_request(request: Request) -> int:
         flight = None if shown is None else weigh_flight(shown, limits, supply)
     answer = MissionAnswer(mission, flight, given, request)
     if flight is not None and flight.status == Status.CANNOT_RETURN and supply is not None:
+        if own_end:
+            return _too_far(answer)
         return run_flights(answer, planner, supply)
     content, files = write_answer(answer)
     if request.json:
@@ -82,6 +97,17 @@ def run_request(request: Request) -> int:
             print(*files, sep="\n")
     warn_of(answer)
     return _told(mission, content, request)
+
+
+def _too_far(answer: MissionAnswer) -> int:
+    """Say on stderr that the battery lasts to no end of a mission; returns the exit code."""
+    told = Status.CANNOT_RETURN.advice
+    if answer.flight is not None and answer.flight.verdict is not None:
+        told = f"{answer.flight.verdict.describe(answer.given.places)}. {told}"
+    report.complain(f"{Status.CANNOT_RETURN.name}: to no place that it may end at: {told} Nothing was written.")
+    if answer.request.json:
+        sys.stdout.write(report.dumps({"status": Status.CANNOT_RETURN.name, "message": Status.CANNOT_RETURN.advice}))
+    return 1
 
 
 def plan_request(request: Request) -> tuple[Mission, MapTask]:

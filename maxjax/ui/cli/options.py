@@ -13,6 +13,7 @@ from maxjax.ui.option_groups import (
     EnergyOptions,
     ExportOptions,
     Flag,
+    LandingOptions,
     LimitOptions,
     MapArgument,
     Metres,
@@ -33,7 +34,7 @@ _Seed = Annotated[int, tyro.conf.arg(metavar="S")]
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanOptions(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, ExportOptions):
+class PlanOptions(ReadOptions, RouteOptions, LandingOptions, LimitOptions, EnergyOptions, ExportOptions):
     """Plan a path through a map and verify it; with --via a mission, leg by leg.
 
     Coordinates are those of the map: metres, z up; of a file in degrees, metres east and north of its middle (or, with
@@ -44,29 +45,34 @@ class PlanOptions(ReadOptions, RouteOptions, LimitOptions, EnergyOptions, Export
         map: A file (.npz, .ply, .pcd, .las, .e57, .xyz, .obj, .stl, .glb, .json, .osm, .geojson, .gpkg, .bt, .tif,
             .csv, .dat, and more: docs/maps.md), or a simulated city: midtown:SEED, downtown:SEED, suburb:SEED.
         start: Start of the path [m].
-        goal: End of the path [m].
+        goal: End of the path [m]; may be left out where it ends on a roof.
+        or_goal: Another goal [m], several each with its own --or-goal: the path ends at the one that costs least to
+            reach, or that the battery lasts to.
         via: A place to fly through on the way [m]; several in order, each with its own --via.
         return_to_start: From the goal back to the start.
         speed: Greatest speed of what is exported [m/s].
     """
 
     start: Xyz
-    goal: Xyz
+    goal: OptionalXyz = None
+    or_goal: _Via = ()
     via: _Via = ()
     return_to_start: Flag = False
     speed: Speed = 12.0
 
 
 @dataclasses.dataclass(frozen=True)
-class MissionOptions(ExportOptions):
+class MissionOptions(LandingOptions, ExportOptions):
     """Plan a mission: waypoints in order, with hover times, speeds and distances, verified as a whole.
 
     Attributes:
         file: A TOML file with a map, options of plan and waypoints; docs/missions.md tells all.
+        or_goal: Another place for the last waypoint, in the frame of the file; several, each with its own --or-goal.
         partial: Where a leg fails, write the legs before it; else nothing is written.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    or_goal: _Via = ()
     partial: Flag = False
 
 

@@ -42,6 +42,7 @@ class PhotoOptions(ReadOptions, LimitOptions, EnergyOptions, ExportOptions):
         home: Where a vehicle begins and ends, in the air above it [m]; one for all, or one for each, each with its own
             --home; by default a free place near the target.
         longest: Longest flight [s], as a battery allows it: what takes longer is flown in several.
+        separation: Least distance between two vehicles in the air [m]; who would come nearer departs later.
         place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
         out: Folder for inspection.json and inspection.png.
         json: Print inspection.json, and nothing else, on stdout.
@@ -57,6 +58,7 @@ class PhotoOptions(ReadOptions, LimitOptions, EnergyOptions, ExportOptions):
     vehicles: int = 1
     home: _Homes = ()
     longest: Annotated[float | None, optional(metavar="S")] = None
+    separation: Metres = 10.0
     place: _Place = None
 
 

@@ -34,7 +34,7 @@ def run_plan(options: PlanOptions) -> int:
         ValueError, OSError, ImportError: for arguments or files that cannot be used.
     """
     request = Request.of(options)
-    if len(request.stops) > 2 or request.supply is not None:
+    if request.is_mission or request.supply is not None:
         return mission.run_request(request)
     report.check_output(options.out)
     exporting.check_exports(request)

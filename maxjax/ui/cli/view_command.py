@@ -10,8 +10,8 @@ import numpy as np
 from maxjax.io import Contents, Window, map_of
 from maxjax.io.geo.earth import Earth
 from maxjax.io.kinds.point_cloud import PointCloud
-from maxjax.planning.mission import Waypoint
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import Waypoint
 from maxjax.sim.worlds.scenes import Scene
 from maxjax.ui.cli import report, viewing_flights
 from maxjax.ui.cli.load_request import tell_notes, tell_remarks
@@ -102,8 +102,10 @@ def open_request(request: Request) -> tuple[City, Request, Earth | None]:
     tell_notes(request)
     tell_remarks(request.map, given)
     city = _city_of(given, source, request)
-    stops = tuple(map(Waypoint, first_ends(city))) if bare else given.through(request).waypoints
-    return city, dataclasses.replace(request, waypoints=stops, return_to_start=False, frame="map"), given.earth
+    stops = map(Waypoint, first_ends(city)) if bare else given.through(request).waypoints
+    # On the page a waypoint is one place, above a roof as elsewhere.
+    alone = (dataclasses.replace(stop, alternatives=(), touchdown=None) for stop in stops)
+    return city, request.visiting(alone), given.earth
 
 
 def _without_ends(source: Scene | Contents, request: Request) -> MapTask:

@@ -17,10 +17,11 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.energy.split_flights import BatteryFlight, weigh_flight
 from maxjax.io.airspace.airspace import Airspace, Reasons
-from maxjax.planning.mission import Mission, legs_of, plan_mission
+from maxjax.planning.mission import Mission, plan_mission
 from maxjax.planning.problem.occupied_end import find_occupied_end, open_sentence
 from maxjax.planning.problem.place_format import PlaceFormat
 from maxjax.planning.problem.task import Task
+from maxjax.planning.waypoint import legs_of
 from maxjax.ui.energy_rows import leg_energies
 from maxjax.ui.methods import planner_named
 from maxjax.ui.page.page_map import Band, City

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from maxjax.core.grid import Point3
 from maxjax.io.export.endings import IN_TIME, ON_EARTH
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.methods import METHODS
 from maxjax.ui.page.colors import CLEARANCES, FIELD, PRICE
 from maxjax.ui.page.inspection_controls import InspectionControls, add_answer, add_inspection

@@ -15,7 +15,7 @@ import numpy as np
 
 from maxjax.core.grid import Point3
 from maxjax.io.geo.earth import Earth
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page.air import air_lines, air_scene
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.building_inspector import BuildingInspector

@@ -18,7 +18,7 @@ from maxjax.core.grid import Point3
 from maxjax.core.terrain import Terrain
 from maxjax.io.geo.earth import Earth
 from maxjax.io.places import Frame, numbers_of_point, point_at, points_at
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page.draw import end_name
 from maxjax.ui.page.nodes import point3
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import maxjax
-from maxjax.io.export.as_flown import _sag, upright
+from maxjax.io.export.as_flown import _sag
 from maxjax.io.export.corners import _STEP, _blend
+from maxjax.io.export.upright_ways import upright
 from maxjax.planning.mission import Mission
 from tests.planners import bare_plan
 

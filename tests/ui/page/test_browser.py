@@ -19,7 +19,7 @@ pytest.importorskip("viser", reason="the page needs the extra view: pip install 
 pytest.importorskip("playwright", reason="no playwright: pip install playwright")
 
 from benchmarks.common.browser import Window, browser, chromium
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.sim.loop.flight import Flight
 from maxjax.sim.trials.outcomes import Outcome
 from maxjax.ui.cli.viewing_flights import caption

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import maxjax
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.charge_chart import charge_chart
 from maxjax.ui.page.download import file_of, page_of

@@ -15,7 +15,7 @@ import pytest
 import maxjax
 from maxjax.core.terrain import Terrain
 from maxjax.io.airspace.airspace import Area
-from maxjax.planning.mission import Waypoint
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page import download
 from maxjax.ui.page.air import air_scene
 from maxjax.ui.page.answer import answer, describe_answer

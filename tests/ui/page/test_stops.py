@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import maxjax
-from maxjax.planning.mission import Mission, Waypoint
+from maxjax.planning.mission import Mission
+from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.incoming import fault_of, refusal_of
 from maxjax.ui.request import Request
