@@ -158,7 +158,7 @@ def _upright(trajectory: Trajectory, airframe: Airframe, wind: Wind) -> tuple[fl
     heights = [_height(trajectory, start), end, _height(trajectory, start)]
     speeds = RISE, -SINK, -SINK
     up, down, home = (
-        _vertical(airframe, speed, height, air)
+        upright_energy(airframe, speed, height, air)
         for speed, height, air in zip(speeds, heights, (first, last, last), strict=True)
     )
     return up, down, home
@@ -171,6 +171,14 @@ def _height(trajectory: Trajectory, place: Float64[np.ndarray, "3"]) -> float:
     return max(z - ground, 0.0) if np.isfinite(ground) else 0.0
 
 
-def _vertical(airframe: Airframe, speed: float, height: float, air: Float64[np.ndarray, "3"]) -> float:
+def upright_energy(airframe: Airframe, speed: float, height: float, air: Float64[np.ndarray, "3"]) -> float:
+    """Energy of a way straight up or down [Wh].
+
+    Args:
+        airframe: that flies.
+        speed: upwards, negative: downwards [m/s].
+        height: of the way [m].
+        air: velocity of the air, ENU [m/s].
+    """
     taken = power(airframe, np.array([[0.0, 0.0, speed]]) - air, np.zeros((1, 3)))
     return float(taken[0]) * height / abs(speed) / _HOUR

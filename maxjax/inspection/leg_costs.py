@@ -18,6 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64
 
+from maxjax.energy.airframe import Airframe
+from maxjax.energy.power import power
 from maxjax.fields.geodesic import geodesic
 from maxjax.inspection.free_space import FreeSpace
 from maxjax.planning.path.line_of_sight import Sight, clear, sight_of
@@ -52,6 +54,29 @@ class TimeCost:
         # Too short a way to reach the speed: up and down in the time of a constant acceleration.
         braking = np.minimum(limits.speed / limits.acceleration, 2.0 * np.sqrt(length / limits.acceleration))
         return np.asarray(np.maximum(level, upright) + braking + self.stay)
+
+
+@dataclasses.dataclass(frozen=True)
+class EnergyCost:
+    """Energy of straight legs from rest to rest, and of what is done at their end [Wh].
+
+    The seconds of `TimeCost`, each at the power of hovering or of level flight, whichever is more: what a battery lasts
+    for is judged by the flight as it is planned (`energy.verdicts`), and this is what legs are shared by before.
+
+    Attributes:
+        airframe: that flies.
+        time: its seconds.
+        wind: speed of the air [m/s].
+    """
+
+    airframe: Airframe
+    time: TimeCost = TimeCost()
+    wind: float = 0.0
+
+    def __call__(self, starts: Points, goals: Points) -> Float64[np.ndarray, " n"]:
+        """See the class."""
+        level = np.array([[self.wind, 0.0, 0.0], [self.time.limits.speed + self.wind, 0.0, 0.0]])
+        return self.time(starts, goals) * float(power(self.airframe, level, np.zeros((2, 3))).max()) / 3600.0
 
 
 def costs_between(places: Points, free: FreeSpace, cost: LegCost) -> Float64[np.ndarray, "n n"]:

@@ -14,8 +14,10 @@ from jaxtyping import Float64
 
 from maxjax.core.grid import Point3
 from maxjax.core.voxel_map import VoxelMap
+from maxjax.energy.consumption import RISE, SINK, upright_energy
+from maxjax.energy.split_flights import Supply
 from maxjax.inspection.free_space import FreeSpace
-from maxjax.inspection.leg_costs import LegCost, TimeCost
+from maxjax.inspection.leg_costs import EnergyCost, LegCost, TimeCost
 from maxjax.planning.problem.task import points_of
 
 _HEIGHT = 5.0  # of a home that is chosen, above ground [m]
@@ -54,6 +56,41 @@ class Vehicles:
         if self.capacity is not None and not 0.0 < self.capacity < math.inf:
             raise ValueError(f"Vehicles.capacity: expected a positive finite number, given {self.capacity}")
 
+    @classmethod
+    def on_battery(
+        cls,
+        supply: Supply,
+        homes: tuple[Point3, ...] = (),
+        count: int = 1,
+        *,
+        height: float = 10.0,
+        spare: float = 0.15,
+    ) -> Vehicles:
+        """Vehicles whose flights a battery lasts for, as far as straight legs tell.
+
+        Args:
+            supply: airframe, battery and wind.
+            homes, count: as of the class.
+            height: of homes above where the vehicles stand, for take-off and landing [m].
+            spare: share of what these leave that is kept for what straight legs do not count, as ways around.
+
+        Raises:
+            ValueError: as the class; unless the spare share is at least 0 and below 1; if a battery does not last for
+                take-off and landing.
+        """
+        if not 0.0 <= spare < 1.0:
+            raise ValueError(f"spare: expected a share of at least 0, below 1, given {spare:g}")
+        strongest = supply.wind.velocities[np.linalg.norm(supply.wind.velocities, axis=1).argmax()]
+        upright = sum(upright_energy(supply.airframe, speed, height, strongest) for speed in (RISE, -SINK))
+        usable = supply.battery.usable
+        if usable <= upright:
+            raise ValueError(
+                f"battery: expected more than the {upright:.2g} Wh that take-off and landing of {height:g} m take, "
+                f"given {usable:.2g} Wh without the reserve"
+            )
+        cost = EnergyCost(supply.airframe, wind=float(np.linalg.norm(strongest)))
+        return cls(homes, count, (1.0 - spare) * (usable - upright), cost)
+
     @property
     def home_of(self) -> tuple[int, ...]:
         """Of each vehicle, the number of its home."""
@@ -66,6 +103,8 @@ class Vehicles:
 
     def leg_cost(self, stay: float) -> LegCost:
         """What legs cost, where each ends with a stay [s]."""
+        if isinstance(self.cost, EnergyCost):
+            return dataclasses.replace(self.cost, time=dataclasses.replace(self.cost.time, stay=stay))
         return TimeCost(stay=stay) if self.cost is None else self.cost
 
 

@@ -11,7 +11,9 @@ import pytest
 
 import maxjax
 from maxjax.core.status import Closure
-from maxjax.inspection.leg_costs import TimeCost
+from maxjax.energy.power import power
+from maxjax.energy.split_flights import weigh_flight
+from maxjax.inspection.leg_costs import EnergyCost, TimeCost
 from maxjax.trajectories.limits import PX4_MISSION
 from tests.inspection.towns import rectangle, town
 
@@ -112,6 +114,44 @@ def test_a_cost_of_ones_own(where: maxjax.LoadedMap) -> None:
     found = maxjax.inspect(where, "house 0", "DJI M3E", capture=CAPTURE, vehicles=vehicles, distances=DISTANCES)
     assert len(found.missions) > 1
     assert max(mission.length for mission in found.missions) < 1.15 * 125.0
+
+
+def test_flights_are_shared_by_what_a_battery_lasts_for(where: maxjax.LoadedMap) -> None:
+    """Each flight, weighed as it is planned, leaves the reserve; with a larger battery there are fewer."""
+    counts = []
+    for capacity in (4.0, 16.0):
+        supply = maxjax.Supply(maxjax.Airframe.mavic_3_enterprise(), maxjax.Battery(capacity, reserve=0.3))
+        vehicles = maxjax.Vehicles.on_battery(supply, (HOME,))
+        assert vehicles.capacity is not None
+        assert vehicles.capacity < 0.85 * 0.7 * capacity
+        found = maxjax.inspect(where, "house 0", "DJI M3E", capture=CAPTURE, vehicles=vehicles, distances=DISTANCES)
+        flights = [weigh_flight(mission, PX4_MISSION, supply) for mission in found.missions]
+        assert all(flight.status == maxjax.Status.OK for flight in flights)
+        counts.append(len(flights))
+    assert counts[0] > counts[1]
+
+
+def test_energy_of_a_leg_is_its_seconds_at_the_power_of_its_flight() -> None:
+    airframe = maxjax.Airframe.mavic_3_enterprise()
+    starts, goals = np.zeros((2, 3)), np.array([[30.0, 0.0, 0.0], [0.0, 0.0, 12.0]])
+    still, windy = EnergyCost(airframe, TimeCost(stay=2.0)), EnergyCost(airframe, TimeCost(stay=2.0), wind=10.0)
+    watts = power(airframe, np.array([[0.0, 0.0, 0.0], [TimeCost().limits.speed, 0.0, 0.0]]), np.zeros((2, 3))).max()
+    np.testing.assert_allclose(still(starts, goals), TimeCost(stay=2.0)(starts, goals) * watts / 3600.0)
+    assert (windy(starts, goals) > still(starts, goals)).all()
+
+
+@pytest.mark.parametrize(
+    ("capacity", "spare", "message"),
+    [
+        (77.0, -0.1, "spare: expected a share"),
+        (77.0, 1.0, "spare: expected a share"),
+        (0.5, 0.1, "battery: expected more"),
+    ],
+)
+def test_a_battery_that_no_flight_can_be_made_with_is_refused(capacity: float, spare: float, message: str) -> None:
+    supply = maxjax.Supply(maxjax.Airframe.mavic_3_enterprise(), maxjax.Battery(capacity, reserve=0.3))
+    with pytest.raises(ValueError, match=message):
+        maxjax.Vehicles.on_battery(supply, spare=spare)
 
 
 def test_what_is_written_is_plain_json(found: maxjax.Inspection) -> None:
