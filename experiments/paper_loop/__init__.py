@@ -5,8 +5,8 @@
 On a GPU with 16 cores, each call below 10 minutes; any of them goes on with what KEEP holds:
 
     export JAX_EXPLICIT_X64_DTYPES=allow        # for the rows in float64
-    for k in $(seq 0 17); do
-        python -m experiments.paper_loop --shard $k 18 --batch 50 --keep KEEP
+    for k in $(seq 0 19); do
+        python -m experiments.paper_loop --shard $k 20 --batch 50 --keep KEEP
     done
     python -m experiments.paper_loop --keep KEEP --record --loops        # flies nothing: the table of what was flown
     for k in $(seq 0 21); do

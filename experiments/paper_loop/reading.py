@@ -20,8 +20,9 @@ class Reading:
     Attributes:
         field: climbed, one of `sources.SOURCES`: "a 3D convolutional autoencoder" trained on "Ground truth … solved
             using SciPy's conjugate gradient solver". Its own κ is 0; `exact` has a leak.
-        climbs: φ itself or its logarithm: "predicted magnetic field (φ) and its normalized form … revealing the
-            gradient structure that guides the UAV", beside a "log-scaled representation" of σ.
+        climbs: φ itself, its logarithm, or the "direction" alone, gradients of length 1 before they are smoothed:
+            "predicted magnetic field (φ) and its normalized form … revealing the gradient structure that guides the
+            UAV", beside a "log-scaled representation" of σ.
         walls: dilated voxels have no gradient ("none") or hold the field's "least" value: "Obstacle voxels … have zero
             conductivity".
         sees_walls: whether smoothing stops at walls: "gradients are smoothed with a 3D Gaussian filter (σ = 5 voxels)"
@@ -42,11 +43,12 @@ class Reading:
             paper knows no other end.
 
     Raises:
-        ValueError: for a field that there is none of, or a number that is not positive.
+        ValueError: for a field that there is none of, a number that is not positive, or directions where it is not
+            gradients that are smoothed.
     """
 
     field: str = "paper"
-    climbs: Literal["log φ", "φ"] = "log φ"
+    climbs: Literal["log φ", "φ", "direction"] = "log φ"
     walls: Literal["none", "least"] = "none"
     sees_walls: bool = False
     ends: Literal["dilated", "occupied", "nowhere"] = "occupied"
@@ -64,10 +66,13 @@ class Reading:
             if (number := getattr(self, name)) is not None and not number > 0:
                 raise ValueError(f"{name}: expected a positive number, given {number}")
 
+        if self.climbs == "direction" and (self.sees_walls or self.walls == "least"):
+            raise ValueError(f"climbs: expected φ or log φ where the field is smoothed, given {self.climbs}")
+
     def __str__(self) -> str:
         """Its field, and what differs from the usual reading."""
         words = {
-            "climbs": f"gradients of {self.climbs}",
+            "climbs": "directions of gradients" if self.climbs == "direction" else f"gradients of {self.climbs}",
             "walls": "walls of the least value",
             "sees_walls": "smoothing that sees walls",
             "ends": f"paths end {'' if self.ends == 'nowhere' else 'before '}{self.ends}",
@@ -92,6 +97,7 @@ _VARIED: tuple[Mapping[str, object], ...] = (
     {"ends": "dilated"},
     {"ends": "nowhere"},
     {"climbs": "φ"},
+    {"climbs": "direction"},
     {"walls": "least"},
     {"sees_walls": True},
     {"straight": 3.0},
@@ -117,7 +123,12 @@ READINGS: Mapping[str, Reading] = _named(
         ),
         *(dataclasses.replace(_USUAL, field=field, **change) for field in ("paper", "exact") for change in _VARIED),  # type: ignore[arg-type]
         Reading("paper_difference"),
-        *(Reading(field, climbs) for field in ("exact, κ = 0", "exact, κ = 0, float64") for climbs in ("log φ", "φ")),
+        *(
+            Reading(f"exact, κ = 0{precision}", climbs)
+            for precision in ("", ", float64")
+            for climbs in ("log φ", "φ", "direction")
+        ),
+        Reading("exact, κ = 0", sees_walls=True),
     ]
 )
 """The grid, by name: what was flown before, then each choice changed alone, then fields without a leak."""

@@ -188,12 +188,16 @@ def smoothed_gradients(
         free: voxels that are not dilated obstacles.
         reading: of the paper.
     """
-    u = log_phi if reading.climbs == "log φ" else jnp.where(jnp.isfinite(log_phi), jnp.exp(log_phi), -jnp.inf)
+    u = jnp.where(jnp.isfinite(log_phi), jnp.exp(log_phi), -jnp.inf) if reading.climbs == "φ" else log_phi
     if reading.sees_walls:
         return gradient(smooth(u, free, _SMOOTHING, "walls"), free)
     if reading.walls == "least":
         return gradient(smooth(u, free, _SMOOTHING, "plain"), jnp.ones_like(free))
-    return gaussian(gradient(u, free), _SMOOTHING)
+    slope = gradient(u, free)
+    if reading.climbs == "direction":
+        size = jnp.linalg.norm(slope, axis=-1, keepdims=True)
+        slope = slope / jnp.where(size > 0, size, 1)
+    return gaussian(slope, _SMOOTHING)
 
 
 def passable(

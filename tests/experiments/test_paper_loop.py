@@ -137,6 +137,16 @@ def test_double_precision_is_refused_where_it_would_be_single() -> None:
         solved_in_float64(jnp.ones(SHAPE), jnp.array([1, 1, 1]), None)
 
 
+def test_directions_count_alike_however_steep_the_field_is() -> None:
+    """Of a field that rises steeply along x and gently along y."""
+    i, j, _ = np.indices(SHAPE).astype(np.float32)
+    log_phi, free = jnp.asarray(5 * np.minimum(i, 12) + 0.1 * j), jnp.ones(SHAPE, bool)
+    found = np.asarray(smoothed_gradients(log_phi, free, Reading(climbs="direction")))
+    assert (np.linalg.norm(found, axis=-1) <= 1 + 1e-5).all()
+    np.testing.assert_allclose(found[2, 10, 8, 0], 1, atol=0.1)
+    np.testing.assert_allclose(found[22, 10, 8, 1], 1, atol=0.1)
+
+
 CONFIG = FlightConfig(planner=Field(), shape=(41, 21, 21))
 START, GOAL, PLATE = 4.0, 36.0, 20
 
@@ -282,7 +292,9 @@ def test_a_reading_names_what_it_changes() -> None:
         assert str(dataclasses.replace(Reading(), **{name: value})) != "paper", name  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("wrong", [{"field": "sail"}, {"segment": 0.0}, {"patience": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"field": "sail"}, {"segment": 0.0}, {"patience": 0}, {"climbs": "direction", "sees_walls": True}]
+)
 def test_what_is_no_reading_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Reading(**wrong)
